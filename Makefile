@@ -1,0 +1,90 @@
+# Everything runs in .venv, made on first use; `make help` lists the targets.
+# On a machine where `python3` is older than 3.11: make test PYTHON=python3.12
+
+PYTHON ?= python3
+VENV := .venv
+PY := $(VENV)/bin/python
+EVOGS := $(VENV)/bin/evogs
+PIP := $(PY) -m pip install --quiet --disable-pip-version-check -c constraints.txt
+RUNTIME := $(VENV)/.installed-runtime
+DEV := $(VENV)/.installed-dev
+INPUTS := pyproject.toml constraints.txt
+
+DEMO_LEVELS := 0 1 2 3
+DEMO_SPLATS := 40000
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help venv demo test test-slow check format bench clean
+
+help:
+	@echo "make demo       encode, decode and extract the scene that ships with the project"
+	@echo "make test       the quick tests (make test-slow: the others)"
+	@echo "make check      formatting, lint, types, tests, generated files"
+	@echo "make format     reformat and fix what ruff can fix"
+	@echo "make bench      the figures of the README"
+	@echo "make venv       only set up .venv"
+	@echo "make clean      remove .venv, build and caches"
+
+$(PY):
+	@$(PYTHON) -c 'import sys; sys.exit(None if sys.version_info >= (3, 11) else \
+	  "evogs needs Python 3.11 or later: make PYTHON=python3.12 " + "(this is " + sys.version + ")")'
+	$(PYTHON) -m venv $(VENV)
+
+# The stamps are files, so the installation runs once and again when its inputs change.
+$(RUNTIME): $(INPUTS) | $(PY)
+	$(PIP) -e '.[render]'
+	@touch $@
+
+$(DEV): $(INPUTS) | $(PY)
+	$(PIP) -e '.[dev]'
+	@touch $(RUNTIME) $@
+
+venv: $(DEV)
+
+demo: $(RUNTIME)
+	@mkdir -p build
+	$(PY) -m tools.scene build/demo.ply --splats $(DEMO_SPLATS)
+	$(EVOGS) encode build/demo.ply build/demo.evogs --levels $(words $(DEMO_LEVELS))
+	$(EVOGS) validate build/demo.evogs
+	$(EVOGS) info build/demo.evogs
+	@set -e; for k in $(DEMO_LEVELS); do \
+	  $(EVOGS) extract build/demo.evogs build/demo-L$$k.evogs --level $$k; \
+	  $(EVOGS) decode build/demo-L$$k.evogs build/demo-L$$k.ply; \
+	done
+	@set -e; bytes() { wc -c < "$$1" | tr -d ' '; }; \
+	splats() { LC_ALL=C sed -n 's/^element vertex //p; /^end_header/q' "$$1"; }; \
+	echo; echo "What came out (build/):"; \
+	printf '%-16s %8s %13s %13s\n' level splats '.evogs bytes' '.ply bytes'; \
+	for k in $(DEMO_LEVELS); do \
+	  printf '%-16s %8s %13s %13s\n' "demo-L$$k" "$$(splats build/demo-L$$k.ply)" \
+	    "$$(bytes build/demo-L$$k.evogs)" "$$(bytes build/demo-L$$k.ply)"; \
+	done; \
+	printf '%-16s %8s %13s %13s\n' 'demo (original)' "$$(splats build/demo.ply)" \
+	  "$$(bytes build/demo.evogs)" "$$(bytes build/demo.ply)"
+
+test: $(DEV)
+	$(PY) -m pytest -m "not slow"
+
+test-slow: $(DEV)
+	$(PY) -m pytest -m slow
+
+check: $(DEV)
+	$(PY) -m ruff format --check .
+	$(PY) -m ruff check .
+	$(PY) -m mypy
+	$(PY) -m pytest -m "not slow"
+	$(PY) -m tools.spec_tables --check
+	if [ -f conformance/generate.py ]; then $(PY) -m conformance.generate --check; fi
+
+format: $(DEV)
+	$(PY) -m ruff format .
+	$(PY) -m ruff check --fix .
+
+bench: $(DEV)
+	$(PIP) -e '.[bench]'
+	$(EVOGS) bench
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

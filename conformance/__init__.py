@@ -1,0 +1,1 @@
+"""The conformance suite: cases, vectors, and the runner for any decoder."""

@@ -1,0 +1,770 @@
+"""A second decoder of EvoGS streams, written from spec/evogs.md alone, slow and plain.
+
+It reads top to bottom in the order of the text, with Python integers, and imports nothing of the
+codec. The detail of a fault is the requirement broken. A comment that starts with "Assumed:" marks
+what the text left open.
+"""
+
+import hashlib
+import math
+import struct
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import zstandard
+
+# ---- 9 Faults ----
+
+CODES = """E_TRUNCATED E_SIGNATURE E_VERSION E_CRC E_RESERVED E_HEADER E_TIER E_CHUNK E_UNSUPPORTED
+E_STEP E_ALPHA E_TILE E_CHAIN E_COUNT E_AMPLIFICATION E_META E_TRAILING E_PACKET E_FRAME E_ZSTD
+E_SLOT E_KIND E_INDEX E_RANGE E_DIGEST E_LIMIT""".split()
+
+
+class Reject(Exception):
+    """The stream is refused: code, offset of the structure at fault, requirement."""
+
+    def __init__(self, code: str, detail: str, offset: int = -1) -> None:
+        super().__init__(code, detail, offset)
+        assert code in CODES
+        self.code, self.detail, self.offset = code, detail, offset
+
+
+@contextmanager
+def structure_at(offset: int) -> Iterator[None]:
+    """Faults found inside belong to the structure that begins at `offset`."""
+    try:
+        yield
+    except Reject as fault:
+        fault.offset = offset if fault.offset < 0 else fault.offset
+        raise
+
+
+def require(condition: bool, code: str, detail: str) -> None:
+    if not condition:
+        raise Reject(code, detail)
+
+
+# ---- 3 Model, 8.2 limits ----
+
+REFINE, SPLIT, DROP = range(3)  # 3.3
+N_GROUPS = 5  # 3.1: position, rotation, scale, opacity, SH
+LIMITS = {  # 8.2: tiers 1, 2, 3
+    "n_tiles": (64, 4096, 65536),
+    "n_packets": (16384, 262144, 4194304),
+    "n_levels": (64, 64, 64),
+    "chunks_size": (1048576, 33554432, 536870912),
+    "tile_steps": (1024, 4096, 65535),
+    "tile_slots": (1048576, 4194304, 16777216),
+    "slots": (2097152, 33554432, 2147483647),
+}
+
+
+def group_of(channel: int) -> int:
+    """3.1, 3.2: position x y z, rotation w x y z, scale x y z, opacity, then SH."""
+    return (0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 3)[channel] if channel < 11 else 4
+
+
+def class_of(channel: int) -> int:
+    """3.2: classes 0..3 are the first groups, 4 + b is SH band b."""
+    return group_of(channel) if channel < 11 else 4 + math.isqrt((channel - 11) // 3)
+
+
+def channels_of(component: int) -> range:
+    """3.5: core, or the coefficients b*b .. (b+1)*(b+1)-1 of band b, each R G B."""
+    first = 11 + 3 * component**2 if component > 0 else 0
+    return range(first, 11 + 3 * (component + 1) ** 2)
+
+
+# ---- 5 Syntax: the structures, in the order of the tables ----
+
+SIGNATURE = bytes.fromhex("89 45 56 47 0D 0A 1A 0A")
+HEADER = struct.Struct("<8s5B5bH4B3IQ16sI")
+CHUNK_HEADER = struct.Struct("<4sII")
+STEP_ENTRY = struct.Struct("<HB")
+ALPHA_TABLE = struct.Struct("<4B")
+TILE_ENTRY = struct.Struct("<3q3i3i")
+PACKET_ENTRY = struct.Struct("<IBBHIIIIIII")
+DIGEST_ENTRY = struct.Struct("<IBI32s")
+META_ENTRY = struct.Struct("<BH")
+FRAME_ENTRY = struct.Struct("<BI")
+assert HEADER.size == 64 and TILE_ENTRY.size == 48
+assert PACKET_ENTRY.size == 36 and DIGEST_ENTRY.size == 41
+
+
+@dataclass
+class Header:  # 5.1
+    signature: bytes
+    version_major: int
+    version_minor: int
+    tier: int
+    sh_degree: int
+    n_levels: int
+    grid_exponents: tuple[int, ...]
+    flags: int
+    coordinate_system: int
+    up_axis: int
+    unit: int
+    colour_space: int
+    n_tiles: int
+    n_packets: int
+    chunks_size: int
+    data_size: int
+    reserved: bytes
+    crc: int
+
+
+@dataclass
+class Packet:  # 5.6: a row, and what its place implies
+    tile: int
+    component: int
+    level: int
+    reserved: int
+    size: int
+    n_adds: int
+    n_splits: int
+    n_refines: int
+    n_drops: int
+    error: int
+    crc: int
+    step: int = 0
+    start: int = 0
+
+    @property
+    def n_psi(self) -> int:
+        return self.n_splits + self.n_refines
+
+    @property
+    def n_records(self) -> int:
+        return self.n_splits + self.n_refines + self.n_drops
+
+
+@dataclass
+class Step:
+    """What a core packet says about the slots; the packets of the bands need it again."""
+
+    core: Packet
+    slots: list[int]
+    kinds: list[int]
+    alpha: list[list[tuple[int, int]]]  # [group][split] = (a, K)
+
+
+@dataclass
+class Tile:
+    origin: tuple[int, ...]
+    box_min: tuple[int, ...]
+    box_max: tuple[int, ...]
+    x: list[list[int]]  # by channel; those of a late band have fewer slots (7.4)
+    cut: list[int]  # applied steps of each component
+    n_slots: int = 0
+    live: list[bool] = field(default_factory=list)
+    born_from: list[int | None] = field(default_factory=list)
+    steps: list[Step] = field(default_factory=list)  # applied steps of core
+    channels: list[list[int]] = field(default_factory=list)  # as shown (7.5), at the end
+
+
+@dataclass
+class Scene:
+    header: Header
+    chunk_offsets: dict[bytes, int]
+    quantisers: list[list[tuple[int, int]]] = field(default_factory=list)  # [0 or 1 + level][class]
+    alphas: dict[tuple[int, int], tuple[int, list[int]]] = field(default_factory=dict)  # K, a
+    tiles: list[Tile] = field(default_factory=list)
+    packets: list[Packet] = field(default_factory=list)
+    digests: dict[tuple[int, int, int], bytes] = field(default_factory=dict)
+    metadata: dict[str, str] = field(default_factory=dict)
+
+    def dump(self) -> bytes:
+        """7.7: the dump of the cut."""
+        h = self.header
+        out = struct.pack("<4sBB5bBI", b"EVGD", 1, h.sh_degree, *h.grid_exponents, 0, h.n_tiles)
+        for tile in self.tiles:
+            out += struct.pack("<3qI", *tile.origin, tile.n_slots) + bytes(tile.live)
+            out += b"".join(numbers(values) for values in tile.channels)
+        return out
+
+    def state_digest(self, tile: int, component: int) -> bytes:
+        """7.7. Assumed: before the first step the state is that of no slots."""
+        return hashlib.sha256(state_bytes(self.tiles[tile], component)).digest()
+
+    def float_view(self) -> list[tuple[float, ...]]:
+        """7.6: the live splats in order of tile and slot, D numbers each."""
+        grid, splats = self.header.grid_exponents, []
+        for tile in self.tiles:
+            origins = list(tile.origin) + [0] * (len(tile.channels) - 3)
+            for slot in filter(tile.live.__getitem__, range(tile.n_slots)):
+                xs = enumerate(tile.channels)
+                splat = (binary32(origins[c] + x[slot], grid[group_of(c)]) for c, x in xs)
+                splats.append(tuple(splat))
+        return splats
+
+
+# ---- 6.1 step 1: header (5.1) ----
+
+
+def check_limit(name: str, count: int, tier: int, own: dict[str, int]) -> None:
+    """R-8.2-1, then R-8.3-1."""
+    require(count <= LIMITS[name][tier - 1], "E_TIER", name)
+    require(name not in own or count <= own[name], "E_LIMIT", name)
+
+
+def read_header(data: bytes, own: dict[str, int]) -> Header:
+    require(data[:8] == SIGNATURE[: len(data)], "E_SIGNATURE", "R-5.1-1")
+    require(len(data) >= HEADER.size, "E_TRUNCATED", "R-6.2-2")
+    fields = HEADER.unpack_from(data)
+    h = Header(*fields[:6], fields[6:11], *fields[11:])
+    require(h.version_major == 1, "E_VERSION", "R-5.1-2")
+    require(h.crc == zlib.crc32(data[:60]), "E_CRC", "R-6.3-1")
+    require(h.flags >> 8 == 0 and not any(h.reserved), "E_RESERVED", "R-4.4-1")
+    require(1 <= h.tier <= 3, "E_HEADER", "R-5.1-4")
+    require(h.sh_degree <= 3, "E_HEADER", "R-5.1-5")
+    require(h.n_levels >= 1, "E_HEADER", "R-5.1-6")
+    require(all(-16 <= g <= 40 for g in h.grid_exponents), "E_HEADER", "R-5.1-7")
+    for name in ("n_levels", "n_tiles", "n_packets", "chunks_size"):
+        check_limit(name, getattr(h, name), h.tier, own)
+    registries = {"coordinate_system": 5, "up_axis": 6, "unit": 5, "colour_space": 2}  # 8.4
+    for name, last in registries.items():
+        if getattr(h, name) > last:
+            setattr(h, name, 0)
+    return h
+
+
+# ---- 6.1 step 2: chunks (5.2) ----
+
+CRITICAL = (b"STEP", b"ALFA", b"TILE", b"PACK")
+ANCILLARY = (b"dGST", b"mETa")
+LETTERS = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz"
+
+
+def read_chunks(data: bytes, end: int) -> dict[bytes, tuple[int, bytes]]:
+    """Offset and body of each known chunk."""
+    at, chunks = HEADER.size, dict[bytes, tuple[int, bytes]]()
+    with structure_at(at):
+        require(len(data) >= end, "E_TRUNCATED", "R-6.2-2")
+    place = -1  # in CRITICAL, of the last critical chunk
+    while at < end:
+        with structure_at(at):
+            require(end - at >= CHUNK_HEADER.size, "E_CHUNK", "R-5.2-1")
+            kind, size, crc = CHUNK_HEADER.unpack_from(data, at)
+            start = at + CHUNK_HEADER.size
+            require(size <= end - start, "E_CHUNK", "R-5.2-1")
+            body = data[start : start + size]
+            require(crc == zlib.crc32(data[at : at + 8] + body), "E_CRC", "R-6.3-1")
+            require(all(c in LETTERS for c in kind) and kind[2] <= 90, "E_CHUNK", "R-5.2-2")
+            if kind in CRITICAL:
+                # Assumed: only what came before counts; PACK before TILE is a fault of TILE.
+                require(CRITICAL.index(kind) > place, "E_CHUNK", "R-5.2-3")
+                place = CRITICAL.index(kind)
+            elif kind in ANCILLARY:
+                require(kind not in chunks, "E_CHUNK", "R-5.2-4")
+            else:
+                require(kind[0] >= 97, "E_UNSUPPORTED", "R-8.1-1")
+            chunks[kind] = (at, body)
+            at = start + size
+    with structure_at(HEADER.size):  # Assumed: what is missing is missing from all of the chunks.
+        require(all(k in chunks for k in (b"STEP", b"TILE", b"PACK")), "E_CHUNK", "R-5.2-3")
+    return {kind: chunks[kind] for kind in CRITICAL + ANCILLARY if kind in chunks}  # R-8.1-2
+
+
+# ---- 6.1 step 3: bodies (5.3 to 5.8) ----
+
+
+def read_quantisers(scene: Scene, body: bytes) -> None:
+    n_rows, n_classes = 1 + scene.header.n_levels, 5 + scene.header.sh_degree
+    require(len(body) == n_rows * n_classes * STEP_ENTRY.size, "E_CHUNK", "R-5.2-5")
+    entries = list(STEP_ENTRY.iter_unpack(body))
+    for m, e in entries:
+        require(m >= 1, "E_STEP", "R-5.3-1")
+        require(e <= 24, "E_STEP", "R-5.3-2")
+    scene.quantisers = [entries[row * n_classes : (row + 1) * n_classes] for row in range(n_rows)]
+
+
+def read_alphas(scene: Scene, body: bytes) -> None:
+    """Assumed: R-5.4-3 comes first for a table header, after R-5.4-2 for its entries."""
+    at, before = 0, (-1, -1)
+    while at < len(body):
+        require(len(body) - at >= ALPHA_TABLE.size, "E_CHUNK", "R-5.4-3")
+        level, group, k, last = ALPHA_TABLE.unpack_from(body, at)
+        at += ALPHA_TABLE.size
+        inside = level < scene.header.n_levels and group < N_GROUPS and k <= 12
+        require(inside, "E_ALPHA", "R-5.4-1")
+        require((level, group) > before, "E_ALPHA", "R-5.4-2")
+        require(len(body) - at >= 2 * (last + 1), "E_CHUNK", "R-5.4-3")
+        scene.alphas[level, group] = (k, list(struct.unpack_from(f"<{last + 1}h", body, at)))
+        at, before = at + 2 * (last + 1), (level, group)
+
+
+def read_tiles(scene: Scene, body: bytes) -> None:
+    """Assumed: a stream of no tiles is legal."""
+    require(len(body) == scene.header.n_tiles * TILE_ENTRY.size, "E_CHUNK", "R-5.2-5")
+    bound, degree = (1 << 30) - 1, scene.header.sh_degree
+    for row in TILE_ENTRY.iter_unpack(body):
+        origin, low, high = row[0:3], row[3:6], row[6:9]
+        require(all(abs(o) <= 1 << 52 for o in origin), "E_TILE", "R-5.5-1")
+        ordered = all(-bound <= low[axis] <= high[axis] <= bound for axis in range(3))
+        require(ordered, "E_TILE", "R-5.5-2")
+        x: list[list[int]] = [[] for _ in range(channels_of(degree).stop)]
+        scene.tiles.append(Tile(origin, low, high, x, [0] * (degree + 1)))
+
+
+def read_packets(scene: Scene, body: bytes, own: dict[str, int]) -> None:
+    h = scene.header
+    require(len(body) == h.n_packets * PACKET_ENTRY.size, "E_CHUNK", "R-5.2-5")
+    rows = [[0] * (h.sh_degree + 1) for _ in range(h.n_tiles)]  # so far
+    level, live, slots = [0] * h.n_tiles, [0] * h.n_tiles, [0] * h.n_tiles
+    data_size = 0
+    for row in PACKET_ENTRY.iter_unpack(body):
+        p, t = Packet(*row), row[0]
+        n_new, no_counts = p.n_adds + p.n_splits, p.n_adds + p.n_records == 0
+        require(p.reserved == 0, "E_RESERVED", "R-4.4-1")
+        require(t < h.n_tiles and p.component <= h.sh_degree, "E_CHAIN", "R-5.6-1")
+        if p.component > 0:
+            require(rows[t][0] > rows[t][p.component], "E_CHAIN", "R-5.6-2")
+            require(p.level == 0 and no_counts, "E_COUNT", "R-5.6-4")
+        else:
+            require(level[t] <= p.level < h.n_levels, "E_CHAIN", "R-5.6-3")
+            require((p.size == 0) == no_counts, "E_COUNT", "R-5.6-5")
+            level[t] = p.level
+        require(p.n_records <= live[t], "E_COUNT", "R-5.6-6")
+        require(n_new <= 64 * p.size, "E_AMPLIFICATION", "R-5.6-7")
+        require(p.size > 0 or p.crc == 0, "E_CRC", "R-5.6-8")
+        p.step, p.start = rows[t][p.component], HEADER.size + h.chunks_size + data_size
+        scene.packets.append(p)
+        rows[t][p.component] += 1
+        live[t] += n_new - p.n_drops
+        slots[t] += n_new
+        data_size += p.size
+        check_limit("tile_steps", rows[t][p.component], h.tier, own)
+        check_limit("tile_slots", slots[t], h.tier, own)
+        check_limit("slots", sum(slots), h.tier, own)
+    with structure_at(0):  # Assumed: a fault of the header, though found here.
+        require(h.data_size == data_size, "E_HEADER", "R-5.1-8")
+
+
+def read_digests(scene: Scene, body: bytes) -> None:
+    require(len(body) % DIGEST_ENTRY.size == 0, "E_CHUNK", "R-5.2-5")
+    named, before = {(p.tile, p.component, p.step) for p in scene.packets}, (-1, -1, -1)
+    for *key, digest in DIGEST_ENTRY.iter_unpack(body):
+        tile, component, step = key
+        require((tile, component, step) > before, "E_CHUNK", "R-5.7-1")
+        require((tile, component, step) in named, "E_CHUNK", "R-5.7-2")
+        before = (tile, component, step)
+        scene.digests[before] = digest
+
+
+def read_metadata(scene: Scene, body: bytes) -> None:
+    at, before, alphabet = 0, b"", b"abcdefghijklmnopqrstuvwxyz0123456789_.-"
+    while at < len(body):
+        require(len(body) - at >= META_ENTRY.size, "E_META", "R-5.8-1")
+        key_size, value_size = META_ENTRY.unpack_from(body, at)
+        at += META_ENTRY.size
+        require(len(body) - at >= key_size + value_size, "E_META", "R-5.8-1")
+        key, value = body[at : at + key_size], body[at + key_size : at + key_size + value_size]
+        require(key_size > 0 and all(c in alphabet for c in key), "E_META", "R-5.8-2")
+        require(key > before, "E_META", "R-5.8-3")
+        try:
+            scene.metadata[key.decode("ascii")] = value.decode("utf-8")
+        except UnicodeDecodeError:
+            raise Reject("E_META", "R-5.8-4") from None
+        at, before = at + key_size + value_size, key
+
+
+def read_tables(data: bytes, own: dict[str, int]) -> Scene:
+    """6.1, steps 1 to 3."""
+    with structure_at(0):
+        header = read_header(data, own)
+    chunks = read_chunks(data, HEADER.size + header.chunks_size)
+    scene = Scene(header, {kind: at for kind, (at, _) in chunks.items()})
+    readers: dict[bytes, Callable[[Scene, bytes], None]] = {
+        b"STEP": read_quantisers,
+        b"ALFA": read_alphas,
+        b"TILE": read_tiles,
+        b"PACK": lambda scene, body: read_packets(scene, body, own),
+        b"dGST": read_digests,
+        b"mETa": read_metadata,
+    }
+    for kind, (at, body) in chunks.items():
+        with structure_at(at):
+            readers[kind](scene, body)
+    return scene
+
+
+# ---- 6.1 step 4: packets (5.9) ----
+
+
+@dataclass
+class Payload:
+    """The integers of a packet as they are stored; q (7.1) for psi and adds."""
+
+    gaps: list[int]
+    kinds: list[int] | None  # None: no plane
+    indices: list[list[int] | None]  # by group; None: no plane
+    psi: list[list[int]]  # by channel of the component
+    adds: list[list[int]]
+
+
+def n_planes_of(coding: int) -> int:
+    return (1 if coding & 15 else 0) + (coding >> 4 & 3)
+
+
+def read_payload(packet: Packet, core: Packet, body: bytes) -> Payload:
+    """A packet of size above 0. The counts are those of `core`."""
+    is_core, n_channels = packet.component == 0, len(channels_of(packet.component))
+    entries_at = 4 + 2 * n_channels
+    require(len(body) >= entries_at, "E_PACKET", "R-5.9-1")
+    flags, slot_coding, alpha_mask, n_frames = body[:4]
+    psi_codings, add_codings = body[4 : 4 + n_channels], body[4 + n_channels : entries_at]
+    codings = bytes([slot_coding]) + psi_codings + add_codings
+    reserved = flags >> 2 or alpha_mask >> 5 or any(c >> 7 for c in codings)
+    require(not reserved, "E_RESERVED", "R-4.4-1")
+    legal = all(c == 0 or (c & 15 <= 8 and c >> 4 & 3 in (1, 2)) for c in codings)
+    require(legal, "E_PACKET", "R-5.9-2")
+    require(slot_coding & 64 == 0, "E_PACKET", "R-5.9-3")
+    require(not any(c & 64 for c in psi_codings), "E_PACKET", "R-5.9-3")
+    require(core.n_records > 0 or slot_coding == 0, "E_PACKET", "R-5.9-4")
+    require(core.n_psi > 0 or not any(psi_codings), "E_PACKET", "R-5.9-4")
+    require(core.n_adds > 0 or not any(add_codings), "E_PACKET", "R-5.9-4")
+    require(core.n_splits > 0 or alpha_mask == 0, "E_PACKET", "R-5.9-5")
+    require(is_core or slot_coding == alpha_mask == 0, "E_PACKET", "R-5.9-6")
+    frames_at = entries_at + n_frames * FRAME_ENTRY.size
+    require(len(body) >= frames_at, "E_PACKET", "R-5.9-1")
+    frames = list(FRAME_ENTRY.iter_unpack(body[entries_at:frames_at]))
+
+    kinds_stored = is_core and [core.n_splits, core.n_refines, core.n_drops].count(0) < 2
+    masked = [g for g in range(N_GROUPS) if alpha_mask >> g & 1]
+    sizes = [core.n_records] * (n_planes_of(slot_coding) + kinds_stored)
+    sizes += [core.n_splits] * len(masked)
+    sizes += [core.n_psi] * sum(n_planes_of(c) for c in psi_codings)
+    sizes += [core.n_adds] * sum(n_planes_of(c) for c in add_codings)
+    require(all(n >= 1 for n, _ in frames), "E_PACKET", "R-5.9-7")
+    require(sum(n for n, _ in frames) == len(sizes), "E_PACKET", "R-5.9-7")
+    require(sum(size for _, size in frames) == len(body) - frames_at, "E_PACKET", "R-5.9-8")
+
+    planes, at = list[bytes](), frames_at
+    for n, size in frames:
+        group = sizes[len(planes) : len(planes) + n]
+        content = read_frame(body[at : at + size], sum(group))
+        for plane_size in group:
+            planes.append(content[:plane_size])
+            content = content[plane_size:]
+        at += size
+
+    rest = iter(planes)
+    gap_planes = take_planes(rest, slot_coding)
+    kinds = list(next(rest)) if kinds_stored else None
+    indices = [list(next(rest)) if g in masked else None for g in range(N_GROUPS)]
+    coded = [(c, core.n_psi, take_planes(rest, c)) for c in psi_codings]
+    coded += [(c, core.n_adds, take_planes(rest, c)) for c in add_codings]
+
+    qs = []
+    for coding, n, own in coded:
+        q = [unzigzag(z) for z in unpack(coding, own, n)]
+        qs.append(undelta(q) if coding & 64 else q)
+    psi, adds = qs[:n_channels], qs[n_channels:]
+    first_sh = 11 if is_core else 0
+    for flag, q_sh in ((1, psi[first_sh:]), (2, adds[first_sh:])):
+        if flags & flag:
+            for c in range(0, len(q_sh), 3):
+                invert_ycocg(*q_sh[c : c + 3])
+    return Payload(unpack(slot_coding, gap_planes, core.n_records), kinds, indices, psi, adds)
+
+
+def take_planes(planes: Iterator[bytes], coding: int) -> list[bytes]:
+    own, low = [next(planes) for _ in range(n_planes_of(coding))], coding & 15
+    require(low == 0 or all(byte >> low == 0 for byte in own[0]), "E_PACKET", "R-5.9-9")
+    return own
+
+
+def read_frame(frame: bytes, content_size: int) -> bytes:
+    """5.10: the frame's own headers first (RFC 8878, 3.1.1), then the library."""
+    require(frame[:4] == bytes.fromhex("28 B5 2F FD"), "E_FRAME", "R-5.10-1")
+    require(len(frame) >= 5, "E_FRAME", "R-5.10-2")
+    descriptor = frame[4]
+    require(descriptor & 0b00011111 == 0, "E_FRAME", "R-5.10-2")
+    size_flag, single_segment = descriptor >> 6, descriptor >> 5 & 1
+    require(size_flag > 0 or single_segment == 1, "E_FRAME", "R-5.10-3")
+    start, width = (5 if single_segment else 6), (1, 2, 4, 8)[size_flag]
+    at = start + width
+    require(len(frame) >= at, "E_FRAME", "R-5.10-3")
+    stated = int.from_bytes(frame[start:at], "little") + (256 if width == 2 else 0)
+    require(stated == content_size, "E_FRAME", "R-5.10-3")
+    base = 1 << (10 + (frame[5] >> 3))
+    window = stated if single_segment else base + (base >> 3) * (frame[5] & 7)
+    require(window <= 8 << 20, "E_FRAME", "R-5.10-4")
+    last = 0
+    while not last:
+        require(len(frame) - at >= 3, "E_FRAME", "R-5.10-5")
+        block = int.from_bytes(frame[at : at + 3], "little")
+        last, kind, size = block & 1, block >> 1 & 3, block >> 3
+        require(kind != 3 and size <= 128 << 10, "E_FRAME", "R-5.10-5")
+        at += 3 + (1 if kind == 1 else size)  # an RLE block stores a byte
+    require(at == len(frame), "E_FRAME", "R-5.10-5")
+    try:
+        content = zstandard.ZstdDecompressor().decompress(frame)
+    except zstandard.ZstdError:
+        raise Reject("E_ZSTD", "R-5.10-6") from None
+    require(len(content) == content_size, "E_ZSTD", "R-5.10-6")
+    return content
+
+
+# ---- 7.1 From planes to integers ----
+
+
+def unpack(coding: int, planes: list[bytes], n: int) -> list[int]:
+    low = coding & 15
+    lows, highs = (planes[0], planes[1:]) if low > 0 else (bytes(n), planes)
+    above = [sum(plane[i] << (8 * k) for k, plane in enumerate(highs)) for i in range(n)]
+    return [(above[i] << low) + lows[i] for i in range(n)]
+
+
+def unzigzag(z: int) -> int:
+    return z >> 1 if z % 2 == 0 else -((z + 1) >> 1)
+
+
+def undelta(differences: list[int]) -> list[int]:
+    values, total = [], 0
+    for difference in differences:
+        total += difference
+        require(abs(total) <= 1 << 28, "E_RANGE", "R-7.1-1")
+        values.append(total)
+    return values
+
+
+def invert_ycocg(first: list[int], second: list[int], third: list[int]) -> None:
+    """Y Co Cg become R G B in place."""
+    for i, (y, co, cg) in enumerate(zip(first, second, third, strict=True)):
+        t = y - (cg >> 1)
+        g = cg + t
+        b = t - (co >> 1)
+        first[i], second[i], third[i] = b + co, g, b
+
+
+# ---- 7.2 Slots, kinds, alpha ----
+
+
+def read_step(scene: Scene, core: Packet, payload: Payload) -> Step:
+    tile = scene.tiles[core.tile]
+    slots, at = list[int](), -1
+    for gap in payload.gaps:
+        at += gap + 1
+        require(at < tile.n_slots and tile.live[at], "E_SLOT", "R-7.2-1")
+        slots.append(at)
+    counts = {REFINE: core.n_refines, SPLIT: core.n_splits, DROP: core.n_drops}
+    kinds = [kind for kind in counts for _ in range(counts[kind])]  # if only one count is not 0
+    if payload.kinds is not None:
+        kinds = payload.kinds
+        require(all(kinds.count(kind) == counts[kind] for kind in counts), "E_KIND", "R-7.2-2")
+    alpha = []
+    for group in range(N_GROUPS):
+        k, table = scene.alphas.get((core.level, group), (0, [1]))  # 5.4: without a table
+        stored = payload.indices[group]
+        indices = [0] * core.n_splits if stored is None else stored
+        require(all(index < len(table) for index in indices), "E_INDEX", "R-7.2-3")
+        alpha.append([(table[index], k) for index in indices])
+    return Step(core, slots, kinds, alpha)
+
+
+# ---- 7.3 Arithmetic ----
+
+
+def round_shift(v: int, n: int) -> int:
+    return v if n == 0 else (v + (1 << (n - 1))) >> n
+
+
+def delta_of(q: int, m: int, e: int) -> int:
+    require(abs(q) <= ((1 << 28) >> e) // m, "E_RANGE", "R-7.3-1")
+    return (q * m) << e
+
+
+def in_range(x: int) -> int:
+    require(abs(x) <= (1 << 30) - 1, "E_RANGE", "R-7.3-3")
+    return x
+
+
+def second_child(p: int, delta: int, a: int, k: int) -> int:
+    require(abs(a * delta) + ((1 << k) >> 1) <= 1 << 30, "E_RANGE", "R-7.3-2")
+    return in_range(p - round_shift(a * delta, k))
+
+
+# ---- 7.4 A step ----
+
+
+def apply_packet(scene: Scene, packet: Packet, body: bytes) -> None:
+    """6.1 step 4, for a packet all of whose bytes are there."""
+    require(zlib.crc32(body) == packet.crc, "E_CRC", "R-6.3-1")
+    tile, component = scene.tiles[packet.tile], packet.component
+    core = packet if component == 0 else tile.steps[packet.step].core
+    channels = channels_of(component)
+    if packet.size == 0:  # 5.6: all psi and all adds are 0
+        psi, adds = [[0] * core.n_psi] * len(channels), [[0] * core.n_adds] * len(channels)
+        payload = Payload([], None, [None] * N_GROUPS, psi, adds)
+    else:
+        payload = read_payload(packet, core, body)
+    step = read_step(scene, core, payload) if component == 0 else tile.steps[packet.step]
+    for i, channel in enumerate(channels):
+        psi_mantissa_shift = scene.quantisers[1 + core.level][class_of(channel)]
+        add_mantissa_shift = scene.quantisers[0][class_of(channel)]
+        deltas = [delta_of(q, *psi_mantissa_shift) for q in payload.psi[i]]
+        new = [delta_of(q, *add_mantissa_shift) for q in payload.adds[i]]
+        apply_channel(tile.x[channel], step, step.alpha[group_of(channel)], deltas, new)
+    if component == 0:
+        finish_core_step(tile, step)
+    tile.cut[component] += 1
+
+
+def apply_channel(
+    x: list[int], step: Step, alpha: list[tuple[int, int]], psi: list[int], adds: list[int]
+) -> None:
+    seconds, deltas, alphas = list[int](), iter(psi), iter(alpha)
+    for slot, kind in zip(step.slots, step.kinds, strict=True):
+        if kind == DROP:
+            x[slot] = 0
+            continue
+        p, delta = x[slot], next(deltas)
+        x[slot] = in_range(p + delta)
+        if kind == SPLIT:
+            seconds.append(second_child(p, delta, *next(alphas)))
+    x.extend(seconds)
+    x.extend(in_range(delta) for delta in adds)
+
+
+def finish_core_step(tile: Tile, step: Step) -> None:
+    changed = list(range(tile.n_slots, tile.n_slots + step.core.n_splits + step.core.n_adds))
+    for slot, kind in zip(step.slots, step.kinds, strict=True):
+        if kind == DROP:
+            tile.live[slot] = False
+        else:
+            changed.append(slot)
+        if kind == SPLIT:
+            tile.born_from.append(slot)
+    tile.born_from += [None] * step.core.n_adds
+    for slot in changed:
+        for axis in range(3):
+            x = tile.x[axis][slot]
+            require(tile.box_min[axis] <= x <= tile.box_max[axis], "E_RANGE", "R-7.3-4")
+    tile.n_slots = len(tile.born_from)
+    tile.live += [True] * (tile.n_slots - len(tile.live))
+    tile.steps.append(step)
+
+
+# ---- 7.5 SH that comes late, 7.6 float view, 7.7 states ----
+
+
+def shown(tile: Tile, x: list[int], slot: int) -> int:
+    """7.5: what a slot shows of a channel; empty slots show 0 (7.7)."""
+    u: int | None = slot if tile.live[slot] else None
+    while u is not None and u >= len(x):
+        u = tile.born_from[u]
+    return 0 if u is None else x[u]
+
+
+def binary32(n: int, g: int) -> float:
+    """n * 2^-g, |n| < 2^53, g in -16..40, rounded once, ties to even. Assumed: zero is +0."""
+    shift = max(0, abs(n).bit_length() - 24)
+    kept, left = abs(n) >> shift, abs(n) & ((1 << shift) - 1)
+    if 2 * left > 1 << shift or (2 * left == 1 << shift and kept % 2 == 1):
+        kept += 1
+    value = math.ldexp(float(kept), shift - g)  # exact, and never subnormal
+    return -value if n < 0 else value
+
+
+def numbers(values: Sequence[int]) -> bytes:
+    return struct.pack(f"<{len(values)}i", *values)
+
+
+def state_bytes(tile: Tile, component: int) -> bytes:
+    """7.7: the state of a component after its last applied step."""
+    channels = [tile.x[c] for c in channels_of(component)]
+    live = bytes(tile.live) if component == 0 else b""
+    return struct.pack("<I", len(channels[0])) + live + b"".join(numbers(x) for x in channels)
+
+
+# ---- 3.6 cuts, 6.2 whole files, 6.4 progressive decoding ----
+
+Trace = Callable[[int, int, int, bytes], None]
+
+
+def cut_by_level(scene: Scene, level: int) -> list[list[int]]:
+    """3.6: core packets with labels of at most `level`; of bands what is there, not more."""
+    cut = [[0] * (scene.header.sh_degree + 1) for _ in scene.tiles]
+    for p in scene.packets:
+        cut[p.tile][0] += p.component == 0 and p.level <= level
+    for p in scene.packets:
+        steps = cut[p.tile]
+        steps[p.component] += p.component > 0 and steps[p.component] < steps[0]
+    return cut
+
+
+def check_cut(scene: Scene, cut: list[list[int]]) -> None:
+    """3.6: a wrong cut is a mistake of the caller, not a fault of the stream."""
+    most = cut_by_level(scene, scene.header.n_levels)
+    valid = [len(steps) for steps in cut] == [len(steps) for steps in most]
+    for steps, limits in zip(cut, most, strict=False):
+        valid &= all(0 <= n <= min(m, steps[0]) for n, m in zip(steps, limits, strict=False))
+    if not valid:
+        raise ValueError("the cut is not valid")
+
+
+def is_there(data: bytes, packet: Packet) -> bool:
+    """Assumed: a packet of no bytes is never missing, even behind the end of the data."""
+    return packet.size == 0 or len(data) >= packet.start + packet.size
+
+
+def finish(scene: Scene, data: bytes) -> Scene:
+    """6.1 step 5 (assumed: the offset is where the packets end), then 7.5."""
+    end = HEADER.size + scene.header.chunks_size + scene.header.data_size
+    with structure_at(end):
+        require(len(data) <= end, "E_TRAILING", "R-6.2-1")
+    for tile in scene.tiles:
+        tile.channels = [[shown(tile, x, u) for u in range(tile.n_slots)] for x in tile.x]
+    return scene
+
+
+def decode(
+    data: bytes,
+    *,
+    level: int | None = None,
+    cut: list[list[int]] | None = None,
+    check_digests: bool = False,
+    limits: dict[str, int] | None = None,
+    trace: Trace | None = None,
+) -> Scene:
+    """Decode the cut of a whole file, by level or as cut[tile][component] = steps, or all of it.
+
+    `trace` gets tile, step, component and the state (7.7) after each packet.
+    """
+    scene = read_tables(data, limits or {})
+    if cut is None:
+        cut = cut_by_level(scene, scene.header.n_levels if level is None else level)
+    check_cut(scene, cut)
+    wrong = set()
+    for p in scene.packets:
+        if p.step >= cut[p.tile][p.component]:
+            continue  # R-6.2-3
+        with structure_at(p.start):
+            require(is_there(data, p), "E_TRUNCATED", "R-6.2-2")
+            apply_packet(scene, p, data[p.start : p.start + p.size])
+        if check_digests and (p.tile, p.component, p.step) in scene.digests:
+            digest = scene.state_digest(p.tile, p.component)
+            if digest != scene.digests[p.tile, p.component, p.step]:
+                wrong.add((p.tile, p.component, p.step))
+        if trace is not None:
+            trace(p.tile, p.step, p.component, state_bytes(scene.tiles[p.tile], p.component))
+    finish(scene, data)
+    # 6.1 step 6. Assumed: a fault of dGST; a digest of a packet outside the cut is not checked.
+    with structure_at(scene.chunk_offsets.get(b"dGST", 0)):
+        require(not wrong, "E_DIGEST", "R-5.7-3")
+    return scene
+
+
+def decode_prefix(data: bytes) -> Scene:
+    """6.4: the largest cut whose packets are complete; missing packets are no fault."""
+    scene = read_tables(data, {})
+    for p in scene.packets:
+        steps = scene.tiles[p.tile].cut
+        required = p.step == steps[p.component] and (p.component == 0 or p.step < steps[0])  # 3.5
+        if required and is_there(data, p):
+            with structure_at(p.start):
+                apply_packet(scene, p, data[p.start : p.start + p.size])
+    return finish(scene, data)

@@ -1,0 +1,87 @@
+"""`CodedTree`: a tree in integers, as a stream holds it (spec 3, 5.3 to 5.6).
+
+Letters: R records of a step that name a slot, P of them with psi, S splits, A adds, D channels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from evogs_codec.directory import SceneInfo
+from evogs_codec.packets import N_CORE
+from evogs_codec.refine import SYMMETRIC, AlphaTable, Quantiser
+from evogs_codec.splats import I32, U8
+
+__all__ = ["CodedStep", "CodedTile", "CodedTree", "channel_class", "component_slice"]
+
+
+@dataclass(frozen=True, eq=False)
+class CodedStep:
+    """One step of one tile.
+
+    Attributes:
+        level: label.
+        slots: (R,) int32, strictly increasing.
+        kinds: (R,) uint8 of refine, split, drop.
+        alpha: (5, S) uint8 indices into the tables of the level.
+        psi: (D, P) int32, q of refines and splits.
+        adds: (D, A) int32, q of the adds.
+        error: estimates per component for the packet entries (spec 5.6).
+    """
+
+    level: int
+    slots: I32
+    kinds: U8
+    alpha: U8
+    psi: I32
+    adds: I32
+    error: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class CodedTile:
+    """Steps, origin (3,) and box, (3,) each, of a tile."""
+
+    origin: tuple[int, int, int]
+    box_min: tuple[int, int, int]
+    box_max: tuple[int, int, int]
+    steps: tuple[CodedStep, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class CodedTree:
+    """All that a stream says of a scene, but for the bytes it says it in."""
+
+    sh_degree: int
+    n_levels: int
+    grid_exponents: tuple[int, ...]
+    quantisers: tuple[tuple[Quantiser, ...], ...]
+    alpha: Mapping[tuple[int, int], AlphaTable]
+    tiles: tuple[CodedTile, ...]
+    info: SceneInfo = field(default_factory=SceneInfo)
+
+    def alpha_table(self, level: int, group: int) -> AlphaTable:
+        """The table of a level and group; symmetric where none is stored."""
+        return self.alpha.get((level, group), SYMMETRIC)
+
+
+def component_slice(component: int) -> slice:
+    """Channels of a component among the D of a splat (spec 3.5)."""
+    if component == 0:
+        return slice(0, N_CORE)
+    return slice(11 + 3 * component**2, 11 + 3 * (component + 1) ** 2)
+
+
+def channel_class(channel: int) -> int:
+    """Quantiser class of a channel (spec 3.2)."""
+    if channel < 11:
+        return int(np.searchsorted([3, 7, 10, 11], channel, side="right"))
+    return 4 + int(np.sqrt((channel - 11) // 3))
+
+
+def channel_group(channel: int) -> int:
+    """Group of a channel (spec 3.1)."""
+    return min(channel_class(channel), 4)

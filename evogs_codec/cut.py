@@ -1,0 +1,97 @@
+"""Cuts: how many steps of each tile and component are applied (spec 3.6)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec.directory import Directory
+from evogs_codec.splats import I64
+
+__all__ = ["Cut"]
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """Steps applied: `steps` (n_tiles, n_components), core first; tiles may differ."""
+
+    steps: I64
+
+    def __post_init__(self) -> None:
+        steps = np.array(self.steps, np.int64)
+        if steps.ndim != 2 or (steps < 0).any() or (steps > steps[:, :1]).any():
+            raise ValueError("a cut has (tile, component) step counts, none above that of core")
+        steps.setflags(write=False)
+        object.__setattr__(self, "steps", steps)
+
+    @staticmethod
+    def full(directory: Directory) -> Cut:
+        """All steps in the file."""
+        return Cut(directory.chain_lengths())
+
+    @staticmethod
+    def of_level(directory: Directory, level: int) -> Cut:
+        """Level `level` of every tile.
+
+        Raises:
+            ValueError: the stream has no such level.
+        """
+        if not 0 <= level < directory.n_levels:
+            raise ValueError(f"level {level} is not one of 0..{directory.n_levels - 1}")
+        packets = directory.packets
+        in_level = (packets["component"] == 0) & (packets["level"] <= level)
+        core = np.bincount(packets["tile"][in_level], minlength=len(directory.tiles))
+        return Cut(np.minimum(directory.chain_lengths(), core[:, None]))
+
+    @staticmethod
+    def of_packets(directory: Directory, n_packets: int) -> Cut:
+        """The first `n_packets` packets of the file."""
+        return Cut(_chain_lengths(directory, np.arange(len(directory.packets)) < n_packets))
+
+    def with_sh_degree(self, degree: int) -> Cut:
+        """The same without the SH bands above `degree`."""
+        steps = self.steps.copy()
+        steps[:, degree + 1 :] = 0
+        return Cut(steps)
+
+    def with_box(self, directory: Directory, box: Sequence[float]) -> Cut:
+        """The same with only the tiles whose box meets `box` (x0 y0 z0 x1 y1 z1, scene units)."""
+        steps = self.steps.copy()
+        steps[~tiles_meeting(directory, box)] = 0
+        return Cut(steps)
+
+    def packets(self, directory: Directory) -> npt.NDArray[np.bool_]:
+        """(n_packets,) True for the packets of the cut.
+
+        Raises:
+            ValueError: the cut asks for steps that the file does not have.
+        """
+        if self.steps.shape != (len(directory.tiles), directory.n_components):
+            raise ValueError(f"the cut has shape {self.steps.shape}")
+        if (self.steps > directory.chain_lengths()).any():
+            raise ValueError("the cut asks for steps that are not in the file")
+        rows = directory.packets
+        selected: npt.NDArray[np.bool_] = (
+            directory.steps < self.steps[rows["tile"], rows["component"]]
+        )
+        return selected
+
+
+def tiles_meeting(directory: Directory, box: Sequence[float]) -> npt.NDArray[np.bool_]:
+    """(n_tiles,) True where the box of a tile meets `box` (x0 y0 z0 x1 y1 z1, scene units)."""
+    corners = np.sort(np.asarray(box, np.float64).reshape(2, 3), axis=0)
+    scale = 2.0 ** -directory.grid_exponents[0]
+    low = (directory.tiles["origin"] + directory.tiles["box_min"]) * scale
+    high = (directory.tiles["origin"] + directory.tiles["box_max"]) * scale
+    met: npt.NDArray[np.bool_] = ((low <= corners[1]) & (high >= corners[0])).all(1)
+    return met
+
+
+def _chain_lengths(directory: Directory, selected: npt.NDArray[np.bool_]) -> I64:
+    rows = directory.packets[selected]
+    shape = (len(directory.tiles), directory.n_components)
+    key = rows["tile"].astype(np.int64) * shape[1] + rows["component"]
+    return np.bincount(key, minlength=shape[0] * shape[1]).reshape(shape).astype(np.int64)

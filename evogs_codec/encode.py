@@ -1,0 +1,181 @@
+"""Encoding: a tree to the bytes of a stream.
+
+    EvolutionTree -> arrange -> quantise -> CodedTree -> packets -> bytes
+
+`write` is exact: it turns the integers of a `CodedTree` into a stream and nothing else.
+"""
+
+from __future__ import annotations
+
+import os
+import zlib
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from evogs_codec import layout
+from evogs_codec.arrange import arrange, default_tiles
+from evogs_codec.coded import CodedStep, CodedTree, component_slice
+from evogs_codec.decode import replay
+from evogs_codec.cut import Cut
+from evogs_codec.directory import UNKNOWN_ERROR, Directory, SceneInfo, build_directory, read_directory
+from evogs_codec.packets import pack
+from evogs_codec.quantize import quantise
+from evogs_codec.settings import PRESETS, Settings
+from evogs_codec.tree import N_GROUPS, EvolutionTree, Kind
+
+__all__ = ["encode", "write"]
+
+Progress = Callable[[str, float], None]
+
+
+def encode(
+    tree: EvolutionTree,
+    settings: Settings | None = None,
+    *,
+    n_tiles: int | None = None,
+    info: SceneInfo | None = None,
+    digests: bool = True,
+    progress: Progress | None = None,
+) -> bytes:
+    """A stream of a tree.
+
+    Args:
+        tree: any tree.
+        settings: accuracy; the preset `trained` by default.
+        n_tiles: tiles wanted; by default 1 below about 200,000 leaves.
+        info: metadata.
+        digests: store a digest of the last state of each tile and component.
+        progress: called with the name of a stage and the part of it that is done.
+
+    Raises:
+        NotRepresentable: values too large for any grid of the format.
+        ValueError: the tree exceeds the limits of the format.
+    """
+    settings = settings or PRESETS["trained"]
+    report = progress or (lambda _stage, _part: None)
+    report("arrange", 0.0)
+    tiles = arrange(tree, n_tiles or default_tiles(tree.n_leaves))
+    coded = quantise(
+        tiles,
+        max(tree.n_levels, 1),
+        settings,
+        info=info,
+        progress=lambda part: report("quantise", part),
+    )
+    return write(coded, effort=settings.effort, digests=digests, progress=report)
+
+
+def write(
+    tree: CodedTree,
+    *,
+    effort: int = 19,
+    digests: bool = True,
+    progress: Progress | None = None,
+) -> bytes:
+    """The stream of a coded tree; `decode` gives back exactly its integers.
+
+    Packets are ordered by level; in a level by step, core of all tiles first, then the SH bands.
+
+    Raises:
+        ValueError: an integer needs more than 24 bits, or a limit of the format is exceeded.
+    """
+    report = progress or (lambda _stage, _part: None)
+    order = packet_order(tree)
+    entries = np.zeros(len(order), layout.dtype_of(layout.PACKET_ENTRY))
+
+    def pack_one(place: tuple[int, int, int]) -> bytes:
+        tile, number, component = place
+        step = tree.tiles[tile].steps[number]
+        part = component_slice(component)
+        alpha = [
+            step.alpha[group] if len(tree.alpha_table(step.level, group).entries) > 1 else None
+            for group in range(N_GROUPS)
+        ]
+        return pack(
+            component,
+            step.slots,
+            step.kinds,
+            alpha,
+            step.psi[part],
+            step.adds[part],
+            effort=effort,
+        )
+
+    bodies = []
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        for k, body in enumerate(pool.map(pack_one, order)):
+            report("pack", k / len(order))
+            bodies.append(body)
+    for row, (tile, number, component), body in zip(entries, order, bodies, strict=True):
+        step = tree.tiles[tile].steps[number]
+        for name, value in _entry(step, component).items():
+            row[name] = value
+        row["tile"], row["component"] = tile, component
+        row["size"], row["crc"] = len(body), zlib.crc32(body)
+    tiles = np.zeros(len(tree.tiles), layout.dtype_of(layout.TILE_ENTRY))
+    for row, tile in zip(tiles, tree.tiles, strict=True):
+        row["origin"], row["box_min"], row["box_max"] = tile.origin, tile.box_min, tile.box_max
+
+    def directory(found: Mapping[tuple[int, int, int], bytes]) -> bytes:
+        return build_directory(
+            sh_degree=tree.sh_degree,
+            n_levels=tree.n_levels,
+            grid_exponents=tree.grid_exponents,
+            info=tree.info,
+            quantisers=tree.quantisers,
+            alpha=tree.alpha,
+            tiles=tiles,
+            packets=entries,
+            digests=found,
+        )
+
+    data = b"".join(bodies)
+    head = directory({})
+    if not digests:
+        return head + data
+    report("verify", 0.0)
+    # What is digested is what a decoder decodes from these bytes, so every encode is checked.
+    return directory(final_digests(read_directory(memoryview(head)), head + data)) + data
+
+
+def final_digests(directory: Directory, stream: bytes) -> dict[tuple[int, int, int], bytes]:
+    """Digests of the last state of each tile and component (spec 5.7)."""
+    decoded = replay(directory, memoryview(stream), Cut.full(directory))
+    return {
+        (tile, component, n - 1): decoded.tiles[tile].digest(component)
+        for tile, row in enumerate(decoded.cut.steps.tolist())
+        for component, n in enumerate(row)
+        if n
+    }
+
+
+def packet_order(tree: CodedTree) -> list[tuple[int, int, int]]:
+    """(tile, step, component) in the order of the file."""
+    places: list[tuple[tuple[int, int, int, int], tuple[int, int, int]]] = []
+    for number, tile in enumerate(tree.tiles):
+        in_level: dict[int, int] = {}
+        for k, step in enumerate(tile.steps):
+            rank = in_level[step.level] = in_level.get(step.level, -1) + 1
+            for component in range(tree.sh_degree + 1):
+                place = number, k, component
+                places.append(((step.level, min(component, 1), rank, component), place))
+    return [place for _, place in sorted(places, key=lambda item: item[0])]
+
+
+def _entry(step: CodedStep, component: int) -> dict[str, int]:
+    """The fields of a packet entry that follow from the step."""
+    error = step.error[component] if step.error else UNKNOWN_ERROR
+    if component:
+        return {"error": error}
+    n_splits = int(np.count_nonzero(step.kinds == Kind.SPLIT))
+    n_refines = int(np.count_nonzero(step.kinds == Kind.REFINE))
+    return {
+        "level": step.level,
+        "n_adds": step.adds.shape[1],
+        "n_splits": n_splits,
+        "n_refines": n_refines,
+        "n_drops": len(step.slots) - n_splits - n_refines,
+        "error": error,
+    }

@@ -1,0 +1,32 @@
+"""Errors at the border: `StreamError` for bad streams, `InputError` for bad input files.
+
+Caller mistakes raise plain `ValueError` or `TypeError`; anything else that escapes is our bug.
+"""
+
+from __future__ import annotations
+
+from evogs_codec.faults import Fault
+
+__all__ = ["Fault", "InputError", "StreamError"]
+
+
+class InputError(ValueError):
+    """A `.ply` or `.tree.npz` that cannot be used; the message is one line and says what to do."""
+
+
+class StreamError(Exception):
+    """The only error that the bytes of a stream can cause (spec 9).
+
+    Attributes:
+        fault: the fault code of `spec/faults.csv`.
+        detail: what was found, in one line.
+        offset: file offset in bytes of the structure at fault.
+        section: section of `spec/evogs.md` that states the broken rule.
+    """
+
+    def __init__(self, fault: Fault, detail: str, offset: int) -> None:
+        self.fault = fault
+        self.detail = detail
+        self.offset = offset
+        self.section = fault.section
+        super().__init__(f"{fault.name} at byte {offset}: {detail} (spec {self.section})")

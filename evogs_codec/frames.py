@@ -1,0 +1,124 @@
+"""Zstandard frames (spec 5.10); the only module that imports zstandard.
+
+A frame's own headers are checked here, outside the library: libraries differ, and change, in what
+they accept.
+"""
+
+from __future__ import annotations
+
+import threading
+
+import zstandard
+
+from evogs_codec.errors import Fault, StreamError
+
+__all__ = ["MAX_WINDOW", "compress", "decompress", "store"]
+
+MAGIC = b"\x28\xb5\x2f\xfd"
+MAX_WINDOW = 8 << 20  # R-5.10-4
+MAX_BLOCK = 128 << 10  # R-5.10-5
+_WINDOW_LOG = 23
+_local = threading.local()
+
+
+def compress(data: bytes, effort: int) -> bytes:
+    """One frame of the subset; `effort` is the Zstandard level, 1..22."""
+    key = f"compressor{effort}"
+    compressor = getattr(_local, key, None)
+    if compressor is None:
+        parameters = zstandard.ZstdCompressionParameters.from_level(
+            effort, write_content_size=True, write_checksum=False, write_dict_id=False
+        )
+        if parameters.window_log > _WINDOW_LOG:
+            parameters = zstandard.ZstdCompressionParameters.from_level(
+                effort,
+                window_log=_WINDOW_LOG,
+                write_content_size=True,
+                write_checksum=False,
+                write_dict_id=False,
+            )
+        compressor = zstandard.ZstdCompressor(compression_params=parameters)
+        setattr(_local, key, compressor)
+    frame = bytes(compressor.compress(data))
+    # Planes of one value compress to a run-length block, so a frame may be tiny; never the reverse.
+    stored = store(data)
+    return stored if len(stored) < len(frame) else frame
+
+
+def store(data: bytes) -> bytes:
+    """One frame of raw blocks: used where compression must not shrink a packet (R-5.6-7)."""
+    size = len(data)
+    if size <= MAX_WINDOW:
+        if size < 256:
+            head = bytes([0x20, size])
+        elif size < 65536 + 256:
+            head = bytes([0x60]) + (size - 256).to_bytes(2, "little")
+        else:
+            head = bytes([0xA0]) + size.to_bytes(4, "little")
+    else:  # window descriptor of 8 MiB: exponent 13, mantissa 0
+        head = bytes([0x80, 13 << 3]) + size.to_bytes(4, "little")
+    blocks = []
+    for at in range(0, max(size, 1), MAX_BLOCK):
+        block = data[at : at + MAX_BLOCK]
+        last = int(at + MAX_BLOCK >= size)
+        blocks.append((last | len(block) << 3).to_bytes(3, "little") + block)
+    return MAGIC + head + b"".join(blocks)
+
+
+def decompress(frame: memoryview, size: int, offset: int) -> bytes:
+    """The `size` bytes of a frame.
+
+    Raises:
+        StreamError: E_FRAME or E_ZSTD at `offset`.
+    """
+    check_frame(frame, size, offset)
+    decompressor = getattr(_local, "decompressor", None)
+    if decompressor is None:
+        decompressor = _local.decompressor = zstandard.ZstdDecompressor()
+    try:
+        data = decompressor.decompress(frame, allow_extra_data=False)
+    except zstandard.ZstdError as error:
+        raise StreamError(Fault.E_ZSTD, str(error), offset) from None
+    if len(data) != size:
+        raise StreamError(Fault.E_ZSTD, f"{len(data)} bytes came out, not {size}", offset)
+    return bytes(data)
+
+
+def check_frame(frame: memoryview, size: int, offset: int) -> None:
+    """Raise E_FRAME unless `frame` keeps R-5.10-1 to R-5.10-5 for `size` bytes of content."""
+
+    def refuse(detail: str) -> StreamError:
+        return StreamError(Fault.E_FRAME, detail, offset)
+
+    if len(frame) < 6 or frame[:4] != MAGIC:
+        raise refuse("no Zstandard frame")
+    descriptor = frame[4]
+    if descriptor & 0b00011111:  # R-5.10-2
+        raise refuse(f"frame header descriptor {descriptor:#04x} has a bit that must be 0")
+    single_segment = descriptor & 0x20
+    size_bytes = (1 if single_segment else 0, 2, 4, 8)[descriptor >> 6]
+    at = 5 if single_segment else 6
+    content = int.from_bytes(frame[at : at + size_bytes], "little")
+    content += 256 if size_bytes == 2 else 0
+    if size_bytes == 0 or len(frame) < at + size_bytes or content != size:  # R-5.10-3
+        raise refuse(f"frame content size is not {size}")
+    window = content if single_segment else _window(frame[5])
+    if window > MAX_WINDOW:  # R-5.10-4
+        raise refuse(f"window of {window} bytes")
+    at += size_bytes
+    last = False
+    while not last:  # R-5.10-5
+        if len(frame) < at + 3:
+            raise refuse("a block header is cut short")
+        header = int.from_bytes(frame[at : at + 3], "little")
+        last, kind, block = bool(header & 1), header >> 1 & 3, header >> 3
+        if kind == 3 or block > MAX_BLOCK:
+            raise refuse("a block is reserved or too large")
+        at += 3 + (1 if kind == 1 else block)
+    if at != len(frame):
+        raise refuse(f"the last block ends at {at} of {len(frame)} bytes")
+
+
+def _window(descriptor: int) -> int:
+    base = 1 << (10 + (descriptor >> 3))
+    return base + (base >> 3) * (descriptor & 7)

@@ -1,0 +1,62 @@
+"""What an encoder is asked for: steps per class and level, alpha tables, effort.
+
+A step is the distance of two neighbouring values, in the units of the group: an error of half of it
+at most, of a twelfth of its square on average.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+__all__ = ["PRESETS", "Settings"]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to quantise a tree.
+
+    Attributes:
+        steps: step of psi per class (spec 3.2) at the last level; position in units of `extent`
+            if `relative`.
+        relative: the position step is a part of the extent of the scene.
+        coarser: factor of the step per level below the last; errors of a parent are inherited by
+            its children, so coarse levels are quantised finer.
+        adds: factor of the step of adds to that of psi at level 0.
+        n_alpha: entries of an alpha table at most, where the tree's own alphas are more.
+        alpha_bits: K of tables that are fitted.
+        closed_loop: quantise against what the decoder has.
+        by_range: 8-bit steps by the range of psi instead of `steps` (the paper's pipeline).
+        near_lossless: one grid unit per generation; the grids are as fine as 24 bits allow.
+        effort: Zstandard level.
+    """
+
+    steps: tuple[float, ...] = (1.18e-4, 0.003, 0.0624, 0.125, 1 / 32, 0.118, 0.118, 0.118)
+    relative: bool = True
+    coarser: float = 0.6
+    adds: float = 1.0
+    n_alpha: int = 32
+    alpha_bits: int = 5
+    closed_loop: bool = True
+    by_range: bool = False
+    near_lossless: bool = False
+    effort: int = 19
+
+    def with_bits(self, bits: float) -> Settings:
+        """The same with steps scaled by 2**-bits: each bit halves all errors."""
+        return replace(self, steps=tuple(step * 2.0**-bits for step in self.steps))
+
+
+PRESETS = {
+    # Accuracy of SPZ version 4, position relative to the extent: for lifted scenes.
+    "scene": Settings(),
+    # Closed loop at the steps where a trained tree starts to lose image quality.
+    "trained": Settings(
+        steps=(0.0005, 0.02, 0.06, 0.12, 0.03, 0.03, 0.03, 0.03),
+        relative=False,
+        coarser=1.0,
+        adds=0.5,
+    ),
+    # The paper's proof of concept: 8 bits by range, open loop.
+    "paper": Settings(closed_loop=False, by_range=True, n_alpha=256),
+    "near-lossless": Settings(near_lossless=True, n_alpha=256, alpha_bits=7),
+}

@@ -1,0 +1,215 @@
+"""The state of a tile: slots in integers, changed in place by packets (spec 7).
+
+Letters: D channels, n slots, S splits of a step.
+"""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec import layout
+from evogs_codec.coded import channel_class, channel_group, component_slice
+from evogs_codec.directory import Directory
+from evogs_codec.errors import Fault, StreamError
+from evogs_codec.packets import Packet, Values, component_channels, unpack
+from evogs_codec.refine import MAX_X, AlphaTable, Quantiser, RangeError, StepPlan, apply_channel
+from evogs_codec.splats import I32, I64, U8, n_channels
+from evogs_codec.tree import N_GROUPS
+
+__all__ = ["TileState"]
+
+SH_GROUP = 4
+
+
+class TileState:
+    """Slots of one tile after some of its packets.
+
+    Attributes:
+        x: (D, capacity) int32 on the grids of the groups.
+        live: (capacity,) bool.
+        born_from: (capacity,) int32 slot each slot was split from, -1 for adds.
+        plans: the core steps applied so far.
+        n_applied: steps applied per component.
+    """
+
+    def __init__(self, directory: Directory, tile: int, capacity: int) -> None:
+        self.directory = directory
+        self.tile = tile
+        self.x = np.zeros((n_channels(directory.sh_degree), capacity), np.int32)
+        self.live = np.zeros(capacity, bool)
+        self.born_from = np.full(capacity, -1, np.int32)
+        self.plans: list[StepPlan] = []
+        self.n_applied = [0] * directory.n_components
+        self._levels: list[int] = []
+        self._sh_alpha: list[U8 | None] = []
+
+    @property
+    def n_slots(self) -> int:
+        return self.plans[-1].n_after if self.plans else 0
+
+    def level(self, step: int) -> int:
+        """Label of a core step."""
+        return self._levels[step]
+
+    def band_slots(self, component: int) -> int:
+        """Slots of a component: as many as core had after the component's last step."""
+        n = self.n_applied[component]
+        return self.plans[n - 1].n_after if n else 0
+
+    def apply(self, packet: int, body: memoryview) -> None:
+        """Apply the next packet of a chain, whose CRC-32 is right.
+
+        Raises:
+            StreamError: the packet breaks a rule; the state must not be used any more.
+        """
+        row = self.directory.packets[packet]
+        offset = int(self.directory.offsets[packet])
+        component = int(row["component"])
+        try:
+            if component == 0:
+                counts = self.directory.counts(packet)
+                self._apply_core(unpack(body, 0, counts, offset), int(row["level"]), offset)
+            else:
+                self._apply_band(component, body, offset)
+        except RangeError as error:
+            raise StreamError(Fault.E_RANGE, str(error), offset) from None
+        self.n_applied[component] += 1
+
+    def _apply_core(self, packet: Packet, level: int, offset: int) -> None:
+        n_before, slots = self.n_slots, packet.slots
+        if len(slots) and (int(slots[-1]) >= n_before or not self.live[slots].all()):  # R-7.2-1
+            raise StreamError(Fault.E_SLOT, "a record names a slot that is not live", offset)
+        plan = StepPlan.of(slots, packet.kinds, n_before, packet.adds.n)
+        tables = [self.directory.alpha_table(level, group) for group in range(N_GROUPS)]
+        for table, indices in zip(tables, packet.alpha, strict=True):
+            if indices is not None and int(indices.max()) >= len(table.entries):  # R-7.2-3
+                raise StreamError(Fault.E_INDEX, "an alpha index is past its table", offset)
+        self._apply_channels(0, plan, level, packet.psi, packet.adds, packet.alpha, tables)
+        new = slice(n_before, plan.n_after)
+        self.live[new] = True
+        if plan.n_splits:
+            self.born_from[n_before : n_before + plan.n_splits] = plan.split_slots
+        self.live[plan.drops] = False
+        self._check_box(plan, new)
+        self.plans.append(plan)
+        self._levels.append(level)
+        self._sh_alpha.append(packet.alpha[SH_GROUP])
+
+    def _apply_band(self, component: int, body: memoryview, offset: int) -> None:
+        step = self.n_applied[component]
+        plan, level = self.plans[step], self._levels[step]
+        core = self.directory.counts(self._core_packet(step))
+        packet = unpack(body, component, core, offset)
+        table = self.directory.alpha_table(level, SH_GROUP)
+        alpha = (None,) * SH_GROUP + (self._sh_alpha[step],)
+        tables = [table] * N_GROUPS
+        self._apply_channels(component, plan, level, packet.psi, packet.adds, alpha, tables)
+
+    def _core_packet(self, step: int) -> int:
+        rows = self.directory.packets
+        core = np.flatnonzero((rows["tile"] == self.tile) & (rows["component"] == 0))
+        return int(core[step])
+
+    def _apply_channels(
+        self,
+        component: int,
+        plan: StepPlan,
+        level: int,
+        psi: Values,
+        adds: Values,
+        alpha: tuple[U8 | None, ...],
+        tables: list[AlphaTable],
+    ) -> None:
+        """Spec 7.4 for the channels of a component."""
+        first = component_slice(component).start
+        quantisers = self.directory.quantisers
+        alphas = [_alpha_of(table, indices) for table, indices in zip(tables, alpha, strict=True)]
+        # A triple of YCoCg-R is undone at once; planes are otherwise read a channel at a time.
+        psi_rows = psi.all() if psi.is_ycocg and component else None
+        adds_rows = adds.all() if adds.is_ycocg and component else None
+        for k in range(component_channels(component)):
+            channel = first + k
+            kind = channel_class(channel)
+            a, shift = alphas[channel_group(channel)]
+            delta = _delta(psi, k, quantisers[1 + level][kind], psi_rows)
+            new = _delta(adds, k, quantisers[0][kind], adds_rows)
+            largest = apply_channel(self.x[channel], plan, delta, a, shift, new)
+            if largest > MAX_X:  # R-7.3-3
+                raise RangeError("|X| exceeds 2^30 - 1")
+
+    def _check_box(self, plan: StepPlan, new: slice) -> None:
+        """R-7.3-4 for the slots that the step wrote."""
+        row = self.directory.tiles[self.tile]
+        for axis in range(3):
+            low, high = int(row["box_min"][axis]), int(row["box_max"][axis])
+            for part in (self.x[axis, plan.targets], self.x[axis, new]):
+                if part.size and (int(part.min()) < low or int(part.max()) > high):
+                    raise RangeError("a position is outside the box of its tile")
+
+    def shown(self, component: int) -> I64 | None:
+        """Slots whose SH the slots show (spec 7.5); -1 for none; None if each shows its own."""
+        n, n_band = self.n_slots, self.band_slots(component)
+        if n == n_band:
+            return None
+        slots = np.arange(n)
+        late = np.flatnonzero(slots >= n_band)
+        while len(late):
+            slots[late] = self.born_from[slots[late]]
+            late = late[slots[late] >= n_band]
+        return slots
+
+    def channels(self) -> I32:
+        """(D, n) integers as shown, 0 in empty slots; a view of the state where that is the same."""
+        n = self.n_slots
+        x = self.x[:, :n]
+        all_live = self.live[:n].all()
+        late = [c for c in range(1, self.directory.n_components) if self.band_slots(c) != n]
+        if late or not all_live:
+            x = x.copy()
+        for component in late:
+            rows = x[component_slice(component)]
+            slots = self.shown(component)
+            assert slots is not None
+            rows[:] = np.where(slots >= 0, rows[:, slots], 0)
+        if not all_live:
+            x[:, ~self.live[:n]] = 0
+        return x
+
+    def digest(self, component: int) -> bytes:
+        """SHA-256 of the state of a component (spec 7.7)."""
+        n = self.band_slots(component)
+        digest = hashlib.sha256(n.to_bytes(4, "little"))
+        if component == 0:
+            digest.update(self.live[:n].astype(np.uint8).data)
+        for row in self.x[component_slice(component), :n]:
+            digest.update(np.ascontiguousarray(row, "<i4").data)
+        return digest.digest()
+
+    def dump(self) -> bytes:
+        """The dump tile of spec 7.7 with what follows it."""
+        row = self.directory.tiles[self.tile]
+        head = layout.build(
+            layout.DUMP_TILE, origin=[int(o) for o in row["origin"]], n_slots=self.n_slots
+        )
+        live = self.live[: self.n_slots].astype(np.uint8).tobytes()
+        return head + live + self.channels().astype("<i4").tobytes()
+
+
+def _alpha_of(table: AlphaTable, indices: U8 | None) -> tuple[I32 | int, int]:
+    """(a per split or one for all, K)."""
+    if indices is None:
+        return table.entries[0], table.shift
+    return np.array(table.entries, np.int32)[indices], table.shift
+
+
+def _delta(
+    values: Values, channel: int, quantiser: Quantiser, rows: npt.NDArray[np.int32] | None
+) -> I32 | None:
+    """Delta of a channel of psi or adds; None if all are 0."""
+    if values.n == 0 or values.is_zero(channel):
+        return None
+    q = values.q(channel) if rows is None else rows[channel]
+    return quantiser.delta(q, values.bound(channel))

@@ -1,0 +1,219 @@
+"""`EvolutionTree`: a list of steps over slots, in floating point (spec 3; paper equation 5).
+
+A tree has no pointers. Each `Step` holds records that change the leaf set, which lives in an array
+of slots: `refine` (C = P + psi), `split` (C1 = P + psi takes the slot, C2 = P - alpha * psi the next
+free one), `drop` (the slot is empty from here on) and `add` (a new splat in the next free slot).
+
+Letters: R records of a step that name a slot, P <= R of them with a psi, S <= P splits, A adds,
+D channels (`splats`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec.splats import F32, F64, GROUP_CHANNELS, I32, U8, SplatParams, n_channels
+
+__all__ = ["EvolutionTree", "Kind", "Slots", "Step"]
+
+N_GROUPS = 5
+
+
+class Kind(IntEnum):
+    """What a record does to the slots (spec 3.3); the numbers are those of the stream."""
+
+    REFINE = 0
+    SPLIT = 1
+    DROP = 2
+    ADD = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """Records applied together.
+
+    Attributes:
+        level: label of the step; never falls along a tree.
+        slots: (R,) int32, strictly increasing, slots that are live before the step.
+        kinds: (R,) uint8 of `Kind.REFINE`, `SPLIT`, `DROP`.
+        psi: (D, P) float32, a column per refine or split, in slot order.
+        alpha: (5, S) float32, a column per split, rows in group order.
+        adds: (D, A) float32, a column per add.
+    """
+
+    level: int
+    slots: I32
+    kinds: U8
+    psi: F32
+    alpha: F32
+    adds: F32
+
+    @property
+    def n_adds(self) -> int:
+        return int(self.adds.shape[1])
+
+    @property
+    def n_new(self) -> int:
+        """Slots the step makes: a C2 per split, then the adds."""
+        return int(self.alpha.shape[1]) + self.n_adds
+
+    @staticmethod
+    def of_adds(level: int, adds: F32) -> Step:
+        """A step that only adds the columns of `adds` (D, A)."""
+        d = len(adds)
+        return Step(
+            level,
+            np.empty(0, np.int32),
+            np.empty(0, np.uint8),
+            np.empty((d, 0), np.float32),
+            np.empty((N_GROUPS, 0), np.float32),
+            adds,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Slots:
+    """State of the slots after some steps: `values` (D, n) float64, `live` (n,) bool."""
+
+    values: F64
+    live: npt.NDArray[np.bool_]
+
+    def splats(self) -> SplatParams:
+        """The live splats in slot order."""
+        return SplatParams.from_channels(self.values[:, self.live])
+
+
+@dataclass(frozen=True, eq=False)
+class EvolutionTree:
+    """Steps over slots; step 0 holds only adds (spec 3.4).
+
+    Raises:
+        ValueError: on construction, if a step breaks a rule; the message names step and rule.
+    """
+
+    sh_degree: int
+    steps: tuple[Step, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "steps", tuple(self.steps))
+        live = np.zeros(0, bool)
+        level = 0
+        for k, step in enumerate(self.steps):
+            _check_step(step, k, live, level, n_channels(self.sh_degree))
+            live = np.concatenate([live, np.ones(step.n_new, bool)])
+            live[step.slots[step.kinds == Kind.DROP]] = False
+            level = step.level
+
+    @property
+    def n_levels(self) -> int:
+        """Levels 0..N, that is N + 1; a tree without steps has none."""
+        return self.steps[-1].level + 1 if self.steps else 0
+
+    @property
+    def n_leaves(self) -> int:
+        """Live splats after the last step."""
+        new = sum(step.n_new for step in self.steps)
+        return new - sum(int(np.count_nonzero(step.kinds == Kind.DROP)) for step in self.steps)
+
+    def states(self) -> Iterator[Slots]:
+        """The slots after each step, evaluated in float64.
+
+        The arrays of one state are overwritten by the next: copy what is kept.
+        """
+        total = sum(step.n_new for step in self.steps)
+        values = np.zeros((n_channels(self.sh_degree), total), np.float64)
+        live = np.zeros(total, bool)
+        n = 0
+        for step in self.steps:
+            n = _apply(step, values, live, n)
+            yield Slots(values[:, :n], live[:n])
+
+    def leaves(self, level: int | None = None) -> SplatParams:
+        """Splats a renderer draws at `level` (the last one by default), in slot order.
+
+        Raises:
+            ValueError: the tree has no such level.
+        """
+        last = self.n_levels - 1
+        level = last if level is None else level
+        if not 0 <= level <= last:
+            raise ValueError(f"level {level} is not one of 0..{last}")
+        n_steps = sum(step.level <= level for step in self.steps)
+        state = Slots(np.zeros((n_channels(self.sh_degree), 0)), np.zeros(0, bool))
+        for _, state in zip(range(n_steps), self.states(), strict=False):
+            pass
+        return state.splats()
+
+    @staticmethod
+    def of_splats(splats: SplatParams) -> EvolutionTree:
+        """The tree with one level whose roots are `splats`."""
+        return EvolutionTree(splats.sh_degree, (Step.of_adds(0, splats.channels()),))
+
+
+def alpha_channels(alpha: F32 | F64, d: int) -> F64:
+    """(5, S) alpha per group spread over the D channels: (D, S) float64."""
+    out = np.empty((d, alpha.shape[1]), np.float64)
+    for group, channels in enumerate(GROUP_CHANNELS):
+        out[channels] = alpha[group]
+    return out
+
+
+def _apply(step: Step, values: F64, live: npt.NDArray[np.bool_], n: int) -> int:
+    """Apply `step` in place to `n` used slots; returns the new count."""
+    has_psi = step.kinds != Kind.DROP
+    is_split = step.kinds[has_psi] == Kind.SPLIT
+    target = step.slots[has_psi]
+    psi = step.psi.astype(np.float64)
+    parents = values[:, target]
+    values[:, target] = parents + psi
+    c2 = parents[:, is_split] - alpha_channels(step.alpha, len(values)) * psi[:, is_split]
+    n_splits = c2.shape[1]
+    values[:, n : n + n_splits] = c2
+    values[:, n + n_splits : n + step.n_new] = step.adds
+    live[n : n + step.n_new] = True
+    dropped = step.slots[~has_psi]
+    live[dropped] = False
+    values[:, dropped] = 0.0
+    return n + step.n_new
+
+
+def _check_step(step: Step, k: int, live: npt.NDArray[np.bool_], level: int, d: int) -> None:
+    """Raise `ValueError` unless `step` may follow a state with these live slots."""
+    r = len(step.slots)
+    if step.level < level:
+        raise ValueError(f"step {k}: level {step.level} after level {level}")
+    if k == 0 and r:
+        raise ValueError("step 0: only adds are allowed")
+    if step.kinds.shape != (r,) or np.any(step.kinds > Kind.DROP):
+        raise ValueError(f"step {k}: kinds must be {r} values of refine, split or drop")
+    n_psi = int(np.count_nonzero(step.kinds != Kind.DROP))
+    n_splits = int(np.count_nonzero(step.kinds == Kind.SPLIT))
+    _check_numbers(step.psi, (d, n_psi), f"step {k}: psi")
+    _check_numbers(step.alpha, (N_GROUPS, n_splits), f"step {k}: alpha")
+    _check_numbers(step.adds, (d, step.n_adds), f"step {k}: adds")
+    if not r:
+        return
+    if np.any(np.diff(step.slots.astype(np.int64)) <= 0):
+        raise ValueError(f"step {k}: slots must be strictly increasing")
+    if step.slots[0] < 0 or step.slots[-1] >= len(live):
+        raise ValueError(f"step {k}: slots must be in 0..{len(live) - 1}")
+    if not live[step.slots].all():
+        dead = int(step.slots[~live[step.slots]][0])
+        raise ValueError(f"step {k}: slot {dead} was dropped earlier")
+
+
+def _check_numbers(array: F32, shape: tuple[int, ...], name: str) -> None:
+    if array.shape != shape:
+        raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} has a value that is not finite")
+
+
+def concatenate_channels(parts: Sequence[F32], d: int) -> F32:
+    """(D, sum) of the parts side by side; (D, 0) without parts."""
+    return np.concatenate([np.empty((d, 0), np.float32), *parts], axis=1)

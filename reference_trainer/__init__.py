@@ -1,0 +1,1 @@
+"""The reference trainer: photographs with cameras become an evolution tree."""

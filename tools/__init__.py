@@ -1,0 +1,1 @@
+"""Tools around the codec: scenes, tables, figures, benchmarks, the viewer."""

@@ -1,0 +1,159 @@
+"""Keep the spec, its CSV files and the codec's tables the same: `python -m tools.spec_tables`.
+
+Writes the tables between the `<!-- table NAME -->` and `<!-- end NAME -->` marks of
+`spec/evogs.md` from the declarations of `evogs_codec.layout` and from `spec/*.csv`, and the modules
+`evogs_codec/faults.py` and `evogs_codec/limits.py` from the CSV files. `--check` writes nothing and
+fails if anything would change.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import re
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+SPEC = ROOT / "spec"
+
+
+def rows(name: str) -> list[dict[str, str]]:
+    """The rows of `spec/NAME.csv`."""
+    with (SPEC / f"{name}.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def faults_module() -> str:
+    """Text of `evogs_codec/faults.py`."""
+    lines = [
+        '"""Fault codes of spec 9. Made by `tools/spec_tables.py` from `spec/faults.csv`."""',
+        "",
+        "from __future__ import annotations",
+        "",
+        "from enum import Enum",
+        "",
+        "",
+        "class Fault(Enum):",
+        '    """A fault code; the value is (section of the spec, meaning)."""',
+        "",
+    ]
+    for row in rows("faults"):
+        if "," in row["meaning"] or None in row:
+            raise ValueError(f"faults.csv: {row['code']}: the meaning holds a comma")
+        line = f'    {row["code"]} = ("{row["section"]}", "{row["meaning"]}")'
+        if len(line) > 100:
+            line = (
+                f'    {row["code"]} = (\n        "{row["section"]}",\n'
+                f'        "{row["meaning"]}",\n    )'
+            )
+        lines.append(line)
+    lines += [
+        "",
+        "    @property",
+        "    def section(self) -> str:",
+        '        """Section of `spec/evogs.md` with the rule."""',
+        "        return self.value[0]",
+        "",
+        "    @property",
+        "    def meaning(self) -> str:",
+        '        """The rule that is broken, in a line."""',
+        "        return self.value[1]",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def limits_module() -> str:
+    """Text of `evogs_codec/limits.py`."""
+    lines = [
+        '"""Limits by tier of spec 8.2. Made by `tools/spec_tables.py` from `spec/limits.csv`."""',
+        "",
+        "from __future__ import annotations",
+        "",
+        "# name: limit of tier 1, 2, 3",
+        "LIMITS: dict[str, tuple[int, int, int]] = {",
+    ]
+    lines += [
+        f'    "{row["name"]}": ({row["tier_1"]}, {row["tier_2"]}, {row["tier_3"]}),'
+        for row in rows("limits")
+    ]
+    return "\n".join([*lines, "}"]) + "\n"
+
+
+def markdown(header: list[str], body: list[list[str]]) -> str:
+    """A Markdown table."""
+    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+    lines += ["| " + " | ".join(cells) + " |" for cells in body]
+    return "\n".join(lines)
+
+
+def spec_tables() -> dict[str, str]:
+    """Name of a mark in the spec: the table that belongs there."""
+    from evogs_codec import layout  # after faults.py and limits.py exist
+
+    tables = {
+        name: markdown(
+            ["Offset", "Field", "Type", "Meaning"],
+            [[str(o), f"`{f}`", t, doc] for o, f, t, doc in layout.describe(struct)],
+        )
+        for name, struct in layout.STRUCTURES.items()
+    }
+    tables["faults"] = markdown(
+        ["Code", "Section", "Meaning"],
+        [[f"`{r['code']}`", r["section"], r["meaning"]] for r in rows("faults")],
+    )
+    tables["limits"] = markdown(
+        ["Limit", "Tier 1", "Tier 2", "Tier 3", "Counts"],
+        [
+            [f"`{r['name']}`", r["tier_1"], r["tier_2"], r["tier_3"], r["counts"]]
+            for r in rows("limits")
+        ],
+    )
+    for registry in dict.fromkeys(r["registry"] for r in rows("registry")):
+        tables[f"registry {registry}"] = markdown(
+            ["Value", "Name", "Meaning"],
+            [
+                [f"`{r['value']}`", r["name"], r["meaning"]]
+                for r in rows("registry")
+                if r["registry"] == registry
+            ],
+        )
+    return tables
+
+
+def fill(text: str, tables: dict[str, str]) -> str:
+    """`text` with each marked table replaced."""
+    for name, table in tables.items():
+        begin, end = f"<!-- table {name} -->", f"<!-- end {name} -->"
+        pattern = re.compile(re.escape(begin) + r".*?" + re.escape(end), re.DOTALL)
+        if len(pattern.findall(text)) != 1:
+            raise ValueError(f"spec/evogs.md must have the mark {begin} once")
+        text = pattern.sub(lambda _, t=f"{begin}\n{table}\n{end}": t, text)
+    return text
+
+
+def main() -> int:
+    """Write or check; returns the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--check", action="store_true", help="write nothing, fail on a difference")
+    check = parser.parse_args().check
+    stale = []
+
+    def put(path: Path, text: str) -> None:
+        if path.exists() and path.read_text(encoding="utf-8") == text:
+            return
+        stale.append(path.relative_to(ROOT))
+        if not check:
+            path.write_text(text, encoding="utf-8")
+
+    put(ROOT / "evogs_codec" / "faults.py", faults_module())
+    put(ROOT / "evogs_codec" / "limits.py", limits_module())
+    spec = SPEC / "evogs.md"
+    put(spec, fill(spec.read_text(encoding="utf-8"), spec_tables()))
+    for path in stale:
+        print(f"{'stale' if check else 'wrote'} {path}")
+    return 1 if check and stale else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
