@@ -9,17 +9,17 @@ import hashlib
 import math
 import struct
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import accumulate
 
 import zstandard
 
 # ---- 9 Faults ----
 
-CODES = """E_TRUNCATED E_SIGNATURE E_VERSION E_CRC E_RESERVED E_HEADER E_TIER E_CHUNK E_UNSUPPORTED
-E_STEP E_ALPHA E_TILE E_CHAIN E_COUNT E_AMPLIFICATION E_META E_TRAILING E_PACKET E_FRAME E_ZSTD
-E_SLOT E_KIND E_INDEX E_RANGE E_DIGEST E_LIMIT""".split()
+CODES = """TRUNCATED SIGNATURE VERSION CRC RESERVED HEADER TIER CHUNK UNSUPPORTED STEP ALPHA TILE
+CHAIN COUNT AMPLIFICATION META TRAILING PACKET FRAME ZSTD SLOT KIND INDEX RANGE DIGEST LIMIT"""
 
 
 class Reject(Exception):
@@ -27,7 +27,7 @@ class Reject(Exception):
 
     def __init__(self, code: str, detail: str, offset: int = -1) -> None:
         super().__init__(code, detail, offset)
-        assert code in CODES
+        assert code[2:] in CODES.split()
         self.code, self.detail, self.offset = code, detail, offset
 
 
@@ -181,7 +181,7 @@ class Scene:
         out = struct.pack("<4sBB5bBI", b"EVGD", 1, h.sh_degree, *h.grid_exponents, 0, h.n_tiles)
         for tile in self.tiles:
             out += struct.pack("<3qI", *tile.origin, tile.n_slots) + bytes(tile.live)
-            out += b"".join(numbers(values) for values in tile.channels)
+            out += numbers(tile.channels)
         return out
 
     def state_digest(self, tile: int, component: int) -> bytes:
@@ -200,9 +200,6 @@ class Scene:
         return splats
 
 
-# ---- 6.1 step 1: header (5.1) ----
-
-
 def check_limit(name: str, count: int, tier: int, own: dict[str, int]) -> None:
     """R-8.2-1, then R-8.3-1."""
     require(count <= LIMITS[name][tier - 1], "E_TIER", name)
@@ -213,7 +210,7 @@ def read_header(data: bytes, own: dict[str, int]) -> Header:
     require(data[:8] == SIGNATURE[: len(data)], "E_SIGNATURE", "R-5.1-1")
     require(len(data) >= HEADER.size, "E_TRUNCATED", "R-6.2-2")
     fields = HEADER.unpack_from(data)
-    h = Header(*fields[:6], fields[6:11], *fields[11:])
+    h = Header(*[*fields[:6], fields[6:11], *fields[11:]])
     require(h.version_major == 1, "E_VERSION", "R-5.1-2")
     require(h.crc == zlib.crc32(data[:60]), "E_CRC", "R-6.3-1")
     require(h.flags >> 8 == 0 and not any(h.reserved), "E_RESERVED", "R-4.4-1")
@@ -234,7 +231,6 @@ def read_header(data: bytes, own: dict[str, int]) -> Header:
 
 CRITICAL = (b"STEP", b"ALFA", b"TILE", b"PACK")
 ANCILLARY = (b"dGST", b"mETa")
-LETTERS = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz"
 
 
 def read_chunks(data: bytes, end: int) -> dict[bytes, tuple[int, bytes]]:
@@ -251,7 +247,7 @@ def read_chunks(data: bytes, end: int) -> dict[bytes, tuple[int, bytes]]:
             require(size <= end - start, "E_CHUNK", "R-5.2-1")
             body = data[start : start + size]
             require(crc == zlib.crc32(data[at : at + 8] + body), "E_CRC", "R-6.3-1")
-            require(all(c in LETTERS for c in kind) and kind[2] <= 90, "E_CHUNK", "R-5.2-2")
+            require(kind.isalpha() and kind[2:3].isupper(), "E_CHUNK", "R-5.2-2")
             if kind in CRITICAL:
                 # Assumed: only what came before counts; PACK before TILE is a fault of TILE.
                 require(CRITICAL.index(kind) > place, "E_CHUNK", "R-5.2-3")
@@ -313,7 +309,7 @@ def read_packets(scene: Scene, body: bytes, own: dict[str, int]) -> None:
     require(len(body) == h.n_packets * PACKET_ENTRY.size, "E_CHUNK", "R-5.2-5")
     rows = [[0] * (h.sh_degree + 1) for _ in range(h.n_tiles)]  # so far
     level, live, slots = [0] * h.n_tiles, [0] * h.n_tiles, [0] * h.n_tiles
-    data_size = 0
+    data_size, all_slots = 0, 0
     for row in PACKET_ENTRY.iter_unpack(body):
         p, t = Packet(*row), row[0]
         n_new, no_counts = p.n_adds + p.n_splits, p.n_adds + p.n_records == 0
@@ -333,11 +329,11 @@ def read_packets(scene: Scene, body: bytes, own: dict[str, int]) -> None:
         scene.packets.append(p)
         rows[t][p.component] += 1
         live[t] += n_new - p.n_drops
-        slots[t] += n_new
+        slots[t], all_slots = slots[t] + n_new, all_slots + n_new
         data_size += p.size
         check_limit("tile_steps", rows[t][p.component], h.tier, own)
         check_limit("tile_slots", slots[t], h.tier, own)
-        check_limit("slots", sum(slots), h.tier, own)
+        check_limit("slots", all_slots, h.tier, own)
     with structure_at(0):  # Assumed: a fault of the header, though found here.
         require(h.data_size == data_size, "E_HEADER", "R-5.1-8")
 
@@ -420,8 +416,7 @@ def read_payload(packet: Packet, core: Packet, body: bytes) -> Payload:
     require(not reserved, "E_RESERVED", "R-4.4-1")
     legal = all(c == 0 or (c & 15 <= 8 and c >> 4 & 3 in (1, 2)) for c in codings)
     require(legal, "E_PACKET", "R-5.9-2")
-    require(slot_coding & 64 == 0, "E_PACKET", "R-5.9-3")
-    require(not any(c & 64 for c in psi_codings), "E_PACKET", "R-5.9-3")
+    require(not any(c & 64 for c in (slot_coding, *psi_codings)), "E_PACKET", "R-5.9-3")
     require(core.n_records > 0 or slot_coding == 0, "E_PACKET", "R-5.9-4")
     require(core.n_psi > 0 or not any(psi_codings), "E_PACKET", "R-5.9-4")
     require(core.n_adds > 0 or not any(add_codings), "E_PACKET", "R-5.9-4")
@@ -481,23 +476,19 @@ def read_frame(frame: bytes, content_size: int) -> bytes:
     require(frame[:4] == bytes.fromhex("28 B5 2F FD"), "E_FRAME", "R-5.10-1")
     require(len(frame) >= 5, "E_FRAME", "R-5.10-2")
     descriptor = frame[4]
-    require(descriptor & 0b00011111 == 0, "E_FRAME", "R-5.10-2")
-    size_flag, single_segment = descriptor >> 6, descriptor >> 5 & 1
-    require(size_flag > 0 or single_segment == 1, "E_FRAME", "R-5.10-3")
-    start, width = (5 if single_segment else 6), (1, 2, 4, 8)[size_flag]
-    at = start + width
+    require(descriptor & 0b00111111 == 0b00100000, "E_FRAME", "R-5.10-2")
+    width = (1, 2, 4, 8)[descriptor >> 6]
+    at = 5 + width
     require(len(frame) >= at, "E_FRAME", "R-5.10-3")
-    stated = int.from_bytes(frame[start:at], "little") + (256 if width == 2 else 0)
+    stated = int.from_bytes(frame[5:at], "little") + (256 if width == 2 else 0)
     require(stated == content_size, "E_FRAME", "R-5.10-3")
-    base = 1 << (10 + (frame[5] >> 3))
-    window = stated if single_segment else base + (base >> 3) * (frame[5] & 7)
-    require(window <= 8 << 20, "E_FRAME", "R-5.10-4")
+    require(stated <= 16 << 20, "E_FRAME", "R-5.10-4")
     last = 0
     while not last:
         require(len(frame) - at >= 3, "E_FRAME", "R-5.10-5")
         block = int.from_bytes(frame[at : at + 3], "little")
         last, kind, size = block & 1, block >> 1 & 3, block >> 3
-        require(kind != 3 and size <= 128 << 10, "E_FRAME", "R-5.10-5")
+        require(kind != 3 and size <= min(128 << 10, stated), "E_FRAME", "R-5.10-5")
         at += 3 + (1 if kind == 1 else size)  # an RLE block stores a byte
     require(at == len(frame), "E_FRAME", "R-5.10-5")
     try:
@@ -508,7 +499,7 @@ def read_frame(frame: bytes, content_size: int) -> bytes:
     return content
 
 
-# ---- 7.1 From planes to integers ----
+# ---- 7.1 From planes to integers, 7.2 slots, 7.3 arithmetic, 7.4 a step ----
 
 
 def unpack(coding: int, planes: list[bytes], n: int) -> list[int]:
@@ -523,11 +514,8 @@ def unzigzag(z: int) -> int:
 
 
 def undelta(differences: list[int]) -> list[int]:
-    values, total = [], 0
-    for difference in differences:
-        total += difference
-        require(abs(total) <= 1 << 28, "E_RANGE", "R-7.1-1")
-        values.append(total)
+    values = list(accumulate(differences))
+    require(all(abs(total) <= 1 << 28 for total in values), "E_RANGE", "R-7.1-1")
     return values
 
 
@@ -538,9 +526,6 @@ def invert_ycocg(first: list[int], second: list[int], third: list[int]) -> None:
         g = cg + t
         b = t - (co >> 1)
         first[i], second[i], third[i] = b + co, g, b
-
-
-# ---- 7.2 Slots, kinds, alpha ----
 
 
 def read_step(scene: Scene, core: Packet, payload: Payload) -> Step:
@@ -565,9 +550,6 @@ def read_step(scene: Scene, core: Packet, payload: Payload) -> Step:
     return Step(core, slots, kinds, alpha)
 
 
-# ---- 7.3 Arithmetic ----
-
-
 def round_shift(v: int, n: int) -> int:
     return v if n == 0 else (v + (1 << (n - 1))) >> n
 
@@ -585,9 +567,6 @@ def in_range(x: int) -> int:
 def second_child(p: int, delta: int, a: int, k: int) -> int:
     require(abs(a * delta) + ((1 << k) >> 1) <= 1 << 30, "E_RANGE", "R-7.3-2")
     return in_range(p - round_shift(a * delta, k))
-
-
-# ---- 7.4 A step ----
 
 
 def apply_packet(scene: Scene, packet: Packet, body: bytes) -> None:
@@ -669,15 +648,18 @@ def binary32(n: int, g: int) -> float:
     return -value if n < 0 else value
 
 
-def numbers(values: Sequence[int]) -> bytes:
-    return struct.pack(f"<{len(values)}i", *values)
+def numbers(channels: list[list[int]]) -> bytes:
+    return b"".join(struct.pack(f"<{len(x)}i", *x) for x in channels)
 
 
 def state_bytes(tile: Tile, component: int) -> bytes:
     """7.7: the state of a component after its last applied step."""
     channels = [tile.x[c] for c in channels_of(component)]
-    live = bytes(tile.live) if component == 0 else b""
-    return struct.pack("<I", len(channels[0])) + live + b"".join(numbers(x) for x in channels)
+    n_slots, slots = len(channels[0]), b""
+    if component == 0:
+        born_from = [-1 if slot is None else slot for slot in tile.born_from]
+        slots = bytes(tile.live) + numbers([born_from])
+    return struct.pack("<I", n_slots) + slots + numbers(channels)
 
 
 # ---- 3.6 cuts, 6.2 whole files, 6.4 progressive decoding ----

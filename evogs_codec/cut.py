@@ -51,6 +51,15 @@ class Cut:
         """The first `n_packets` packets of the file."""
         return Cut(_chain_lengths(directory, np.arange(len(directory.packets)) < n_packets))
 
+    @staticmethod
+    def of_complete(directory: Directory, complete: npt.NDArray[np.bool_]) -> Cut:
+        """The largest cut of complete packets; one of size 0 is always complete (R-6.4-4)."""
+        rows, steps = directory.packets, directory.chain_lengths()
+        missing = np.flatnonzero(~complete & (rows["size"] > 0))
+        chain = rows["tile"][missing], rows["component"][missing]
+        np.minimum.at(steps, chain, directory.steps[missing])
+        return Cut(np.minimum(steps, steps[:, :1]))
+
     def with_sh_degree(self, degree: int) -> Cut:
         """The same without the SH bands above `degree`."""
         steps = self.steps.copy()

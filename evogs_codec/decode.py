@@ -12,6 +12,7 @@ import zlib
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -24,6 +25,8 @@ from evogs_codec.state import TileState
 
 __all__ = ["Decoded", "Decoder", "StepReady", "decode", "decode_prefix"]
 
+Key: TypeAlias = tuple[int, int, int]  # tile, component, step
+TileResult: TypeAlias = tuple[TileState, int, StreamError | None, list[Key]]
 BLOCK = 4096  # splats that are transposed at a time: their channels stay in cache
 
 
@@ -123,8 +126,7 @@ def decode_prefix(
     view = memoryview(data)
     directory = read_directory(view, limits)
     ends = directory.offsets + directory.packets["size"]
-    n_packets = int(np.count_nonzero(ends <= len(view)))
-    return replay(directory, view, Cut.of_packets(directory, n_packets))
+    return replay(directory, view, Cut.of_complete(directory, ends <= len(view)))
 
 
 def replay(
@@ -138,7 +140,7 @@ def replay(
     )
     jobs = [packets[order[a:b]] for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
 
-    def run(tile: int) -> tuple[TileState, int, StreamError | None, StreamError | None]:
+    def run(tile: int) -> TileResult:
         return _replay_tile(directory, data, tile, jobs[tile], verify=verify)
 
     if len(jobs) > 1:
@@ -149,9 +151,10 @@ def replay(
     faults = [(at, fault) for _, at, fault, _ in results if fault is not None]
     if faults:
         raise min(faults, key=lambda item: item[0])[1]
-    wrong = [fault for *_, fault in results if fault is not None]
+    wrong = [key for *_, keys in results for key in keys]
     if wrong:
-        raise wrong[0]
+        detail = f"state of (tile, component, step) {min(wrong)}"
+        raise StreamError(Fault.E_DIGEST, detail, directory.digests_offset)
     return Decoded(directory, cut, tuple(result[0] for result in results), data)
 
 
@@ -162,24 +165,21 @@ def _replay_tile(
     packets: Iterable[int],
     *,
     verify: bool,
-) -> tuple[TileState, int, StreamError | None, StreamError | None]:
-    """(state, packet at fault, its fault, first wrong digest) of one tile."""
+) -> TileResult:
+    """(state, packet at fault, its fault, wrong digests) of one tile."""
     rows = directory.packets[np.asarray(packets, np.int64)]
     capacity = int(rows["n_adds"].astype(np.int64).sum() + rows["n_splits"].astype(np.int64).sum())
     state = TileState(directory, tile, capacity)
-    wrong: tuple[tuple[int, int, int], StreamError] | None = None
+    wrong: list[Key] = []
     for packet in packets:
         try:
             state.apply(packet, _body(directory, data, packet))
         except StreamError as fault:
-            return state, packet, fault, None
+            return state, packet, fault, wrong
         key = (tile, int(directory.packets[packet]["component"]), int(directory.steps[packet]))
-        if verify and key in directory.digests:
-            if state.digest(key[1]) != directory.digests[key] and (not wrong or key < wrong[0]):
-                offset = int(directory.offsets[packet])
-                detail = f"state of (tile, component, step) {key}"
-                wrong = key, StreamError(Fault.E_DIGEST, detail, offset)
-    return state, -1, None, wrong[1] if wrong else None
+        if verify and key in directory.digests and state.digest(key[1]) != directory.digests[key]:
+            wrong.append(key)
+    return state, -1, None, wrong
 
 
 def _body(directory: Directory, data: memoryview, packet: int) -> memoryview:

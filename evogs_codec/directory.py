@@ -59,7 +59,9 @@ class Directory:
         steps: (n_packets,) step of each packet.
         offsets: (n_packets,) file offset of each packet.
         digests: {(tile, component, step): SHA-256}.
+        digests_offset: file offset of their chunk.
         copied_chunks: unknown chunks that are safe to copy, headers included.
+        dropped_size: bytes of the unknown chunks that are not.
         data_offset, size: where the packets begin, and bytes of the file.
     """
 
@@ -75,7 +77,9 @@ class Directory:
     steps: I64
     offsets: I64
     digests: Mapping[tuple[int, int, int], bytes]
+    digests_offset: int
     copied_chunks: bytes
+    dropped_size: int
     data_offset: int
     size: int
 
@@ -168,7 +172,7 @@ def read_directory(data: memoryview, limits: Mapping[str, int] | None = None) ->
             f"{len(data) - HEADER_SIZE} bytes of {header['chunks_size']} of chunks are there",
             HEADER_SIZE,
         )
-    chunks, copied = _read_chunks(data[HEADER_SIZE:end])
+    chunks, copied, dropped_size = _read_chunks(data[HEADER_SIZE:end])
     sh_degree, n_levels, tier = header["sh_degree"], header["n_levels"], header["tier"]
     quantisers = _read_steps(*chunks[b"STEP"], n_levels, n_classes(sh_degree))
     alpha = _read_alpha(*chunks[b"ALFA"], n_levels) if b"ALFA" in chunks else {}
@@ -201,7 +205,9 @@ def read_directory(data: memoryview, limits: Mapping[str, int] | None = None) ->
         steps=steps,
         offsets=end + np.cumsum(sizes) - sizes,
         digests=digests,
+        digests_offset=chunks[b"dGST"][1] if b"dGST" in chunks else 0,
         copied_chunks=copied,
+        dropped_size=dropped_size,
         data_offset=end,
         size=end + header["data_size"],
     )
@@ -212,10 +218,10 @@ def _check_crc(computed: int, stored: int, offset: int) -> None:
         raise StreamError(Fault.E_CRC, f"CRC-32 {computed:#010x}, stored {stored:#010x}", offset)
 
 
-def _read_chunks(area: memoryview) -> tuple[dict[bytes, tuple[memoryview, int]], bytes]:
-    """{type: (body, offset)} of the known chunks, and the unknown ones that are safe to copy."""
+def _read_chunks(area: memoryview) -> tuple[dict[bytes, tuple[memoryview, int]], bytes, int]:
+    """{type: (body, offset)} of the known chunks; the unknown ones to copy; bytes of the others."""
     chunks: dict[bytes, tuple[memoryview, int]] = {}
-    copied = b""
+    copied, dropped_size = b"", 0
     at = 0
     while at < len(area):
         offset = HEADER_SIZE + at
@@ -241,11 +247,13 @@ def _read_chunks(area: memoryview) -> tuple[dict[bytes, tuple[memoryview, int]],
             raise StreamError(Fault.E_UNSUPPORTED, f"critical chunk {name}", offset)
         elif kind[3:].islower():  # R-8.1-3
             copied += bytes(area[at:end])
+        else:
+            dropped_size += end - at
         at = end
     for kind in (b"STEP", b"TILE", b"PACK"):
         if kind not in chunks:
             raise StreamError(Fault.E_CHUNK, f"chunk {kind.decode()} is missing", HEADER_SIZE)
-    return chunks, copied
+    return chunks, copied, dropped_size
 
 
 def _after(kind: bytes) -> tuple[bytes, ...]:

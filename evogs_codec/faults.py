@@ -36,7 +36,7 @@ class Fault(Enum):
         "5.10",
         "a frame is outside the Zstandard subset or its size differs from the planes it holds",
     )
-    E_ZSTD = ("5.10", "the Zstandard decoder refuses a frame")
+    E_ZSTD = ("5.10", "the content of a frame breaks RFC 8878 or does not regenerate its size")
     E_SLOT = ("7.2", "a record names a slot that is not live before the step")
     E_KIND = ("7.2", "the kinds contradict the counts of the packet entry")
     E_INDEX = ("7.2", "an alpha index is past the end of its table")

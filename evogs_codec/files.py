@@ -12,7 +12,7 @@ from typing import BinaryIO
 __all__ = ["write_atomic"]
 
 
-def write_atomic(path: str | os.PathLike[str], data: bytes | Callable[[BinaryIO], None]) -> None:
+def write_atomic(path: str | os.PathLike[str], data: bytes | Callable[[BinaryIO], object]) -> None:
     """Write `data` to `path` through a temporary file in the same folder.
 
     Args:
@@ -38,7 +38,7 @@ def write_atomic(path: str | os.PathLike[str], data: bytes | Callable[[BinaryIO]
         raise OSError(error.errno, error.strerror, str(path)) from error
 
 
-def _replace(target: Path, data: bytes | Callable[[BinaryIO], None]) -> None:
+def _replace(target: Path, data: bytes | Callable[[BinaryIO], object]) -> None:
     # Not `tempfile`: its files are private to the user, ours get the usual permissions. The name
     # is short, so that it fits wherever the name of the target does.
     temporary = target.with_name(f".{secrets.token_hex(4)}.tmp")
@@ -51,7 +51,7 @@ def _replace(target: Path, data: bytes | Callable[[BinaryIO], None]) -> None:
         raise
 
 
-def _fill(stream: BinaryIO, data: bytes | Callable[[BinaryIO], None]) -> None:
+def _fill(stream: BinaryIO, data: bytes | Callable[[BinaryIO], object]) -> None:
     if callable(data):
         data(stream)
     else:

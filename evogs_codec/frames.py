@@ -12,51 +12,53 @@ import zstandard
 
 from evogs_codec.errors import Fault, StreamError
 
-__all__ = ["MAX_WINDOW", "compress", "decompress", "store"]
+__all__ = ["MAX_CONTENT", "compress", "decompress", "store"]
 
 MAGIC = b"\x28\xb5\x2f\xfd"
-MAX_WINDOW = 8 << 20  # R-5.10-4
+MAX_CONTENT = 16 << 20  # R-5.10-4
 MAX_BLOCK = 128 << 10  # R-5.10-5
-_WINDOW_LOG = 23
 _local = threading.local()
 
 
 def compress(data: bytes, effort: int) -> bytes:
-    """One frame of the subset; `effort` is the Zstandard level, 1..22."""
-    key = f"compressor{effort}"
+    """One frame of the subset; `effort` is the Zstandard level, 1..22.
+
+    Raises:
+        ValueError: more than `MAX_CONTENT` bytes.
+    """
+    stored = store(data)
+    window_log = max(10, (len(data) - 1).bit_length())  # as large as the content: single-segment
+    key = f"compressor {effort} {window_log}"
     compressor = getattr(_local, key, None)
     if compressor is None:
         parameters = zstandard.ZstdCompressionParameters.from_level(
-            effort, write_content_size=True, write_checksum=False, write_dict_id=False
+            effort,
+            window_log=window_log,
+            write_content_size=True,
+            write_checksum=False,
+            write_dict_id=False,
         )
-        if parameters.window_log > _WINDOW_LOG:
-            parameters = zstandard.ZstdCompressionParameters.from_level(
-                effort,
-                window_log=_WINDOW_LOG,
-                write_content_size=True,
-                write_checksum=False,
-                write_dict_id=False,
-            )
         compressor = zstandard.ZstdCompressor(compression_params=parameters)
         setattr(_local, key, compressor)
     frame = bytes(compressor.compress(data))
-    # Planes of one value compress to a run-length block, so a frame may be tiny; never the reverse.
-    stored = store(data)
     return stored if len(stored) < len(frame) else frame
 
 
 def store(data: bytes) -> bytes:
-    """One frame of raw blocks: used where compression must not shrink a packet (R-5.6-7)."""
+    """One frame of raw blocks: used where compression must not shrink a packet (R-5.6-7).
+
+    Raises:
+        ValueError: more than `MAX_CONTENT` bytes.
+    """
     size = len(data)
-    if size <= MAX_WINDOW:
-        if size < 256:
-            head = bytes([0x20, size])
-        elif size < 65536 + 256:
-            head = bytes([0x60]) + (size - 256).to_bytes(2, "little")
-        else:
-            head = bytes([0xA0]) + size.to_bytes(4, "little")
-    else:  # window descriptor of 8 MiB: exponent 13, mantissa 0
-        head = bytes([0x80, 13 << 3]) + size.to_bytes(4, "little")
+    if size > MAX_CONTENT:
+        raise ValueError(f"{size} bytes are too many for a frame")
+    if size < 256:
+        head = bytes([0x20, size])
+    elif size < 65536 + 256:
+        head = bytes([0x60]) + (size - 256).to_bytes(2, "little")
+    else:
+        head = bytes([0xA0]) + size.to_bytes(4, "little")
     blocks = []
     for at in range(0, max(size, 1), MAX_BLOCK):
         block = data[at : at + MAX_BLOCK]
@@ -90,35 +92,26 @@ def check_frame(frame: memoryview, size: int, offset: int) -> None:
     def refuse(detail: str) -> StreamError:
         return StreamError(Fault.E_FRAME, detail, offset)
 
-    if len(frame) < 6 or frame[:4] != MAGIC:
+    if frame[:4] != MAGIC or len(frame) < 5:  # R-5.10-1
         raise refuse("no Zstandard frame")
     descriptor = frame[4]
-    if descriptor & 0b00011111:  # R-5.10-2
-        raise refuse(f"frame header descriptor {descriptor:#04x} has a bit that must be 0")
-    single_segment = descriptor & 0x20
-    size_bytes = (1 if single_segment else 0, 2, 4, 8)[descriptor >> 6]
-    at = 5 if single_segment else 6
-    content = int.from_bytes(frame[at : at + size_bytes], "little")
-    content += 256 if size_bytes == 2 else 0
-    if size_bytes == 0 or len(frame) < at + size_bytes or content != size:  # R-5.10-3
+    if descriptor & 0b00111111 != 0b00100000:  # R-5.10-2
+        raise refuse(f"frame header descriptor {descriptor:#04x}")
+    size_bytes = (1, 2, 4, 8)[descriptor >> 6]
+    at = 5 + size_bytes
+    content = int.from_bytes(frame[5:at], "little") + (256 if size_bytes == 2 else 0)
+    if len(frame) < at or content != size:  # R-5.10-3
         raise refuse(f"frame content size is not {size}")
-    window = content if single_segment else _window(frame[5])
-    if window > MAX_WINDOW:  # R-5.10-4
-        raise refuse(f"window of {window} bytes")
-    at += size_bytes
+    if content > MAX_CONTENT:  # R-5.10-4
+        raise refuse(f"a frame of {content} bytes")
     last = False
     while not last:  # R-5.10-5
         if len(frame) < at + 3:
             raise refuse("a block header is cut short")
         header = int.from_bytes(frame[at : at + 3], "little")
         last, kind, block = bool(header & 1), header >> 1 & 3, header >> 3
-        if kind == 3 or block > MAX_BLOCK:
+        if kind == 3 or block > min(content, MAX_BLOCK):
             raise refuse("a block is reserved or too large")
         at += 3 + (1 if kind == 1 else block)
     if at != len(frame):
         raise refuse(f"the last block ends at {at} of {len(frame)} bytes")
-
-
-def _window(descriptor: int) -> int:
-    base = 1 << (10 + (descriptor >> 3))
-    return base + (base >> 3) * (descriptor & 7)

@@ -29,7 +29,7 @@ FILE_HEADER: Struct = cs.Struct(
     "version_minor" / cs.Int8ul * "0; a larger one is read like 0",
     "tier" / cs.Int8ul * "1, 2 or 3: the column of limits (8.2) that the stream keeps",
     "sh_degree" / cs.Int8ul * "0..3",
-    "n_levels" / cs.Int8ul * "1..64",
+    "n_levels" / cs.Int8ul * "at least 1",
     "grid_exponents" / cs.Array(5, cs.Int8sl) * "G of each group, -16..40",
     "flags" / cs.Int16ul * "bit 0: the scene was made for an antialiased renderer; bits 1..7 unused;"
     " bits 8..15 reserved",
@@ -80,7 +80,7 @@ PACKET_ENTRY: Struct = cs.Struct(
     "n_splits" / cs.Int32ul * "splits of the step (core), 0 otherwise",
     "n_refines" / cs.Int32ul * "refines of the step (core), 0 otherwise",
     "n_drops" / cs.Int32ul * "drops of the step (core), 0 otherwise",
-    "error" / cs.Int32ul * "what stays to be refined after the packet, section 5.6; a hint",
+    "error" / cs.Int32ul * "what stays to be refined after the packet: see below; a hint",
     "crc" / cs.Int32ul * "CRC-32 of the packet",
 )
 

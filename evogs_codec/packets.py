@@ -160,9 +160,9 @@ def unpack(body: memoryview, component: int, counts: Counts, offset: int) -> Pac
     n_channels = component_channels(component)
     if len(body) == 0:
         return _empty_packet(n_channels, component, counts, offset)
-    head = _read_header(body, component, n_channels, counts, offset)
-    lengths = _plane_lengths(head, component, counts)
-    planes = _read_planes(body, head, lengths, offset)
+    head = read_header(body, component, n_channels, counts, offset)
+    lengths = plane_lengths(head, component, counts)
+    planes = read_planes(body, head, lengths, offset)
 
     def take(coding: Coding) -> tuple[U8, ...]:
         taken = tuple(planes[: coding.n_planes])
@@ -194,12 +194,11 @@ def unpack(body: memoryview, component: int, counts: Counts, offset: int) -> Pac
     n_records = counts.n_records if component == 0 else 0
     gaps = join_planes(list(gap_planes), head.slots, n_records)
     slots = np.cumsum(gaps, dtype=np.int64) + np.arange(n_records)
-    kinds = _kinds(kinds_plane, counts, n_records, offset)
-    return Packet(slots, kinds, alpha, psi, adds)
+    return Packet(slots, _kinds(kinds_plane, counts, n_records), alpha, psi, adds)
 
 
 @dataclass(frozen=True)
-class _Header:
+class Header:
     flags: int
     slots: Coding
     alpha_mask: int
@@ -209,9 +208,9 @@ class _Header:
     size: int
 
 
-def _read_header(
+def read_header(
     body: memoryview, component: int, n_channels: int, counts: Counts, offset: int
-) -> _Header:
+) -> Header:
     def refuse(detail: str) -> StreamError:
         return StreamError(Fault.E_PACKET, detail, offset)
 
@@ -252,12 +251,12 @@ def _read_header(
     for _ in range(fields["n_frames"]):
         entries.append((body[at], int.from_bytes(body[at + 1 : at + 5], "little")))
         at += entry_size
-    return _Header(
+    return Header(
         fields["flags"], slots, alpha_mask, tuple(psi), tuple(adds), tuple(entries), at
     )
 
 
-def _plane_lengths(head: _Header, component: int, counts: Counts) -> list[int]:
+def plane_lengths(head: Header, component: int, counts: Counts) -> list[int]:
     """Bytes of each plane, in the order of spec 5.9."""
     lengths = []
     if component == 0:
@@ -269,8 +268,8 @@ def _plane_lengths(head: _Header, component: int, counts: Counts) -> list[int]:
     return lengths
 
 
-def _read_planes(
-    body: memoryview, head: _Header, lengths: Sequence[int], offset: int
+def read_planes(
+    body: memoryview, head: Header, lengths: Sequence[int], offset: int
 ) -> list[U8]:
     if any(n == 0 for n, _ in head.frames) or sum(n for n, _ in head.frames) != len(lengths):
         raise StreamError(  # R-5.9-7
@@ -291,14 +290,19 @@ def _read_planes(
     return planes
 
 
-def _kinds(plane: U8 | None, counts: Counts, n_records: int, offset: int) -> U8:
-    if plane is None:
-        kind = Kind.SPLIT if counts.n_splits else Kind.DROP if counts.n_drops else Kind.REFINE
-        return np.full(n_records, kind, np.uint8)
-    found = np.bincount(plane, minlength=3)
-    if len(found) > 3 or tuple(found) != (counts.n_refines, counts.n_splits, counts.n_drops):
-        raise StreamError(Fault.E_KIND, "the kinds contradict the counts", offset)  # R-7.2-2
-    return plane
+def _kinds(plane: U8 | None, counts: Counts, n_records: int) -> U8:
+    if plane is not None:
+        return plane
+    kind = Kind.SPLIT if counts.n_splits else Kind.DROP if counts.n_drops else Kind.REFINE
+    return np.full(n_records, kind, np.uint8)
+
+
+def check_kinds(kinds: U8, counts: Counts, offset: int) -> None:
+    """Raise E_KIND unless the stored kinds are those counted (R-7.2-2)."""
+    if counts.has_kinds:
+        found = np.bincount(kinds, minlength=3).tolist()
+        if found != [counts.n_refines, counts.n_splits, counts.n_drops]:
+            raise StreamError(Fault.E_KIND, "the kinds contradict the counts", offset)
 
 
 def _empty_packet(n_channels: int, component: int, counts: Counts, offset: int) -> Packet:
@@ -414,12 +418,15 @@ def _code_channel(q: I32, *, may_delta: bool) -> tuple[Coding, npt.NDArray[np.ui
 
 
 def _join(head: tuple[int, int, int], codings: bytes, planes: list[bytes], effort: int) -> bytes:
-    """Packet from its planes, in one frame or a frame per plane, whichever is smaller."""
-    one = [(len(planes), frames.compress(b"".join(planes), effort))] if planes else []
-    if len(planes) <= 1:
-        return _assemble(head, codings, one)
-    each = [(1, frames.compress(plane, effort)) for plane in planes]
-    return min((_assemble(head, codings, option) for option in (one, each)), key=len)
+    """A packet from its planes, in one frame or a frame per plane, whichever is smaller."""
+    options = []
+    if len(planes) != 1:
+        whole = b"".join(planes)
+        if len(whole) <= frames.MAX_CONTENT:
+            options.append([(len(planes), frames.compress(whole, effort))] if planes else [])
+    if planes:
+        options.append([(1, frames.compress(plane, effort)) for plane in planes])
+    return min((_assemble(head, codings, option) for option in options), key=len)
 
 
 def _pad(
@@ -436,7 +443,7 @@ def _pad(
     if counts.n_adds and codings[N_CORE:] == bytes(N_CORE):
         codings = codings[:N_CORE] + bytes([Coding(0, 1).byte()]) + codings[N_CORE + 1 :]
         planes = [*planes, bytes(counts.n_adds)]
-    stored = [(len(planes), frames.store(b"".join(planes)))]
+    stored = [(1, frames.store(plane)) for plane in planes]
     return _assemble((flags, slot_byte, alpha_mask), codings, stored)
 
 

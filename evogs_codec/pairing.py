@@ -32,6 +32,7 @@ N_EXACT = 5  # edges per node that are priced with all 24 turns
 MAX_G = 1.5  # a turn may not move |g| beyond this: 1 / w would amplify errors
 MAX_GROWTH = 3.0
 W_GROWTH = 2.0
+POW = 0.0
 CHUNK = 1 << 17  # edges priced at a time, to bound memory
 
 
@@ -219,6 +220,7 @@ def nearest_turn(g: F64, scales: F64, quats: F64, log_scales: F64) -> npt.NDArra
             cost *= 1 + np.abs(hz - gz) * unit
             for axis in range(3):
                 cost *= factor[axis, PERMUTE[k, axis]]
+            cost *= (1 + hx * hx + hy * hy + hz * hz) ** POW
             better = (cost < best) & (hx * hx + hy * hy + hz * hz < MAX_G**2)
         best = np.where(better, cost, best)
         out[better] = k

@@ -10,6 +10,7 @@ units unless a name says otherwise.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -34,10 +35,10 @@ from evogs_codec.refine import (
     apply_channel,
 )
 from evogs_codec.settings import Settings
-from evogs_codec.splats import F32, F64, GROUP_CHANNELS, I32, I64, U8, n_channels
+from evogs_codec.splats import F64, GROUP_CHANNELS, GROUPS, I32, I64, U8, n_channels
 from evogs_codec.tree import N_GROUPS, EvolutionTree, Kind, Step
 
-__all__ = ["NotRepresentable", "quantise"]
+__all__ = ["AccuracyWarning", "NotRepresentable", "quantise"]
 
 FINEST_STEP = 16  # grid units of the finest step: steps are then right to a few per cent
 MAX_STATE = 1 << 27  # |X| aimed at: leaves room for errors and for Delta of adds (R-7.3-1)
@@ -84,6 +85,7 @@ def quantise(
             exponents = tuple(e - (g == error.group) for g, e in enumerate(exponents))
             continue
         break
+    _warn_if_coarser(grid, steps, settings)
     return CodedTree(
         sh_degree=sh_degree,
         n_levels=n_levels,
@@ -93,6 +95,25 @@ def quantise(
         tiles=tuple(coded),
         info=info or SceneInfo(),
     )
+
+
+class AccuracyWarning(UserWarning):
+    """Values span so much that a grid is coarser than the step asked for."""
+
+
+def _warn_if_coarser(grid: _Grid, steps: F64, settings: Settings) -> None:
+    if settings.near_lossless:
+        return
+    for group in range(N_GROUPS):
+        asked = float(steps[:, group].min())
+        got = min(row[group].step for row in grid.quantisers) * 2.0 ** -grid.exponents[group]
+        if got > 1.1 * asked:
+            warnings.warn(
+                f"{GROUPS[group]}: values span so much that the step is {got:.3g}, not {asked:.3g}:"
+                " drop outliers or use more tiles",
+                AccuracyWarning,
+                stacklevel=3,
+            )
 
 
 class _TooFine(Exception):  # noqa: N818  (not an error: the caller tries a coarser grid)
@@ -167,9 +188,12 @@ def _middle(tile: EvolutionTree) -> F64:
 def _steps(settings: Settings, ranges: _Ranges, n_levels: int) -> F64:
     """(1 + n_levels, classes) steps in scene units: of adds, then of psi per level."""
     classes = len(ranges.psi[0])
-    if settings.by_range:
-        by_level = [ranges.psi[n_levels], *ranges.psi[:n_levels]]
-        return np.maximum(np.array(by_level) / 255.0, 1e-9)
+    if settings.range_bits:
+        by_level = np.array([ranges.psi[n_levels], *ranges.psi[:n_levels]])
+        by_level[0] /= 256
+        # Where nothing changes any step will do: one that asks for no finer grid.
+        by_level = np.where(by_level > 0, by_level, np.maximum(by_level.max(0), 1e-6))
+        return by_level / (2**settings.range_bits - 1)
     base = np.array(settings.steps[:classes])
     if settings.relative:
         base[0] *= ranges.extent
@@ -276,7 +300,7 @@ def _alpha_table(alphas: F64, weights: F64, settings: Settings) -> AlphaTable | 
     shift = settings.alpha_bits
     largest = ((1 << 15) - 1) / (1 << shift)
     clipped = np.clip(alphas, -largest, largest)  # a choice of table, not of values: see _choose
-    if settings.by_range:
+    if not settings.closed_loop:  # uniform, as the psi
         centres = np.linspace(clipped.min(), clipped.max(), 256)
     else:
         centres = _lloyd(clipped, weights, settings.n_alpha)

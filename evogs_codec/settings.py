@@ -25,7 +25,8 @@ class Settings:
         n_alpha: entries of an alpha table at most, where the tree's own alphas are more.
         alpha_bits: K of tables that are fitted.
         closed_loop: quantise against what the decoder has.
-        by_range: 8-bit steps by the range of psi instead of `steps` (the paper's pipeline).
+        range_bits: if not 0, steps that divide the range of psi of a level and class into
+            2**range_bits - 1, and of adds 256 times finer, instead of `steps`.
         near_lossless: one grid unit per generation; the grids are as fine as 24 bits allow.
         effort: Zstandard level.
     """
@@ -37,13 +38,13 @@ class Settings:
     n_alpha: int = 32
     alpha_bits: int = 5
     closed_loop: bool = True
-    by_range: bool = False
+    range_bits: int = 0
     near_lossless: bool = False
     effort: int = 19
 
-    def with_bits(self, bits: float) -> Settings:
-        """The same with steps scaled by 2**-bits: each bit halves all errors."""
-        return replace(self, steps=tuple(step * 2.0**-bits for step in self.steps))
+    def finer(self, factor: float) -> Settings:
+        """The same with all steps divided by `factor`: 2 halves all errors."""
+        return replace(self, steps=tuple(step / factor for step in self.steps))
 
 
 PRESETS = {
@@ -57,6 +58,6 @@ PRESETS = {
         adds=0.5,
     ),
     # The paper's proof of concept: 8 bits by range, open loop.
-    "paper": Settings(closed_loop=False, by_range=True, n_alpha=256),
+    "paper": Settings(closed_loop=False, range_bits=8, n_alpha=256),
     "near-lossless": Settings(near_lossless=True, n_alpha=256, alpha_bits=7),
 }

@@ -87,6 +87,7 @@ class SplatParams:
 
     @property
     def sh_degree(self) -> int:
+        """Degree of the SH coefficients, 0..3."""
         return sh_degree_of(self.sh.shape[1])
 
     def channels(self) -> F32:
@@ -97,7 +98,7 @@ class SplatParams:
         out[3:7] = self.quats.T
         out[7:10] = self.log_scales.T
         out[10] = self.opacity_logits
-        out[11:] = self.sh.reshape(n, -1).T
+        out[11:] = self.sh.reshape(n, len(out) - N_GEOMETRY).T
         return out
 
     @staticmethod
@@ -125,7 +126,8 @@ class SplatParams:
 
     def finite(self) -> npt.NDArray[np.bool_]:
         """(N,) True where every number of the splat is finite."""
-        flags: npt.NDArray[np.bool_] = np.isfinite(self.means).all(1)
+        flags = np.ones(len(self), bool)
+        flags &= np.isfinite(self.means).all(1)
         flags &= np.isfinite(self.quats).all(1)
         flags &= np.isfinite(self.log_scales).all(1)
         flags &= np.isfinite(self.opacity_logits)

@@ -14,7 +14,7 @@ from evogs_codec import layout
 from evogs_codec.coded import channel_class, channel_group, component_slice
 from evogs_codec.directory import Directory
 from evogs_codec.errors import Fault, StreamError
-from evogs_codec.packets import Packet, Values, component_channels, unpack
+from evogs_codec.packets import Counts, Packet, Values, check_kinds, component_channels, unpack
 from evogs_codec.refine import MAX_X, AlphaTable, Quantiser, RangeError, StepPlan, apply_channel
 from evogs_codec.splats import I32, I64, U8, n_channels
 from evogs_codec.tree import N_GROUPS
@@ -71,17 +71,18 @@ class TileState:
         try:
             if component == 0:
                 counts = self.directory.counts(packet)
-                self._apply_core(unpack(body, 0, counts, offset), int(row["level"]), offset)
+                self._apply_core(unpack(body, 0, counts, offset), counts, int(row["level"]), offset)
             else:
                 self._apply_band(component, body, offset)
         except RangeError as error:
             raise StreamError(Fault.E_RANGE, str(error), offset) from None
         self.n_applied[component] += 1
 
-    def _apply_core(self, packet: Packet, level: int, offset: int) -> None:
+    def _apply_core(self, packet: Packet, counts: Counts, level: int, offset: int) -> None:
         n_before, slots = self.n_slots, packet.slots
         if len(slots) and (int(slots[-1]) >= n_before or not self.live[slots].all()):  # R-7.2-1
             raise StreamError(Fault.E_SLOT, "a record names a slot that is not live", offset)
+        check_kinds(packet.kinds, counts, offset)
         plan = StepPlan.of(slots, packet.kinds, n_before, packet.adds.n)
         tables = [self.directory.alpha_table(level, group) for group in range(N_GROUPS)]
         for table, indices in zip(tables, packet.alpha, strict=True):
@@ -184,6 +185,7 @@ class TileState:
         digest = hashlib.sha256(n.to_bytes(4, "little"))
         if component == 0:
             digest.update(self.live[:n].astype(np.uint8).data)
+            digest.update(self.born_from[:n].astype("<i4").data)
         for row in self.x[component_slice(component), :n]:
             digest.update(np.ascontiguousarray(row, "<i4").data)
         return digest.digest()

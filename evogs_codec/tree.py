@@ -55,6 +55,7 @@ class Step:
 
     @property
     def n_adds(self) -> int:
+        """A."""
         return int(self.adds.shape[1])
 
     @property

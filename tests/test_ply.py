@@ -279,7 +279,7 @@ def test_a_write_replaces_the_file_with_the_usual_permissions(tmp_path):
     usual = tmp_path / "usual"
     usual.write_bytes(b"")
     write_atomic(path, b"one")
-    write_atomic(str(path), lambda stream: stream.write(b"two") and None)
+    write_atomic(str(path), lambda stream: stream.write(b"two"))
     assert path.read_bytes() == b"two"
     assert stat.S_IMODE(path.stat().st_mode) == stat.S_IMODE(usual.stat().st_mode)
 

@@ -37,7 +37,8 @@ def values(tree, level=None):
 
 def oracle(tree, level):
     """Leaves of `level` replayed record by record: {slot: [D fractions]}, live slots only."""
-    slots, n = {}, 0
+    slots: dict[int, list[Fraction]] = {}
+    n = 0
     d = n_channels(tree.sh_degree)
     groups = [g for c in range(d) for g, s in enumerate(GROUP_CHANNELS) if c in range(d)[s]]
     for one in tree.steps:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import json
 import re
 import sys
 from pathlib import Path
@@ -80,6 +81,41 @@ def limits_module() -> str:
     return "\n".join([*lines, "}"]) + "\n"
 
 
+REGISTRIES = {
+    "coordinate_system": "COORDINATE_SYSTEMS",
+    "up_axis": "UP_AXES",
+    "unit": "UNITS",
+    "colour_space": "COLOUR_SPACES",
+}
+
+
+def registry_module() -> str:
+    """Text of `evogs_codec/registry.py`."""
+    lines = [
+        '"""Registered names of spec 8.4. Made by `tools/spec_tables.py` from `spec/registry.csv`."""',
+        "",
+        "from __future__ import annotations",
+        "",
+        "# The number of a name is its place.",
+    ]
+    for registry, constant in REGISTRIES.items():
+        names = [r["name"] for r in rows("registry") if r["registry"] == registry]
+        lines.append(f"{constant} = ({', '.join(json.dumps(name) for name in names)})")
+    keys = [r["value"] for r in rows("registry") if r["registry"] == "metadata"]
+    keys.remove("generator")
+    lines += [
+        "",
+        "# Metadata keys that a person gives.",
+        f"TEXT_OPTIONS = ({', '.join(json.dumps(key) for key in keys)})",
+        "",
+        "",
+        "def name(names: tuple[str, ...], number: int) -> str:",
+        '    """The name of a number; an unknown one reads as 0 (spec 5.1)."""',
+        "    return names[number] if number < len(names) else names[0]",
+    ]
+    return "\n".join(lines) + "\n"
+
+
 def markdown(header: list[str], body: list[list[str]]) -> str:
     """A Markdown table."""
     lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
@@ -148,6 +184,7 @@ def main() -> int:
 
     put(ROOT / "evogs_codec" / "faults.py", faults_module())
     put(ROOT / "evogs_codec" / "limits.py", limits_module())
+    put(ROOT / "evogs_codec" / "registry.py", registry_module())
     spec = SPEC / "evogs.md"
     put(spec, fill(spec.read_text(encoding="utf-8"), spec_tables()))
     for path in stale:

@@ -1,0 +1,142 @@
+"""Extraction: a smaller valid stream by moving packets, without decoding (spec 10)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec.cut import Cut, tiles_meeting
+from evogs_codec.directory import (
+    CHUNK_HEADER_SIZE,
+    Directory,
+    build_directory,
+    read_directory,
+)
+from evogs_codec.errors import Fault, StreamError
+from evogs_codec.layout import DIGEST_ENTRY, PACKET_ENTRY, TILE_ENTRY, size_of
+from evogs_codec.splats import I64
+
+__all__ = ["choose_cut", "extract"]
+
+Box = Sequence[float]
+
+
+def choose_cut(
+    directory: Directory,
+    *,
+    level: int | None = None,
+    sh_degree: int | None = None,
+    box: Box | None = None,
+    max_bytes: int | None = None,
+) -> Cut:
+    """The cut that the options of `evogs decode` and `evogs extract` name.
+
+    Args:
+        directory: of the stream.
+        level: no steps above this level.
+        sh_degree: no SH bands above this one.
+        box: only tiles that meet x0 y0 z0 x1 y1 z1, scene units.
+        max_bytes: of these packets the longest prefix whose extracted file is no larger.
+
+    Raises:
+        ValueError: no such level, or the header and the first packet are larger than `max_bytes`;
+            the message says the least size.
+    """
+    cut = Cut.full(directory) if level is None else Cut.of_level(directory, level)
+    if sh_degree is not None:
+        if not 0 <= sh_degree <= directory.sh_degree:
+            raise ValueError(f"SH degree {sh_degree} is not one of 0..{directory.sh_degree}")
+        cut = cut.with_sh_degree(sh_degree)
+    if box is not None:
+        cut = cut.with_box(directory, box)
+    if max_bytes is None:
+        return cut
+    selected = np.flatnonzero(cut.packets(directory))
+    sizes = _extracted_sizes(directory, selected, box)
+    n = int(np.searchsorted(sizes, max_bytes, side="right"))
+    if n == 0 or (n == 1 and len(selected)):
+        least = sizes[min(1, len(selected))]
+        raise ValueError(f"{max_bytes} bytes are too few: the first packet needs {least}")
+    steps = np.zeros_like(cut.steps)
+    rows = directory.packets[selected[: n - 1]]
+    np.add.at(steps, (rows["tile"], rows["component"]), 1)
+    return Cut(steps)
+
+
+def extract(
+    data: bytes | memoryview, cut: Cut, *, box: Box | None = None
+) -> bytes:
+    """The stream of a cut: its packets verbatim, a new packet table.
+
+    Args:
+        data: a whole stream; only the packets of the cut must be there.
+        cut: as `choose_cut` gives it.
+        box: leave tiles that do not meet it out of the tile table too.
+
+    Raises:
+        StreamError: header or chunks are not legal, or a packet of the cut is cut short.
+    """
+    view = memoryview(data)
+    directory = read_directory(view)
+    selected = cut.packets(directory)
+    rows = directory.packets[selected].copy()
+    kept = _kept_tiles(directory, box)
+    number = np.cumsum(kept) - 1
+    if not kept[rows["tile"]].all():
+        raise ValueError("the cut has packets of tiles outside the box")
+    rows["tile"] = number[rows["tile"]]
+    digests = {
+        (int(number[tile]), component, step): digest
+        for (tile, component, step), digest in directory.digests.items()
+        if step < cut.steps[tile, component]
+    }
+    head = build_directory(
+        sh_degree=directory.sh_degree,
+        n_levels=directory.n_levels,
+        grid_exponents=directory.grid_exponents,
+        info=directory.info,
+        quantisers=directory.quantisers,
+        alpha=directory.alpha,
+        tiles=directory.tiles[kept],
+        packets=rows,
+        digests=digests,
+        copied_chunks=directory.copied_chunks,
+    )
+    bodies = []
+    for packet in np.flatnonzero(selected).tolist():
+        offset, size = int(directory.offsets[packet]), int(directory.packets["size"][packet])
+        body = view[offset : offset + size]
+        if len(body) < size:
+            raise StreamError(Fault.E_TRUNCATED, "a packet of the cut is cut short", offset)
+        bodies.append(body)
+    return b"".join([head, *bodies])
+
+
+def _kept_tiles(directory: Directory, box: Box | None) -> npt.NDArray[np.bool_]:
+    if box is None:
+        return np.ones(len(directory.tiles), bool)
+    return tiles_meeting(directory, box)
+
+
+def _extracted_sizes(directory: Directory, selected: I64, box: Box | None) -> I64:
+    """(len(selected) + 1,) bytes of the file with the first 0, 1, ... of these packets."""
+    rows = directory.packets[selected]
+    keys = zip(
+        rows["tile"].tolist(),
+        rows["component"].tolist(),
+        directory.steps[selected].tolist(),
+        strict=True,
+    )
+    has_digest = np.array([key in directory.digests for key in keys], bool)
+    per_packet = rows["size"].astype(np.int64) + size_of(PACKET_ENTRY)
+    per_packet += has_digest * size_of(DIGEST_ENTRY)
+    per_packet[np.flatnonzero(has_digest)[:1]] += CHUNK_HEADER_SIZE
+    dropped = int(np.count_nonzero(~_kept_tiles(directory, box)))
+    table = len(directory.packets) * size_of(PACKET_ENTRY)
+    digests = len(directory.digests) * size_of(DIGEST_ENTRY)
+    digests += CHUNK_HEADER_SIZE if directory.digests else 0
+    fixed = directory.data_offset - table - digests - dropped * size_of(TILE_ENTRY)
+    return fixed - directory.dropped_size + np.concatenate([[0], np.cumsum(per_packet)])
+

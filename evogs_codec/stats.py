@@ -1,0 +1,151 @@
+"""Where the bytes of a stream are: per level, component and group (`evogs info`)."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+
+import numpy as np
+
+from evogs_codec.coded import channel_class, component_slice
+from evogs_codec.directory import Directory
+from evogs_codec.packets import (
+    Counts,
+    Header,
+    component_channels,
+    plane_lengths,
+    read_header,
+    read_planes,
+)
+from evogs_codec.planes import entropy
+from evogs_codec.tree import N_GROUPS
+
+__all__ = ["LevelStats", "bytes_by_group", "levels"]
+
+CLASS_NAMES = ("position", "rotation", "scale", "opacity", "sh 0", "sh 1", "sh 2", "sh 3")
+
+
+@dataclass(frozen=True)
+class LevelStats:
+    """A level: splats drawn at it, records and bytes it takes beyond the level below."""
+
+    level: int
+    n_leaves: int
+    n_steps: int
+    n_adds: int
+    n_splits: int
+    n_refines: int
+    n_drops: int
+    n_bytes: int
+    error: float  # root-mean-square distance from the last positions, scene units; nan: unknown
+
+
+def levels(directory: Directory) -> list[LevelStats]:
+    """Figures per level, from the directory alone."""
+    rows, out, live = directory.packets, [], 0
+    core = rows["component"] == 0
+    level_of = {
+        (int(row["tile"]), int(step)): int(row["level"])
+        for row, step in zip(rows[core], directory.steps[core], strict=True)
+    }
+    keys = zip(rows["tile"].tolist(), directory.steps.tolist(), strict=True)
+    label = np.array([level_of[key] for key in keys], np.int64)
+    for level in range(directory.n_levels):
+        part = rows[(label == level) & core]
+        n = {k: int(part[k].astype(np.int64).sum()) for k in _COUNTS}
+        live += n["n_adds"] + n["n_splits"] - n["n_drops"]
+        out.append(
+            LevelStats(
+                level=level,
+                n_leaves=live,
+                n_steps=len(part),
+                n_bytes=int(rows["size"][label == level].astype(np.int64).sum()),
+                error=_error(directory, label <= level),
+                **n,
+            )
+        )
+    return out
+
+
+_COUNTS = ("n_adds", "n_splits", "n_refines", "n_drops")
+
+
+def _error(directory: Directory, selected: np.ndarray) -> float:
+    """Of the last core packet of each tile, root mean square over tiles by leaves."""
+    rows = directory.packets
+    squares, weights = 0.0, 0
+    for tile in range(len(directory.tiles)):
+        own = (rows["tile"] == tile) & (rows["component"] == 0)
+        last = np.flatnonzero(own & selected)
+        if not len(last):
+            continue
+        error = int(rows["error"][last[-1]])
+        if error == 0xFFFFFFFF:
+            return float("nan")
+        counts = rows[own]
+        n = int(counts["n_adds"].astype(np.int64).sum() + counts["n_splits"].astype(np.int64).sum())
+        squares, weights = squares + n * float(error) ** 2, weights + n
+    grid = 2.0 ** -directory.grid_exponents[0]
+    return float(np.sqrt(squares / weights)) * grid if weights else 0.0
+
+
+@dataclass(frozen=True)
+class GroupBytes:
+    """Bytes stored for one kind of number, and the order-0 entropy of its planes in bytes."""
+
+    n_bytes: float
+    entropy: float
+
+
+def bytes_by_group(directory: Directory, data: memoryview) -> dict[str, GroupBytes]:
+    """Bytes per class of channel, and of slots, kinds, alpha, headers and directory.
+
+    A frame with planes of several classes is shared out by the order-0 entropy of its planes.
+
+    Raises:
+        StreamError: a packet is not legal.
+    """
+    stored: dict[str, float] = defaultdict(float)
+    ideal: dict[str, float] = defaultdict(float)
+    stored["directory"] = directory.data_offset
+    core_counts: dict[tuple[int, int], Counts] = {}
+    for packet, row in enumerate(directory.packets):
+        component, size = int(row["component"]), int(row["size"])
+        key = int(row["tile"]), int(directory.steps[packet])
+        if component == 0:
+            core_counts[key] = directory.counts(packet)
+        if not size:
+            continue
+        offset = int(directory.offsets[packet])
+        body = data[offset : offset + size]
+        counts = core_counts[key]
+        head = read_header(body, component, component_channels(component), counts, offset)
+        planes = read_planes(body, head, plane_lengths(head, component, counts), offset)
+        names = _plane_names(head, component, counts)
+        bits = [entropy(plane) / 8 for plane in planes]
+        stored["packet headers"] += head.size
+        at = 0
+        for n_planes, n_bytes in head.frames:
+            part = range(at, at + n_planes)
+            total = sum(bits[k] for k in part)
+            for k in part:
+                share = bits[k] / total if total else 1.0 / n_planes
+                stored[names[k]] += n_bytes * share
+                ideal[names[k]] += bits[k]
+            at += n_planes
+    order = ("directory", "packet headers", "slots", "kinds", "alpha", *CLASS_NAMES)
+    return {name: GroupBytes(stored[name], ideal[name]) for name in order if stored[name]}
+
+
+def _plane_names(head: Header, component: int, counts: Counts) -> list[str]:
+    """What each plane of a packet holds."""
+    names: list[str] = []
+    if component == 0:
+        names += ["slots"] * head.slots.n_planes
+        names += ["kinds"] * counts.has_kinds
+        names += ["alpha"] * sum(head.alpha_mask >> g & 1 for g in range(N_GROUPS))
+    first = component_slice(component).start
+    for codings in (head.psi, head.adds):
+        for k, coding in enumerate(codings):
+            names += [CLASS_NAMES[channel_class(first + k)]] * coding.n_planes
+    return names
