@@ -391,47 +391,61 @@ def read_tables(data: bytes, own: dict[str, int]) -> Scene:
 
 @dataclass
 class Payload:
-    """The integers of a packet as they are stored; q (7.1) for psi and adds."""
+    """The integers of a packet as they are stored, before the transforms of 7.1."""
 
     gaps: list[int]
-    kinds: list[int] | None  # None: no plane
-    indices: list[list[int] | None]  # by group; None: no plane
+    kinds: list[int]  # empty: not stored
+    indices: list[list[int]]  # by group
     psi: list[list[int]]  # by channel of the component
     adds: list[list[int]]
+    codings: bytes  # of psi, then of adds
+    flags: int
+    first_sh: int  # first channel of an SH triple
+
+    def transformed(self) -> tuple[list[list[int]], list[list[int]]]:
+        """q of psi and of adds (7.1); undelta may refuse."""
+        qs = []
+        for coding, stored in zip(self.codings, self.psi + self.adds, strict=True):
+            q = [unzigzag(z) for z in stored]
+            qs.append(undelta(q) if coding & 64 else q)
+        psi, adds = qs[: len(self.psi)], qs[len(self.psi) :]
+        for flag, q_sh in ((1, psi[self.first_sh :]), (2, adds[self.first_sh :])):
+            if self.flags & flag:
+                for c in range(0, len(q_sh), 3):
+                    invert_ycocg(*q_sh[c : c + 3])
+        return psi, adds
 
 
-def n_planes_of(coding: int) -> int:
-    return (1 if coding & 15 else 0) + (coding >> 4 & 3)
+def plane_sizes(coding: int, n: int) -> list[int]:
+    low, high = coding & 15, coding >> 4 & 3
+    lows = [] if low == 0 else [(n * low + 7) >> 3 if low in (1, 2, 4) else n]
+    return lows + [n] * high
 
 
 def read_payload(packet: Packet, core: Packet, body: bytes) -> Payload:
     """A packet of size above 0. The counts are those of `core`."""
     is_core, n_channels = packet.component == 0, len(channels_of(packet.component))
-    entries_at = 4 + 2 * n_channels
+    kinds_stored = [core.n_splits, core.n_refines, core.n_drops].count(0) < 2
+    lengths = [core.n_psi] * n_channels + [core.n_adds] * n_channels
+    if is_core:
+        n_kinds = core.n_records if kinds_stored else 0
+        lengths = [core.n_records, n_kinds] + [core.n_splits] * N_GROUPS + lengths
+    entries_at = 2 + len(lengths)
     require(len(body) >= entries_at, "E_PACKET", "R-5.9-1")
-    flags, slot_coding, alpha_mask, n_frames = body[:4]
-    psi_codings, add_codings = body[4 : 4 + n_channels], body[4 + n_channels : entries_at]
-    codings = bytes([slot_coding]) + psi_codings + add_codings
-    reserved = flags >> 2 or alpha_mask >> 5 or any(c >> 7 for c in codings)
+    flags, n_frames, codings = body[0], body[1], body[2:entries_at]
+    reserved = flags >> 2 or any(c >> 7 for c in codings)
     require(not reserved, "E_RESERVED", "R-4.4-1")
-    legal = all(c == 0 or (c & 15 <= 8 and c >> 4 & 3 in (1, 2)) for c in codings)
+    legal = all(c & 15 <= 8 and c >> 4 & 3 <= 2 and c != 64 for c in codings)
     require(legal, "E_PACKET", "R-5.9-2")
-    require(not any(c & 64 for c in (slot_coding, *psi_codings)), "E_PACKET", "R-5.9-3")
-    require(core.n_records > 0 or slot_coding == 0, "E_PACKET", "R-5.9-4")
-    require(core.n_psi > 0 or not any(psi_codings), "E_PACKET", "R-5.9-4")
-    require(core.n_adds > 0 or not any(add_codings), "E_PACKET", "R-5.9-4")
-    require(core.n_splits > 0 or alpha_mask == 0, "E_PACKET", "R-5.9-5")
-    require(is_core or slot_coding == alpha_mask == 0, "E_PACKET", "R-5.9-6")
+    first_add = len(lengths) - n_channels
+    require(not any(c & 64 for c in codings[:first_add]), "E_PACKET", "R-5.9-3")
+    unused = any(c != 0 and n == 0 for c, n in zip(codings, lengths, strict=True))
+    require(not unused, "E_PACKET", "R-5.9-4")
     frames_at = entries_at + n_frames * FRAME_ENTRY.size
     require(len(body) >= frames_at, "E_PACKET", "R-5.9-1")
     frames = list(FRAME_ENTRY.iter_unpack(body[entries_at:frames_at]))
 
-    kinds_stored = is_core and [core.n_splits, core.n_refines, core.n_drops].count(0) < 2
-    masked = [g for g in range(N_GROUPS) if alpha_mask >> g & 1]
-    sizes = [core.n_records] * (n_planes_of(slot_coding) + kinds_stored)
-    sizes += [core.n_splits] * len(masked)
-    sizes += [core.n_psi] * sum(n_planes_of(c) for c in psi_codings)
-    sizes += [core.n_adds] * sum(n_planes_of(c) for c in add_codings)
+    sizes = [size for c, n in zip(codings, lengths, strict=True) for size in plane_sizes(c, n)]
     require(all(n >= 1 for n, _ in frames), "E_PACKET", "R-5.9-7")
     require(sum(n for n, _ in frames) == len(sizes), "E_PACKET", "R-5.9-7")
     require(sum(size for _, size in frames) == len(body) - frames_at, "E_PACKET", "R-5.9-8")
@@ -446,29 +460,32 @@ def read_payload(packet: Packet, core: Packet, body: bytes) -> Payload:
         at += size
 
     rest = iter(planes)
-    gap_planes = take_planes(rest, slot_coding)
-    kinds = list(next(rest)) if kinds_stored else None
-    indices = [list(next(rest)) if g in masked else None for g in range(N_GROUPS)]
-    coded = [(c, core.n_psi, take_planes(rest, c)) for c in psi_codings]
-    coded += [(c, core.n_adds, take_planes(rest, c)) for c in add_codings]
+    lists = []
+    for coding, n in zip(codings, lengths, strict=True):
+        own = [next(rest) for _ in plane_sizes(coding, n)]
+        check_low_plane(coding, own, n)
+        lists.append(unpack(coding, own, n))
+    sides = lists[: -2 * n_channels]
+    return Payload(
+        gaps=sides[0] if is_core else [],
+        kinds=sides[1] if is_core else [],
+        indices=sides[2:],
+        psi=lists[len(sides) : len(sides) + n_channels],
+        adds=lists[len(sides) + n_channels :],
+        codings=codings[len(sides) :],
+        flags=flags,
+        first_sh=11 if is_core else 0,
+    )
 
-    qs = []
-    for coding, n, own in coded:
-        q = [unzigzag(z) for z in unpack(coding, own, n)]
-        qs.append(undelta(q) if coding & 64 else q)
-    psi, adds = qs[:n_channels], qs[n_channels:]
-    first_sh = 11 if is_core else 0
-    for flag, q_sh in ((1, psi[first_sh:]), (2, adds[first_sh:])):
-        if flags & flag:
-            for c in range(0, len(q_sh), 3):
-                invert_ycocg(*q_sh[c : c + 3])
-    return Payload(unpack(slot_coding, gap_planes, core.n_records), kinds, indices, psi, adds)
 
-
-def take_planes(planes: Iterator[bytes], coding: int) -> list[bytes]:
-    own, low = [next(planes) for _ in range(n_planes_of(coding))], coding & 15
-    require(low == 0 or all(byte >> low == 0 for byte in own[0]), "E_PACKET", "R-5.9-9")
-    return own
+def check_low_plane(coding: int, planes: list[bytes], n: int) -> None:
+    """R-5.9-9: bits that belong to no value are 0."""
+    low = coding & 15
+    if low in (1, 2, 4):
+        used = n * low & 7
+        require(used == 0 or planes[0][-1] >> used == 0, "E_PACKET", "R-5.9-9")
+    elif low:
+        require(all(byte >> low == 0 for byte in planes[0]), "E_PACKET", "R-5.9-9")
 
 
 def read_frame(frame: bytes, content_size: int) -> bytes:
@@ -504,7 +521,12 @@ def read_frame(frame: bytes, content_size: int) -> bytes:
 
 def unpack(coding: int, planes: list[bytes], n: int) -> list[int]:
     low = coding & 15
-    lows, highs = (planes[0], planes[1:]) if low > 0 else (bytes(n), planes)
+    if low in (1, 2, 4):
+        bits = int.from_bytes(planes[0], "little")
+        lows = [bits >> (i * low) & ((1 << low) - 1) for i in range(n)]
+    else:
+        lows = list(planes[0]) if low else [0] * n
+    highs = planes[1:] if low else planes
     above = [sum(plane[i] << (8 * k) for k, plane in enumerate(highs)) for i in range(n)]
     return [(above[i] << low) + lows[i] for i in range(n)]
 
@@ -537,14 +559,13 @@ def read_step(scene: Scene, core: Packet, payload: Payload) -> Step:
         slots.append(at)
     counts = {REFINE: core.n_refines, SPLIT: core.n_splits, DROP: core.n_drops}
     kinds = [kind for kind in counts for _ in range(counts[kind])]  # if only one count is not 0
-    if payload.kinds is not None:
+    if payload.kinds:
         kinds = payload.kinds
         require(all(kinds.count(kind) == counts[kind] for kind in counts), "E_KIND", "R-7.2-2")
     alpha = []
     for group in range(N_GROUPS):
         k, table = scene.alphas.get((core.level, group), (0, [1]))  # 5.4: without a table
-        stored = payload.indices[group]
-        indices = [0] * core.n_splits if stored is None else stored
+        indices = payload.indices[group]
         require(all(index < len(table) for index in indices), "E_INDEX", "R-7.2-3")
         alpha.append([(table[index], k) for index in indices])
     return Step(core, slots, kinds, alpha)
@@ -576,16 +597,18 @@ def apply_packet(scene: Scene, packet: Packet, body: bytes) -> None:
     core = packet if component == 0 else tile.steps[packet.step].core
     channels = channels_of(component)
     if packet.size == 0:  # 5.6: all psi and all adds are 0
-        psi, adds = [[0] * core.n_psi] * len(channels), [[0] * core.n_adds] * len(channels)
-        payload = Payload([], None, [None] * N_GROUPS, psi, adds)
+        n, codings = len(channels), bytes(2 * len(channels))
+        zero_psi, zero_adds = [[0] * core.n_psi] * n, [[0] * core.n_adds] * n
+        payload = Payload([], [], [[]] * N_GROUPS, zero_psi, zero_adds, codings, 0, 0)
     else:
         payload = read_payload(packet, core, body)
     step = read_step(scene, core, payload) if component == 0 else tile.steps[packet.step]
+    psi, adds = payload.transformed()
     for i, channel in enumerate(channels):
         psi_mantissa_shift = scene.quantisers[1 + core.level][class_of(channel)]
         add_mantissa_shift = scene.quantisers[0][class_of(channel)]
-        deltas = [delta_of(q, *psi_mantissa_shift) for q in payload.psi[i]]
-        new = [delta_of(q, *add_mantissa_shift) for q in payload.adds[i]]
+        deltas = [delta_of(q, *psi_mantissa_shift) for q in psi[i]]
+        new = [delta_of(q, *add_mantissa_shift) for q in adds[i]]
         apply_channel(tile.x[channel], step, step.alpha[group_of(channel)], deltas, new)
     if component == 0:
         finish_core_step(tile, step)

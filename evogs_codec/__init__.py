@@ -1,8 +1,8 @@
 """EvoGS: one progressive stream for every quality of a 3D Gaussian Splatting scene.
 
-    tree = lift(read_ply("scene.ply"))
-    data = encode(tree, PRESETS["scene"])
-    splats = decode(data).leaves()
+tree = lift(read_ply("scene.ply"))
+data = encode(tree, PRESETS["scene"])
+splats = decode(data).leaves()
 """
 
 from evogs_codec.cut import Cut as Cut

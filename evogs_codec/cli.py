@@ -164,7 +164,9 @@ def run_info(args: argparse.Namespace) -> None:
     for name, part in groups.items():
         over = f"{100 * (part.n_bytes / part.entropy - 1):+.1f} %" if part.entropy else ""
         share = 100 * part.n_bytes / directory.size
-        print(f"{name:>15} {part.n_bytes:>12,.0f} {part.n_bytes / n:>8.3f} {share:>5.1f} % {over:>13}")
+        print(
+            f"{name:>15} {part.n_bytes:>12,.0f} {part.n_bytes / n:>8.3f} {share:>5.1f} % {over:>13}"
+        )
 
 
 def run_validate(args: argparse.Namespace) -> int:
@@ -272,7 +274,9 @@ def _info(directory: Directory, size: int, groups: dict[str, Any]) -> dict[str, 
         "bytes_present": size,
         "grid_exponents": list(directory.grid_exponents),
         "scene": {
-            "coordinate_system": registry.name(registry.COORDINATE_SYSTEMS, scene.coordinate_system),
+            "coordinate_system": registry.name(
+                registry.COORDINATE_SYSTEMS, scene.coordinate_system
+            ),
             "up_axis": registry.name(registry.UP_AXES, scene.up_axis),
             "unit": registry.name(registry.UNITS, scene.unit),
             "colour_space": registry.name(registry.COLOUR_SPACES, scene.colour_space),
@@ -337,7 +341,11 @@ Commands = Any  # argparse's sub-parsers have no public type
 
 
 def _command(
-    commands: Commands, name: str, run: Any, help_: str, examples: str  # noqa: ANN401
+    commands: Commands,
+    name: str,
+    run: Any,
+    help_: str,
+    examples: str,  # noqa: ANN401
 ) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = commands.add_parser(
         name,

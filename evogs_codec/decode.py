@@ -1,8 +1,8 @@
 """Decoding: whole files, prefixes, and any byte ranges in any order (spec 6, 7).
 
-    decode(data)         a whole file; anything missing is E_TRUNCATED
-    decode_prefix(data)  what is there
-    Decoder.feed(data)   bytes as they come; never blocks, never reads a file
+decode(data)         a whole file; anything missing is E_TRUNCATED
+decode_prefix(data)  what is there
+Decoder.feed(data)   bytes as they come; never blocks, never reads a file
 """
 
 from __future__ import annotations
@@ -115,9 +115,7 @@ def decode(
     return decoded
 
 
-def decode_prefix(
-    data: bytes | memoryview, *, limits: Mapping[str, int] | None = None
-) -> Decoded:
+def decode_prefix(data: bytes | memoryview, *, limits: Mapping[str, int] | None = None) -> Decoded:
     """Decode the complete packets of a truncated file (R-6.4-1).
 
     Raises:
@@ -129,9 +127,7 @@ def decode_prefix(
     return replay(directory, view, Cut.of_complete(directory, ends <= len(view)))
 
 
-def replay(
-    directory: Directory, data: memoryview, cut: Cut, *, verify: bool = False
-) -> Decoded:
+def replay(directory: Directory, data: memoryview, cut: Cut, *, verify: bool = False) -> Decoded:
     """Apply the packets of a cut; tiles in parallel. Faults as `decode`, first in file order."""
     packets = np.flatnonzero(cut.packets(directory))
     order = np.argsort(directory.packets["tile"][packets], kind="stable")
@@ -197,9 +193,7 @@ def _body(directory: Directory, data: memoryview, packet: int) -> memoryview:
     return body
 
 
-def float_view(
-    directory: Directory, tiles: Iterable[TileState], sh_degree: int
-) -> SplatParams:
+def float_view(directory: Directory, tiles: Iterable[TileState], sh_degree: int) -> SplatParams:
     """binary32 of (O + X) * 2**-G, rounded once (R-7.6-1), of the live slots."""
     tiles = list(tiles)
     live = [np.flatnonzero(tile.live[: tile.n_slots]) for tile in tiles]

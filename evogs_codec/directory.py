@@ -233,7 +233,9 @@ def _read_chunks(area: memoryview) -> tuple[dict[bytes, tuple[memoryview, int]],
         if len(area) - begin < fields["size"]:
             raise StreamError(Fault.E_CHUNK, "a chunk reaches past the chunks", offset)
         end = begin + fields["size"]
-        _check_crc(zlib.crc32(area[begin:end], zlib.crc32(area[at : at + 8])), fields["crc"], offset)
+        _check_crc(
+            zlib.crc32(area[begin:end], zlib.crc32(area[at : at + 8])), fields["crc"], offset
+        )
         name = kind.decode("latin-1")
         if not (kind.isalpha() and kind[2:3].isupper()):  # R-5.2-2
             raise StreamError(Fault.E_CHUNK, f"chunk type {name!r}", offset)
@@ -282,9 +284,7 @@ def _read_steps(
     return tuple(tuple(flat[k : k + classes]) for k in range(0, len(flat), classes))
 
 
-def _read_alpha(
-    body: memoryview, offset: int, n_levels: int
-) -> dict[tuple[int, int], AlphaTable]:
+def _read_alpha(body: memoryview, offset: int, n_levels: int) -> dict[tuple[int, int], AlphaTable]:
     tables: dict[tuple[int, int], AlphaTable] = {}
     fixed = layout.size_of(layout.ALPHA_TABLE)
     at, last = 0, (-1, -1)

@@ -19,7 +19,13 @@ from evogs_codec.arrange import arrange, default_tiles
 from evogs_codec.coded import CodedStep, CodedTree, component_slice
 from evogs_codec.decode import replay
 from evogs_codec.cut import Cut
-from evogs_codec.directory import UNKNOWN_ERROR, Directory, SceneInfo, build_directory, read_directory
+from evogs_codec.directory import (
+    UNKNOWN_ERROR,
+    Directory,
+    SceneInfo,
+    build_directory,
+    read_directory,
+)
 from evogs_codec.packets import pack
 from evogs_codec.quantize import quantise
 from evogs_codec.settings import PRESETS, Settings

@@ -65,9 +65,7 @@ def choose_cut(
     return Cut(steps)
 
 
-def extract(
-    data: bytes | memoryview, cut: Cut, *, box: Box | None = None
-) -> bytes:
+def extract(data: bytes | memoryview, cut: Cut, *, box: Box | None = None) -> bytes:
     """The stream of a cut: its packets verbatim, a new packet table.
 
     Args:
@@ -139,4 +137,3 @@ def _extracted_sizes(directory: Directory, selected: I64, box: Box | None) -> I6
     digests += CHUNK_HEADER_SIZE if directory.digests else 0
     fixed = directory.data_offset - table - digests - dropped * size_of(TILE_ENTRY)
     return fixed - directory.dropped_size + np.concatenate([[0], np.cumsum(per_packet)])
-

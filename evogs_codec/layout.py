@@ -31,7 +31,9 @@ FILE_HEADER: Struct = cs.Struct(
     "sh_degree" / cs.Int8ul * "0..3",
     "n_levels" / cs.Int8ul * "at least 1",
     "grid_exponents" / cs.Array(5, cs.Int8sl) * "G of each group, -16..40",
-    "flags" / cs.Int16ul * "bit 0: the scene was made for an antialiased renderer; bits 1..7 unused;"
+    "flags"
+    / cs.Int16ul
+    * "bit 0: the scene was made for an antialiased renderer; bits 1..7 unused;"
     " bits 8..15 reserved",
     "coordinate_system" / cs.Int8ul * "registry, section 8.4; an unknown value reads as 0",
     "up_axis" / cs.Int8ul * "registry; an unknown value reads as 0",
@@ -98,11 +100,8 @@ META_ENTRY: Struct = cs.Struct(
 
 PACKET_HEADER: Struct = cs.Struct(
     "flags" / cs.Int8ul * "bit 0: psi of SH is YCoCg-R; bit 1: adds of SH are; bits 2..7 reserved",
-    "slot_coding" / cs.Int8ul * "coding byte of the slot gaps (core), 0 otherwise",
-    "alpha_mask" / cs.Int8ul * "bit g: alpha indices of group g are stored (core), 0 otherwise;"
-    " bits 5..7 reserved",
-    "n_frames" / cs.Int8ul * "number of frames; the coding bytes of psi and of adds follow, one per"
-    " channel of the component, then the frame entries, then the frames",
+    "n_frames" / cs.Int8ul * "number of frames; the coding bytes follow, then the frame entries,"
+    " then the frames",
 )
 
 FRAME_ENTRY: Struct = cs.Struct(
@@ -139,7 +138,16 @@ STRUCTURES: dict[str, Struct] = {
     "dump tile": DUMP_TILE,
 }
 
-_TYPES = {"B": "u8", "b": "s8", "H": "u16", "h": "s16", "L": "u32", "l": "s32", "Q": "u64", "q": "s64"}
+_TYPES = {
+    "B": "u8",
+    "b": "s8",
+    "H": "u16",
+    "h": "s16",
+    "L": "u32",
+    "l": "s32",
+    "Q": "u64",
+    "q": "s64",
+}
 _DTYPES = {"u8": "u1", "s8": "i1", "u16": "<u2", "s16": "<i2", "u32": "<u4", "s32": "<i4"}
 _DTYPES |= {"u64": "<u8", "s64": "<i8"}
 

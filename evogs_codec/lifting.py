@@ -113,7 +113,9 @@ def line_parent(c1: F64, c2: F64, mom: Moments):
     return p, alpha
 
 
-def lift(splats: SplatParams, n_levels: int = 5, *, progress: Callable[[float], None] | None = None) -> EvolutionTree:
+def lift(
+    splats: SplatParams, n_levels: int = 5, *, progress: Callable[[float], None] | None = None
+) -> EvolutionTree:
     return lift_with_order(splats, n_levels, progress=progress).tree
 
 
@@ -138,22 +140,35 @@ def features_of(x: F64, unit: float, mom) -> Features:
         (x[7:10] / (2 * pairing.STEP_SCALE)).astype(np.float32),
         rest.astype(np.float32),
         mom.mass,
-        mom.cov[[0,1,2,0,0,1],[0,1,2,1,2,2]].astype(np.float32),
+        mom.cov[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].astype(np.float32),
         e2(mom.cov).astype(np.float32),
     )
 
 
 def e2(c):
-    return np.sqrt(np.maximum(c[0,0]*c[1,1]-c[0,1]**2+c[0,0]*c[2,2]-c[0,2]**2+c[1,1]*c[2,2]-c[1,2]**2,1e-38))
+    return np.sqrt(
+        np.maximum(
+            c[0, 0] * c[1, 1]
+            - c[0, 1] ** 2
+            + c[0, 0] * c[2, 2]
+            - c[0, 2] ** 2
+            + c[1, 1] * c[2, 2]
+            - c[1, 2] ** 2,
+            1e-38,
+        )
+    )
 
 
 def lift_with_order(splats, n_levels=5, *, progress=None) -> Lifted:
     import time
+
     T = time.time()
     n = len(splats)
     x = splats.channels().astype(np.float64)
     norm = np.linalg.norm(x[3:7], axis=0)
-    quats = np.where(norm > 0, x[3:7] / np.where(norm > 0, norm, 1), np.array([[1.0], [0], [0], [0]]))
+    quats = np.where(
+        norm > 0, x[3:7] / np.where(norm > 0, norm, 1), np.array([[1.0], [0], [0], [0]])
+    )
     scales = x[7:10].copy()
     leaf_turn = largest_w(quats)
     w, x[4:7], x[7:10] = turned(quats, scales, leaf_turn)
@@ -187,10 +202,14 @@ def lift_with_order(splats, n_levels=5, *, progress=None) -> Lifted:
         hints.append((p[:10], pid))
         alone = np.ones(len(ids), bool)
         alone[i] = alone[j] = False
-        print(f"  n={len(ids)} matched={2*len(i)/max(1,len(ids)):.4f} t={time.time()-T:.1f}")
+        print(f"  n={len(ids)} matched={2 * len(i) / max(1, len(ids)):.4f} t={time.time() - T:.1f}")
         cur = np.concatenate([cur[:, alone], p], axis=1)
         mm = mom.take(alone)
-        mom = Moments(np.concatenate([mm.mass, pm.mass]), np.concatenate([mm.mean, pm.mean], 1), np.concatenate([mm.cov, pm.cov], 2))
+        mom = Moments(
+            np.concatenate([mm.mass, pm.mass]),
+            np.concatenate([mm.mean, pm.mean], 1),
+            np.concatenate([mm.cov, pm.cov], 2),
+        )
         ids = np.concatenate([ids[alone], pid])
     # pass 2
     frame = np.zeros(total, np.uint8)
@@ -208,13 +227,19 @@ def lift_with_order(splats, n_levels=5, *, progress=None) -> Lifted:
             w, g, s = turned(q, local[7:10, c], frame[c])
             bad = np.abs(w) < MIN_W
             nbad += bad.sum()
-            f = nearest_turn(final[:3, ref[bad]], final[3:, ref[bad]], q[:, bad], local[7:10, c[bad]])
+            f = nearest_turn(
+                final[:3, ref[bad]], final[3:, ref[bad]], q[:, bad], local[7:10, c[bad]]
+            )
             frame[c[bad]] = f
             _, g[:, bad], s[:, bad] = turned(q[:, bad], local[7:10, c[bad]], f)
             final[:3, c], final[3:, c] = g, s
     turn = COMPOSE[leaf_turn, frame[:n]]
     _, x[4:7], x[7:10] = turned(quats, scales, turn)
-    print("  far", nbad / total, np.quantile(np.linalg.norm(x[4:7], axis=0), [.5, .9, .99, .999, 1]).round(2))
+    print(
+        "  far",
+        nbad / total,
+        np.quantile(np.linalg.norm(x[4:7], axis=0), [0.5, 0.9, 0.99, 0.999, 1]).round(2),
+    )
     # pass 3
     mom = moments_of(x)
     v = np.empty((len(x), total))
@@ -239,11 +264,20 @@ def lift_with_order(splats, n_levels=5, *, progress=None) -> Lifted:
         o = np.argsort(slot[p])
         c1, c2, p, a = c1[o], c2[o], p[o], a[:, o]
         psi = (v[:, c1] - v[:, p]).astype(np.float32)
-        steps.append(Step(level, slot[p].astype(np.int32), np.full(len(p), Kind.SPLIT, np.uint8), psi, a.astype(np.float32), np.empty((len(x), 0), np.float32)))
+        steps.append(
+            Step(
+                level,
+                slot[p].astype(np.int32),
+                np.full(len(p), Kind.SPLIT, np.uint8),
+                psi,
+                a.astype(np.float32),
+                np.empty((len(x), 0), np.float32),
+            )
+        )
         order = np.concatenate([order, c2])
         order[slot[p]] = c1
         slot[c1] = slot[p]
         slot[c2] = used + np.arange(len(c2))
         used += len(c2)
-    print(f"  total t={time.time()-T:.1f}")
+    print(f"  total t={time.time() - T:.1f}")
     return Lifted(EvolutionTree(splats.sh_degree, tuple(steps)), order)

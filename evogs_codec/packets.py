@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +25,7 @@ from evogs_codec.planes import (
     inverse_ycocg,
     join_planes,
     split_planes,
+    stray_bits,
     undelta,
     unzigzag,
     ycocg,
@@ -36,6 +38,8 @@ __all__ = ["N_CORE", "Counts", "Packet", "Values", "pack", "unpack"]
 
 N_CORE = 14  # channels of core: geometry and SH band 0
 CORE_SH = slice(11, 14)
+Coded: TypeAlias = tuple[Coding, npt.NDArray[np.integer]]
+
 MAX_NEW_PER_BYTE = 64  # R-5.6-7
 FLAG_PSI_YCOCG, FLAG_ADDS_YCOCG = 1, 2
 
@@ -116,7 +120,7 @@ class Values:
         coding = self.codings[channel]
         if coding == ABSENT:
             return np.zeros(self.n, np.int32)
-        q = unzigzag(join_planes(list(self.planes[channel]), coding, self.n))
+        q = unzigzag(join_planes(self.planes[channel], coding, self.n))
         return undelta(q, self.offset) if coding.delta else q
 
 
@@ -132,8 +136,8 @@ class Packet:
     """
 
     slots: npt.NDArray[np.int64]
-    kinds: U8
-    alpha: tuple[U8 | None, ...]
+    kinds: npt.NDArray[np.integer]
+    alpha: tuple[npt.NDArray[np.integer] | None, ...]
     psi: Values
     adds: Values
 
@@ -157,130 +161,142 @@ def unpack(body: memoryview, component: int, counts: Counts, offset: int) -> Pac
     Raises:
         StreamError: with the faults of spec 5.9, 5.10 and 7.2 that need no slots.
     """
-    n_channels = component_channels(component)
     if len(body) == 0:
-        return _empty_packet(n_channels, component, counts, offset)
-    head = read_header(body, component, n_channels, counts, offset)
-    lengths = plane_lengths(head, component, counts)
-    planes = read_planes(body, head, lengths, offset)
-
-    def take(coding: Coding) -> tuple[U8, ...]:
-        taken = tuple(planes[: coding.n_planes])
+        return _empty_packet(component, counts, offset)
+    head = read_header(body, component, counts, offset)
+    planes = read_planes(body, head, offset)
+    parts: list[tuple[U8, ...]] = []
+    for coding, n in zip(head.codings, head.lengths, strict=True):
+        part = tuple(planes[: coding.n_planes])
         del planes[: coding.n_planes]
-        if coding.low and int(taken[0].max()) >> coding.low:  # R-5.9-9
+        if stray_bits(part, coding, n):  # R-5.9-9
             raise StreamError(Fault.E_PACKET, "a low plane has a bit above its bits", offset)
-        return taken
-
-    gap_planes = take(head.slots) if component == 0 else ()
-    kinds_plane = planes.pop(0) if component == 0 and counts.has_kinds else None
-    alpha = tuple(
-        planes.pop(0) if head.alpha_mask >> group & 1 else None for group in range(N_GROUPS)
-    )
-    sh = sh_channels(component)
+        parts.append(part)
+    n_records = counts.n_records
+    sides = [
+        join_planes(part, coding, n) if coding != ABSENT else None
+        for part, coding, n in zip(parts, head.codings, head.lengths[: head.first], strict=False)
+    ]
+    slots, kinds, alpha = np.empty(0, np.int64), np.empty(0, np.uint8), (None,) * N_GROUPS
+    if component == 0:
+        gaps = np.zeros(n_records, np.int64) if sides[0] is None else sides[0]
+        slots = np.cumsum(gaps, dtype=np.int64) + np.arange(n_records)
+        kinds = _kinds(sides[1], counts)
+        alpha = tuple(sides[2:])
+    first, n_channels = head.first, component_channels(component)
     psi, adds = (
         Values(
             n,
-            codings,
-            tuple(take(coding) for coding in codings),
+            head.codings[at : at + n_channels],
+            tuple(parts[at : at + n_channels]),
             bool(head.flags & flag),
-            sh,
+            sh_channels(component),
             offset,
         )
-        for n, codings, flag in (
-            (counts.n_psi, head.psi, FLAG_PSI_YCOCG),
-            (counts.n_adds, head.adds, FLAG_ADDS_YCOCG),
+        for n, at, flag in (
+            (counts.n_psi, first, FLAG_PSI_YCOCG),
+            (counts.n_adds, first + n_channels, FLAG_ADDS_YCOCG),
         )
     )
-    n_records = counts.n_records if component == 0 else 0
-    gaps = join_planes(list(gap_planes), head.slots, n_records)
-    slots = np.cumsum(gaps, dtype=np.int64) + np.arange(n_records)
-    return Packet(slots, _kinds(kinds_plane, counts, n_records), alpha, psi, adds)
+    return Packet(slots, kinds, alpha, psi, adds)
 
 
 @dataclass(frozen=True)
 class Header:
+    """A packet header with what follows from it.
+
+    Attributes:
+        flags: of the packet header.
+        codings: of slots, kinds, alpha of each group (core only), psi and adds of each channel.
+        lengths: values of each.
+        frames: (planes, bytes) of each frame.
+        size: bytes before the first frame.
+        first: index of the coding of the first channel of psi.
+    """
+
     flags: int
-    slots: Coding
-    alpha_mask: int
-    psi: tuple[Coding, ...]
-    adds: tuple[Coding, ...]
-    frames: tuple[tuple[int, int], ...]  # planes, bytes
+    codings: tuple[Coding, ...]
+    lengths: tuple[int, ...]
+    frames: tuple[tuple[int, int], ...]
     size: int
+    first: int
+
+    @property
+    def plane_sizes(self) -> list[int]:
+        """Bytes of each plane, in order."""
+        pairs = zip(self.codings, self.lengths, strict=True)
+        return [size for coding, n in pairs for size in coding.plane_sizes(n)]
 
 
-def read_header(
-    body: memoryview, component: int, n_channels: int, counts: Counts, offset: int
-) -> Header:
+def value_counts(component: int, counts: Counts) -> tuple[int, ...]:
+    """Values of each coding byte, in the order of spec 5.9."""
+    n_channels = component_channels(component)
+    sides: tuple[int, ...] = ()
+    if component == 0:
+        n_kinds = counts.n_records if counts.has_kinds else 0
+        sides = (counts.n_records, n_kinds, *(counts.n_splits,) * N_GROUPS)
+    return (*sides, *(counts.n_psi,) * n_channels, *(counts.n_adds,) * n_channels)
+
+
+def read_header(body: memoryview, component: int, counts: Counts, offset: int) -> Header:
+    """The header of a packet of size above 0, checked (spec 5.9).
+
+    Raises:
+        StreamError: E_PACKET or E_RESERVED at `offset`.
+    """
+
     def refuse(detail: str) -> StreamError:
         return StreamError(Fault.E_PACKET, detail, offset)
 
+    lengths = value_counts(component, counts)
     fixed = layout.size_of(layout.PACKET_HEADER)
-    at = fixed + 2 * n_channels
+    at = fixed + len(lengths)
     if len(body) < at:  # R-5.9-1
         raise refuse("the packet is shorter than its header")
-    fields = layout.parse(layout.PACKET_HEADER, body, offset)
+    flags, n_frames = body[0], body[1]
     coding_bytes = bytes(body[fixed:at])
-    all_bytes = bytes([fields["slot_coding"]]) + coding_bytes
-    if (
-        fields["flags"] >> 2
-        or fields["alpha_mask"] >> N_GROUPS
-        or any(byte >> 7 for byte in all_bytes)
-    ):  # R-4.4-1
+    if flags >> 2 or any(byte >> 7 for byte in coding_bytes):  # R-4.4-1
         raise StreamError(Fault.E_RESERVED, "a reserved bit of the packet header is set", offset)
-    codings = [Coding.of_byte(byte) for byte in all_bytes]
-    valid = [coding for coding in codings if coding is not None]
-    if len(valid) != len(codings):  # R-5.9-2
+    found = [Coding.of_byte(byte) for byte in coding_bytes]
+    codings = tuple(coding for coding in found if coding is not None)
+    if len(codings) != len(found):  # R-5.9-2
         raise refuse("a coding byte is not valid")
-    slots, psi, adds = valid[0], valid[1 : 1 + n_channels], valid[1 + n_channels :]
-    if slots.delta or any(coding.delta for coding in psi):  # R-5.9-3
-        raise refuse("delta is set for slots or psi")
-    for n, coded in (
-        (counts.n_records if component == 0 else 0, [slots]),
-        (counts.n_psi, psi),
-        (counts.n_adds, adds),
-    ):
-        if n == 0 and any(coding != ABSENT for coding in coded):  # R-5.9-4, R-5.9-6
-            raise refuse("values are coded that do not occur")
-    alpha_mask = fields["alpha_mask"]
-    if alpha_mask and (counts.n_splits == 0 or component):  # R-5.9-5, R-5.9-6
-        raise refuse("alpha indices are stored without splits")
-    entries = []
-    entry_size = layout.size_of(layout.FRAME_ENTRY)
-    if len(body) < at + fields["n_frames"] * entry_size:  # R-5.9-1
+    first_add = len(lengths) - component_channels(component)
+    if any(coding.delta for coding in codings[:first_add]):  # R-5.9-3
+        raise refuse("delta is set for other values than adds")
+    if any(c != ABSENT and n == 0 for c, n in zip(codings, lengths, strict=True)):  # R-5.9-4
+        raise refuse("values are coded that do not occur")
+    entry = layout.size_of(layout.FRAME_ENTRY)
+    if len(body) < at + n_frames * entry:  # R-5.9-1
         raise refuse("the packet is shorter than its frame entries")
-    for _ in range(fields["n_frames"]):
-        entries.append((body[at], int.from_bytes(body[at + 1 : at + 5], "little")))
-        at += entry_size
+    frames_ = layout.read_table(layout.FRAME_ENTRY, body[at : at + n_frames * entry])
     return Header(
-        fields["flags"], slots, alpha_mask, tuple(psi), tuple(adds), tuple(entries), at
+        flags=flags,
+        codings=codings,
+        lengths=lengths,
+        frames=tuple(zip(frames_["n_planes"].tolist(), frames_["size"].tolist(), strict=True)),
+        size=at + n_frames * entry,
+        first=first_add - component_channels(component),
     )
 
 
-def plane_lengths(head: Header, component: int, counts: Counts) -> list[int]:
-    """Bytes of each plane, in the order of spec 5.9."""
-    lengths = []
-    if component == 0:
-        lengths += [counts.n_records] * head.slots.n_planes
-        lengths += [counts.n_records] * counts.has_kinds
-        lengths += [counts.n_splits] * head.alpha_mask.bit_count()
-    lengths += [counts.n_psi] * sum(coding.n_planes for coding in head.psi)
-    lengths += [counts.n_adds] * sum(coding.n_planes for coding in head.adds)
-    return lengths
+def read_planes(body: memoryview, head: Header, offset: int) -> list[U8]:
+    """The planes of a packet, decompressed.
 
-
-def read_planes(
-    body: memoryview, head: Header, lengths: Sequence[int], offset: int
-) -> list[U8]:
-    if any(n == 0 for n, _ in head.frames) or sum(n for n, _ in head.frames) != len(lengths):
+    Raises:
+        StreamError: E_PACKET, E_FRAME or E_ZSTD at `offset`.
+    """
+    sizes = head.plane_sizes
+    if any(n == 0 for n, _ in head.frames) or sum(n for n, _ in head.frames) != len(sizes):
         raise StreamError(  # R-5.9-7
-            Fault.E_PACKET, f"the frames do not hold {len(lengths)} planes", offset
+            Fault.E_PACKET, f"the frames do not hold {len(sizes)} planes", offset
         )
     if head.size + sum(size for _, size in head.frames) != len(body):  # R-5.9-8
         raise StreamError(Fault.E_PACKET, "the frames do not fill the packet", offset)
     planes: list[U8] = []
     at = head.size
     for n_planes, size in head.frames:
-        content = lengths[len(planes) : len(planes) + n_planes]
+        content = sizes[len(planes) : len(planes) + n_planes]
         data = frames.decompress(body[at : at + size], sum(content), offset)
         begin = 0
         for length in content:
@@ -290,22 +306,24 @@ def read_planes(
     return planes
 
 
-def _kinds(plane: U8 | None, counts: Counts, n_records: int) -> U8:
-    if plane is not None:
-        return plane
+def _kinds(values: npt.NDArray[np.integer] | None, counts: Counts) -> npt.NDArray[np.integer]:
+    if counts.has_kinds:
+        return np.zeros(counts.n_records, np.uint8) if values is None else values
     kind = Kind.SPLIT if counts.n_splits else Kind.DROP if counts.n_drops else Kind.REFINE
-    return np.full(n_records, kind, np.uint8)
+    return np.full(counts.n_records, kind, np.uint8)
 
 
-def check_kinds(kinds: U8, counts: Counts, offset: int) -> None:
+def check_kinds(kinds: npt.NDArray[np.integer], counts: Counts, offset: int) -> None:
     """Raise E_KIND unless the stored kinds are those counted (R-7.2-2)."""
     if counts.has_kinds:
-        found = np.bincount(kinds, minlength=3).tolist()
-        if found != [counts.n_refines, counts.n_splits, counts.n_drops]:
+        counted = [counts.n_refines, counts.n_splits, counts.n_drops]
+        if int(kinds.max()) > Kind.DROP or np.bincount(kinds, minlength=3).tolist() != counted:
             raise StreamError(Fault.E_KIND, "the kinds contradict the counts", offset)
 
 
-def _empty_packet(n_channels: int, component: int, counts: Counts, offset: int) -> Packet:
+def _empty_packet(component: int, counts: Counts, offset: int) -> Packet:
+    n_channels = component_channels(component)
+
     def zero(n: int) -> Values:
         codings = (ABSENT,) * n_channels
         return Values(n, codings, ((),) * n_channels, False, sh_channels(component), offset)
@@ -351,34 +369,25 @@ def pack(
     counts = Counts(adds.shape[1], n_splits, n_refines, len(slots) - n_splits - n_refines)
     if component == 0 and counts.n_records + counts.n_adds == 0:
         return b""
-    sh = sh_channels(component)
-    planes: list[bytes] = []
-    slot_coding, alpha_mask = ABSENT, 0
+    sides: list[tuple[Coding, npt.NDArray[np.integer]]] = []
     if component == 0:
-        gaps = (np.diff(slots.astype(np.int64), prepend=-1) - 1).astype(np.uint32)
-        slot_coding = choose_coding(gaps)
-        planes += split_planes(gaps, slot_coding)
-        if counts.has_kinds:
-            planes.append(kinds.astype(np.uint8).tobytes())
-        for group, indices in enumerate(alpha):
-            if indices is not None and n_splits and indices.any():
-                alpha_mask |= 1 << group
-                planes.append(indices.astype(np.uint8).tobytes())
+        gaps = np.diff(slots.astype(np.int64), prepend=-1) - 1
+        sides.append((choose_coding(gaps)[0], gaps))
+        sides.append((choose_coding(kinds)[0] if counts.has_kinds else ABSENT, kinds))
+        for indices in alpha:
+            stored = np.zeros(n_splits, np.uint8) if indices is None else indices
+            sides.append((choose_coding(stored)[0], stored))
     flags = 0
-    coding_bytes = b""
+    sh = sh_channels(component)
     for values, flag in ((psi, FLAG_PSI_YCOCG), (adds, FLAG_ADDS_YCOCG)):
-        stored, is_ycocg = _decorrelate(values, sh)
+        rows, is_ycocg = _decorrelate(values, sh)
         flags |= flag if is_ycocg else 0
-        for row in stored:
-            coding, z = _code_channel(row, may_delta=flag == FLAG_ADDS_YCOCG)
-            coding_bytes += bytes([coding.byte()])
-            planes += split_planes(z, coding)
-    if component and not planes:
+        sides += [_code_channel(row, may_delta=flag == FLAG_ADDS_YCOCG) for row in rows]
+    if component and all(coding == ABSENT for coding, _ in sides):
         return b""
-    head = (flags, slot_coding.byte(), alpha_mask)
-    body = _join(head, coding_bytes, planes, effort)
-    if counts.n_adds + counts.n_splits > MAX_NEW_PER_BYTE * len(body) and component == 0:
-        body = _pad(head, coding_bytes, planes, counts)
+    body = _join(flags, sides, effort)
+    if component == 0 and counts.n_adds + n_splits > MAX_NEW_PER_BYTE * len(body):
+        body = _pad(flags, sides, counts)
     return body
 
 
@@ -398,18 +407,15 @@ def _decorrelate(values: I32, sh: slice) -> tuple[I32, bool]:
     return out, True
 
 
-def _code_channel(q: I32, *, may_delta: bool) -> tuple[Coding, npt.NDArray[np.uint32]]:
+def _code_channel(q: I32, *, may_delta: bool) -> Coded:
     """Coding and stored integers of a channel; adds as differences if that is cheaper."""
     if not q.any():
-        return ABSENT, np.zeros(len(q), np.uint32)
+        return ABSENT, q
     options = []
     for is_delta in (False, True) if may_delta and len(q) > 1 else (False,):
         z = zigzag(delta(q)) if is_delta else zigzag(q)
         if int(z.max()) < MAX_STORED:
-            coding = choose_coding(z, is_delta=is_delta)
-            cost = sum(
-                entropy(np.frombuffer(plane, np.uint8)) for plane in split_planes(z, coding)
-            )
+            coding, cost = choose_coding(z, is_delta=is_delta)
             options.append((cost, is_delta, coding, z))
     if not options:
         raise ValueError("an integer needs more than 24 bits: take larger steps")
@@ -417,48 +423,35 @@ def _code_channel(q: I32, *, may_delta: bool) -> tuple[Coding, npt.NDArray[np.ui
     return coding, z
 
 
-def _join(head: tuple[int, int, int], codings: bytes, planes: list[bytes], effort: int) -> bytes:
-    """A packet from its planes, in one frame or a frame per plane, whichever is smaller."""
-    options = []
+def _join(flags: int, parts: Sequence[Coded], effort: int) -> bytes:
+    """A packet from its values, in one frame or a frame per plane, whichever is smaller."""
+    planes = [plane for coding, values in parts for plane in split_planes(values, coding)]
+    codings = bytes(coding.byte() for coding, _ in parts)
+    options: list[list[tuple[int, bytes]]] = []
     if len(planes) != 1:
         whole = b"".join(planes)
         if len(whole) <= frames.MAX_CONTENT:
             options.append([(len(planes), frames.compress(whole, effort))] if planes else [])
     if planes:
         options.append([(1, frames.compress(plane, effort)) for plane in planes])
-    return min((_assemble(head, codings, option) for option in options), key=len)
+    return min((_assemble(flags, codings, option) for option in options), key=len)
 
 
-def _pad(
-    head: tuple[int, int, int], codings: bytes, planes: list[bytes], counts: Counts
-) -> bytes:
-    """A packet that R-5.6-7 allows: its planes stored raw, one made for the purpose if need be."""
-    flags, slot_byte, alpha_mask = head
-    if counts.n_splits and not alpha_mask & 1:
-        kinds_and_gaps = Coding.of_byte(slot_byte)
-        assert kinds_and_gaps is not None
-        at = kinds_and_gaps.n_planes + counts.has_kinds
-        planes = [*planes[:at], bytes(counts.n_splits), *planes[at:]]
-        alpha_mask |= 1
-    if counts.n_adds and codings[N_CORE:] == bytes(N_CORE):
-        codings = codings[:N_CORE] + bytes([Coding(0, 1).byte()]) + codings[N_CORE + 1 :]
-        planes = [*planes, bytes(counts.n_adds)]
-    stored = [(1, frames.store(plane)) for plane in planes]
-    return _assemble((flags, slot_byte, alpha_mask), codings, stored)
+def _pad(flags: int, parts: Sequence[Coded], counts: Counts) -> bytes:
+    """A packet that R-5.6-7 allows: planes stored raw, a byte per new slot at least."""
+    whole_bytes = list(parts)
+    for place, n in ((2, counts.n_splits), (len(parts) - 1, counts.n_adds)):
+        coding, values = whole_bytes[place]
+        if n and not coding.high:  # alpha of positions, and the last channel of the adds
+            whole_bytes[place] = Coding(0, 1, coding.delta), values
+    planes = [plane for coding, values in whole_bytes for plane in split_planes(values, coding)]
+    codings = bytes(coding.byte() for coding, _ in whole_bytes)
+    return _assemble(flags, codings, [(1, frames.store(plane)) for plane in planes])
 
 
-def _assemble(
-    head: tuple[int, int, int], codings: bytes, parts: Sequence[tuple[int, bytes]]
-) -> bytes:
-    flags, slot_coding, alpha_mask = head
-    out = layout.build(
-        layout.PACKET_HEADER,
-        flags=flags,
-        slot_coding=slot_coding,
-        alpha_mask=alpha_mask,
-        n_frames=len(parts),
-    )
+def _assemble(flags: int, codings: bytes, parts: Sequence[tuple[int, bytes]]) -> bytes:
+    head = layout.build(layout.PACKET_HEADER, flags=flags, n_frames=len(parts))
     entries = b"".join(
         layout.build(layout.FRAME_ENTRY, n_planes=n, size=len(frame)) for n, frame in parts
     )
-    return out + codings + entries + b"".join(frame for _, frame in parts)
+    return head + codings + entries + b"".join(frame for _, frame in parts)

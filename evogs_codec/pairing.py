@@ -173,8 +173,12 @@ def _growth(f: Features, a: I64, b: I64):
     d = (f.points[a] - f.points[b]).T.astype(np.float32)
     u = np.sqrt(wa * wb) * d
     xx, yy, zz, xy, xz, yz = wa * f.cov[:, a] + wb * f.cov[:, b]
-    xx = xx + u[0] * u[0]; yy = yy + u[1] * u[1]; zz = zz + u[2] * u[2]
-    xy = xy + u[0] * u[1]; xz = xz + u[0] * u[2]; yz = yz + u[1] * u[2]
+    xx = xx + u[0] * u[0]
+    yy = yy + u[1] * u[1]
+    zz = zz + u[2] * u[2]
+    xy = xy + u[0] * u[1]
+    xz = xz + u[0] * u[2]
+    yz = yz + u[1] * u[2]
     e2 = xx * yy - xy * xy + xx * zz - xz * xz + yy * zz - yz * yz
     return 0.5 * np.log2(np.maximum(e2, 1e-38)) - np.log2(f.size[a] + f.size[b])
 

@@ -5,6 +5,8 @@ Each transform stands beside its inverse. Letters: n values of a channel.
 
 from __future__ import annotations
 
+import heapq
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,11 +19,15 @@ __all__ = ["ABSENT", "Coding", "choose_coding", "split_planes", "join_planes", "
 
 MAX_STORED = 1 << 24  # z of 7.1: 2 high planes and 8 low bits
 MAX_SUM = 1 << 28  # R-7.1-1
+SAMPLE_RUN = 8192
 
 
 @dataclass(frozen=True)
 class Coding:
-    """A coding byte: how the integers of a channel are stored (spec 5.9)."""
+    """A coding byte: how the integers of a channel are stored (spec 5.9).
+
+    `low` bits of each in a plane of their own, packed if they are 1, 2 or 4; `high` planes above.
+    """
 
     low: int
     high: int
@@ -34,7 +40,12 @@ class Coding:
     @property
     def bits(self) -> int:
         """Stored integers are below 2**bits."""
-        return self.low + 8 * self.high if self.high else 0
+        return self.low + 8 * self.high
+
+    def plane_sizes(self, n: int) -> list[int]:
+        """Bytes of each plane of n values."""
+        lows = [-(-n * self.low // 8) if self.low in PACKED else n] if self.low else []
+        return lows + [n] * self.high
 
     def byte(self) -> int:
         return self.low | self.high << 4 | self.delta << 6
@@ -45,12 +56,13 @@ class Coding:
         if byte == 0:
             return ABSENT
         low, high = byte & 15, byte >> 4 & 3
-        if low > 8 or high not in (1, 2):
+        if low > 8 or high > 2 or low + high == 0 or byte >> 7:
             return None
         return Coding(low, high, bool(byte & 64))
 
 
 ABSENT = Coding(0, 0)
+PACKED = (1, 2, 4)  # numbers of low bits that are packed 8, 4, 2 to a byte
 
 
 def zigzag(q: npt.NDArray[np.integer]) -> npt.NDArray[np.uint32]:
@@ -107,55 +119,112 @@ def entropy(symbols: npt.NDArray[np.integer]) -> float:
     return float(n * np.log2(n) - (counts * np.log2(counts)).sum()) if n else 0.0
 
 
-def choose_coding(z: npt.NDArray[np.uint32], *, is_delta: bool = False) -> Coding:
-    """The coding of the least order-0 entropy of its planes.
+def huffman_bits(symbols: npt.NDArray[np.integer]) -> float:
+    """Bits that a Huffman code of its own spends on byte symbols: what Zstandard does to a plane."""
+    counts = [int(c) for c in np.bincount(symbols) if c]
+    if len(counts) < 2:
+        return 0.0
+    heapq.heapify(counts)
+    total = 0
+    while len(counts) > 1:
+        pair = heapq.heappop(counts) + heapq.heappop(counts)
+        total += pair
+        heapq.heappush(counts, pair)
+    return float(total)
 
-    Few low bits keep the shape of a distribution in one plane; many keep a long tail out of it.
+
+def choose_coding(z: npt.NDArray[np.integer], *, is_delta: bool = False) -> tuple[Coding, float]:
+    """The coding with the fewest bits by `huffman_bits` of its planes, and those bits.
+
+    Few low bits keep the shape of a distribution in one plane, many keep a long tail out of it;
+    packed ones let a symbol cost less than a bit.
 
     Raises:
         ValueError: a value needs more than 24 bits.
     """
     top = int(z.max()) if z.size else 0
     if top == 0:
-        return ABSENT
+        return ABSENT, 0.0
     if top >= MAX_STORED:
         raise ValueError(f"{top} needs more than 24 bits")
     bits = top.bit_length()
-    if bits <= 8:
-        return Coding(0, 1, is_delta)
-    if bits > 16:
-        return Coding(8, 2, is_delta) if bits > 23 else Coding(bits - 16, 2, is_delta)
-    # A sample decides: its entropies rank the codings as the whole does.
-    sample = z[:: max(1, z.size // 20000)]
-    costs = {}
-    for low in range(bits - 8, 9):
-        costs[low] = entropy(sample >> low) + entropy(sample & ((1 << low) - 1))
-    return Coding(min(costs, key=costs.__getitem__), 1, is_delta)
+    # A sample decides: its costs rank the codings as the whole does. Runs, since bits are packed.
+    sample = z
+    if z.size > 4 * SAMPLE_RUN:
+        starts = np.linspace(0, z.size - SAMPLE_RUN, 4).astype(np.int64)
+        sample = np.concatenate([z[at : at + SAMPLE_RUN] for at in starts])
+    options = []
+    for low in range(9):
+        high = -(-max(bits - low, 0) // 8)
+        if high <= 2 and (low or high):
+            coding = Coding(low, high, is_delta)
+            planes = split_planes(sample, coding)
+            cost = sum(huffman_bits(np.frombuffer(plane, np.uint8)) for plane in planes)
+            options.append((cost, low, coding))
+    cost, _, coding = min(options, key=lambda option: option[:2])
+    return coding, cost * z.size / sample.size
 
 
-def split_planes(z: npt.NDArray[np.uint32], coding: Coding) -> list[bytes]:
+def split_planes(z: npt.NDArray[np.integer], coding: Coding) -> list[bytes]:
     """The planes of stored integers, in the order of spec 5.9."""
     planes = []
     if coding.low:
-        planes.append((z & ((1 << coding.low) - 1)).astype(np.uint8).tobytes())
+        lows = (z & ((1 << coding.low) - 1)).astype(np.uint8)
+        planes.append((_pack(lows, coding.low) if coding.low in PACKED else lows).tobytes())
     above = z >> coding.low
     planes += [(above >> (8 * k) & 255).astype(np.uint8).tobytes() for k in range(coding.high)]
     return planes
 
 
-def join_planes(planes: list[U8], coding: Coding, n: int) -> npt.NDArray[np.integer]:
+def join_planes(planes: Sequence[U8], coding: Coding, n: int) -> npt.NDArray[np.integer]:
     """The n stored integers: uint8, uint16 or int32, the least that holds them."""
-    if not coding.high:
+    if coding == ABSENT:
         return np.zeros(n, np.uint8)
-    if coding.bits == 8:
-        return planes[0]
+    lows = planes[0] if coding.low else None
+    if lows is not None and coding.low in PACKED:
+        lows = _unpack(lows, coding.low, n)
+    highs = planes[coding.low > 0 :]
+    if not highs:
+        assert lows is not None
+        return lows
+    if lows is None and len(highs) == 1:
+        return highs[0]
     dtype = np.uint16 if coding.bits <= 16 else np.int32
-    planes = list(planes)
-    lows = planes.pop(0) if coding.low else None
-    z = planes[0].astype(dtype)
-    if coding.high == 2:
-        z |= planes[1].astype(dtype) << 8
+    z = highs[0].astype(dtype)
+    if len(highs) == 2:
+        z |= highs[1].astype(dtype) << 8
     if lows is not None:
         z <<= coding.low
         z |= lows
     return z
+
+
+def stray_bits(planes: Sequence[U8], coding: Coding, n: int) -> bool:
+    """A bit is set in a low plane where no value has one (R-5.9-9)."""
+    if not coding.low:
+        return False
+    if coding.low not in PACKED:
+        return bool(int(planes[0].max()) >> coding.low)
+    used = n * coding.low % 8
+    return bool(used and int(planes[0][-1]) >> used)
+
+
+def _pack(values: U8, bits: int) -> U8:
+    """8 / bits values to a byte, the first in the lowest bits."""
+    per_byte = 8 // bits
+    padded = np.zeros(-(-len(values) // per_byte) * per_byte, np.uint8)
+    padded[: len(values)] = values
+    rows = padded.reshape(-1, per_byte)
+    out = rows[:, 0].copy()
+    for k in range(1, per_byte):
+        out |= rows[:, k] << (k * bits)
+    return out
+
+
+def _unpack(packed: U8, bits: int, n: int) -> U8:
+    """The inverse of `_pack`."""
+    per_byte = 8 // bits
+    out = np.empty((len(packed), per_byte), np.uint8)
+    for k in range(per_byte):
+        out[:, k] = packed >> (k * bits) & ((1 << bits) - 1)
+    return out.reshape(-1)[:n]

@@ -492,9 +492,7 @@ class _TileCoder:
                 raise _TooFine(min(self.grid.classes[channel], 4))
         return q.astype(np.int32)
 
-    def _apply(
-        self, plan: StepPlan, step: Step, psi: I32, indices: U8, adds: I32
-    ) -> None:
+    def _apply(self, plan: StepPlan, step: Step, psi: I32, indices: U8, adds: I32) -> None:
         """Do to `x` what a decoder does."""
         of_psi = self.grid.channel_quantisers(1 + step.level)
         of_adds = self.grid.channel_quantisers(0)
@@ -535,7 +533,14 @@ class _TileCoder:
         psi = off[:, rows].astype(np.int32)
         none = np.zeros((d, 0), np.int32)
         alpha = np.zeros((N_GROUPS, 0), np.uint8)
-        mend = Step(step.level, slots, kinds, psi.astype(np.float32), alpha.astype(np.float32), none.astype(np.float32))
+        mend = Step(
+            step.level,
+            slots,
+            kinds,
+            psi.astype(np.float32),
+            alpha.astype(np.float32),
+            none.astype(np.float32),
+        )
         self._apply(StepPlan.of(slots, kinds, self.n, 0), mend, psi, alpha, none)
         self.history.note(self.x, self.n)
         return CodedStep(step.level, slots, kinds, alpha, psi, none)
@@ -610,5 +615,3 @@ class _History:
                 errors.append(math.sqrt(np.square(shown - last[part]).mean()))
             out.append(tuple(min(round(e), UNKNOWN_ERROR - 1) for e in errors))
         return out
-
-

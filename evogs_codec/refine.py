@@ -52,7 +52,8 @@ class Quantiser:
         """
         if (_largest(q) if bound is None or bound > self.max_q else 0) > self.max_q:
             raise RangeError("|Delta| exceeds 2^28")
-        return q if self.step == 1 else q * np.int32(self.step)
+        # Where only 0 is in range, the step may need more than 32 bits.
+        return q if self.step == 1 or self.max_q == 0 else q * np.int32(self.step)
 
 
 @dataclass(frozen=True)

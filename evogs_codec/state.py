@@ -16,7 +16,7 @@ from evogs_codec.directory import Directory
 from evogs_codec.errors import Fault, StreamError
 from evogs_codec.packets import Counts, Packet, Values, check_kinds, component_channels, unpack
 from evogs_codec.refine import MAX_X, AlphaTable, Quantiser, RangeError, StepPlan, apply_channel
-from evogs_codec.splats import I32, I64, U8, n_channels
+from evogs_codec.splats import I32, I64, n_channels
 from evogs_codec.tree import N_GROUPS
 
 __all__ = ["TileState"]
@@ -44,7 +44,7 @@ class TileState:
         self.plans: list[StepPlan] = []
         self.n_applied = [0] * directory.n_components
         self._levels: list[int] = []
-        self._sh_alpha: list[U8 | None] = []
+        self._sh_alpha: list[npt.NDArray[np.integer] | None] = []
 
     @property
     def n_slots(self) -> int:
@@ -121,7 +121,7 @@ class TileState:
         level: int,
         psi: Values,
         adds: Values,
-        alpha: tuple[U8 | None, ...],
+        alpha: tuple[npt.NDArray[np.integer] | None, ...],
         tables: list[AlphaTable],
     ) -> None:
         """Spec 7.4 for the channels of a component."""
@@ -200,7 +200,7 @@ class TileState:
         return head + live + self.channels().astype("<i4").tobytes()
 
 
-def _alpha_of(table: AlphaTable, indices: U8 | None) -> tuple[I32 | int, int]:
+def _alpha_of(table: AlphaTable, indices: npt.NDArray[np.integer] | None) -> tuple[I32 | int, int]:
     """(a per split or one for all, K)."""
     if indices is None:
         return table.entries[0], table.shift

@@ -13,7 +13,6 @@ from evogs_codec.packets import (
     Counts,
     Header,
     component_channels,
-    plane_lengths,
     read_header,
     read_planes,
 )
@@ -119,9 +118,9 @@ def bytes_by_group(directory: Directory, data: memoryview) -> dict[str, GroupByt
         offset = int(directory.offsets[packet])
         body = data[offset : offset + size]
         counts = core_counts[key]
-        head = read_header(body, component, component_channels(component), counts, offset)
-        planes = read_planes(body, head, plane_lengths(head, component, counts), offset)
-        names = _plane_names(head, component, counts)
+        head = read_header(body, component, counts, offset)
+        planes = read_planes(body, head, offset)
+        names = _plane_names(head, component)
         bits = [entropy(plane) / 8 for plane in planes]
         stored["packet headers"] += head.size
         at = 0
@@ -137,15 +136,15 @@ def bytes_by_group(directory: Directory, data: memoryview) -> dict[str, GroupByt
     return {name: GroupBytes(stored[name], ideal[name]) for name in order if stored[name]}
 
 
-def _plane_names(head: Header, component: int, counts: Counts) -> list[str]:
+def _plane_names(head: Header, component: int) -> list[str]:
     """What each plane of a packet holds."""
-    names: list[str] = []
-    if component == 0:
-        names += ["slots"] * head.slots.n_planes
-        names += ["kinds"] * counts.has_kinds
-        names += ["alpha"] * sum(head.alpha_mask >> g & 1 for g in range(N_GROUPS))
     first = component_slice(component).start
-    for codings in (head.psi, head.adds):
-        for k, coding in enumerate(codings):
-            names += [CLASS_NAMES[channel_class(first + k)]] * coding.n_planes
-    return names
+    n_channels = component_channels(component)
+    channels = [CLASS_NAMES[channel_class(first + k)] for k in range(n_channels)]
+    sides = ["slots", "kinds", *["alpha"] * N_GROUPS] if component == 0 else []
+    names = sides + channels + channels
+    return [
+        name
+        for name, coding in zip(names, head.codings, strict=True)
+        for _ in range(coding.n_planes)
+    ]

@@ -1,0 +1,98 @@
+"""Reading a stream back as its records: the inverse of `encode.write`.
+
+`read_records(write(tree))` is `tree`, integer by integer. Decoders do not come here: they apply
+packets and forget them; this is for those who edit, inspect or re-encode a stream.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from evogs_codec.coded import CodedStep, CodedTile, CodedTree, component_slice
+from evogs_codec.cut import Cut
+from evogs_codec.decode import decode
+from evogs_codec.directory import UNKNOWN_ERROR, Directory
+from evogs_codec.packets import Packet, unpack
+from evogs_codec.splats import n_channels
+from evogs_codec.tree import N_GROUPS
+
+__all__ = ["read_records"]
+
+
+def read_records(data: bytes | memoryview) -> CodedTree:
+    """The coded tree of a whole stream.
+
+    Raises:
+        StreamError: the stream is not legal.
+        ValueError: a tile has fewer steps of an SH band than of core, which no tree can say.
+    """
+    view = memoryview(data)
+    directory = decode(view).directory  # what follows may trust every packet
+    lengths = Cut.full(directory).steps
+    if (lengths != lengths[:, :1]).any():
+        raise ValueError("the stream has SH bands with fewer steps than core")
+    places = {
+        (int(row["tile"]), int(step), int(row["component"])): packet
+        for packet, (row, step) in enumerate(
+            zip(directory.packets, directory.steps.tolist(), strict=True)
+        )
+    }
+    tiles = []
+    for tile, row in enumerate(directory.tiles):
+        steps = [
+            _step(directory, view, [places[tile, k, c] for c in range(directory.n_components)])
+            for k in range(int(lengths[tile, 0]))
+        ]
+        tiles.append(
+            CodedTile(
+                _triple(row["origin"]),
+                _triple(row["box_min"]),
+                _triple(row["box_max"]),
+                tuple(steps),
+            )
+        )
+    return CodedTree(
+        sh_degree=directory.sh_degree,
+        n_levels=directory.n_levels,
+        grid_exponents=directory.grid_exponents,
+        quantisers=directory.quantisers,
+        alpha=directory.alpha,
+        tiles=tuple(tiles),
+        info=directory.info,
+    )
+
+
+def _step(directory: Directory, data: memoryview, packets: list[int]) -> CodedStep:
+    """The step whose packets, core first, are `packets`."""
+    counts = directory.counts(packets[0])
+    rows = directory.packets[packets]
+    d = n_channels(directory.sh_degree)
+    psi = np.zeros((d, counts.n_psi), np.int32)
+    adds = np.zeros((d, counts.n_adds), np.int32)
+    parts: list[Packet] = []
+    for component, packet in enumerate(packets):
+        offset, size = int(directory.offsets[packet]), int(rows["size"][component])
+        part = unpack(data[offset : offset + size], component, counts, offset)
+        psi[component_slice(component)] = part.psi.all()
+        adds[component_slice(component)] = part.adds.all()
+        parts.append(part)
+    core = parts[0]
+    alpha = np.zeros((N_GROUPS, counts.n_splits), np.uint8)
+    for group, indices in enumerate(core.alpha):
+        if indices is not None:
+            alpha[group] = indices
+    errors = tuple(rows["error"].tolist())
+    return CodedStep(
+        level=int(rows["level"][0]),
+        slots=core.slots.astype(np.int32),
+        kinds=core.kinds,
+        alpha=alpha,
+        psi=psi,
+        adds=adds,
+        error=() if set(errors) == {UNKNOWN_ERROR} else errors,
+    )
+
+
+def _triple(values: np.ndarray) -> tuple[int, int, int]:
+    x, y, z = values.tolist()
+    return x, y, z

@@ -1,0 +1,124 @@
+"""Small streams to damage, and ways of damaging them."""
+
+import struct
+import zlib
+from functools import cache
+
+import numpy as np
+
+from evogs_codec.directory import SceneInfo
+from evogs_codec.encode import encode
+from evogs_codec.settings import PRESETS
+from evogs_codec.splats import n_channels
+from evogs_codec.tree import EvolutionTree, Kind, Step
+
+HEADER_SIZE, CHUNK_HEADER_SIZE, PACKET_ROW = 64, 12, 36
+ROW_SIZE, ROW_CRC = 8, 32  # offsets in a row of PACK
+
+
+def random_tree(n_roots, n_levels, degree, seed=0):
+    """Roots, then per level two steps of splits, refines, a drop and an add."""
+    rng = np.random.default_rng(seed)
+    d = n_channels(degree)
+
+    def numbers(n, spread):
+        return (spread * rng.standard_normal((d, n))).astype(np.float32)
+
+    steps, live = [Step.of_adds(0, numbers(n_roots, 1.0))], np.ones(n_roots, bool)
+    for level in range(1, n_levels):
+        for _ in range(2):
+            slots = np.flatnonzero(live)
+            slots = np.sort(rng.permutation(slots)[: max(1, len(slots) * 3 // 4)])
+            kinds = rng.choice([Kind.SPLIT, Kind.SPLIT, Kind.REFINE], len(slots)).astype(np.uint8)
+            kinds[0] = Kind.DROP if live.sum() > 2 else Kind.SPLIT
+            n_splits = int((kinds == Kind.SPLIT).sum())
+            step = Step(
+                level,
+                slots.astype(np.int32),
+                kinds,
+                numbers(int((kinds != Kind.DROP).sum()), 0.1),
+                rng.choice([0.5, 1.0, 1.5], (5, n_splits)).astype(np.float32),
+                numbers(1, 1.0),
+            )
+            live[slots[kinds == Kind.DROP]] = False
+            live = np.concatenate([live, np.ones(step.n_new, bool)])
+            steps.append(step)
+    return EvolutionTree(degree, tuple(steps))
+
+
+@cache
+def stream(n_roots=8, n_levels=2, degree=1, n_tiles=2, seed=0):
+    """An encoded `random_tree`, with metadata, alpha tables and digests."""
+    info = SceneInfo(up_axis=5, text={"title": "small"})
+    tree = random_tree(n_roots, n_levels, degree, seed)
+    return encode(tree, PRESETS["trained"], n_tiles=n_tiles, info=info)
+
+
+def flipped(data, bit):
+    """`data` with one bit changed."""
+    out = bytearray(data)
+    out[bit >> 3] ^= 1 << (bit & 7)
+    return bytes(out)
+
+
+def chunk(kind, body):
+    """A chunk with its header."""
+    head = kind + struct.pack("<I", len(body))
+    return head + struct.pack("<I", zlib.crc32(body, zlib.crc32(head))) + body
+
+
+def chunks_of(data):
+    """[(offset, type, body size)] of the chunks that fit."""
+    (chunks_size,) = struct.unpack_from("<I", data, 32)
+    found, at, end = [], HEADER_SIZE, min(HEADER_SIZE + chunks_size, len(data))
+    while end - at >= CHUNK_HEADER_SIZE:
+        size = int.from_bytes(data[at + 4 : at + 8], "little")
+        if size > end - at - CHUNK_HEADER_SIZE:
+            break
+        found.append((at, bytes(data[at : at + 4]), size))
+        at += CHUNK_HEADER_SIZE + size
+    return found
+
+
+def repaired(data):
+    """`data` with every CRC-32 right, as far as its structure can be made out."""
+    out = bytearray(data)
+    if len(out) < HEADER_SIZE:
+        return bytes(out)
+    for at, kind, size in chunks_of(out):
+        begin = at + CHUNK_HEADER_SIZE
+        if kind == b"PACK":
+            offset = HEADER_SIZE + int.from_bytes(out[32:36], "little")
+            for row in range(begin, begin + size - PACKET_ROW + 1, PACKET_ROW):
+                (n,) = struct.unpack_from("<I", out, row + ROW_SIZE)
+                struct.pack_into("<I", out, row + ROW_CRC, zlib.crc32(out[offset : offset + n]))
+                offset += n
+        crc = zlib.crc32(out[begin : begin + size], zlib.crc32(out[at : at + 8]))
+        struct.pack_into("<I", out, at + 8, crc)
+    struct.pack_into("<I", out, 60, zlib.crc32(out[:60]))
+    return bytes(out)
+
+
+def rebuilt(data, *, header=None, chunks=None, packets=None):
+    """`data` with header fields {offset: (format, value)}, chunk bodies or packets replaced.
+
+    A chunk body of None leaves the chunk out; new types are put after the others.
+    """
+    head, end = bytearray(data[:HEADER_SIZE]), HEADER_SIZE + int.from_bytes(data[32:36], "little")
+    bodies = [
+        (kind, data[at + CHUNK_HEADER_SIZE : at + CHUNK_HEADER_SIZE + size])
+        for at, kind, size in chunks_of(data)
+    ]
+    new = dict(chunks or {})
+    area = b""
+    for kind, body in bodies:
+        body = new.pop(kind, body)
+        area += b"" if body is None else chunk(kind, body)
+    area += b"".join(chunk(kind, body) for kind, body in new.items() if body is not None)
+    payload = data[end:] if packets is None else packets
+    struct.pack_into("<I", head, 32, len(area))
+    struct.pack_into("<Q", head, 36, len(payload))
+    for offset, (form, value) in (header or {}).items():
+        struct.pack_into(form, head, offset, value)
+    struct.pack_into("<I", head, 60, zlib.crc32(head[:60]))
+    return bytes(head) + area + payload
