@@ -1,12 +1,13 @@
 """The 24 equivalent ways to write one Gaussian, and rotations as (1, g).
 
-A Gaussian does not change if its axes are renamed: a proper rotation `b` of the cube, applied on the
-right of the quaternion (q -> q b), and the matching permutation of the log-scales give the same
+A Gaussian does not change if its axes are renamed: a proper rotation `b` of the cube, applied on
+the right of the quaternion (q -> q b), and the matching permutation of the log-scales give the same
 covariance; nor do the sign and the norm of q matter. A tree stores differences of neighbours, so it
-pays to write neighbours alike. Rotations are written g = (x, y, z) / w: scaled so that w is 1, the w
-channel of a tree is constant and costs nothing. Of the 24 one always has |g| <= 0.61.
+pays to write neighbours alike. Rotations are written g = (x, y, z) / w: scaled so that w is 1, the
+w channel of a tree is constant and costs nothing. Of the 24 one always has |g| <= 0.61.
 
-Letters: n Gaussians, channel-major arrays; k in 0..23 an element of the cube's group, 0 the identity.
+Letters: n Gaussians, channel-major arrays; k in 0..23 an element of the cube's group, 0 the
+identity.
 """
 
 from __future__ import annotations

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
-from importlib.metadata import entry_points, version
+from importlib.metadata import PackageNotFoundError, entry_points, version
 from pathlib import Path
 from typing import Any
 
@@ -58,11 +59,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(f"{args.input}: {error}")
     except MemoryError:
         return _fail(f"{args.input}: not enough memory")
+    except KeyboardInterrupt:
+        _fail("interrupted")
+        return 130  # 128 + SIGINT, as shells have it
 
 
 def _fail(message: str) -> int:
     print(f"evogs: {message}", file=sys.stderr)
     return 1
+
+
+def _version() -> str:
+    try:
+        return version("evogs")
+    except PackageNotFoundError:  # run from a checkout
+        return "(not installed)"
 
 
 @contextmanager
@@ -101,7 +112,7 @@ def run_encode(args: argparse.Namespace) -> None:
         "splats": n,
         "bytes": len(data),
         "bytes_per_splat": round(len(data) / max(n, 1), 3),
-        "levels": [asdict(level) for level in levels(directory)],
+        "levels": _level_figures(directory),
     }
     if args.json:
         print(json.dumps(figures))
@@ -117,7 +128,10 @@ def run_decode(args: argparse.Namespace) -> None:
         decoded = _decode_partial(data, args)
     else:
         decoded = decode(data, lambda directory: _cut(directory, args), verify=args.verify)
-    splats = decoded.leaves(sh_degree=args.sh_degree)
+    degree = args.sh_degree
+    splats = decoded.leaves(
+        sh_degree=degree if degree is None else min(degree, decoded.directory.sh_degree)
+    )
     write_ply(args.output, splats, comments=_comments(decoded.directory))
     print(f"{args.output}: {len(splats):,} splats, SH degree {splats.sh_degree}")
 
@@ -155,7 +169,7 @@ def run_info(args: argparse.Namespace) -> None:
     for key in ("tier", "sh_degree", "tiles", "packets", "size", "grid_exponents"):
         print(f"{key:>18}  {info[key]}")
     for key, value in info["scene"].items():
-        print(f"{key:>18}  {value}")
+        print(f"{key:>18}  {_shown(str(value))}")
     if len(data) < directory.size:
         print(f"{'truncated':>18}  {len(data):,} of {directory.size:,} bytes are there")
     _print_levels(directory)
@@ -238,7 +252,7 @@ def _settings(args: argparse.Namespace, default: str) -> Settings:
 
 def _scene_info(args: argparse.Namespace) -> SceneInfo:
     text = {key: getattr(args, key) for key in registry.TEXT_OPTIONS if getattr(args, key)}
-    text["generator"] = f"evogs {version('evogs')}"
+    text["generator"] = f"evogs {_version()}"
     return SceneInfo(
         coordinate_system=registry.COORDINATE_SYSTEMS.index(args.coordinate_system),
         up_axis=registry.UP_AXES.index(args.up_axis),
@@ -259,8 +273,20 @@ def _cut(directory: Directory, args: argparse.Namespace) -> Cut:
 
 
 def _comments(directory: Directory) -> list[str]:
-    lines = [f"{key}: {value}" for key, value in directory.info.text.items()]
-    return [line for text in lines for line in text.splitlines() if line.isprintable()]
+    """Metadata as comments of a .ply, which are ASCII without control characters."""
+    lines = [f"{key}: {_shown(value)}" for key, value in directory.info.text.items()]
+    return [line.encode("ascii", "backslashreplace").decode("ascii") for line in lines]
+
+
+def _shown(text: str) -> str:
+    """Text of a stranger for a terminal: what is not printable is escaped."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def _level_figures(directory: Directory) -> list[dict[str, Any]]:
+    """Figures per level for JSON, which has no NaN: an unknown error is null."""
+    figures = [asdict(level) for level in levels(directory)]
+    return [{k: v if v == v else None for k, v in level.items()} for level in figures]  # noqa: PLR0124
 
 
 def _info(directory: Directory, size: int, groups: dict[str, Any]) -> dict[str, Any]:
@@ -283,7 +309,7 @@ def _info(directory: Directory, size: int, groups: dict[str, Any]) -> dict[str, 
             "antialiased": scene.antialiased,
             **scene.text,
         },
-        "levels": [asdict(level) for level in levels(directory)],
+        "levels": _level_figures(directory),
         "groups": {name: asdict(part) for name, part in groups.items()},
         "digests": len(directory.digests),
     }
@@ -324,7 +350,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Progressive streams of 3D Gaussian Splatting scenes.",
         epilog="Each command has examples: evogs encode --help",
     )
-    parser.add_argument("--version", action="version", version=f"evogs {version('evogs')}")
+    parser.add_argument("--version", action="version", version=f"evogs {_version()}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     _add_encode(commands)
     _add_decode(commands)
@@ -355,6 +381,8 @@ def _command(
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(run=run)
+    # Before Python 3.14 argparse takes -1e3 for an option.
+    parser._negative_number_matcher = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
     return parser
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 
@@ -75,6 +76,7 @@ def component_slice(component: int) -> slice:
     return slice(11 + 3 * component**2, 11 + 3 * (component + 1) ** 2)
 
 
+@cache
 def channel_class(channel: int) -> int:
     """Quantiser class of a channel (spec 3.2)."""
     if channel < 11:

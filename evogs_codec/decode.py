@@ -12,7 +12,9 @@ import zlib
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TypeAlias
+from itertools import accumulate
+from types import ModuleType
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
@@ -20,13 +22,15 @@ from evogs_codec import layout
 from evogs_codec.cut import Cut
 from evogs_codec.directory import HEADER_SIZE, Directory, read_directory, read_header
 from evogs_codec.errors import Fault, StreamError
-from evogs_codec.splats import F32, GROUP_CHANNELS, SplatParams
+from evogs_codec.splats import F32, F64, GROUP_CHANNELS, I32, I64, SplatParams
 from evogs_codec.state import TileState
 
 __all__ = ["Decoded", "Decoder", "StepReady", "decode", "decode_prefix"]
 
+T = TypeVar("T")
 Key: TypeAlias = tuple[int, int, int]  # tile, component, step
 TileResult: TypeAlias = tuple[TileState, int, StreamError | None, list[Key]]
+MIN_COMPILED = 50_000  # slots below which numpy is as fast as loading compiled code
 BLOCK = 4096  # splats that are transposed at a time: their channels stay in cache
 
 
@@ -107,8 +111,9 @@ def decode(
         cut = Cut.full(directory)
     elif not isinstance(cut, Cut):
         cut = cut(directory)
-    decoded = replay(directory, view, cut, verify=verify)
-    if len(view) > directory.size:  # R-6.2-1
+    has_more = len(view) > directory.size
+    decoded = replay(directory, view, cut, verify=verify and not has_more)  # 6.1: step 5 before 6
+    if has_more:  # R-6.2-1
         raise StreamError(
             Fault.E_TRAILING, f"{len(view) - directory.size} bytes follow", directory.size
         )
@@ -139,11 +144,7 @@ def replay(directory: Directory, data: memoryview, cut: Cut, *, verify: bool = F
     def run(tile: int) -> TileResult:
         return _replay_tile(directory, data, tile, jobs[tile], verify=verify)
 
-    if len(jobs) > 1:
-        with ThreadPoolExecutor(min(len(jobs), os.cpu_count() or 1)) as pool:
-            results = list(pool.map(run, range(len(jobs))))
-    else:
-        results = [run(tile) for tile in range(len(jobs))]
+    results = _each(run, len(jobs))
     faults = [(at, fault) for _, at, fault, _ in results if fault is not None]
     if faults:
         raise min(faults, key=lambda item: item[0])[1]
@@ -152,6 +153,14 @@ def replay(directory: Directory, data: memoryview, cut: Cut, *, verify: bool = F
         detail = f"state of (tile, component, step) {min(wrong)}"
         raise StreamError(Fault.E_DIGEST, detail, directory.digests_offset)
     return Decoded(directory, cut, tuple(result[0] for result in results), data)
+
+
+def _each(function: Callable[[int], T], n: int) -> list[T]:
+    """The function of 0..n-1, in parallel where there is more than one tile."""
+    if n < 2:
+        return [function(number) for number in range(n)]
+    with ThreadPoolExecutor(min(n, os.cpu_count() or 1)) as pool:
+        return list(pool.map(function, range(n)))
 
 
 def _replay_tile(
@@ -163,11 +172,16 @@ def _replay_tile(
     verify: bool,
 ) -> TileResult:
     """(state, packet at fault, its fault, wrong digests) of one tile."""
-    rows = directory.packets[np.asarray(packets, np.int64)]
+    packets = np.asarray(packets, np.int64)
+    rows = directory.packets[packets]
+    # Only what is there is paid for: a table may promise slots in packets that never come.
+    rows = rows[directory.offsets[packets] + rows["size"] <= len(data)]
     capacity = int(rows["n_adds"].astype(np.int64).sum() + rows["n_splits"].astype(np.int64).sum())
-    state = TileState(directory, tile, capacity)
+    total = directory.packets["n_adds"].sum(dtype=np.int64)
+    total += directory.packets["n_splits"].sum(dtype=np.int64)
+    state = TileState(directory, tile, capacity, kernels_for(int(total)))
     wrong: list[Key] = []
-    for packet in packets:
+    for packet in packets.tolist():
         try:
             state.apply(packet, _body(directory, data, packet))
         except StreamError as fault:
@@ -197,45 +211,54 @@ def float_view(directory: Directory, tiles: Iterable[TileState], sh_degree: int)
     """binary32 of (O + X) * 2**-G, rounded once (R-7.6-1), of the live slots."""
     tiles = list(tiles)
     live = [np.flatnonzero(tile.live[: tile.n_slots]) for tile in tiles]
-    n, n_sh = sum(len(rows) for rows in live), 3 * (sh_degree + 1) ** 2
-    out = {
-        "position": np.empty((n, 3), np.float32),
-        "rotation": np.empty((n, 4), np.float32),
-        "scale": np.empty((n, 3), np.float32),
-        "opacity": np.empty((n, 1), np.float32),
-        "sh": np.zeros((n, n_sh), np.float32),
-    }
-    begin = 0
-    for tile, rows in zip(tiles, live, strict=True):
-        x = tile.channels()
-        if len(rows) < x.shape[1]:
-            x = np.ascontiguousarray(x[:, rows])
-        origin = directory.tiles[tile.tile]["origin"]
-        for at in range(0, len(rows), BLOCK):
-            block = x[:, at : at + BLOCK]
-            to = slice(begin + at, begin + at + block.shape[1])
-            for (name, array), exponent, channels in zip(
-                out.items(), directory.grid_exponents, GROUP_CHANNELS, strict=True
-            ):
-                part = block[channels][: array.shape[1]]
-                if name == "position":
-                    # |O + X| < 2**53: exact in binary64, so the cast is the only rounding.
-                    array[to] = (part + origin[:, None]).T * 2.0**-exponent
-                else:
-                    _scale(part, exponent, array[to, : len(part)])
-        begin += len(rows)
+    n, n_sh = sum(len(rows) for rows in live), 3 * (min(sh_degree, directory.sh_degree) + 1) ** 2
+    origins = np.zeros(11 + n_sh, np.int64)
+    scales = np.empty(11 + n_sh, np.float64)
+    for exponent, channels in zip(directory.grid_exponents, GROUP_CHANNELS, strict=True):
+        scales[channels] = 2.0**-exponent
+    shapes = ((0, (n, 3)), (3, (n, 4)), (7, (n, 3)), (10, (n, 1)), (11, (n, n_sh)))
+    parts = [(first, np.empty(shape, np.float32)) for first, shape in shapes]
+    write = getattr(kernels_for(n), "float_rows", _float_rows)
+    begins = list(accumulate(map(len, live), initial=0))
+
+    def view(number: int) -> None:
+        x, rows = tiles[number].channels(), live[number]
+        own = origins.copy()
+        own[0:3] = directory.tiles[tiles[number].tile]["origin"]
+        for first, out in parts:
+            channels = slice(first, first + out.shape[1])
+            to = out[begins[number] : begins[number + 1]]
+            write(x[channels], rows, own[channels], scales[channels], to)
+
+    _each(view, len(tiles))
+    means, quats, log_scales, opacity_logits, sh = (out for _, out in parts)
+    missing = 3 * (sh_degree + 1) ** 2 - n_sh  # of bands above those of the stream
+    if missing:
+        sh = np.concatenate([sh, np.zeros((n, missing), np.float32)], 1)
     return SplatParams(
-        means=out["position"],
-        quats=out["rotation"],
-        log_scales=out["scale"],
-        opacity_logits=out["opacity"][:, 0],
-        sh=out["sh"].reshape(n, n_sh // 3, 3),
+        means, quats, log_scales, opacity_logits[:, 0], sh.reshape(n, (sh_degree + 1) ** 2, 3)
     )
 
 
-def _scale(x: np.ndarray, exponent: int, out: F32) -> None:
-    """out = x.T * 2**-exponent: the cast to binary32 rounds, the scaling is exact."""
-    np.multiply(x.T, np.float32(2.0**-exponent), out=out, dtype=np.float32, casting="same_kind")
+def _float_rows(x: I32, rows: I64, origins: I64, scales: F64, out: F32) -> None:
+    """out[i, c] = binary32((origins[c] + x[c, rows[i]]) * scales[c]), blockwise.
+
+    |O + X| is below 2**53, so binary64 holds it and the cast is the only rounding.
+    """
+    for at in range(0, len(rows), BLOCK):
+        part = x[:, rows[at : at + BLOCK]] + origins[:, None]
+        out[at : at + BLOCK] = (part * scales[:, None]).T
+
+
+def kernels_for(n_slots: int) -> ModuleType | None:
+    """The compiled loops where they are installed and worth loading; None for numpy."""
+    if n_slots < MIN_COMPILED:
+        return None
+    try:
+        from evogs_codec import kernels
+    except ImportError:  # numba is an extra
+        return None
+    return kernels
 
 
 # --- progressive ---------------------------------------------------------------------------------
@@ -355,17 +378,12 @@ class Decoder:
         self._head = _Ranges()
         self.directory = directory
         rows = directory.packets
-        new = rows["n_adds"].astype(np.int64) + rows["n_splits"]
-        slots = np.bincount(rows["tile"], weights=new, minlength=len(directory.tiles))
-        self._tiles = [TileState(directory, t, int(n)) for t, n in enumerate(slots)]
+        # Slots are made as packets come: a table may promise any number.
+        self._tiles = [TileState(directory, t, 0) for t in range(len(directory.tiles))]
         self._done = np.zeros(len(rows), bool)
-        self._next = [
-            [
-                np.flatnonzero((rows["tile"] == t) & (rows["component"] == c)).tolist()
-                for c in range(directory.n_components)
-            ]
-            for t in range(len(directory.tiles))
-        ]
+        self._next = [[[] for _ in range(directory.n_components)] for _ in self._tiles]
+        for packet, (tile, component) in enumerate(rows[["tile", "component"]].tolist()):
+            self._next[tile][component].append(packet)
         for packet in np.flatnonzero(rows["size"] == 0).tolist():
             self._whole[packet] = b""
         return True

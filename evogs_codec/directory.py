@@ -61,7 +61,7 @@ class Directory:
         digests: {(tile, component, step): SHA-256}.
         digests_offset: file offset of their chunk.
         copied_chunks: unknown chunks that are safe to copy, headers included.
-        dropped_size: bytes of the unknown chunks that are not.
+        version_minor, unused_flags: of the header, without a meaning here.
         data_offset, size: where the packets begin, and bytes of the file.
     """
 
@@ -79,7 +79,8 @@ class Directory:
     digests: Mapping[tuple[int, int, int], bytes]
     digests_offset: int
     copied_chunks: bytes
-    dropped_size: int
+    version_minor: int
+    unused_flags: int
     data_offset: int
     size: int
 
@@ -172,7 +173,7 @@ def read_directory(data: memoryview, limits: Mapping[str, int] | None = None) ->
             f"{len(data) - HEADER_SIZE} bytes of {header['chunks_size']} of chunks are there",
             HEADER_SIZE,
         )
-    chunks, copied, dropped_size = _read_chunks(data[HEADER_SIZE:end])
+    chunks, copied = _read_chunks(data[HEADER_SIZE:end])
     sh_degree, n_levels, tier = header["sh_degree"], header["n_levels"], header["tier"]
     quantisers = _read_steps(*chunks[b"STEP"], n_levels, n_classes(sh_degree))
     alpha = _read_alpha(*chunks[b"ALFA"], n_levels) if b"ALFA" in chunks else {}
@@ -207,7 +208,8 @@ def read_directory(data: memoryview, limits: Mapping[str, int] | None = None) ->
         digests=digests,
         digests_offset=chunks[b"dGST"][1] if b"dGST" in chunks else 0,
         copied_chunks=copied,
-        dropped_size=dropped_size,
+        version_minor=header["version_minor"],
+        unused_flags=header["flags"] & ~FLAG_ANTIALIASED,
         data_offset=end,
         size=end + header["data_size"],
     )
@@ -218,10 +220,10 @@ def _check_crc(computed: int, stored: int, offset: int) -> None:
         raise StreamError(Fault.E_CRC, f"CRC-32 {computed:#010x}, stored {stored:#010x}", offset)
 
 
-def _read_chunks(area: memoryview) -> tuple[dict[bytes, tuple[memoryview, int]], bytes, int]:
-    """{type: (body, offset)} of the known chunks; the unknown ones to copy; bytes of the others."""
+def _read_chunks(area: memoryview) -> tuple[dict[bytes, tuple[memoryview, int]], bytes]:
+    """{type: (body, offset)} of the known chunks; the unknown ones to copy."""
     chunks: dict[bytes, tuple[memoryview, int]] = {}
-    copied, dropped_size = b"", 0
+    copied = bytearray()
     at = 0
     while at < len(area):
         offset = HEADER_SIZE + at
@@ -248,14 +250,12 @@ def _read_chunks(area: memoryview) -> tuple[dict[bytes, tuple[memoryview, int]],
         elif kind[:1].isupper():  # R-8.1-1
             raise StreamError(Fault.E_UNSUPPORTED, f"critical chunk {name}", offset)
         elif kind[3:].islower():  # R-8.1-3
-            copied += bytes(area[at:end])
-        else:
-            dropped_size += end - at
+            copied += area[at:end]
         at = end
     for kind in (b"STEP", b"TILE", b"PACK"):
         if kind not in chunks:
             raise StreamError(Fault.E_CHUNK, f"chunk {kind.decode()} is missing", HEADER_SIZE)
-    return chunks, copied, dropped_size
+    return chunks, bytes(copied)
 
 
 def _after(kind: bytes) -> tuple[bytes, ...]:
@@ -469,6 +469,8 @@ def build_directory(
     packets: npt.NDArray[np.void],
     digests: Mapping[tuple[int, int, int], bytes],
     copied_chunks: bytes = b"",
+    version_minor: int = layout.VERSION[1],
+    unused_flags: int = 0,
 ) -> bytes:
     """Header and chunks; the inverse of `read_directory`. The tier is the lowest that fits.
 
@@ -497,12 +499,12 @@ def build_directory(
     fields = {
         "signature": layout.SIGNATURE,
         "version_major": layout.VERSION[0],
-        "version_minor": layout.VERSION[1],
+        "version_minor": version_minor,
         "tier": _tier(n_levels, tiles, packets, len(chunks)),
         "sh_degree": sh_degree,
         "n_levels": n_levels,
         "grid_exponents": list(grid_exponents),
-        "flags": FLAG_ANTIALIASED if info.antialiased else 0,
+        "flags": unused_flags | (FLAG_ANTIALIASED if info.antialiased else 0),
         "coordinate_system": info.coordinate_system,
         "up_axis": info.up_axis,
         "unit": info.unit,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ from evogs_codec.directory import (
     read_directory,
 )
 from evogs_codec.errors import Fault, StreamError
-from evogs_codec.layout import DIGEST_ENTRY, PACKET_ENTRY, TILE_ENTRY, size_of
+from evogs_codec.layout import DIGEST_ENTRY, PACKET_ENTRY, size_of
 from evogs_codec.splats import I64
 
 __all__ = ["choose_cut", "extract"]
@@ -90,7 +90,25 @@ def extract(data: bytes | memoryview, cut: Cut, *, box: Box | None = None) -> by
         for (tile, component, step), digest in directory.digests.items()
         if step < cut.steps[tile, component]
     }
-    head = build_directory(
+    head = _head(directory, kept, rows, digests)
+    bodies = []
+    for packet in np.flatnonzero(selected).tolist():
+        offset, size = int(directory.offsets[packet]), int(directory.packets["size"][packet])
+        body = view[offset : offset + size]
+        if len(body) < size:
+            raise StreamError(Fault.E_TRUNCATED, "a packet of the cut is cut short", offset)
+        bodies.append(body)
+    return b"".join([head, *bodies])
+
+
+def _head(
+    directory: Directory,
+    kept: npt.NDArray[np.bool_],
+    rows: npt.NDArray[np.void],
+    digests: Mapping[tuple[int, int, int], bytes],
+) -> bytes:
+    """Header and chunks with these tiles, packets and digests (R-10-1)."""
+    return build_directory(
         sh_degree=directory.sh_degree,
         n_levels=directory.n_levels,
         grid_exponents=directory.grid_exponents,
@@ -101,15 +119,9 @@ def extract(data: bytes | memoryview, cut: Cut, *, box: Box | None = None) -> by
         packets=rows,
         digests=digests,
         copied_chunks=directory.copied_chunks,
+        version_minor=directory.version_minor,
+        unused_flags=directory.unused_flags,
     )
-    bodies = []
-    for packet in np.flatnonzero(selected).tolist():
-        offset, size = int(directory.offsets[packet]), int(directory.packets["size"][packet])
-        body = view[offset : offset + size]
-        if len(body) < size:
-            raise StreamError(Fault.E_TRUNCATED, "a packet of the cut is cut short", offset)
-        bodies.append(body)
-    return b"".join([head, *bodies])
 
 
 def _kept_tiles(directory: Directory, box: Box | None) -> npt.NDArray[np.bool_]:
@@ -131,9 +143,5 @@ def _extracted_sizes(directory: Directory, selected: I64, box: Box | None) -> I6
     per_packet = rows["size"].astype(np.int64) + size_of(PACKET_ENTRY)
     per_packet += has_digest * size_of(DIGEST_ENTRY)
     per_packet[np.flatnonzero(has_digest)[:1]] += CHUNK_HEADER_SIZE
-    dropped = int(np.count_nonzero(~_kept_tiles(directory, box)))
-    table = len(directory.packets) * size_of(PACKET_ENTRY)
-    digests = len(directory.digests) * size_of(DIGEST_ENTRY)
-    digests += CHUNK_HEADER_SIZE if directory.digests else 0
-    fixed = directory.data_offset - table - digests - dropped * size_of(TILE_ENTRY)
-    return fixed - directory.dropped_size + np.concatenate([[0], np.cumsum(per_packet)])
+    fixed = len(_head(directory, _kept_tiles(directory, box), directory.packets[:0], {}))
+    return fixed + np.concatenate([[0], np.cumsum(per_packet)])

@@ -7,6 +7,7 @@ time, numpy a column.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any, TypeAlias
 
 import construct as cs
@@ -152,6 +153,7 @@ _DTYPES = {"u8": "u1", "s8": "i1", "u16": "<u2", "s16": "<i2", "u32": "<u4", "s3
 _DTYPES |= {"u64": "<u8", "s64": "<i8"}
 
 
+@cache
 def size_of(struct: Struct) -> int:
     """Bytes of a structure."""
     return int(struct.sizeof())
@@ -179,6 +181,7 @@ def read_table(struct: Struct, body: memoryview) -> npt.NDArray[np.void]:
     return np.frombuffer(body, dtype_of(struct))
 
 
+@cache
 def dtype_of(struct: Struct) -> np.dtype[np.void]:
     """The packed numpy dtype of a structure."""
     fields: list[Any] = []

@@ -1,7 +1,13 @@
 """Lifting: a tree under an existing splat set, without photographs or training.
 
-Neighbours are paired, each pair gets a parent, and the parents are paired again. A parent lies on
-the line through its children in every group: C1 = P + psi, C2 = P - alpha psi, one alpha per group.
+Neighbours are paired, each pair gets a parent on the line through it, and the parents are paired
+again, a round per level. Three passes (the geometry of each is in `axes`, `pairing`, `merging`):
+
+1. up: who pairs with whom, each node written in the way that suits it and its own subtree;
+2. down: the ways of writing made consistent, so that every leaf resembles its relatives;
+3. up: with the leaves fixed, the parents that the tree will have.
+
+Letters: N splats, D channels, T nodes of all levels: first the leaves, then the parents by round.
 """
 
 from __future__ import annotations
@@ -12,272 +18,220 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from evogs_codec import pairing
-from evogs_codec.axes import COMPOSE, largest_w, matrices, turned
-from evogs_codec.pairing import Features, match, morton_order, nearest_turn
+from evogs_codec.axes import COMPOSE, largest_w, turned
+from evogs_codec.merging import line_parents, merged, moments
+from evogs_codec.pairing import features, match, morton_order, nearest_turns
 from evogs_codec.splats import F32, F64, I64, SplatParams
 from evogs_codec.tree import EvolutionTree, Kind, Step
 
 __all__ = ["Lifted", "lift", "lift_with_order"]
 
-ALPHAS_POSITION = (0.25, 0.5, 1.0)
-ALPHAS_SCALE = (-0.875, -0.75, -0.5, -0.25, 0.0, 0.5, 1.0)
-ALPHAS_OPACITY = (-0.75, -0.5, -0.25, 0.0, 0.5, 1.0)
-OVER = 1.0
-MIN_W = 0.6
-MAX_LOGIT = 4.6
-LAMBDA = (0.05, 0.02, 0.02)
+N_PRICED = 14  # channels that decide who pairs: all but the higher SH bands
+N_SHAPE = 10  # position, rotation, log-scale
+MIN_W = 0.8  # of a unit quaternion; below, a node is written anew
+
+Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, eq=False)
 class Lifted:
+    """A tree and where its leaves come from.
+
+    Attributes:
+        tree: its last level is the splat set.
+        leaf_of: (N,) the index of the input splat that each leaf, in slot order, is equivalent to.
+    """
+
     tree: EvolutionTree
     leaf_of: I64
 
 
 @dataclass(frozen=True, eq=False)
-class Moments:
-    """mass (n,), mean (3,n), cov (3,3,n) of the leaves below each node"""
+class _Round:
+    """R merges: nodes c1 and c2 become the node `parent`, all (R,).
 
-    mass: F64
-    mean: F64
-    cov: F64
+    Attributes:
+        turn_c2: (R,) turn that writes c2 like c1.
+        turn_parent: (R,) turn of the parent after it was formed from the two.
+    """
 
-    def take(self, rows):
-        return Moments(self.mass[rows], self.mean[:, rows], self.cov[:, :, rows])
-
-
-def merge(a: Moments, b: Moments) -> Moments:
-    mass = a.mass + b.mass
-    wa = a.mass / mass
-    wb = 1 - wa
-    d = a.mean - b.mean
-    return Moments(
-        mass,
-        b.mean + wa * d,
-        wa * a.cov + wb * b.cov + (wa * wb) * d[:, None] * d[None],
-    )
-
-
-def sigmoid(x):
-    return 1 / (1 + np.exp(-x))
-
-
-def area(ls):
-    return (np.exp(ls[0] + ls[1]) + np.exp(ls[0] + ls[2]) + np.exp(ls[1] + ls[2])) / 3
-
-
-def moments_of(x: F64) -> Moments:
-    r = matrices(x[4:7])
-    m = r * np.exp(x[7:10])[None]
-    cov = np.einsum("ikn,jkn->ijn", m, m)
-    return Moments(sigmoid(x[10]) * area(x[7:10]) + 1e-300, x[0:3].copy(), cov)
-
-
-def choose(d, c2, target, alphas, unit, lam):
-    """best alpha per column: |P - target|^2 / unit2 + lam bits"""
-    best = np.full(d.shape[1], np.inf)
-    out = np.zeros(d.shape[1])
-    over = OVER if len(alphas) == len(ALPHAS_SCALE) else 1.0
-    for a in alphas:
-        psi = d / (1 + a)
-        p = c2 + a * psi
-        e = (p - target) / unit
-        cost = (np.where(e > 0, over, 1.0) * e * e).sum(0) - 2 * lam * np.log2(1 + a) * len(d)
-        better = cost < best
-        best = np.where(better, cost, best)
-        out[better] = a
-    return out
-
-
-def line_parent(c1: F64, c2: F64, mom: Moments):
-    """c (D,n) channel-major with g in 4:7 and 1 in 3."""
-    d = c1 - c2
-    n = d.shape[1]
-    alpha = np.ones((5, n))
-    size = np.exp(np.maximum(c1[7:10], c2[7:10])).mean(0)
-    alpha[0] = choose(d[0:3], c2[0:3], mom.mean, ALPHAS_POSITION, size, LAMBDA[0])
-    g = (c1[4:7] + c2[4:7]) / 2
-    r = matrices(g)
-    var = np.einsum("ikn,ijn,jkn->kn", r, mom.cov, r)
-    target = 0.5 * np.log(np.maximum(var, 1e-300))
-    alpha[2] = choose(d[7:10], c2[7:10], target, ALPHAS_SCALE, 1.0, LAMBDA[1])
-    p = np.empty_like(c1)
-    for k, s in enumerate((slice(0, 3), slice(3, 7), slice(7, 10))):
-        p[s] = c2[s] + alpha[k] / (1 + alpha[k]) * d[s]
-    o = np.clip(mom.mass / area(p[7:10]), 1e-12, sigmoid(MAX_LOGIT))
-    target = np.log(o / (1 - o))[None]
-    alpha[3] = choose(d[10:11], c2[10:11], target, ALPHAS_OPACITY, 1.0, LAMBDA[2])
-    p[10] = c2[10] + alpha[3] / (1 + alpha[3]) * d[10]
-    p[11:] = c2[11:] + 0.5 * d[11:]
-    return p, alpha
+    c1: I64
+    c2: I64
+    parent: I64
+    turn_c2: npt.NDArray[np.uint8]
+    turn_parent: npt.NDArray[np.uint8]
 
 
 def lift(
-    splats: SplatParams, n_levels: int = 5, *, progress: Callable[[float], None] | None = None
+    splats: SplatParams, n_levels: int = 5, *, progress: Progress | None = None
 ) -> EvolutionTree:
+    """A tree of `n_levels` levels, each of about half the splats of the next, the last `splats`.
+
+    Args:
+        splats: N splats; the leaves are equivalent Gaussians in another order (`lift_with_order`).
+        n_levels: at least 1; 1 gives a tree of adds only.
+        progress: called with the share of the work done, 0 to 1.
+
+    Raises:
+        ValueError: `n_levels` is below 1, or a splat has a number that is not finite.
+    """
     return lift_with_order(splats, n_levels, progress=progress).tree
 
 
-def features_of(x: F64, unit: float, mom) -> Features:
-    q = np.concatenate([x[3:4], x[4:7]])
-    q = q / np.linalg.norm(q, axis=0)
-    sh = x[11:14]
-    co = sh[0] - sh[2]
-    t = sh[2] + co / 2
-    cg = sh[1] - t
-    y = t + cg / 2
-    rest = np.concatenate(
-        [
-            x[0:3] / (2 * pairing.STEP_POSITION * unit),
-            x[10:11] / (2 * pairing.STEP_OPACITY),
-            np.stack([y, co, cg]) / (2 * pairing.STEP_SH),
-        ]
-    )
-    return Features(
-        np.ascontiguousarray(x[0:3].T),
-        q.astype(np.float32),
-        (x[7:10] / (2 * pairing.STEP_SCALE)).astype(np.float32),
-        rest.astype(np.float32),
-        mom.mass,
-        mom.cov[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].astype(np.float32),
-        e2(mom.cov).astype(np.float32),
-    )
+def lift_with_order(
+    splats: SplatParams, n_levels: int = 5, *, progress: Progress | None = None
+) -> Lifted:
+    """`lift`, and which splat each leaf is."""
+    if n_levels < 1:
+        raise ValueError(f"n_levels is {n_levels}, expected at least 1")
+    n_bad = len(splats) - int(np.count_nonzero(splats.finite()))
+    if n_bad:
+        raise ValueError(f"{n_bad} of {len(splats)} splats have a number that is not finite")
+    report: Progress = progress or (lambda _: None)
 
-
-def e2(c):
-    return np.sqrt(
-        np.maximum(
-            c[0, 0] * c[1, 1]
-            - c[0, 1] ** 2
-            + c[0, 0] * c[2, 2]
-            - c[0, 2] ** 2
-            + c[1, 1] * c[2, 2]
-            - c[1, 2] ** 2,
-            1e-38,
-        )
-    )
-
-
-def lift_with_order(splats, n_levels=5, *, progress=None) -> Lifted:
-    import time
-
-    T = time.time()
-    n = len(splats)
     x = splats.channels().astype(np.float64)
-    norm = np.linalg.norm(x[3:7], axis=0)
-    quats = np.where(
-        norm > 0, x[3:7] / np.where(norm > 0, norm, 1), np.array([[1.0], [0], [0], [0]])
-    )
-    scales = x[7:10].copy()
-    leaf_turn = largest_w(quats)
-    w, x[4:7], x[7:10] = turned(quats, scales, leaf_turn)
+    quats = _unit(x[3:7])
+    log_scales = x[7:10].copy()
+    own_turn = largest_w(quats)
+    _write(x, quats, log_scales, own_turn)
+
+    rounds, shapes, roots = _pair_up(x, n_levels - 1, report)
+    turns = _agree(rounds, shapes)[: len(splats)]
+    _write(x, quats, log_scales, COMPOSE[own_turn, turns])
+    report(0.85)
+    values, alphas = _raise_parents(x, rounds)
+    report(0.95)
+    roots = roots[morton_order(values[0:3, roots].T)]
+    lifted = _grow(values, alphas, rounds, roots, splats.sh_degree)
+    report(1.0)
+    return lifted
+
+
+def _unit(quats: F64) -> F64:
+    """Unit quaternions (4, n); zero means identity."""
+    norm = np.linalg.norm(quats, axis=0)
+    identity = np.array([[1.0], [0.0], [0.0], [0.0]])
+    return np.where(norm > 0, quats / np.where(norm > 0, norm, 1), identity)
+
+
+def _write(x: F64, quats: F64, log_scales: F64, turn: npt.NDArray[np.uint8]) -> None:
+    """Write the shape of `x` (D, n) in place: w = 1, g and log-scales of the turned Gaussians."""
+    _, x[4:7], x[7:10] = turned(quats, log_scales, turn)
     x[3] = 1
-    unit = float(np.exp(np.median(scales.mean(0)))) if n else 1.0
-    # pass 1
-    cur = x[:14]
-    mom = moments_of(cur)
-    ids = np.arange(n)
-    rounds = []
-    hints = [(x[:10].copy(), ids)]
+
+
+def _pair_up(x: F64, n_rounds: int, report: Progress) -> tuple[list[_Round], F64, I64]:
+    """Pass 1 over the leaves (D, N).
+
+    Returns:
+        The rounds from the leaves up, the shapes (10, T) of all nodes as pass 1 wrote them, and the
+        nodes that no round merged.
+    """
+    n = x.shape[1]
+    now = x[:N_PRICED].copy()
+    mass = moments(now)
+    nodes = np.arange(n)
+    unit = float(np.exp(np.clip(np.median(x[7:10].mean(axis=0)), -40, 40))) if n else 1.0
+    shapes = [now[:N_SHAPE]]
+    rounds: list[_Round] = []
     total = n
-    for _ in range(n_levels - 1):
-        i, j = match(features_of(cur, unit, mom))
-        swap = mom.mass[i] > mom.mass[j]
-        i, j = np.where(swap, j, i), np.where(swap, i, j)
-        o = np.argsort(i)
-        i, j = i[o], j[o]
-        q = cur[3:7, j] / np.linalg.norm(cur[3:7, j], axis=0)
-        turn_j = nearest_turn(cur[4:7, i], cur[7:10, i], q, cur[7:10, j])
-        c2 = cur[:, j].copy()
-        _, c2[4:7], c2[7:10] = turned(q, cur[7:10, j], turn_j)
-        pm = merge(mom.take(i), mom.take(j))
-        p, _ = line_parent(cur[:, i], c2, pm)
-        q = p[3:7] / np.linalg.norm(p[3:7], axis=0)
-        turn_p = largest_w(q)
-        _, p[4:7], p[7:10] = turned(q, p[7:10], turn_p)
-        pid = total + np.arange(len(i))
-        total += len(i)
-        rounds.append((ids[i], ids[j], pid, turn_j, turn_p))
-        hints.append((p[:10], pid))
-        alone = np.ones(len(ids), bool)
-        alone[i] = alone[j] = False
-        print(f"  n={len(ids)} matched={2 * len(i) / max(1, len(ids)):.4f} t={time.time() - T:.1f}")
-        cur = np.concatenate([cur[:, alone], p], axis=1)
-        mm = mom.take(alone)
-        mom = Moments(
-            np.concatenate([mm.mass, pm.mass]),
-            np.concatenate([mm.mean, pm.mean], 1),
-            np.concatenate([mm.cov, pm.cov], 2),
-        )
-        ids = np.concatenate([ids[alone], pid])
-    # pass 2
-    frame = np.zeros(total, np.uint8)
-    local = np.empty((10, total))
-    for l, k in hints:
-        local[:, k] = l[:10]
-    final = np.empty((6, total))
-    final[:, ids] = local[4:10, ids]
-    nbad = 0
-    for c1, c2, p, tj, tp in reversed(rounds):
-        frame[c1] = COMPOSE[tp, frame[p]]
-        frame[c2] = COMPOSE[COMPOSE[tj, tp], frame[p]]
-        for c, ref in ((c1, p), (c2, c1)):
-            q = local[3:7, c] / np.linalg.norm(local[3:7, c], axis=0)
-            w, g, s = turned(q, local[7:10, c], frame[c])
-            bad = np.abs(w) < MIN_W
-            nbad += bad.sum()
-            f = nearest_turn(
-                final[:3, ref[bad]], final[3:, ref[bad]], q[:, bad], local[7:10, c[bad]]
-            )
-            frame[c[bad]] = f
-            _, g[:, bad], s[:, bad] = turned(q[:, bad], local[7:10, c[bad]], f)
-            final[:3, c], final[3:, c] = g, s
-    turn = COMPOSE[leaf_turn, frame[:n]]
-    _, x[4:7], x[7:10] = turned(quats, scales, turn)
-    print(
-        "  far",
-        nbad / total,
-        np.quantile(np.linalg.norm(x[4:7], axis=0), [0.5, 0.9, 0.99, 0.999, 1]).round(2),
-    )
-    # pass 3
-    mom = moments_of(x)
-    v = np.empty((len(x), total))
-    v[:, :n] = x
-    M = Moments(np.empty(total), np.empty((3, total)), np.empty((3, 3, total)))
-    M.mass[:n], M.mean[:, :n], M.cov[:, :, :n] = mom.mass, mom.mean, mom.cov
+    for k in range(n_rounds):
+        i, j = match(features(now, mass, unit)) if len(nodes) > 1 else (nodes[:0], nodes[:0])
+        larger = now[7:10, i].sum(axis=0) > now[7:10, j].sum(axis=0)
+        c1, c2 = np.where(larger, j, i), np.where(larger, i, j)
+
+        right = now[:, c2]
+        quats, log_scales = _unit(right[3:7]), right[7:10].copy()
+        turn_c2 = nearest_turns(now[4:7, c1], now[7:10, c1], quats, log_scales)
+        _write(right, quats, log_scales, turn_c2)
+        mass_parents = merged(mass.take(c1), mass.take(c2))
+        parents, _ = line_parents(now[:, c1], right, mass_parents)
+        quats, log_scales = _unit(parents[3:7]), parents[7:10].copy()
+        turn_parent = largest_w(quats)
+        _write(parents, quats, log_scales, turn_parent)
+
+        ids = total + np.arange(len(c1))
+        total += len(c1)
+        rounds.append(_Round(nodes[c1], nodes[c2], ids, turn_c2, turn_parent))
+        shapes.append(parents[:N_SHAPE])
+        alone = np.ones(len(nodes), bool)
+        alone[c1] = alone[c2] = False
+        rows = np.flatnonzero(alone)
+        now = np.concatenate([now[:, rows], parents], axis=1)
+        mass = mass.take(rows).followed_by(mass_parents)
+        nodes = np.concatenate([nodes[rows], ids])
+        # Each round has half the nodes of the one before.
+        report(0.8 * (1 - 0.5 ** (k + 1)))
+    return rounds, np.concatenate(shapes, axis=1), nodes
+
+
+def _agree(rounds: list[_Round], shapes: F64) -> npt.NDArray[np.uint8]:
+    """Pass 2: (T,) turn of each node, on top of how pass 1 wrote it; none for roots.
+
+    Turning a parent turns its children with it. g is a projective coordinate, so a line stays a
+    line, but a child may come to lie far out, where g is coarse: it is then written anew, like the
+    relative next to it.
+    """
+    turn = np.zeros(shapes.shape[1], np.uint8)
+    written = shapes[4:10].copy()
+    for r in reversed(rounds):
+        of_c1 = COMPOSE[r.turn_parent, turn[r.parent]]
+        of_c2 = COMPOSE[r.turn_c2, of_c1]
+        for child, of_child, relative in ((r.c1, of_c1, r.parent), (r.c2, of_c2, r.c1)):
+            quats, log_scales = _unit(shapes[3:7, child]), shapes[7:10, child]
+            w, g, turned_scales = turned(quats, log_scales, of_child)
+            far = np.flatnonzero(np.abs(w) < MIN_W)
+            beside = written[:, relative[far]]
+            new = nearest_turns(beside[:3], beside[3:], quats[:, far], log_scales[:, far])
+            of_child[far] = new
+            _, g[:, far], turned_scales[:, far] = turned(quats[:, far], log_scales[:, far], new)
+            turn[child] = of_child
+            written[:3, child], written[3:, child] = g, turned_scales
+    return turn
+
+
+def _raise_parents(x: F64, rounds: list[_Round]) -> tuple[F64, list[F64]]:
+    """Pass 3: channels (D, T) of all nodes, and alpha (5, R) of each round."""
+    values = np.concatenate([x, *(np.empty((len(x), len(r.parent))) for r in rounds)], axis=1)
+    mass = moments(x)
     alphas = []
-    for c1, c2, p, *_ in rounds:
-        pm = merge(M.take(c1), M.take(c2))
-        M.mass[p], M.mean[:, p], M.cov[:, :, p] = pm.mass, pm.mean, pm.cov
-        v[:, p], a = line_parent(v[:, c1], v[:, c2], pm)
-        alphas.append(a)
-    # tree
-    roots = ids[morton_order(np.ascontiguousarray(v[0:3, ids].T))]
-    slot = np.full(total, -1)
-    slot[roots] = np.arange(len(roots))
-    used = len(roots)
-    steps = [Step.of_adds(0, v[:, roots].astype(np.float32))]
-    node_of = list(roots)
-    order = roots
-    for level, ((c1, c2, p, *_), a) in enumerate(zip(reversed(rounds), reversed(alphas)), 1):
-        o = np.argsort(slot[p])
-        c1, c2, p, a = c1[o], c2[o], p[o], a[:, o]
-        psi = (v[:, c1] - v[:, p]).astype(np.float32)
-        steps.append(
-            Step(
-                level,
-                slot[p].astype(np.int32),
-                np.full(len(p), Kind.SPLIT, np.uint8),
-                psi,
-                a.astype(np.float32),
-                np.empty((len(x), 0), np.float32),
-            )
+    for r in rounds:
+        # Parents are numbered in the order of the rounds, as `followed_by` appends them.
+        mass = mass.followed_by(merged(mass.take(r.c1), mass.take(r.c2)))
+        values[:, r.parent], alpha = line_parents(
+            values[:, r.c1], values[:, r.c2], mass.take(r.parent)
         )
-        order = np.concatenate([order, c2])
-        order[slot[p]] = c1
-        slot[c1] = slot[p]
-        slot[c2] = used + np.arange(len(c2))
-        used += len(c2)
-    print(f"  total t={time.time() - T:.1f}")
-    return Lifted(EvolutionTree(splats.sh_degree, tuple(steps)), order)
+        alphas.append(alpha)
+    return values, alphas
+
+
+def _grow(
+    values: F64, alphas: list[F64], rounds: list[_Round], roots: I64, sh_degree: int
+) -> Lifted:
+    """The tree of the nodes (D, T), roots in the order given."""
+    steps = [Step.of_adds(0, values[:, roots].astype(np.float32))]
+    slot_of = np.full(values.shape[1], -1)
+    slot_of[roots] = np.arange(len(roots))
+    node_at = roots
+    for level, (r, alpha) in enumerate(zip(reversed(rounds), reversed(alphas), strict=True), 1):
+        order = np.argsort(slot_of[r.parent])
+        c1, c2, parent = r.c1[order], r.c2[order], r.parent[order]
+        slots = slot_of[parent]
+        steps.append(_split_step(level, slots, values[:, c1] - values[:, parent], alpha[:, order]))
+        slot_of[c1] = slots
+        slot_of[c2] = len(node_at) + np.arange(len(c2))
+        node_at = np.concatenate([node_at, c2])
+        node_at[slots] = c1
+    return Lifted(EvolutionTree(sh_degree, tuple(steps)), node_at)
+
+
+def _split_step(level: int, slots: I64, psi: F64, alpha: F64) -> Step:
+    psi32: F32 = psi.astype(np.float32)
+    return Step(
+        level,
+        slots.astype(np.int32),
+        np.full(len(slots), Kind.SPLIT, np.uint8),
+        psi32,
+        alpha.astype(np.float32),
+        np.empty((len(psi), 0), np.float32),
+    )

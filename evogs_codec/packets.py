@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import TypeAlias
 
 import numpy as np
@@ -17,6 +18,7 @@ from evogs_codec import frames, layout
 from evogs_codec.errors import Fault, StreamError
 from evogs_codec.planes import (
     ABSENT,
+    CODINGS,
     MAX_STORED,
     Coding,
     choose_coding,
@@ -24,6 +26,7 @@ from evogs_codec.planes import (
     entropy,
     inverse_ycocg,
     join_planes,
+    planes_at,
     split_planes,
     stray_bits,
     undelta,
@@ -31,7 +34,7 @@ from evogs_codec.planes import (
     ycocg,
     zigzag,
 )
-from evogs_codec.splats import I32, U8
+from evogs_codec.splats import I32, I64, U8
 from evogs_codec.tree import N_GROUPS, Kind
 
 __all__ = ["N_CORE", "Counts", "Packet", "Values", "pack", "unpack"]
@@ -40,6 +43,7 @@ N_CORE = 14  # channels of core: geometry and SH band 0
 CORE_SH = slice(11, 14)
 Coded: TypeAlias = tuple[Coding, npt.NDArray[np.integer]]
 
+N_SIDES = 2 + N_GROUPS  # lists of core before psi: slots, kinds, alpha
 MAX_NEW_PER_BYTE = 64  # R-5.6-7
 FLAG_PSI_YCOCG, FLAG_ADDS_YCOCG = 1, 2
 
@@ -69,58 +73,73 @@ class Counts:
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """psi or adds of a packet: the stored planes of C channels of n values."""
+    """psi or adds of a packet, as stored: C channels of n values.
+
+    Attributes:
+        n: values of a channel.
+        codes: (C,) coding bytes.
+        data: the planes of the packet.
+        starts: (C,) where the planes of each channel begin in `data`.
+        is_ycocg: the SH triples are YCoCg-R.
+        first_sh: first channel of an SH triple.
+        offset: of the packet in the file.
+    """
 
     n: int
-    codings: tuple[Coding, ...]
-    planes: tuple[tuple[U8, ...], ...]
+    codes: U8
+    data: U8
+    starts: I64
     is_ycocg: bool
-    sh: slice  # the channels that are SH triples
+    first_sh: int
     offset: int
 
     def is_zero(self, channel: int) -> bool:
         """All integers are 0, known without looking at a plane."""
-        if self.is_ycocg and channel >= self.sh.start:
-            return all(self.codings[k] == ABSENT for k in self._triple(channel))
-        return self.codings[channel] == ABSENT
+        return not self.codes[self._turned_with(channel)].any()
 
     def bound(self, channel: int) -> int | None:
         """A bound of |q| from the coding alone; None if only the values tell."""
-        in_triple = self.is_ycocg and channel >= self.sh.start
-        codings = [self.codings[k] for k in self._triple(channel)] if in_triple else []
-        codings = codings or [self.codings[channel]]
+        channels = self._turned_with(channel)
+        codings = [self._coding(k) for k in range(channels.start, channels.stop)]
         if any(coding.delta for coding in codings):
             return None
         largest = max(1 << coding.bits >> 1 for coding in codings)
-        return 4 * largest + 2 if in_triple else largest
+        return largest if len(codings) == 1 else 4 * largest + 2
 
-    def q(self, channel: int) -> I32:
-        """(n,) integers of one channel."""
-        if self.is_ycocg and channel >= self.sh.start:
-            triple = self._triple(channel)
-            rows = np.stack([self._stored(k) for k in triple])
-            return inverse_ycocg(rows)[channel - triple.start]
-        return self._stored(channel)
+    def rows(self, channel: int) -> I32:
+        """(1, n) or (3, n) integers of the channel and those it is turned with."""
+        channels = self._turned_with(channel)
+        rows = np.stack([self._stored(k) for k in range(channels.start, channels.stop)])
+        return inverse_ycocg(rows) if len(rows) == 3 else rows
 
     def all(self) -> I32:
         """(C, n) integers of all channels."""
-        rows = np.zeros((len(self.codings), self.n), np.int32)
-        for channel, coding in enumerate(self.codings):
-            if coding != ABSENT:
-                rows[channel] = self._stored(channel)
-        if self.is_ycocg:
-            rows[self.sh] = inverse_ycocg(rows[self.sh])
-        return rows
+        out = np.zeros((len(self.codes), self.n), np.int32)
+        channel = 0
+        while channel < len(out):
+            rows = self.rows(channel)
+            out[channel : channel + len(rows)] = rows
+            channel += len(rows)
+        return out
 
-    def _triple(self, channel: int) -> range:
-        first = channel - (channel - self.sh.start) % 3
-        return range(first, first + 3)
+    def _turned_with(self, channel: int) -> slice:
+        """The triple that YCoCg-R turns together, or the channel alone."""
+        if not self.is_ycocg or channel < self.first_sh:
+            return slice(channel, channel + 1)
+        first = channel - (channel - self.first_sh) % 3
+        return slice(first, first + 3)
+
+    def _coding(self, channel: int) -> Coding:
+        coding = CODINGS[self.codes[channel]]
+        assert coding is not None
+        return coding
 
     def _stored(self, channel: int) -> I32:
-        coding = self.codings[channel]
-        if coding == ABSENT:
+        coding = self._coding(channel)
+        if coding is ABSENT:
             return np.zeros(self.n, np.int32)
-        q = unzigzag(join_planes(self.planes[channel], coding, self.n))
+        planes = planes_at(self.data, int(self.starts[channel]), coding, self.n)
+        q = unzigzag(join_planes(planes, coding, self.n))
         return undelta(q, self.offset) if coding.delta else q
 
 
@@ -164,38 +183,35 @@ def unpack(body: memoryview, component: int, counts: Counts, offset: int) -> Pac
     if len(body) == 0:
         return _empty_packet(component, counts, offset)
     head = read_header(body, component, counts, offset)
-    planes = read_planes(body, head, offset)
-    parts: list[tuple[U8, ...]] = []
-    for coding, n in zip(head.codings, head.lengths, strict=True):
-        part = tuple(planes[: coding.n_planes])
-        del planes[: coding.n_planes]
-        if stray_bits(part, coding, n):  # R-5.9-9
+    data = read_planes(body, head, offset)
+    starts = head.starts
+    for coding, n, start in zip(head.codings, head.lengths, starts, strict=True):
+        if coding.low and stray_bits(planes_at(data, start, coding, n), coding, n):  # R-5.9-9
             raise StreamError(Fault.E_PACKET, "a low plane has a bit above its bits", offset)
-        parts.append(part)
-    n_records = counts.n_records
-    sides = [
-        join_planes(part, coding, n) if coding != ABSENT else None
-        for part, coding, n in zip(parts, head.codings, head.lengths[: head.first], strict=False)
-    ]
     slots, kinds, alpha = np.empty(0, np.int64), np.empty(0, np.uint8), (None,) * N_GROUPS
     if component == 0:
-        gaps = np.zeros(n_records, np.int64) if sides[0] is None else sides[0]
-        slots = np.cumsum(gaps, dtype=np.int64) + np.arange(n_records)
+        sides = [
+            None if coding is ABSENT else join_planes(planes_at(data, at, coding, n), coding, n)
+            for coding, n, at in zip(head.codings[:N_SIDES], head.lengths, starts, strict=False)
+        ]
+        gaps = np.zeros(counts.n_records, np.uint8) if sides[0] is None else sides[0]
+        slots = np.cumsum(gaps, dtype=np.int64) + np.arange(counts.n_records)
         kinds = _kinds(sides[1], counts)
         alpha = tuple(sides[2:])
-    first, n_channels = head.first, component_channels(component)
+    n_channels = component_channels(component)
     psi, adds = (
         Values(
             n,
-            head.codings[at : at + n_channels],
-            tuple(parts[at : at + n_channels]),
+            np.frombuffer(head.coding_bytes, np.uint8, n_channels, at),
+            data,
+            np.array(starts[at : at + n_channels], np.int64),
             bool(head.flags & flag),
-            sh_channels(component),
+            sh_channels(component).start,
             offset,
         )
         for n, at, flag in (
-            (counts.n_psi, first, FLAG_PSI_YCOCG),
-            (counts.n_adds, first + n_channels, FLAG_ADDS_YCOCG),
+            (counts.n_psi, head.first, FLAG_PSI_YCOCG),
+            (counts.n_adds, head.first + n_channels, FLAG_ADDS_YCOCG),
         )
     )
     return Packet(slots, kinds, alpha, psi, adds)
@@ -215,6 +231,7 @@ class Header:
     """
 
     flags: int
+    coding_bytes: bytes
     codings: tuple[Coding, ...]
     lengths: tuple[int, ...]
     frames: tuple[tuple[int, int], ...]
@@ -226,6 +243,13 @@ class Header:
         """Bytes of each plane, in order."""
         pairs = zip(self.codings, self.lengths, strict=True)
         return [size for coding, n in pairs for size in coding.plane_sizes(n)]
+
+    @property
+    def starts(self) -> list[int]:
+        """Where the planes of each list begin, in the planes of the packet."""
+        pairs = zip(self.codings, self.lengths, strict=True)
+        sizes = [0 if c is ABSENT else sum(c.plane_sizes(n)) for c, n in pairs]
+        return list(accumulate(sizes, initial=0))[:-1]
 
 
 def value_counts(component: int, counts: Counts) -> tuple[int, ...]:
@@ -257,14 +281,14 @@ def read_header(body: memoryview, component: int, counts: Counts, offset: int) -
     coding_bytes = bytes(body[fixed:at])
     if flags >> 2 or any(byte >> 7 for byte in coding_bytes):  # R-4.4-1
         raise StreamError(Fault.E_RESERVED, "a reserved bit of the packet header is set", offset)
-    found = [Coding.of_byte(byte) for byte in coding_bytes]
+    found = [CODINGS[byte] for byte in coding_bytes]
     codings = tuple(coding for coding in found if coding is not None)
     if len(codings) != len(found):  # R-5.9-2
         raise refuse("a coding byte is not valid")
     first_add = len(lengths) - component_channels(component)
     if any(coding.delta for coding in codings[:first_add]):  # R-5.9-3
         raise refuse("delta is set for other values than adds")
-    if any(c != ABSENT and n == 0 for c, n in zip(codings, lengths, strict=True)):  # R-5.9-4
+    if any(c and n == 0 for c, n in zip(coding_bytes, lengths, strict=True)):  # R-5.9-4
         raise refuse("values are coded that do not occur")
     entry = layout.size_of(layout.FRAME_ENTRY)
     if len(body) < at + n_frames * entry:  # R-5.9-1
@@ -272,6 +296,7 @@ def read_header(body: memoryview, component: int, counts: Counts, offset: int) -
     frames_ = layout.read_table(layout.FRAME_ENTRY, body[at : at + n_frames * entry])
     return Header(
         flags=flags,
+        coding_bytes=coding_bytes,
         codings=codings,
         lengths=lengths,
         frames=tuple(zip(frames_["n_planes"].tolist(), frames_["size"].tolist(), strict=True)),
@@ -280,8 +305,8 @@ def read_header(body: memoryview, component: int, counts: Counts, offset: int) -
     )
 
 
-def read_planes(body: memoryview, head: Header, offset: int) -> list[U8]:
-    """The planes of a packet, decompressed.
+def read_planes(body: memoryview, head: Header, offset: int) -> U8:
+    """The planes of a packet, decompressed, one after the other.
 
     Raises:
         StreamError: E_PACKET, E_FRAME or E_ZSTD at `offset`.
@@ -293,17 +318,13 @@ def read_planes(body: memoryview, head: Header, offset: int) -> list[U8]:
         )
     if head.size + sum(size for _, size in head.frames) != len(body):  # R-5.9-8
         raise StreamError(Fault.E_PACKET, "the frames do not fill the packet", offset)
-    planes: list[U8] = []
-    at = head.size
+    contents = []
+    at, plane = head.size, 0
     for n_planes, size in head.frames:
-        content = sizes[len(planes) : len(planes) + n_planes]
-        data = frames.decompress(body[at : at + size], sum(content), offset)
-        begin = 0
-        for length in content:
-            planes.append(np.frombuffer(data, np.uint8, length, begin))
-            begin += length
-        at += size
-    return planes
+        content = sum(sizes[plane : plane + n_planes])
+        contents.append(frames.decompress(body[at : at + size], content, offset))
+        at, plane = at + size, plane + n_planes
+    return np.frombuffer(contents[0] if len(contents) == 1 else b"".join(contents), np.uint8)
 
 
 def _kinds(values: npt.NDArray[np.integer] | None, counts: Counts) -> npt.NDArray[np.integer]:
@@ -325,8 +346,9 @@ def _empty_packet(component: int, counts: Counts, offset: int) -> Packet:
     n_channels = component_channels(component)
 
     def zero(n: int) -> Values:
-        codings = (ABSENT,) * n_channels
-        return Values(n, codings, ((),) * n_channels, False, sh_channels(component), offset)
+        none = np.zeros(n_channels, np.uint8)
+        starts = np.zeros(n_channels, np.int64)
+        return Values(n, none, none[:0], starts, False, sh_channels(component).start, offset)
 
     return Packet(
         np.empty(0, np.int64),

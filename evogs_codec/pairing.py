@@ -1,8 +1,9 @@
 """Who merges with whom: neighbours whose difference costs few bits, matched greedily.
 
 The price of a pair is the estimated number of bits of its difference: log2(1 + |d| / (2 step)) per
-channel, the steps being those of a good coarse quantiser (`STEP_*`). Prices add up over unlike
-groups, saturate where a channel is hopeless anyway, and are what a codec pays.
+channel, the steps being those of a good coarse quantiser. Prices of unlike groups add up, saturate
+where a channel is hopeless anyway, and are what a codec pays. To it comes what the picture pays:
+the growth, by which the merged Gaussian hides more than its two parts.
 
 Letters: n nodes, e edges (candidate pairs), channel-major arrays.
 """
@@ -16,68 +17,96 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from evogs_codec.axes import N_TURNS, PERMUTE, TURNS
+from evogs_codec.merging import TINY, Moments, merged, sizes
 from evogs_codec.splats import F32, F64, I64
 
-__all__ = ["Features", "match", "morton_order", "nearest_turn"]
+__all__ = ["Features", "features", "match", "morton_order", "nearest_turns"]
 
-# Steps of a quantiser of good quality; a position step is in units of the median splat's size.
-STEP_POSITION = 0.2
+STEP_POSITION = 0.2  # in units of the median splat
 STEP_ROTATION = 0.003
 STEP_SCALE = 0.0624
 STEP_OPACITY = 0.125
-STEP_SH = 1 / 32
+STEP_SH0 = 1 / 32
 
-N_NEIGHBOURS = 12
-N_EXACT = 5  # edges per node that are priced with all 24 turns
-MAX_G = 1.5  # a turn may not move |g| beyond this: 1 / w would amplify errors
-MAX_GROWTH = 3.0
-W_GROWTH = 2.0
-POW = 0.0
-CHUNK = 1 << 17  # edges priced at a time, to bound memory
+N_NEIGHBOURS = 8
+BITS_PER_GROWTH = 6.0  # price of a doubling of the cross-section
+MAX_GROWTH = 3.0  # doublings; beyond, two splats had better wait for other partners
+MAX_ALONE = 0.01  # share of the nodes that may stay without a partner
+MAX_G = 0.85  # no turn may move |g| beyond: far from 0 the same rotation takes more steps of g
+PRICE_OF_G = 3.0  # exponent of 1 + |g|**2, for the same reason
+JITTER = 1e-3  # in units of the median splat
+CHUNK = 1 << 16  # edges priced at a time: fits the cache
 
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """What prices are made of, float32, each channel divided by twice its step.
+    """What prices are made of; each channel divided by twice its step.
 
     Attributes:
-        points: (n, 3) float64 means in scene units, for the neighbour search.
+        points: (3, n) float64 means in units of the median splat.
         quats: (4, n) unit quaternions.
-        scales: (3, n) log-scales.
-        rest: (C, n) channels that no turn changes: position, opacity, colour.
+        scales: (3, n) log-scales in increasing order.
+        rest: (C, n) channels that no turn of the axes changes: position, opacity, colour.
+        moments: of the leaves below each node.
     """
 
     points: F64
     quats: F32
     scales: F32
     rest: F32
-    mass: F64
-    cov: F64
-    size: F64
+    moments: Moments
 
 
-def match(features: Features) -> tuple[I64, I64]:
-    """Disjoint pairs (i, j) of nodes, close in space and alike."""
-    n = len(features.points)
+def features(x: F64, moments: Moments, unit: float) -> Features:
+    """Features of the nodes (D, n); `unit` is the size of the median splat."""
+    points = (x[0:3] - x[0:3].mean(axis=1, keepdims=True)) / unit
+    red, green, blue = x[11:14]
+    chroma = red - blue
+    middle = (red + blue) / 2
+    colour = np.stack([(middle + green) / 2, chroma, green - middle])
+    rest = np.concatenate([points / STEP_POSITION, x[10:11] / STEP_OPACITY, colour / STEP_SH0])
+    return Features(
+        points,
+        (x[3:7] / np.linalg.norm(x[3:7], axis=0)).astype(np.float32),
+        _float32(np.sort(x[7:10], axis=0) / (2 * STEP_SCALE)),
+        _float32(rest / 2),
+        moments,
+    )
+
+
+def match(f: Features) -> tuple[I64, I64]:
+    """Disjoint pairs (i, j) of nodes that are close and alike, of nearly all nodes."""
+    n = f.points.shape[1]
+    points = f.points.T + JITTER * _spread_points(n)
     free = np.ones(n, bool)
-    pairs = []
-    for candidates in (_near_edges, _near_edges, _near_edges, _morton_edges, _morton_edges):
+    taken = [(np.empty(0, np.int64), np.empty(0, np.int64))]
+    # What no rule lets pair is paired at last: a tree that does not shrink is of no use either.
+    for limit in (MAX_GROWTH, MAX_GROWTH, MAX_GROWTH, np.inf, np.inf, np.inf):
         nodes = np.flatnonzero(free)
-        if len(nodes) < 2:
+        if len(nodes) < max(2, MAX_ALONE * n):
             break
-        i, j = (nodes[end] for end in candidates(features.points[nodes]))
-        price, growth = _price(features, i, j, n)
-        keep = growth < MAX_GROWTH
-        i, j, price = i[keep], j[keep], price[keep]
-        i, j = _greedy(i, j, price, n)
+        i, j = (nodes[end] for end in _edges(points[nodes]))
+        price, growth = _prices(f, i, j)
+        kept = np.flatnonzero(growth < limit)
+        i, j = _greedy(i[kept], j[kept], price[kept], n)
         free[i] = free[j] = False
-        pairs.append((i, j))
-    if not pairs:
-        return np.empty(0, np.int64), np.empty(0, np.int64)
-    return np.concatenate([p[0] for p in pairs]), np.concatenate([p[1] for p in pairs])
+        taken.append((i, j))
+    return np.concatenate([t[0] for t in taken]), np.concatenate([t[1] for t in taken])
 
 
-def _near_edges(points: F64) -> tuple[I64, I64]:
+def _spread_points(n: int) -> F64:
+    """(n, 3) evenly spread in the unit cube.
+
+    A k-d tree cannot divide coincident points and takes quadratic time over them; moved apart by
+    this they are as good as any neighbours.
+    """
+    # The R3 sequence of M. Roberts: powers of the root of x**4 = x + 1.
+    steps = 1.2207440846057596 ** -np.arange(1.0, 4.0)
+    out: F64 = np.modf(np.arange(n)[:, None] * steps)[0]
+    return out
+
+
+def _edges(points: F64) -> tuple[I64, I64]:
     """Each node with its nearest neighbours, every pair once: (e,), (e,)."""
     n = len(points)
     k = min(N_NEIGHBOURS + 1, n)
@@ -85,44 +114,8 @@ def _near_edges(points: F64) -> tuple[I64, I64]:
     start = np.repeat(np.arange(n), k)
     end = near.ravel().astype(np.int64)
     keys = np.unique(np.minimum(start, end) * n + np.maximum(start, end))
-    i, j = keys // n, keys % n
+    i, j = np.divmod(keys, n)
     return i[i != j], j[i != j]
-
-
-def _morton_edges(points: F64) -> tuple[I64, I64]:
-    """Each node with the next three in Morton order: finds what coincident points hide."""
-    order = morton_order(points)
-    i = np.concatenate([order[:-d] for d in (1, 2, 3)])
-    j = np.concatenate([order[d:] for d in (1, 2, 3)])
-    return i, j
-
-
-def morton_order(points: F64) -> I64:
-    """(n,) nodes along the Z curve of their bounding cube, 21 bits per axis."""
-    if not len(points):
-        return np.empty(0, np.int64)
-    low = points.min(axis=0)
-    size = max(float((points - low).max()), np.finfo(np.float64).tiny)
-    cells = ((points - low) * ((2**21 - 1) / size)).astype(np.uint64)
-    code = np.zeros(len(points), np.uint64)
-    for axis in range(3):
-        code |= _spread(cells[:, axis]) << np.uint64(axis)
-    out: I64 = np.argsort(code, kind="stable")
-    return out
-
-
-def _spread(x: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
-    """Bit b of the 21 low bits moves to bit 3 b."""
-    masks = (
-        (32, 0x1F00000000FFFF),
-        (16, 0x1F0000FF0000FF),
-        (8, 0x100F00F00F00F00F),
-        (4, 0x10C30C30C30C30C3),
-        (2, 0x1249249249249249),
-    )
-    for shift, mask in masks:
-        x = (x | (x << np.uint64(shift))) & np.uint64(mask)
-    return x
 
 
 def _greedy(i: I64, j: I64, price: F32, n: int) -> tuple[I64, I64]:
@@ -134,8 +127,8 @@ def _greedy(i: I64, j: I64, price: F32, n: int) -> tuple[I64, I64]:
     order = np.argsort(price, kind="stable")
     i, j = i[order], j[order]
     free = np.ones(n, bool)
-    taken: list[tuple[I64, I64]] = []
     cheapest = np.empty(n, np.int64)
+    taken = [(i[:0], j[:0])]
     while len(i):
         rank = np.arange(len(i))
         # Of repeated indices numpy keeps the last: written backwards, the cheapest edge.
@@ -143,89 +136,125 @@ def _greedy(i: I64, j: I64, price: F32, n: int) -> tuple[I64, I64]:
         mutual = (cheapest[i] == rank) & (cheapest[j] == rank)
         taken.append((i[mutual], j[mutual]))
         free[i[mutual]] = free[j[mutual]] = False
-        keep = free[i] & free[j]
-        i, j = i[keep], j[keep]
-    if not taken:
-        return i, j
+        left = free[i] & free[j]
+        i, j = i[left], j[left]
     return np.concatenate([t[0] for t in taken]), np.concatenate([t[1] for t in taken])
 
 
-def _price(features: Features, i: I64, j: I64, n: int) -> F32:
-    """(e,) bits of the difference of the nodes i and j."""
+def _prices(f: Features, i: I64, j: I64) -> tuple[F32, F32]:
+    """(e,) price and (e,) growth, in doublings, of the pairs of nodes i and j."""
     price = np.empty(len(i), np.float32)
     growth = np.empty(len(i), np.float32)
-    by_size = np.sort(features.scales, axis=0)
+    size = sizes(f.moments.cov)
     for at in range(0, len(i), CHUNK):
-        a, b = i[at : at + CHUNK], j[at : at + CHUNK]
-        bits = _bits(features.rest[:, a] - features.rest[:, b])
-        bits += _bits(by_size[:, a] - by_size[:, b])
-        bits += _rotation_bits(features.quats[:, a], features.quats[:, b])
-        grow = _growth(features, a, b)
-        growth[at : at + CHUNK] = grow
-        price[at : at + CHUNK] = bits + W_GROWTH * np.maximum(grow, 0)
+        part = slice(at, at + CHUNK)
+        a, b = i[part], j[part]
+        growth[part] = _growth(f.moments, size, a, b)
+        price[part] = _bits(f.rest[:, a] - f.rest[:, b])
+        price[part] += _bits(f.scales[:, a] - f.scales[:, b])
+        price[part] += _rotation_bits(f.quats[:, a], f.quats[:, b])
+        price[part] += np.float32(BITS_PER_GROWTH) * np.maximum(growth[part], 0)
     return price, growth
 
 
-def _growth(f: Features, a: I64, b: I64):
-    """log2 of the cross-section of the merged Gaussian over the sum of its parts'"""
-    wa = (f.mass[a] / (f.mass[a] + f.mass[b])).astype(np.float32)
-    wb = 1 - wa
-    d = (f.points[a] - f.points[b]).T.astype(np.float32)
-    u = np.sqrt(wa * wb) * d
-    xx, yy, zz, xy, xz, yz = wa * f.cov[:, a] + wb * f.cov[:, b]
-    xx = xx + u[0] * u[0]
-    yy = yy + u[1] * u[1]
-    zz = zz + u[2] * u[2]
-    xy = xy + u[0] * u[1]
-    xz = xz + u[0] * u[2]
-    yz = yz + u[1] * u[2]
-    e2 = xx * yy - xy * xy + xx * zz - xz * xz + yy * zz - yz * yz
-    return 0.5 * np.log2(np.maximum(e2, 1e-38)) - np.log2(f.size[a] + f.size[b])
+def _growth(m: Moments, size: F64, a: I64, b: I64) -> F64:
+    """(e,) log2 of the cross-section of the merged Gaussian over the sum of its parts'."""
+    both = merged(m.take(a), m.take(b))
+    out: F64 = np.log2(sizes(both.cov)) - np.log2(np.maximum(size[a] + size[b], TINY))
+    return out
 
 
-def _bits(scaled: F32) -> F32:
+def _bits(difference: F32) -> F32:
     """(e,) sum over the channels of log2(1 + |d|)."""
-    out: F32 = np.log2(1 + np.abs(scaled)).sum(axis=0)
+    out: F32 = np.log2(1 + np.abs(difference)).sum(axis=0)
     return out
 
 
 def _rotation_bits(p: F32, q: F32) -> F32:
-    """(e,) bits of the smallest turn between p and any equivalent of q, without finding which."""
-    w = np.abs((p * q).sum(axis=0))
-    x = np.abs(p[0] * q[1] - p[1] * q[0] - p[2] * q[3] + p[3] * q[2])
-    y = np.abs(p[0] * q[2] - p[2] * q[0] - p[3] * q[1] + p[1] * q[3])
-    z = np.abs(p[0] * q[3] - p[3] * q[0] - p[1] * q[2] + p[2] * q[1])
-    s = np.sort(np.stack([w, x, y, z]), axis=0)
-    best = np.maximum(s[3], np.maximum((s[3] + s[2]) * 0.5**0.5, s.sum(axis=0) * 0.5))
+    """(e,) bits of the least turn from p to any equivalent of q, without asking which it is."""
+    w = p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3]
+    x = p[0] * q[1] - p[1] * q[0] - p[2] * q[3] + p[3] * q[2]
+    y = p[0] * q[2] - p[2] * q[0] - p[3] * q[1] + p[1] * q[3]
+    z = p[0] * q[3] - p[3] * q[0] - p[1] * q[2] + p[2] * q[1]
+    a, b, c, d = np.sort(np.abs(np.stack([w, x, y, z])), axis=0)
+    # The turns of the cube are multiples of 90 degrees about axes, edges and corners (`axes`).
+    best = np.maximum(d, np.maximum((c + d) * np.float32(0.5**0.5), (a + b + c + d) / 2))
     g = np.sqrt(np.maximum(1 / (best * best) - 1, 0) / 3)
-    out: F32 = 3 * np.log2(1 + g / (2 * STEP_ROTATION))
+    out: F32 = 3 * np.log2(1 + g / np.float32(2 * STEP_ROTATION))
     return out
 
 
-def nearest_turn(g: F64, scales: F64, quats: F64, log_scales: F64) -> npt.NDArray[np.uint8]:
-    """(n,) the turn of the Gaussians (quats, log_scales) that costs fewest bits beside (g, scales)."""
-    best = np.full(g.shape[1], np.inf, np.float32)
-    out = np.zeros(g.shape[1], np.uint8)
-    ours = log_scales.astype(np.float32)
-    theirs = scales.astype(np.float32)
-    # |difference| of every axis of one with every axis of the other, as a factor 1 + |d|.
-    factor = 1 + np.abs(theirs[:, None] - ours[None]) / np.float32(2 * STEP_SCALE)
+def nearest_turns(
+    g: F64, log_scales: F64, quats: F64, their_log_scales: F64
+) -> npt.NDArray[np.uint8]:
+    """Turns of some Gaussians that cost fewest bits beside others.
+
+    Args:
+        g: (3, n) rotations of the others, as written.
+        log_scales: (3, n) of the others, as written.
+        quats: (4, n) unit quaternions of the Gaussians to turn.
+        their_log_scales: (3, n) of the Gaussians to turn.
+
+    Returns:
+        (n,) elements of the cube's group, after which |g| is below `MAX_G`.
+    """
+    n = g.shape[1]
+    best = np.full(n, np.inf, np.float32)
+    out = np.zeros(n, np.uint8)
+    # 1 + |d| of every axis of one with every axis of the other; a sum of logarithms is the
+    # logarithm of a product, bounded so that the product stays in float32.
+    factor = 1 + np.abs(log_scales[:, None] - their_log_scales[None]) / (2 * STEP_SCALE)
+    factor = np.minimum(factor, 1e8).astype(np.float32)
     w, x, y, z = quats.astype(np.float32)
     gx, gy, gz = g.astype(np.float32)
     unit = np.float32(1 / (2 * STEP_ROTATION))
     for k in range(N_TURNS):
-        a, b, c, d = (np.float32(t) for t in TURNS[k])
+        a, b, c, d = TURNS[k].astype(np.float32)
+        # A w of 0 gives infinities, which the bound on |g| turns away.
         with np.errstate(all="ignore"):
             r = 1 / (a * w - b * x - c * y - d * z)
             hx = (a * x + b * w + d * y - c * z) * r
             hy = (a * y + c * w + b * z - d * x) * r
             hz = (a * z + d * w + c * x - b * y) * r
+            norm = hx * hx + hy * hy + hz * hz
             cost = (1 + np.abs(hx - gx) * unit) * (1 + np.abs(hy - gy) * unit)
-            cost *= 1 + np.abs(hz - gz) * unit
+            cost *= (1 + np.abs(hz - gz) * unit) * (1 + norm) ** np.float32(PRICE_OF_G)
             for axis in range(3):
                 cost *= factor[axis, PERMUTE[k, axis]]
-            cost *= (1 + hx * hx + hy * hy + hz * hz) ** POW
-            better = (cost < best) & (hx * hx + hy * hy + hz * hz < MAX_G**2)
-        best = np.where(better, cost, best)
+            better = (norm < MAX_G**2) & (cost < best)
+        best[better] = cost[better]
         out[better] = k
+    return out
+
+
+def morton_order(points: F64) -> I64:
+    """(n,) the points (n, 3) along the Z curve of their bounding cube, 21 bits per axis."""
+    if not len(points):
+        return np.empty(0, np.int64)
+    low = points.min(axis=0)
+    extent = max(float((points - low).max()), TINY)
+    cells = ((points - low) / extent * (2**21 - 1)).astype(np.uint64)
+    code = np.zeros(len(points), np.uint64)
+    for axis in range(3):
+        code |= _every_third_bit(cells[:, axis]) << np.uint64(axis)
+    out: I64 = np.argsort(code, kind="stable")
+    return out
+
+
+def _every_third_bit(x: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
+    """Bit b of the 21 low bits moves to bit 3 b."""
+    for shift, mask in (
+        (32, 0x1F00000000FFFF),
+        (16, 0x1F0000FF0000FF),
+        (8, 0x100F00F00F00F00F),
+        (4, 0x10C30C30C30C30C3),
+        (2, 0x1249249249249249),
+    ):
+        x = (x | (x << np.uint64(shift))) & np.uint64(mask)
+    return x
+
+
+def _float32(x: F64) -> F32:
+    """Rounded to float32, far values bounded so that no difference overflows."""
+    out: F32 = np.clip(x, -1e37, 1e37).astype(np.float32)
     return out

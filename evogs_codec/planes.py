@@ -62,6 +62,8 @@ class Coding:
 
 
 ABSENT = Coding(0, 0)
+# The coding of every byte; the same object for the same byte, so `is ABSENT` works.
+CODINGS: tuple[Coding | None, ...] = (ABSENT, *map(Coding.of_byte, range(1, 256)))
 PACKED = (1, 2, 4)  # numbers of low bits that are packed 8, 4, 2 to a byte
 
 
@@ -197,6 +199,15 @@ def join_planes(planes: Sequence[U8], coding: Coding, n: int) -> npt.NDArray[np.
         z <<= coding.low
         z |= lows
     return z
+
+
+def planes_at(data: U8, start: int, coding: Coding, n: int) -> list[U8]:
+    """Views of the planes of a list of n values that begin at `start`."""
+    planes = []
+    for size in coding.plane_sizes(n):
+        planes.append(data[start : start + size])
+        start += size
+    return planes
 
 
 def stray_bits(planes: Sequence[U8], coding: Coding, n: int) -> bool:

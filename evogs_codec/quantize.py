@@ -197,9 +197,12 @@ def _steps(settings: Settings, ranges: _Ranges, n_levels: int) -> F64:
     base = np.array(settings.steps[:classes])
     if settings.relative:
         base[0] *= ranges.extent
-    depth = np.arange(n_levels - 1, -1, -1)[:, None]
-    psi = base * settings.coarser**depth
-    return np.concatenate([psi[:1] * settings.adds, psi])
+    factor = np.array(settings.coarser[:classes])
+    if not factor.any():
+        return np.concatenate([base[None] / 2, np.tile(base, (n_levels, 1))])
+    psi = base * factor ** np.arange(n_levels - 1, -1, -1)[:, None]
+    psi /= np.where(np.arange(classes) < 2, psi.sum(0), np.sqrt(np.square(psi).sum(0))) / base
+    return np.concatenate([psi[:1], psi])
 
 
 def _grid_exponents(settings: Settings, ranges: _Ranges, steps: F64) -> tuple[int, ...]:
@@ -400,7 +403,7 @@ class _TileCoder:
                 indices[group] = self._choose(u[:, s], v, table, step_sizes)
                 alpha = table.values()[indices[group]]
                 if not self.settings.near_lossless:
-                    u[:, s] = (u[:, s] - alpha * v) / (1.0 + alpha * alpha)
+                    u[:, s] = _joint(u[:, s], v, alpha, bounded=group == 0)
             q = np.rint(u / step_sizes)
             limit = np.array([[min(k.max_q, MAX_STORED // 2 - 1)] for k in quantisers[part]])
             if np.any(np.abs(q) > limit):
@@ -546,6 +549,18 @@ class _TileCoder:
         return CodedStep(step.level, slots, kinds, alpha, psi, none)
 
 
+def _joint(u: F64, v: F64, alpha: F64, *, bounded: bool) -> F64:
+    """Delta that serves both children, C1 = P + u and C2 = P + v, best.
+
+    The least squared error; or, if `bounded` and alpha is not negative, the least largest error,
+    which is then that of the parent: a bound on leaves needs it, and it costs little.
+    """
+    least_squares = (u - alpha * v) / (1.0 + alpha * alpha)
+    if not bounded:
+        return least_squares
+    return np.where(alpha >= 0, (u - v) / (1.0 + np.maximum(alpha, 0.0)), least_squares)
+
+
 def _nearest(table: AlphaTable, alpha: F64) -> U8:
     """(S,) index of the entry nearest to each alpha."""
     values = table.values()
@@ -602,7 +617,8 @@ class _History:
         if not last.shape[1]:
             return [(UNKNOWN_ERROR,) * (self.grid.sh_degree + 1)] * len(self.snapshots)
         # A splat that is still missing is as far off as it is large.
-        radius = np.exp(last[7:10].max(0) / self.grid.scale[7]) * self.grid.scale[0]
+        log_radius = last[7:10].max(0) / self.grid.scale[7]
+        radius = np.exp(np.minimum(log_radius, 80)) * self.grid.scale[0]
         out = []
         for snapshot in self.snapshots:
             missing = snapshot[0] == np.iinfo(np.int32).min

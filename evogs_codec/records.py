@@ -85,7 +85,7 @@ def _step(directory: Directory, data: memoryview, packets: list[int]) -> CodedSt
     return CodedStep(
         level=int(rows["level"][0]),
         slots=core.slots.astype(np.int32),
-        kinds=core.kinds,
+        kinds=core.kinds.astype(np.uint8),
         alpha=alpha,
         psi=psi,
         adds=adds,

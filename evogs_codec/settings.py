@@ -16,12 +16,12 @@ class Settings:
     """How to quantise a tree.
 
     Attributes:
-        steps: step of psi per class (spec 3.2) at the last level; position in units of `extent`
-            if `relative`.
+        steps: per class (spec 3.2) the step that a splat coded on its own would have.
         relative: the position step is a part of the extent of the scene.
-        coarser: factor of the step per level below the last; errors of a parent are inherited by
-            its children, so coarse levels are quantised finer.
-        adds: factor of the step of adds to that of psi at level 0.
+        coarser: per class the factor of the step per level below the last. A child inherits the
+            error of its parent, so `steps` is shared out over the levels of a lifted tree: largest
+            errors (position, rotation) add up, mean squares (the rest) add up. 0 stands for trees
+            whose psi mend the errors of their parents: `steps` for psi, half of it for adds.
         n_alpha: entries of an alpha table at most, where the tree's own alphas are more.
         alpha_bits: K of tables that are fitted.
         closed_loop: quantise against what the decoder has.
@@ -31,10 +31,9 @@ class Settings:
         effort: Zstandard level.
     """
 
-    steps: tuple[float, ...] = (1.18e-4, 0.003, 0.0624, 0.125, 1 / 32, 0.118, 0.118, 0.118)
-    relative: bool = True
-    coarser: float = 0.6
-    adds: float = 1.0
+    steps: tuple[float, ...]
+    relative: bool = False
+    coarser: tuple[float, ...] = (0.0,) * 8
     n_alpha: int = 32
     alpha_bits: int = 5
     closed_loop: bool = True
@@ -47,17 +46,19 @@ class Settings:
         return replace(self, steps=tuple(step / factor for step in self.steps))
 
 
+_SCENE = Settings(
+    steps=(1.18e-4, 0.003, 0.0624, 0.125, 1 / 32, 0.118, 0.118, 0.118),
+    relative=True,
+    coarser=(0.5, 0.5, 0.7, 0.7, 0.7, 0.7, 0.7, 0.7),
+)
+_TRAINED = Settings(steps=(0.0005, 0.02, 0.06, 0.12, 0.03, 0.03, 0.03, 0.03))
+
 PRESETS = {
     # Accuracy of SPZ version 4, position relative to the extent: for lifted scenes.
-    "scene": Settings(),
+    "scene": _SCENE,
     # Closed loop at the steps where a trained tree starts to lose image quality.
-    "trained": Settings(
-        steps=(0.0005, 0.02, 0.06, 0.12, 0.03, 0.03, 0.03, 0.03),
-        relative=False,
-        coarser=1.0,
-        adds=0.5,
-    ),
+    "trained": _TRAINED,
     # The paper's proof of concept: 8 bits by range, open loop.
-    "paper": Settings(closed_loop=False, range_bits=8, n_alpha=256),
-    "near-lossless": Settings(near_lossless=True, n_alpha=256, alpha_bits=7),
+    "paper": replace(_TRAINED, closed_loop=False, range_bits=8, n_alpha=256),
+    "near-lossless": replace(_TRAINED, near_lossless=True, n_alpha=256, alpha_bits=7),
 }

@@ -6,15 +6,16 @@ Letters: D channels, n slots, S splits of a step.
 from __future__ import annotations
 
 import hashlib
+from types import ModuleType
 
 import numpy as np
 import numpy.typing as npt
 
 from evogs_codec import layout
-from evogs_codec.coded import channel_class, channel_group, component_slice
+from evogs_codec.coded import channel_class, component_slice
 from evogs_codec.directory import Directory
 from evogs_codec.errors import Fault, StreamError
-from evogs_codec.packets import Counts, Packet, Values, check_kinds, component_channels, unpack
+from evogs_codec.packets import Counts, Packet, Values, check_kinds, unpack
 from evogs_codec.refine import MAX_X, AlphaTable, Quantiser, RangeError, StepPlan, apply_channel
 from evogs_codec.splats import I32, I64, n_channels
 from evogs_codec.tree import N_GROUPS
@@ -35,7 +36,10 @@ class TileState:
         n_applied: steps applied per component.
     """
 
-    def __init__(self, directory: Directory, tile: int, capacity: int) -> None:
+    def __init__(
+        self, directory: Directory, tile: int, capacity: int, kernels: ModuleType | None = None
+    ) -> None:
+        self.kernels = kernels
         self.directory = directory
         self.tile = tile
         self.x = np.zeros((n_channels(directory.sh_degree), capacity), np.int32)
@@ -44,6 +48,7 @@ class TileState:
         self.plans: list[StepPlan] = []
         self.n_applied = [0] * directory.n_components
         self._levels: list[int] = []
+        self._counts: list[Counts] = []
         self._sh_alpha: list[npt.NDArray[np.integer] | None] = []
 
     @property
@@ -84,6 +89,7 @@ class TileState:
             raise StreamError(Fault.E_SLOT, "a record names a slot that is not live", offset)
         check_kinds(packet.kinds, counts, offset)
         plan = StepPlan.of(slots, packet.kinds, n_before, packet.adds.n)
+        self._reserve(plan.n_after)
         tables = [self.directory.alpha_table(level, group) for group in range(N_GROUPS)]
         for table, indices in zip(tables, packet.alpha, strict=True):
             if indices is not None and int(indices.max()) >= len(table.entries):  # R-7.2-3
@@ -94,25 +100,27 @@ class TileState:
         if plan.n_splits:
             self.born_from[n_before : n_before + plan.n_splits] = plan.split_slots
         self.live[plan.drops] = False
-        self._check_box(plan, new)
         self.plans.append(plan)
         self._levels.append(level)
+        self._counts.append(counts)
         self._sh_alpha.append(packet.alpha[SH_GROUP])
+
+    def _reserve(self, n: int) -> None:
+        """Make room for n slots, with more to spare: growing costs a copy."""
+        if n > len(self.live):
+            spare = np.zeros(max(n - len(self.live), len(self.live)), bool)
+            self.x = np.concatenate([self.x, np.zeros((len(self.x), len(spare)), np.int32)], 1)
+            self.live = np.concatenate([self.live, spare])
+            self.born_from = np.concatenate([self.born_from, np.full(len(spare), -1, np.int32)])
 
     def _apply_band(self, component: int, body: memoryview, offset: int) -> None:
         step = self.n_applied[component]
         plan, level = self.plans[step], self._levels[step]
-        core = self.directory.counts(self._core_packet(step))
-        packet = unpack(body, component, core, offset)
+        packet = unpack(body, component, self._counts[step], offset)
         table = self.directory.alpha_table(level, SH_GROUP)
         alpha = (None,) * SH_GROUP + (self._sh_alpha[step],)
         tables = [table] * N_GROUPS
         self._apply_channels(component, plan, level, packet.psi, packet.adds, alpha, tables)
-
-    def _core_packet(self, step: int) -> int:
-        rows = self.directory.packets
-        core = np.flatnonzero((rows["tile"] == self.tile) & (rows["component"] == 0))
-        return int(core[step])
 
     def _apply_channels(
         self,
@@ -125,28 +133,43 @@ class TileState:
         tables: list[AlphaTable],
     ) -> None:
         """Spec 7.4 for the channels of a component."""
-        first = component_slice(component).start
-        quantisers = self.directory.quantisers
+        part = component_slice(component)
+        kinds = [channel_class(channel) for channel in range(part.start, part.stop)]
+        groups = [min(kind, SH_GROUP) for kind in kinds]
+        of_psi, of_adds = self.directory.quantisers[1 + level], self.directory.quantisers[0]
         alphas = [_alpha_of(table, indices) for table, indices in zip(tables, alpha, strict=True)]
-        # A triple of YCoCg-R is undone at once; planes are otherwise read a channel at a time.
-        psi_rows = psi.all() if psi.is_ycocg and component else None
-        adds_rows = adds.all() if adds.is_ycocg and component else None
-        for k in range(component_channels(component)):
-            channel = first + k
-            kind = channel_class(channel)
-            a, shift = alphas[channel_group(channel)]
-            delta = _delta(psi, k, quantisers[1 + level][kind], psi_rows)
-            new = _delta(adds, k, quantisers[0][kind], adds_rows)
-            largest = apply_channel(self.x[channel], plan, delta, a, shift, new)
+        if self.kernels is not None:
+            limits = np.full((len(kinds), 2), (-MAX_X, MAX_X), np.int64)
+            if component == 0:
+                row = self.directory.tiles[self.tile]
+                limits[0:3, 0], limits[0:3, 1] = row["box_min"], row["box_max"]
+            self.kernels.apply_channels(
+                self.x[part],
+                plan,
+                psi,
+                adds,
+                np.array([[q[kind].step for kind in kinds] for q in (of_psi, of_adds)], np.int64),
+                [alphas[group] for group in groups],
+                limits,
+            )
+            return
+        psi_deltas, add_deltas = _Deltas(psi), _Deltas(adds)
+        for k, (kind, group) in enumerate(zip(kinds, groups, strict=True)):
+            a, shift = alphas[group]
+            delta = psi_deltas.delta(k, of_psi[kind])
+            new = add_deltas.delta(k, of_adds[kind])
+            largest = apply_channel(self.x[part.start + k], plan, delta, a, shift, new)
             if largest > MAX_X:  # R-7.3-3
                 raise RangeError("|X| exceeds 2^30 - 1")
+        if component == 0:
+            self._check_box(plan)
 
-    def _check_box(self, plan: StepPlan, new: slice) -> None:
+    def _check_box(self, plan: StepPlan) -> None:
         """R-7.3-4 for the slots that the step wrote."""
         row = self.directory.tiles[self.tile]
         for axis in range(3):
             low, high = int(row["box_min"][axis]), int(row["box_max"][axis])
-            for part in (self.x[axis, plan.targets], self.x[axis, new]):
+            for part in (self.x[axis, plan.targets], self.x[axis, plan.n_before : plan.n_after]):
                 if part.size and (int(part.min()) < low or int(part.max()) > high):
                     raise RangeError("a position is outside the box of its tile")
 
@@ -207,11 +230,19 @@ def _alpha_of(table: AlphaTable, indices: npt.NDArray[np.integer] | None) -> tup
     return np.array(table.entries, np.int32)[indices], table.shift
 
 
-def _delta(
-    values: Values, channel: int, quantiser: Quantiser, rows: npt.NDArray[np.int32] | None
-) -> I32 | None:
-    """Delta of a channel of psi or adds; None if all are 0."""
-    if values.n == 0 or values.is_zero(channel):
-        return None
-    q = values.q(channel) if rows is None else rows[channel]
-    return quantiser.delta(q, values.bound(channel))
+class _Deltas:
+    """Delta of the channels of psi or adds, asked for in order; a triple is turned back once."""
+
+    def __init__(self, values: Values) -> None:
+        self.values = values
+        self._rows: dict[int, I32] = {}
+
+    def delta(self, channel: int, quantiser: Quantiser) -> I32 | None:
+        """Delta of a channel; None if all are 0."""
+        values = self.values
+        if values.n == 0 or values.is_zero(channel):
+            return None
+        if channel not in self._rows:
+            rows = values.rows(channel)
+            self._rows = {channel + k: row for k, row in enumerate(rows)}
+        return quantiser.delta(self._rows[channel], values.bound(channel))

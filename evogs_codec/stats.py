@@ -121,7 +121,8 @@ def bytes_by_group(directory: Directory, data: memoryview) -> dict[str, GroupByt
         head = read_header(body, component, counts, offset)
         planes = read_planes(body, head, offset)
         names = _plane_names(head, component)
-        bits = [entropy(plane) / 8 for plane in planes]
+        ends = np.cumsum(head.plane_sizes)
+        bits = [entropy(plane) / 8 for plane in np.split(planes, ends[:-1])]
         stored["packet headers"] += head.size
         at = 0
         for n_planes, n_bytes in head.frames:

@@ -6,14 +6,14 @@ would break a bound of spec 7.3 is halved until it does not, and boxes are what 
 """
 
 import random
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from hypothesis import strategies as st
 
 from evogs_codec.coded import CodedStep, CodedTile, CodedTree, channel_class
 from evogs_codec.directory import SceneInfo, n_classes
-from evogs_codec.refine import MAX_DELTA, MAX_PRODUCT, MAX_X, SYMMETRIC, AlphaTable, Quantiser
+from evogs_codec.refine import MAX_DELTA, MAX_PRODUCT, MAX_X, AlphaTable, Quantiser
 from evogs_codec.splats import n_channels
 from evogs_codec.tree import Kind
 from tests.strategies import SH_DEGREES
@@ -91,10 +91,11 @@ def coded_trees(draw, *, sh_degrees=SH_DEGREES, max_tiles=3, max_steps=5, max_ad
         tiles=(),
         info=draw(infos()),
     )
-    tiles = []
-    for _ in range(draw(st.integers(0, max_tiles))):
-        tiles.append(_tile(draw, head, rng, draw(st.integers(0, max_steps)), max_adds))
-    return CodedTree(**{**vars(head), "tiles": tuple(tiles)})
+    tiles = [
+        _tile(draw, head, rng, draw(st.integers(0, max_steps)), max_adds)
+        for _ in range(draw(st.integers(0, max_tiles)))
+    ]
+    return replace(head, tiles=tuple(tiles))
 
 
 def _tile(draw, tree: CodedTree, rng: random.Random, n_steps: int, max_adds: int) -> CodedTile:
@@ -220,6 +221,3 @@ def _adds(rng: random.Random, size: int, n: int, quantiser: Quantiser) -> list[i
     direction = rng.choice((-1, 1))
     walk = [direction * MOST_Q * (k + 1) for k in range(n)]
     return [max(-quantiser.max_q, min(q, quantiser.max_q)) for q in walk]
-
-
-__all__ = ["SYMMETRIC", "coded_trees", "round_shift"]

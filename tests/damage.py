@@ -122,3 +122,85 @@ def rebuilt(data, *, header=None, chunks=None, packets=None):
         struct.pack_into(form, head, offset, value)
     struct.pack_into("<I", head, 60, zlib.crc32(head[:60]))
     return bytes(head) + area + payload
+
+
+N_CORE_CODINGS = 35  # slots, kinds, five alphas, 14 psi, 14 adds
+FIRST_ADD = 21
+LOW_8_HIGH_2 = 0x28
+
+
+def row(tile=0, size=0, n_adds=0, body=b"", **fields):
+    """A row of PACK."""
+    return struct.pack(
+        "<IBBHIIIIIII",
+        tile,
+        fields.get("component", 0),
+        fields.get("level", 0),
+        0,
+        size or len(body),
+        n_adds,
+        fields.get("n_splits", 0),
+        fields.get("n_refines", 0),
+        fields.get("n_drops", 0),
+        0xFFFFFFFF,
+        zlib.crc32(body),
+    )
+
+
+def add_packet(frames, n_planes=3, n_coded=1):
+    """A core packet of adds, 24 bits coded for the first channels, with these frames as they are."""
+    codings = bytearray(N_CORE_CODINGS)
+    for channel in range(n_coded):
+        codings[FIRST_ADD + channel] = LOW_8_HIGH_2
+    entries = b"".join(struct.pack("<BI", n_planes, len(frame)) for frame in frames)
+    return bytes([0, len(frames)]) + bytes(codings) + entries + b"".join(frames)
+
+
+def frame(content_size, blocks, *, width=4, magic=b"\x28\xb5\x2f\xfd", descriptor=0x20):
+    """A Zstandard frame by hand; blocks are (type, Block_Size, bytes), the last marked as such."""
+    code = {1: 0, 2: 1, 4: 2, 8: 3}[width]
+    stored = content_size - 256 if width == 2 else content_size
+    out = magic + bytes([descriptor | code << 6]) + stored.to_bytes(width, "little")
+    for k, (kind, size, content) in enumerate(blocks):
+        last = k == len(blocks) - 1
+        out += (last | kind << 1 | size << 3).to_bytes(3, "little") + content
+    return out
+
+
+def run_of_zeros(size):
+    """A frame of `size` zeros in run-length blocks: 4 bytes for every 128 KiB."""
+    blocks = [(1, min(1 << 17, size - at), b"\0") for at in range(0, size, 1 << 17)]
+    return frame(size, blocks)
+
+
+@cache
+def _one_tile():
+    return stream(n_roots=4, n_levels=1, degree=0, n_tiles=1)
+
+
+def stream_of(rows, packets=b"", *, n_tiles=1, degree=0, n_levels=1, header=None, chunks=None):
+    """A stream of a hand-made packet table in tiles of one box."""
+    at, _, size = next(entry for entry in chunks_of(_one_tile()) if entry[1] == b"TILE")
+    tile = _one_tile()[at + CHUNK_HEADER_SIZE : at + CHUNK_HEADER_SIZE + size]
+    tables = {
+        b"STEP": b"\x01\0\0" * (1 + n_levels) * (5 + degree),
+        b"TILE": tile * n_tiles,
+        b"PACK": b"".join(rows),
+        b"dGST": None,
+        b"mETa": None,
+    }
+    size = sum(struct.unpack_from("<I", entry, ROW_SIZE)[0] for entry in rows)
+    fields = {
+        10: ("<B", 3),
+        11: ("<B", degree),
+        12: ("<B", n_levels),
+        24: ("<I", n_tiles),
+        28: ("<I", len(rows)),
+        36: ("<Q", size),
+    }
+    return rebuilt(
+        _one_tile(),
+        header=fields | (header or {}),
+        chunks=tables | (chunks or {}),
+        packets=packets,
+    )

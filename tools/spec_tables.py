@@ -1,9 +1,10 @@
 """Keep the spec, its CSV files and the codec's tables the same: `python -m tools.spec_tables`.
 
 Writes the tables between the `<!-- table NAME -->` and `<!-- end NAME -->` marks of
-`spec/evogs.md` from the declarations of `evogs_codec.layout` and from `spec/*.csv`, and the modules
-`evogs_codec/faults.py` and `evogs_codec/limits.py` from the CSV files. `--check` writes nothing and
-fails if anything would change.
+`spec/evogs.md` from the declarations of `evogs_codec.layout` and from `spec/*.csv`, the worked
+example (`tools/example.py`) there and as `spec/example.evogs`, and the modules
+`evogs_codec/faults.py`, `limits.py` and `registry.py` from the CSV files. `--check` writes nothing
+and fails if anything would change.
 """
 
 from __future__ import annotations
@@ -92,7 +93,8 @@ REGISTRIES = {
 def registry_module() -> str:
     """Text of `evogs_codec/registry.py`."""
     lines = [
-        '"""Registered names of spec 8.4. Made by `tools/spec_tables.py` from `spec/registry.csv`."""',
+        '"""Registered names of spec 8.4. Made by `tools/spec_tables.py` from'
+        ' `spec/registry.csv`."""',
         "",
         "from __future__ import annotations",
         "",
@@ -126,6 +128,7 @@ def markdown(header: list[str], body: list[list[str]]) -> str:
 def spec_tables() -> dict[str, str]:
     """Name of a mark in the spec: the table that belongs there."""
     from evogs_codec import layout  # after faults.py and limits.py exist
+    from tools import example
 
     tables = {
         name: markdown(
@@ -154,6 +157,7 @@ def spec_tables() -> dict[str, str]:
                 if r["registry"] == registry
             ],
         )
+    tables["example"] = example.annex(example.stream())
     return tables
 
 
@@ -162,9 +166,10 @@ def fill(text: str, tables: dict[str, str]) -> str:
     for name, table in tables.items():
         begin, end = f"<!-- table {name} -->", f"<!-- end {name} -->"
         pattern = re.compile(re.escape(begin) + r".*?" + re.escape(end), re.DOTALL)
-        if len(pattern.findall(text)) != 1:
+        found = list(pattern.finditer(text))
+        if len(found) != 1:
             raise ValueError(f"spec/evogs.md must have the mark {begin} once")
-        text = pattern.sub(lambda _, t=f"{begin}\n{table}\n{end}": t, text)
+        text = f"{text[: found[0].start()]}{begin}\n{table}\n{end}{text[found[0].end() :]}"
     return text
 
 
@@ -175,16 +180,20 @@ def main() -> int:
     check = parser.parse_args().check
     stale = []
 
-    def put(path: Path, text: str) -> None:
-        if path.exists() and path.read_text(encoding="utf-8") == text:
+    def put(path: Path, content: str | bytes) -> None:
+        data = content.encode("utf-8") if isinstance(content, str) else content
+        if path.exists() and path.read_bytes() == data:
             return
         stale.append(path.relative_to(ROOT))
         if not check:
-            path.write_text(text, encoding="utf-8")
+            path.write_bytes(data)
 
     put(ROOT / "evogs_codec" / "faults.py", faults_module())
     put(ROOT / "evogs_codec" / "limits.py", limits_module())
     put(ROOT / "evogs_codec" / "registry.py", registry_module())
+    from tools import example
+
+    put(SPEC / "example.evogs", example.stream())
     spec = SPEC / "evogs.md"
     put(spec, fill(spec.read_text(encoding="utf-8"), spec_tables()))
     for path in stale:

@@ -1,0 +1,543 @@
+"""The command line as a new user meets it: files, options, errors, exit codes."""
+
+import errno
+import json
+import os
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from evogs_codec import SceneInfo, SplatParams, decode, encode, read_ply, write_ply, write_tree
+from evogs_codec import cli
+from evogs_codec.cli import main
+from tests import damage
+from tools.scene import make_scene
+
+COMMANDS = ("encode", "decode", "lift", "info", "validate", "extract")
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory):
+    """A folder with scene.ply, scene.evogs and tree.npz that tests only read."""
+    folder = tmp_path_factory.mktemp("made")
+    write_ply(folder / "scene.ply", make_scene(3000))
+    write_tree(folder / "x.tree.npz", damage.random_tree(20, 3, 1))
+    assert main(["encode", str(folder / "scene.ply"), str(folder / "scene.evogs")]) == 0
+    return folder
+
+
+@pytest.fixture
+def evogs(capsys):
+    """Run a command; returns (exit code, standard output, standard error)."""
+
+    def run(*arguments):
+        capsys.readouterr()
+        try:
+            code = main([str(argument) for argument in arguments])
+        except SystemExit as exit_:
+            code = exit_.code
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return run
+
+
+@pytest.fixture
+def refused(evogs):
+    """Run a command that must fail with one line that has these words; returns the line."""
+
+    def run(*arguments, words=(), code=1):
+        found, out, err = evogs(*arguments)
+        assert (found, out) == (code, "")
+        if code == 1:
+            assert err.startswith("evogs: ")
+            assert err.endswith("\n")
+            assert err.count("\n") == 1
+        for word in words:
+            assert str(word) in err
+        return err
+
+    return run
+
+
+def n_splats(path):
+    return len(read_ply(path))
+
+
+# --- the main job --------------------------------------------------------------------------------
+
+
+def test_a_scene_is_encoded_looked_at_validated_and_decoded(evogs, made, tmp_path):
+    code, out, err = evogs("encode", made / "scene.ply", tmp_path / "a.evogs", "--levels", 4)
+    assert (code, err) == (0, "")
+    assert "3,000 splats" in out
+    assert evogs("validate", tmp_path / "a.evogs")[0] == 0
+    code, out, _ = evogs("info", tmp_path / "a.evogs")
+    assert code == 0
+    assert "position" in out
+    assert "level" in out
+    code, out, _ = evogs("decode", tmp_path / "a.evogs", tmp_path / "a.ply", "--verify")
+    assert code == 0
+    assert "3,000 splats, SH degree 3" in out
+    assert n_splats(tmp_path / "a.ply") == 3000
+    sizes = []
+    for level in range(4):
+        evogs("decode", tmp_path / "a.evogs", tmp_path / "b.ply", "--level", level)
+        sizes.append(n_splats(tmp_path / "b.ply"))
+    assert sizes == sorted(sizes)
+    assert sizes[-1] == 3000
+
+
+def test_a_tree_is_encoded_and_a_scene_lifted_to_one(evogs, made, tmp_path):
+    assert evogs("encode", made / "x.tree.npz", tmp_path / "x.evogs", "--near-lossless")[0] == 0
+    assert evogs("validate", tmp_path / "x.evogs")[0] == 0
+    code, out, _ = evogs("lift", made / "scene.ply", tmp_path / "l.tree.npz", "--levels", 3)
+    assert code == 0
+    assert "3,000 splats, 3 levels" in out
+    code, _, _ = evogs(
+        "encode", tmp_path / "l.tree.npz", tmp_path / "l.evogs", "--preset", "scene"
+    )
+    assert code == 0
+    assert decode((tmp_path / "l.evogs").read_bytes()).n_leaves == 3000
+
+
+def test_an_extracted_stream_decodes_to_what_the_whole_one_gives_at_that_cut(
+    evogs, made, tmp_path
+):
+    stream = made / "scene.evogs"
+    for options in (
+        ["--level", 1],
+        ["--sh-degree", 0],
+        ["--max-bytes", stream.stat().st_size // 2],
+        ["--box", -1, -1, -1, 1, 1, 1],
+        ["--level", 2, "--sh-degree", 1, "--max-bytes", 40_000],
+    ):
+        assert evogs("extract", stream, tmp_path / "s.evogs", *options)[0] == 0
+        assert evogs("validate", tmp_path / "s.evogs")[0] == 0
+        if "--max-bytes" in options:
+            limit = options[options.index("--max-bytes") + 1]
+            assert (tmp_path / "s.evogs").stat().st_size <= limit
+        assert evogs("decode", tmp_path / "s.evogs", tmp_path / "s.ply")[0] == 0
+        assert evogs("decode", stream, tmp_path / "w.ply", *options)[0] == 0
+        small, whole = read_ply(tmp_path / "s.ply"), read_ply(tmp_path / "w.ply")
+        k = small.sh.shape[1]
+        assert np.array_equal(small.channels(), whole.channels()[: 11 + 3 * k])
+
+
+def strictly(text):
+    """The value of JSON text; NaN and Infinity are not JSON."""
+
+    def refuse(name):
+        raise ValueError(f"{name} is not JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+def test_json_output_is_json(evogs, made, tmp_path):
+    code, out, _ = evogs("encode", made / "x.tree.npz", tmp_path / "x.evogs", "--json")
+    assert (code, strictly(out)["splats"]) == (0, decode((tmp_path / "x.evogs").read_bytes()).n_leaves)
+    for stream in (made / "scene.evogs", tmp_path / "x.evogs"):
+        code, out, _ = evogs("info", stream, "--json")
+        figures = strictly(out)
+        assert code == 0
+        assert figures["size"] == figures["bytes_present"] == stream.stat().st_size
+        whole = sum(group["n_bytes"] for group in figures["groups"].values())
+        assert whole == pytest.approx(stream.stat().st_size, rel=1e-6)
+        code, out, _ = evogs("validate", stream, "--json")
+        assert (code, strictly(out)["valid"]) == (0, True)
+
+
+def test_info_is_json_also_where_the_error_of_a_level_is_unknown(evogs, tmp_path):
+    path = tmp_path / "x.evogs"
+    path.write_bytes(damage.stream_of([damage.row()]))
+    code, out, _ = evogs("info", path, "--json")
+    assert (code, strictly(out)["levels"][0]["error"]) == (0, None)
+    assert evogs("info", path)[0] == 0
+
+
+def test_metadata_goes_into_the_stream_and_comes_out(evogs, made, tmp_path):
+    options = ["--title", "Café\n\x1b[31m ☕", "--up-axis", "+z", "--unit", "metre", "--antialiased"]
+    assert evogs("encode", made / "x.tree.npz", tmp_path / "x.evogs", *options)[0] == 0
+    code, out, _ = evogs("info", tmp_path / "x.evogs")
+    assert code == 0
+    assert "+z" in out
+    assert "metre" in out
+    assert "Café" in out
+    assert "\x1b" not in out
+    scene = strictly(evogs("info", tmp_path / "x.evogs", "--json")[1])["scene"]
+    assert scene["title"] == options[1]
+    code, _, err = evogs("decode", tmp_path / "x.evogs", tmp_path / "x.ply")
+    assert (code, err) == (0, "")
+    head = (tmp_path / "x.ply").read_bytes().split(b"end_header")[0]
+    assert head.isascii()
+    assert b"Caf" in head
+    assert b"\x1b" not in head
+
+
+# --- files that cannot be used -------------------------------------------------------------------
+
+NOT_A_SCENE = {
+    "empty": b"",
+    "text": b"hello\n",
+    "png": b"\x89PNG\r\n\x1a\n" + bytes(100),
+    "half a zip": b"PK\x03\x04" + bytes(20),
+    "ply without vertices": b"ply\nformat ascii 1.0\nend_header\n",
+    "ply of a mesh": b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n"
+    b"property float y\nproperty float z\nend_header\n0 0 0\n",
+}
+
+
+@pytest.mark.parametrize("name", NOT_A_SCENE)
+@pytest.mark.parametrize("command", ["encode", "lift"])
+def test_what_is_no_scene_is_refused_in_one_line(command, name, refused, tmp_path):
+    path = tmp_path / f"{name}.ply"
+    path.write_bytes(NOT_A_SCENE[name])
+    refused(command, path, tmp_path / "out", words=[path])
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", ["decode", "info", "validate", "extract"])
+def test_what_is_no_stream_is_refused_in_one_line(command, refused, made, tmp_path):
+    out = [tmp_path / "out"] if command in ("decode", "extract") else []
+    refused(command, made / "scene.ply", *out, words=["scene.ply", "E_SIGNATURE", "spec 5.1"])
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_scene_that_is_cut_short_is_refused(refused, made, tmp_path):
+    path = tmp_path / "short.ply"
+    path.write_bytes((made / "scene.ply").read_bytes()[:-1])
+    refused("encode", path, tmp_path / "out.evogs", words=[path, "cut short"])
+
+
+def test_a_download_that_was_cut_short_is_named_as_such_and_still_shows(
+    evogs, refused, made, tmp_path
+):
+    data = (made / "scene.evogs").read_bytes()
+    path = tmp_path / "part.evogs"
+    path.write_bytes(data[: len(data) // 2])
+    words = [path, "E_TRUNCATED", "at byte", "spec 6.2"]
+    refused("validate", path, words=words)
+    refused("decode", path, tmp_path / "no.ply", words=words)
+    assert not (tmp_path / "no.ply").exists()
+    code, out, _ = evogs("validate", path, "--json")
+    report = strictly(out)
+    assert (code, report["valid"], report["fault"]) == (1, False, "E_TRUNCATED")
+    assert report["section"] == "6.2"
+    assert 64 < report["offset"] <= len(data) // 2
+    code, _, err = evogs("decode", path, tmp_path / "part.ply", "--partial")
+    assert code == 0
+    assert "50.0 %" in err
+    assert 0 < n_splats(tmp_path / "part.ply") <= 3000
+    code, out, _ = evogs("info", path)
+    assert code == 0
+    assert "truncated" in out
+    path.write_bytes(data[:100])
+    refused("decode", path, tmp_path / "no.ply", "--partial", words=["E_TRUNCATED"])
+
+
+def arguments_of(command, source, target):
+    return [command, source, *([target] if command not in ("info", "validate") else [])]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_missing_file_and_a_folder_as_input_are_refused(command, refused, tmp_path):
+    missing = tmp_path / "missing"
+    refused(*arguments_of(command, missing, tmp_path / "out"), words=[missing])
+    refused(*arguments_of(command, tmp_path, tmp_path / "out"), words=[tmp_path])
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", ["encode", "decode", "lift", "extract"])
+def test_an_output_that_cannot_be_written_is_named_and_nothing_is_left(
+    command, refused, made, tmp_path
+):
+    source = made / ("scene.ply" if command in ("encode", "lift") else "scene.evogs")
+    (tmp_path / "file").write_bytes(b"")
+    for target in (tmp_path / "no" / "out", tmp_path / "file" / "out", tmp_path):
+        refused(command, source, target, words=[target])
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file"]
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write")
+def test_a_read_only_folder_is_named(refused, made, tmp_path):
+    tmp_path.chmod(0o500)
+    refused("extract", made / "scene.evogs", tmp_path / "out", words=[tmp_path / "out"])
+    tmp_path.chmod(0o700)
+
+
+@pytest.mark.parametrize("command", ["encode", "decode", "lift", "extract"])
+def test_a_failure_leaves_the_old_output_and_no_temporary_file(
+    command, refused, made, tmp_path, monkeypatch
+):
+    source = made / ("scene.ply" if command in ("encode", "lift") else "scene.evogs")
+    target = tmp_path / "out"
+    target.write_bytes(b"old")
+
+    def disk_full(_self, _target):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "replace", disk_full)
+    refused(command, source, target, words=[target, "No space left"])
+    assert target.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_an_interrupt_leaves_the_old_output_and_no_temporary_file(
+    evogs, made, tmp_path, monkeypatch
+):
+    target = tmp_path / "out"
+    target.write_bytes(b"old")
+
+    def interrupt(_self, _target):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "replace", interrupt)
+    code, out, err = evogs("extract", made / "scene.evogs", target, "--level", 0)
+    assert (code, out, err) == (130, "", "evogs: interrupted\n")
+    assert target.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_a_bug_is_not_dressed_up_as_a_bad_file(made, monkeypatch):
+    def bug(*_, **__):
+        raise IndexError("a bug")
+
+    monkeypatch.setattr(cli, "read_directory", bug)
+    with pytest.raises(IndexError):
+        main(["info", str(made / "scene.evogs")])
+
+
+# --- odd scenes ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 3])
+def test_scenes_of_few_splats_go_through_every_command(n, evogs, tmp_path):
+    scene, stream, back = (tmp_path / name for name in ("a.ply", "a.evogs", "b.ply"))
+    write_ply(scene, make_scene(max(n, 5)).take(np.arange(n)))
+    for command in (
+        ["encode", scene, stream],
+        ["validate", stream],
+        ["info", stream],
+        ["decode", stream, back, "--verify"],
+        ["extract", stream, tmp_path / "c.evogs", "--level", 0],
+        ["lift", scene, tmp_path / "a.tree.npz"],
+        ["encode", tmp_path / "a.tree.npz", tmp_path / "d.evogs"],
+    ):
+        code, _, err = evogs(*command)
+        assert (code, err) == (0, ""), command
+    assert n_splats(back) == n
+
+
+def test_splats_that_are_not_finite_are_refused_or_dropped_and_counted(evogs, refused, tmp_path):
+    means = make_scene(50).means.copy()
+    means[3, 0], means[7, 1] = np.nan, np.inf
+    scene = make_scene(50)
+    bad = SplatParams(means, scene.quats, scene.log_scales, scene.opacity_logits, scene.sh)
+    path = tmp_path / "bad.ply"
+    write_ply(path, bad)
+    for command in ("encode", "lift"):
+        target = tmp_path / f"{command}.out"
+        refused(command, path, target, words=[path, "2 of 50", "--drop-invalid"])
+        assert not target.exists()
+        code, out, err = evogs(command, path, target, "--drop-invalid")
+        assert code == 0
+        assert err == "evogs: warning: 2 splats with NaN or infinite numbers left out\n"
+        assert "48 splats" in out
+
+
+@pytest.mark.parametrize("largest", [1e6, 1e12, 1e30, 3e38])
+def test_huge_positions_are_refused_or_kept_with_a_word_about_it(largest, evogs, tmp_path):
+    scene = make_scene(200)
+    means = scene.means.copy()
+    means[0] = largest
+    path = tmp_path / "huge.ply"
+    write_ply(
+        path, SplatParams(means, scene.quats, scene.log_scales, scene.opacity_logits, scene.sh)
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        code, _, err = evogs("encode", path, tmp_path / "huge.evogs")
+    assert code in (0, 1)
+    assert all(line.startswith("evogs: ") for line in err.splitlines())
+    if code:
+        assert err.count("\n") == 1
+        assert not (tmp_path / "huge.evogs").exists()
+    else:
+        assert evogs("decode", tmp_path / "huge.evogs", tmp_path / "back.ply")[0] == 0
+        back = read_ply(tmp_path / "back.ply").means
+        assert np.abs(back).max() == pytest.approx(largest, rel=1e-3)
+
+
+@pytest.mark.parametrize("field", ["quats", "log_scales", "opacity_logits", "sh"])
+@pytest.mark.parametrize("value", [1e30, -1e30, 1e-40])
+def test_huge_and_tiny_attributes_raise_no_traceback(field, value, evogs, tmp_path):
+    scene = make_scene(100)
+    arrays = {
+        name: np.array(getattr(scene, name))
+        for name in ("means", "quats", "log_scales", "opacity_logits", "sh")
+    }
+    arrays[field].reshape(100, -1)[5] = value
+    path = tmp_path / "odd.ply"
+    write_ply(path, SplatParams(**arrays))
+    code, _, err = evogs("encode", path, tmp_path / "odd.evogs")
+    assert code in (0, 1)
+    assert all(line.startswith("evogs: ") for line in err.splitlines())
+    if code == 0:
+        assert evogs("validate", tmp_path / "odd.evogs")[0] == 0
+
+
+# --- options -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", ["decode", "extract"])
+def test_options_out_of_range_are_refused(command, refused, made, tmp_path):
+    stream, out = made / "scene.evogs", tmp_path / "out"
+    refused(command, stream, out, "--level", 5, words=[stream, "level 5", "0..4"])
+    refused(command, stream, out, "--max-bytes", 100, words=[stream, "100 bytes are too few"])
+    for options in (
+        ["--level", -1],
+        ["--level", 64],
+        ["--level", "one"],
+        ["--sh-degree", 4],
+        ["--max-bytes", -1],
+        ["--box", 0, 0, 0, 1, 1],
+        ["--box", 0, 0, 0, 1, 1, "nan"],
+        ["--box", 0, 0, 0, 1, 1, "inf"],
+        ["--nothing"],
+    ):
+        refused(command, stream, out, *options, code=2)
+    assert not out.exists()
+
+
+def test_a_box_may_have_its_corners_reversed_and_its_numbers_in_any_notation(
+    evogs, made, tmp_path
+):
+    whole = None
+    for corners in (
+        ["-100", "-100", "-100", "100", "100", "100"],
+        ["100", "100", "100", "-100", "-100", "-100"],
+        ["-1e2", "1e2", "-1E+2", "1e2", "-.1e3", "100."],
+    ):
+        code, _, err = evogs("extract", made / "scene.evogs", tmp_path / "b", "--box", *corners)
+        assert (code, err) == (0, "")
+        whole = whole or (tmp_path / "b").read_bytes()
+        assert (tmp_path / "b").read_bytes() == whole
+
+
+def test_the_sh_degree_asked_for_may_be_above_that_of_the_stream(evogs, made, tmp_path):
+    evogs("encode", made / "x.tree.npz", tmp_path / "x.evogs")
+    assert evogs("decode", tmp_path / "x.evogs", tmp_path / "x.ply", "--sh-degree", 3)[0] == 0
+    assert read_ply(tmp_path / "x.ply").sh_degree == 1
+    leaves = decode((tmp_path / "x.evogs").read_bytes()).leaves(sh_degree=3)
+    assert leaves.sh.shape == (len(leaves), 16, 3)
+    assert not leaves.sh[:, 4:].any()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--levels", 0],
+        ["--levels", 65],
+        ["--bits", 1],
+        ["--bits", 17],
+        ["--bits", 8, "--near-lossless"],
+        ["--preset", "near-lossless"],
+        ["--finer", 0],
+        ["--finer", "nan"],
+        ["--tiles", 0],
+        ["--effort", 23],
+        ["--unit", "mile"],
+    ],
+)
+def test_options_of_encode_out_of_range_are_a_mistake_of_use(options, refused, made, tmp_path):
+    refused("encode", made / "scene.ply", tmp_path / "out", *options, code=2)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--levels", 1],
+        ["--levels", 64],
+        ["--bits", 8],
+        ["--preset", "paper"],
+        ["--finer", 1e-3],
+        ["--finer", 1e6],
+        ["--tiles", 7],
+        ["--tiles", 65536],
+        ["--effort", 1],
+    ],
+)
+def test_options_of_encode_at_their_ends_make_valid_streams_or_say_why_not(
+    options, evogs, tmp_path
+):
+    path = tmp_path / "s.ply"
+    write_ply(path, make_scene(60))
+    code, _, err = evogs("encode", path, tmp_path / "s.evogs", *options)
+    assert code in (0, 1)
+    assert all(line.startswith("evogs: ") for line in err.splitlines())
+    if code == 0:
+        assert evogs("validate", tmp_path / "s.evogs")[0] == 0
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_help_of_every_command_has_examples_that_parse(command, evogs):
+    code, out, _ = evogs(command, "--help")
+    assert code == 0
+    examples = [line.split() for line in out.split("examples:")[1].splitlines() if line.strip()]
+    assert examples
+    assert any(words[:2] == ["evogs", command] for words in examples)
+    for words in examples:
+        args = cli._parser().parse_args(words[1:])
+        assert args.run.__name__ == f"run_{words[1]}"
+
+
+def test_without_a_command_or_with_an_unknown_one_the_usage_is_shown(refused):
+    refused(code=2, words=["usage: evogs", "COMMAND"])
+    refused("frobnicate", code=2, words=["usage: evogs", "frobnicate"])
+    refused("encode", code=2, words=["usage: evogs encode", "IN"])
+
+
+def test_the_version_is_shown(evogs):
+    code, out, _ = evogs("--version")
+    assert code == 0
+    assert out.startswith("evogs ")
+
+
+# --- as a program --------------------------------------------------------------------------------
+
+
+def program(*arguments):
+    command = [sys.executable, "-m", "evogs_codec.cli", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+
+
+def test_the_module_runs_as_a_program(made, tmp_path):
+    done = program("validate", made / "scene.evogs")
+    assert (done.returncode, done.stderr) == (0, "")
+    done = program("validate", made / "scene.ply")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.count("\n") == 1
+    done = program()
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+
+
+def test_a_reader_of_the_output_that_leaves_is_no_error(made):
+    command = f"'{sys.executable}' -m evogs_codec.cli info '{made / 'scene.evogs'}' | true"
+    done = subprocess.run(
+        ["sh", "-c", command], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert "Traceback" not in done.stderr
+    assert "Exception" not in done.stderr
+
+
+def test_a_stream_from_the_library_and_from_the_command_are_the_same(evogs, made, tmp_path):
+    tree = damage.random_tree(20, 3, 1)
+    evogs("encode", made / "x.tree.npz", tmp_path / "x.evogs")
+    info = SceneInfo(text={"generator": evogs("--version")[1].strip()})
+    assert (tmp_path / "x.evogs").read_bytes() == encode(tree, info=info)

@@ -1,0 +1,288 @@
+"""Lifting: the leaves are the input, the levels above cover the scene."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from evogs_codec.axes import COMPOSE, N_TURNS, TURNS, largest_w, matrices, multiply, turned
+from evogs_codec.lifting import lift, lift_with_order
+from evogs_codec.merging import ALPHAS_OPACITY, ALPHAS_SCALE
+from evogs_codec.pairing import MAX_G, morton_order
+from evogs_codec.splats import SplatParams
+from evogs_codec.tree import Kind
+
+
+def surface(n: int, sh_degree: int = 1, seed: int = 0) -> SplatParams:
+    """Flat splats on a sphere of radius 1, turned at random, each about as large as its spacing."""
+    rng = np.random.default_rng(seed)
+    means = rng.normal(size=(n, 3))
+    means /= np.linalg.norm(means, axis=1, keepdims=True)
+    spacing = np.log(2 / np.sqrt(max(n, 1)))
+    k = (sh_degree + 1) ** 2
+    return SplatParams(
+        means.astype(np.float32),
+        rng.normal(size=(n, 4)).astype(np.float32),
+        (spacing + rng.normal(size=(n, 3)) * 0.4 - [0, 0, 1.5]).astype(np.float32),
+        (rng.normal(size=n) * 2).astype(np.float32),
+        (rng.normal(size=(n, k, 3)) * 0.3).astype(np.float32),
+    )
+
+
+def covariances(splats: SplatParams) -> np.ndarray:
+    """(N, 3, 3) float64, a zero quaternion meaning identity: an oracle apart from `axes`."""
+    q = splats.quats.astype(np.float64)
+    q[(q == 0).all(1)] = [1, 0, 0, 0]
+    w, x, y, z = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    root = np.array(rows).transpose(2, 0, 1) * np.exp(splats.log_scales.astype(np.float64))[:, None]
+    return root @ root.transpose(0, 2, 1)
+
+
+def masses(splats: SplatParams) -> np.ndarray:
+    variances = np.exp(2 * splats.log_scales.astype(np.float64))
+    a, b, c = variances.T
+    opacity = 1 / (1 + np.exp(-splats.opacity_logits.astype(np.float64)))
+    return opacity * np.sqrt(a * b + a * c + b * c)
+
+
+def assert_leaves_are(splats: SplatParams, n_levels: int = 5) -> None:
+    """The leaves of the lifted tree are the same Gaussians up to rounding to float32."""
+    lifted = lift_with_order(splats, n_levels)
+    leaves = lifted.tree.leaves()
+    assert lifted.tree.n_levels == n_levels
+    assert sorted(lifted.leaf_of) == list(range(len(splats)))
+    source = splats.take(lifted.leaf_of)
+    if not len(splats):
+        return
+    # Each generation rounds once, relative to the largest number of its channel.
+    for name, ulps in (("means", 16), ("opacity_logits", 64), ("sh", 16)):
+        given, got = getattr(source, name), getattr(leaves, name)
+        tolerance = ulps * np.finfo(np.float32).eps * max(1e-30, float(np.abs(given).max()))
+        np.testing.assert_allclose(got, given, rtol=0, atol=tolerance, err_msg=name)
+    given, got = covariances(source), covariances(leaves)
+    size = np.trace(given, axis1=1, axis2=2)
+    assert (np.abs(got - given).max((1, 2)) / size).max() < 2e-4
+    np.testing.assert_allclose(
+        np.sort(leaves.log_scales, 1), np.sort(source.log_scales, 1), atol=1e-4, rtol=1e-5
+    )
+
+
+@pytest.mark.parametrize("sh_degree", [0, 1, 2, 3])
+def test_leaves_are_the_input_as_gaussians(sh_degree):
+    assert_leaves_are(surface(2000, sh_degree))
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 3, 17])
+@pytest.mark.parametrize("n_levels", [1, 2, 5])
+def test_few_splats_are_lifted(n, n_levels):
+    assert_leaves_are(surface(n), n_levels)
+
+
+def test_one_level_is_a_tree_of_adds():
+    tree = lift(surface(100), 1)
+    assert len(tree.steps) == 1
+    assert tree.steps[0].n_adds == 100
+
+
+def test_each_level_has_half_the_splats_of_the_next():
+    tree = lift(surface(20_000), 5)
+    counts = [len(tree.leaves(level)) for level in range(5)]
+    assert counts[4] == 20_000
+    for coarse, fine in zip(counts, counts[1:], strict=False):
+        assert 0.5 <= coarse / fine <= 0.515
+
+
+def test_scattered_splats_are_paired_although_their_parents_are_too_large():
+    splats = surface(1000)
+    tiny = SplatParams(
+        splats.means, splats.quats, splats.log_scales - 10, splats.opacity_logits, splats.sh
+    )
+    assert len(lift(tiny, 2).leaves(0)) <= 515
+
+
+def test_steps_hold_only_splits_with_alphas_of_the_tables():
+    tree = lift(surface(3000), 4)
+    for step in tree.steps[1:]:
+        assert (step.kinds == Kind.SPLIT).all()
+        assert not step.n_adds
+        assert (step.alpha[[0, 1, 4]] == 1).all()
+        assert set(step.alpha[2]) <= set(ALPHAS_SCALE)
+        assert set(step.alpha[3]) <= set(ALPHAS_OPACITY)
+
+
+def test_w_is_one_and_g_bounded_so_that_rotations_cost_three_channels():
+    tree = lift(surface(3000), 4)
+    assert (tree.steps[0].adds[3] == 1).all()
+    assert all((step.psi[3] == 0).all() for step in tree.steps[1:])
+    assert np.linalg.norm(tree.leaves().quats[:, 1:], axis=1).max() < MAX_G + 1e-5
+
+
+def test_rotations_of_siblings_are_nearer_than_those_of_the_input():
+    tree = lift(surface(3000), 2)
+    psi = np.abs(tree.steps[1].psi[4:7]).mean()
+    aligned = surface(3000)
+    quats = aligned.quats.T.astype(np.float64)
+    quats /= np.linalg.norm(quats, axis=0)
+    _, g, _ = turned(quats, aligned.log_scales.T.astype(np.float64), largest_w(quats))
+    assert psi < 0.75 * np.abs(g[:, ::2] - g[:, 1::2]).mean() / 2
+
+
+def test_coarse_levels_cover_the_scene():
+    splats = surface(8000)
+    tree = lift(splats, 4)
+    for level in range(4):
+        leaves = tree.leaves(level)
+        np.testing.assert_allclose(leaves.means.min(0), splats.means.min(0), atol=0.15)
+        np.testing.assert_allclose(leaves.means.max(0), splats.means.max(0), atol=0.15)
+        # Every input splat lies within three standard deviations and a bit of some splat.
+        inverse = np.linalg.inv(covariances(leaves) + np.eye(3) * 0.02**2)
+        d = splats.means[::40, None].astype(np.float64) - leaves.means[None]
+        distance = np.einsum("abi,bij,abj->ab", d, inverse, d, optimize=True)
+        assert (distance.min(axis=1) < 9).mean() > 0.99, level
+
+
+def test_mass_of_opacity_is_roughly_kept():
+    tree = lift(surface(8000), 5)
+    whole = masses(tree.leaves()).sum()
+    for level in range(4):
+        assert 0.6 < masses(tree.leaves(level)).sum() / whole < 1.6, level
+
+
+def test_two_lifts_of_one_scene_are_the_same():
+    first, second = lift_with_order(surface(3000)), lift_with_order(surface(3000))
+    np.testing.assert_array_equal(first.leaf_of, second.leaf_of)
+    for a, b in zip(first.tree.steps, second.tree.steps, strict=True):
+        np.testing.assert_array_equal(a.slots, b.slots)
+        np.testing.assert_array_equal(a.psi, b.psi)
+        np.testing.assert_array_equal(a.alpha, b.alpha)
+        np.testing.assert_array_equal(a.adds, b.adds)
+
+
+def test_roots_are_in_morton_order():
+    roots = lift(surface(3000), 4).leaves(0).means.astype(np.float64)
+    np.testing.assert_array_equal(morton_order(roots), np.arange(len(roots)))
+
+
+def test_progress_rises_to_one():
+    shares: list[float] = []
+    lift(surface(500), 4, progress=shares.append)
+    assert shares == sorted(shares)
+    assert shares[-1] == 1
+
+
+def with_channels(splats: SplatParams, **changed: object) -> SplatParams:
+    """`splats` with some attributes replaced; scalars and rows are repeated for every splat."""
+    arrays = {name: getattr(splats, name) for name in vars(splats)}
+    for name, value in changed.items():
+        arrays[name] = np.broadcast_to(np.asarray(value, np.float32), arrays[name].shape)
+    return SplatParams(**arrays)
+
+
+ODD = {
+    "all_at_one_point": {"means": [1.0, 2.0, 3.0]},
+    "zero_quaternions": {"quats": 0.0},
+    "huge_quaternions": {"quats": [1e38, -1e38, 1e37, 3e38]},
+    "tiny_quaternions": {"quats": [1e-44, 0.0, 1e-44, 0.0]},
+    "half_turns": {"quats": [0.0, 1.0, 1.0, 0.0]},
+    "isotropic": {"log_scales": -3.0},
+    "points": {"log_scales": -30.0},
+    "needles": {"log_scales": [-30.0, -30.0, 20.0]},
+    "transparent": {"opacity_logits": -40.0},
+    "opaque": {"opacity_logits": 40.0},
+    "grey": {"sh": 0.0},
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_odd_scenes_are_lifted(name):
+    assert_leaves_are(with_channels(surface(1500), **ODD[name]), 4)
+
+
+def test_identical_splats_are_lifted_and_halve():
+    splats = surface(1).take(np.zeros(4096, np.int64))
+    assert_leaves_are(splats)
+    tree = lift(splats)
+    assert len(tree.leaves(0)) < 270
+    assert np.abs(tree.steps[1].psi).max() == 0
+
+
+def test_scenes_that_mix_extremes_are_lifted():
+    rng = np.random.default_rng(1)
+    n = 1500
+    splats = with_channels(
+        surface(n),
+        means=rng.uniform(-1e6, 1e6, (n, 3)),
+        log_scales=rng.uniform(-30, 20, (n, 3)),
+        opacity_logits=rng.choice([-40.0, 40.0], n),
+    )
+    assert_leaves_are(splats)
+
+
+def test_the_largest_float32_numbers_are_lifted():
+    rng = np.random.default_rng(2)
+    n = 300
+    sign = rng.choice([-3e38, 3e38], (n, 3))
+    splats = with_channels(
+        surface(n, 0),
+        means=sign,
+        log_scales=sign[::-1],
+        opacity_logits=sign[:, 0],
+        sh=sign[:, None],
+    )
+    tree = lift(splats)
+    assert len(tree.leaves()) == n
+
+
+def test_a_splat_far_away_does_not_spoil_the_others():
+    means = surface(2000).means.copy()
+    means[7] = 1e6
+    tree = lift(with_channels(surface(2000), means=means), 2)
+    # In a spoilt search everything looks coincident, and pairs are far apart.
+    assert np.median(np.linalg.norm(tree.steps[1].psi[:3], axis=0)) < 0.05
+
+
+def test_numbers_that_are_not_finite_are_refused_with_their_count():
+    sh = surface(50).sh.copy()
+    sh[[3, 9], 0, 0] = np.nan, np.inf
+    with pytest.raises(ValueError, match="2 of 50 splats"):
+        lift(with_channels(surface(50), sh=sh))
+
+
+def test_no_levels_are_refused():
+    with pytest.raises(ValueError, match="n_levels is 0"):
+        lift(surface(5), 0)
+
+
+def test_turns_leave_the_covariance_as_it_is():
+    rng = np.random.default_rng(3)
+    quats = rng.normal(size=(4, N_TURNS))
+    quats /= np.linalg.norm(quats, axis=0)
+    log_scales = rng.normal(size=(3, N_TURNS))
+    _, g, scales = turned(quats, log_scales, np.arange(N_TURNS, dtype=np.uint8))
+
+    def covariance(g, s):
+        root = matrices(g) * np.exp(s)
+        return np.einsum("ikn,jkn->ijn", root, root)
+
+    np.testing.assert_allclose(
+        covariance(g, scales), covariance(quats[1:] / quats[0], log_scales), atol=1e-9
+    )
+
+
+def test_composed_turns_are_one_turn_after_the_other():
+    for j in range(N_TURNS):
+        both = multiply(TURNS[j][:, None], TURNS.T)
+        agreement = np.abs((TURNS[COMPOSE[j]].T * both).sum(axis=0))
+        np.testing.assert_allclose(agreement, 1)
+
+
+def test_the_largest_w_is_at_least_085():
+    quats = np.random.default_rng(4).normal(size=(4, 20_000))
+    quats /= np.linalg.norm(quats, axis=0)
+    w, _, _ = turned(quats, np.zeros((3, 20_000)), largest_w(quats))
+    assert np.abs(w).min() > 0.85

@@ -1,0 +1,454 @@
+"""Damaged and hostile streams: refused with a code, or a legal scene; never anything else."""
+
+import random
+import resource
+import struct
+import subprocess
+import sys
+import time
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from conformance import oracle
+from evogs_codec import PRESETS, Cut, Decoder, Fault, StreamError, encode, lift, read_ply
+from evogs_codec.decode import _body, decode, decode_prefix
+from evogs_codec.directory import read_directory, read_header
+from evogs_codec.tree import EvolutionTree
+from tests import damage
+from tools.scene import make_scene
+
+MIB = 1 << 20
+SMALL = (  # two tiles with an SH band; and a tile with splits, refines, drops and alpha tables
+    {"n_roots": 6, "n_levels": 1, "degree": 1, "n_tiles": 2},
+    {"n_roots": 4, "n_levels": 2, "degree": 0, "n_tiles": 1},
+)
+
+
+def verdict(data):
+    """The dump, or fault code and offset."""
+    try:
+        return decode(data, verify=True).dump()
+    except StreamError as error:
+        return error.fault.name, error.offset
+
+
+def oracle_verdict(data):
+    try:
+        return oracle.decode(data, check_digests=True).dump()
+    except oracle.Reject as error:
+        return error.code, error.offset
+
+
+# --- truncation ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("small", SMALL)
+def test_every_prefix_is_refused_as_truncated_where_it_is_cut(small):
+    data = damage.stream(**small)
+    directory = read_directory(memoryview(data))
+    ends = directory.offsets + directory.packets["size"]
+    starts = [0, 64, *directory.offsets.tolist()]
+    stops = [64, directory.data_offset, *ends.tolist()]
+    for n in range(len(data)):
+        with pytest.raises(StreamError) as caught:
+            decode(data[:n])
+        cut_short = next(a for a, b in zip(starts, stops, strict=True) if b > n)
+        assert (caught.value.fault, caught.value.offset) == (Fault.E_TRUNCATED, cut_short), n
+
+
+@pytest.mark.parametrize("small", SMALL)
+def test_every_prefix_with_header_and_chunks_gives_the_scene_of_its_complete_packets(small):
+    data = damage.stream(**small)
+    directory = read_directory(memoryview(data))
+    ends = directory.offsets + directory.packets["size"]
+    for n in range(directory.data_offset):
+        with pytest.raises(StreamError, match="E_TRUNCATED"):
+            decode_prefix(data[:n])
+    known = {}
+    for n in range(directory.data_offset, len(data) + 1):
+        n_whole = int(np.searchsorted(ends, n, side="right"))
+        if n_whole not in known:
+            known[n_whole] = decode(data, Cut.of_packets(directory, n_whole)).dump()
+            assert decode_prefix(data[:n]).dump() == known[n_whole]
+        else:  # decoding again for each byte would only repeat the packets: the cut decides
+            there = Cut.of_complete(directory, ends <= n)
+            assert (there.steps == Cut.of_packets(directory, n_whole).steps).all()
+    assert len(known) > 2
+
+
+# --- flips ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("small", SMALL)
+def test_every_single_bit_flip_is_refused(small):
+    data = damage.stream(**small)
+    for bit in range(8 * len(data)):
+        with pytest.raises(StreamError):
+            decode(damage.flipped(data, bit))
+
+
+@pytest.mark.parametrize("small", SMALL)
+def test_flips_with_repaired_checksums_get_the_verdict_of_the_oracle(small):
+    check_repaired_flips(damage.stream(**small), step=11)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("small", [*SMALL, {"n_roots": 4, "degree": 1}])
+def test_all_flips_with_repaired_checksums_get_the_verdict_of_the_oracle(small):
+    check_repaired_flips(damage.stream(**small), step=1)
+
+
+def check_repaired_flips(data, step):
+    assert damage.repaired(data) == data
+    accepted = 0
+    for bit in range(0, 8 * len(data), step):
+        damaged = damage.repaired(damage.flipped(data, bit))
+        expected = oracle_verdict(damaged)
+        assert verdict(damaged) == expected, f"bit {bit} (byte {bit >> 3})"
+        accepted += isinstance(expected, bytes)
+    assert accepted > 0
+
+
+def test_flips_with_repaired_checksums_never_trouble_info_or_feeding():
+    from evogs_codec.stats import bytes_by_group, levels
+
+    data = damage.stream(**SMALL[0])
+    for bit in range(5, 8 * len(data), 31):
+        damaged = damage.repaired(damage.flipped(data, bit))
+        try:
+            directory = read_directory(memoryview(damaged))
+            levels(directory)
+            bytes_by_group(directory, memoryview(damaged))
+        except StreamError:
+            pass
+        decoder = Decoder()
+        try:
+            for at in range(0, len(damaged), 97):
+                decoder.feed(damaged[at : at + 97])
+            decoder.close()
+            fed = decoder.leaves().channels().tobytes()
+            assert fed == decode(damaged).leaves(sh_degree=1).channels().tobytes()
+        except StreamError as error:
+            with pytest.raises(StreamError) as caught:
+                decode(damaged)
+            assert (caught.value.fault, caught.value.offset) == (error.fault, error.offset), bit
+
+
+def check_random_flips(data, n_flips, seed):
+    """Each flip is in a structure whose CRC-32 is checked before it is used."""
+    buffer = bytearray(data)
+    view = memoryview(buffer)
+    directory = read_directory(memoryview(data))
+    random_ = random.Random(seed)
+    silent = []
+    for _ in range(n_flips):
+        bit = random_.randrange(8 * len(data))
+        at = bit >> 3
+        buffer[at] ^= 1 << (bit & 7)
+        try:
+            if at < directory.data_offset:
+                read_directory(view)
+            else:
+                packet = int(np.searchsorted(directory.offsets, at, side="right")) - 1
+                _body(directory, view, packet)
+            silent.append(bit)
+        except StreamError:
+            pass
+        buffer[at] ^= 1 << (bit & 7)
+    assert not silent
+    assert buffer == data
+
+
+def test_random_flips_in_a_medium_stream_are_all_noticed():
+    tree = EvolutionTree.of_splats(make_scene(20_000))
+    data = encode(tree, PRESETS["scene"].finer(0.25), n_tiles=4, digests=False)
+    check_random_flips(data, 3000, seed=1)
+    for bit in random.Random(2).sample(range(8 * len(data)), 3):
+        with pytest.raises(StreamError):
+            decode(damage.flipped(data, bit))
+
+
+@pytest.mark.slow
+def test_ten_thousand_flips_in_the_half_million_splat_stream_are_all_noticed(shared):
+    tree = lift(read_ply(shared / "data" / "playbot" / "playbot.ply"), 4)
+    data = encode(tree, PRESETS["scene"])
+    check_random_flips(data, 10_000, seed=3)
+    for bit in random.Random(4).sample(range(8 * len(data)), 20):
+        with pytest.raises(StreamError):
+            decode(damage.flipped(data, bit))
+
+
+# --- hostile streams -----------------------------------------------------------------------------
+
+BIG = 0xFFFFFFFF
+BOMB = 16 * MIB
+
+
+def with_field(offset, form, value):
+    return damage.rebuilt(damage.stream(**SMALL[0]), header={offset: (form, value)})
+
+
+def one_packet(body, n_adds):
+    return damage.stream_of([damage.row(n_adds=n_adds, body=body)], body)
+
+
+def claims(n_tiles, n_adds):
+    """Rows that promise splats in packets whose bytes never come."""
+    rows = [damage.row(tile, size=n_adds // 64 + 1, n_adds=n_adds) for tile in range(n_tiles)]
+    return damage.stream_of(rows, n_tiles=n_tiles)
+
+
+def alpha_tables(*tables):
+    body = b"".join(struct.pack("<4B", *head) + b"\1\0" * n for head, n in tables)
+    rows, empty = [damage.row()], {b"TILE": None, b"PACK": None}
+    # ALFA stands before TILE and PACK, so these come again behind it.
+    whole = damage.stream_of(rows)
+    moved = {
+        kind: whole[at + 12 : at + 12 + size]
+        for at, kind, size in damage.chunks_of(whole)
+        if kind in empty
+    }
+    area = damage.rebuilt(whole, chunks=empty)
+    area = damage.rebuilt(area, chunks={b"ALFA": body})
+    return damage.rebuilt(area, chunks=moved)
+
+
+def hostile_streams():
+    """{what it does: (stream, fault code of `decode`)}."""
+    lying_more = damage.frame(192, [(1, 192, b"\0"), (1, 192, b"\0")])
+    lying_less = damage.frame(192, [(1, 64, b"\0")])
+    return {
+        "2^32-1 tiles": (with_field(24, "<I", BIG), "E_TIER"),
+        "2^32-1 packets": (with_field(28, "<I", BIG), "E_TIER"),
+        "255 levels": (with_field(12, "<B", 255), "E_TIER"),
+        "2^32-1 bytes of chunks": (with_field(32, "<I", BIG), "E_TIER"),
+        "512 MiB of chunks that do not come": (
+            damage.rebuilt(
+                damage.stream(**SMALL[0]), header={10: ("<B", 3), 32: ("<I", 512 * MIB)}
+            ),
+            "E_TRUNCATED",
+        ),
+        "2^64-1 bytes of packets": (with_field(36, "<Q", (1 << 64) - 1), "E_HEADER"),
+        "65536 tiles without a row": (
+            damage.rebuilt(
+                damage.stream(**SMALL[0]), header={10: ("<B", 3), 24: ("<I", 65536)}
+            ),
+            "E_CHUNK",
+        ),
+        "2^32-1 adds in no bytes": (
+            damage.stream_of([damage.row(size=1, n_adds=BIG)]),
+            "E_AMPLIFICATION",
+        ),
+        "2^32-1 adds": (damage.stream_of([damage.row(size=BIG, n_adds=BIG)]), "E_TIER"),
+        "2^32-1 refines": (damage.stream_of([damage.row(size=BIG, n_refines=BIG)]), "E_COUNT"),
+        "2^32-1 splits": (damage.stream_of([damage.row(size=BIG, n_splits=BIG)]), "E_COUNT"),
+        "2^32-1 drops": (damage.stream_of([damage.row(size=BIG, n_drops=BIG)]), "E_COUNT"),
+        "counts that wrap": (
+            damage.stream_of([damage.row(size=BIG, n_refines=BIG, n_drops=1)]),
+            "E_COUNT",
+        ),
+        "2^24 splats that do not come": (claims(1, 1 << 24), "E_TRUNCATED"),
+        "2^31-2^24 splats that do not come": (claims(127, 1 << 24), "E_TRUNCATED"),
+        "a frame of 16 MiB from 512 bytes": (
+            one_packet(damage.add_packet([damage.run_of_zeros(BOMB)]), 64),
+            "E_FRAME",
+        ),
+        "a frame of 2^64-1 bytes": (
+            one_packet(
+                damage.add_packet([damage.frame((1 << 64) - 1, [(1, 192, b"\0")], width=8)]), 64
+            ),
+            "E_FRAME",
+        ),
+        "a frame of 2^32-1 bytes": (
+            one_packet(damage.add_packet([damage.frame(BIG, [(1, 192, b"\0")])]), 64),
+            "E_FRAME",
+        ),
+        "blocks of more than the frame says": (
+            one_packet(damage.add_packet([lying_more]), 64),
+            "E_ZSTD",
+        ),
+        "blocks of less than the frame says": (
+            one_packet(damage.add_packet([lying_less]), 64),
+            "E_ZSTD",
+        ),
+        "blocks without end": (
+            one_packet(
+                damage.add_packet([damage.frame(192, [(0, 0, b"")] * 5000 + [(1, 9, b"\0")])]),
+                64,
+            ),
+            "E_ZSTD",
+        ),
+        "the same alpha table twice": (
+            alpha_tables(((0, 0, 0, 0), 1), ((0, 0, 0, 0), 1)),
+            "E_ALPHA",
+        ),
+        "an alpha table past its chunk": (alpha_tables(((0, 0, 0, 255), 1)), "E_CHUNK"),
+        "an alpha table of no level": (alpha_tables(((1, 0, 0, 0), 1)), "E_ALPHA"),
+        "a chunk past the chunks": (
+            damage.repaired(
+                damage.stream(**SMALL[0])[:68] + b"\xff\xff\xff\xff" + damage.stream(**SMALL[0])[72:]
+            ),
+            "E_CHUNK",
+        ),
+        "a digest of no packet": (
+            damage.stream_of([damage.row()], chunks={b"dGST": b"\xff" * 41}),
+            "E_CHUNK",
+        ),
+        "2,000 unknown chunks, the last critical": (many_chunks(2000), "E_UNSUPPORTED"),
+        "16,384 empty packets, the last of no tile": (
+            damage.stream_of(
+                [damage.row(tile=k // 1024) for k in range(16383)] + [damage.row(tile=16)],
+                n_tiles=16,
+            ),
+            "E_CHAIN",
+        ),
+        "20,000 digests of no packet": (
+            damage.stream_of([damage.row()], chunks={b"dGST": b"\xff" * 41 * 20_000}),
+            "E_CHUNK",
+        ),
+    }
+
+
+def many_chunks(n):
+    whole = damage.stream_of([damage.row()])
+    at = 64 + int.from_bytes(whole[32:36], "little")
+    area = whole[64:at] + damage.chunk(b"teSt", b"") * n + damage.chunk(b"TESt", b"")
+    return damage.repaired(whole[:32] + struct.pack("<I", len(area)) + whole[36:64] + area)
+
+
+@pytest.mark.parametrize("name", hostile_streams())
+def test_a_hostile_stream_is_refused_at_once_and_in_little_memory(name):
+    data, code = hostile_streams()[name]
+    begin = time.perf_counter()
+    with pytest.raises(StreamError) as caught:
+        decode(data)
+    assert time.perf_counter() - begin < 1.0
+    assert caught.value.fault.name == code
+    assert oracle_verdict(data) == (code, caught.value.offset)
+    tracemalloc.start()
+    try:
+        for read in (decode, decode_prefix, feed):
+            try:
+                read(data)
+            except StreamError:
+                continue
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 4 * MIB + 8 * len(data), f"{peak} bytes"
+
+
+def feed(data):
+    decoder = Decoder()
+    decoder.feed(data)
+    decoder.leaves()
+    decoder.close()
+
+
+def test_all_hostile_streams_together_fit_into_a_small_address_space():
+    """The allocations tracemalloc does not see, those of zstd and of threads, count here."""
+    program = (
+        "import resource\n"
+        "from tests import test_robustness as t\n"
+        "streams = t.hostile_streams().values()\n"
+        "t.decode(t.damage.stream(**t.SMALL[0]))\n"
+        "size = int(open('/proc/self/statm').read().split()[0]) * resource.getpagesize()\n"
+        "before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
+        "resource.setrlimit(resource.RLIMIT_AS, (size + (256 << 20),) * 2)\n"
+        "for data, code in streams:\n"
+        "    for read in (t.decode, t.decode_prefix, t.feed):\n"
+        "        try:\n"
+        "            read(data)\n"
+        "        except t.StreamError:\n"
+        "            pass\n"
+        "after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
+        "print(after - before)\n"
+    )
+    if not sys.platform.startswith("linux"):
+        pytest.skip("needs /proc and RLIMIT_AS")
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) < 32 * 1024, "KiB more than before"
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss > 0
+
+
+def test_a_file_of_n_bytes_makes_at_most_64_n_slots_and_the_memory_the_text_says():
+    for n_planes_coded in (0, 14):
+        n_adds, body = 64, b""
+        while n_adds <= 64 * 4000:  # grow until the packet holds as many as it may
+            frames = [damage.run_of_zeros(3 * n_adds)] * n_planes_coded
+            body = damage.add_packet(frames, n_coded=n_planes_coded)
+            if n_adds == 64 * len(body):
+                break
+            n_adds = 64 * len(body)
+        data = one_packet(body, n_adds)
+        tracemalloc.start()
+        decoded = decode(data)
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert decoded.n_leaves == n_adds <= 64 * len(data)
+        per_slot = 14 * 4 + 5 + 3 * n_planes_coded + 40  # state, planes, a few arrays (8.3)
+        assert peak < n_adds * per_slot + MIB
+        with pytest.raises(StreamError, match="E_AMPLIFICATION"):
+            decode(one_packet(body, n_adds + 1))
+
+
+@pytest.mark.parametrize("degree", [0, 3])
+def test_decoding_many_empty_packets_takes_time_linear_in_their_number(degree):
+    def seconds(n):
+        rows = [damage.row(component=c) for _ in range(n) for c in range(degree + 1)]
+        data = damage.stream_of(rows, degree=degree)
+        begin = time.process_time()
+        decode(data)
+        feed(data)
+        return time.process_time() - begin
+
+    seconds(10)
+    assert seconds(4000) < 12 * seconds(1000)
+
+
+def test_many_small_chunks_are_read_in_linear_time():
+    begin = time.process_time()
+    with pytest.raises(StreamError, match="E_UNSUPPORTED"):
+        decode(many_chunks(80_000))
+    assert time.process_time() - begin < 5.0
+
+
+# --- other files ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("data", "code"),
+    [
+        (b"", "E_TRUNCATED"),
+        (b"\x89EVG", "E_TRUNCATED"),
+        (b"\0\0\0\0", "E_SIGNATURE"),
+        (bytes(1000), "E_SIGNATURE"),
+        (b"\x89PNG\r\n\x1a\n" + bytes(100), "E_SIGNATURE"),
+        (b"\x89", "E_TRUNCATED"),
+        (b"\x89E", "E_TRUNCATED"),
+        (b"ply\nformat binary_little_endian 1.0\n", "E_SIGNATURE"),
+    ],
+)
+def test_what_is_no_stream_is_refused_by_its_first_bytes(data, code):
+    for read in (decode, decode_prefix, feed):
+        with pytest.raises(StreamError) as caught:
+            read(data)
+        assert (caught.value.fault.name, caught.value.offset) == (code, 0)
+    assert oracle_verdict(data) == (code, 0)
+
+
+def test_random_bytes_are_refused_also_behind_a_right_header():
+    random_ = random.Random(5)
+    head = damage.stream(**SMALL[0])[:64]
+    for n in range(300):
+        for data in (random_.randbytes(n), head + random_.randbytes(n)):
+            for read in (decode, decode_prefix, feed, read_header):
+                if read is read_header and data[:64] == head:
+                    continue
+                with pytest.raises(StreamError):
+                    read(memoryview(data))

@@ -1,0 +1,297 @@
+"""The text of the spec: its pseudo-code runs, its references hold, its tables are in sync."""
+
+import csv
+import re
+import struct
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+import zstandard
+from hypothesis import given
+from hypothesis import settings as budget
+
+from conformance import oracle
+from evogs_codec import refine
+from evogs_codec.decode import decode
+from evogs_codec.encode import encode, write
+from evogs_codec.errors import Fault
+from evogs_codec.settings import PRESETS
+from tests.coded_strategies import coded_trees
+from tests.strategies import trees
+
+ROOT = Path(__file__).resolve().parents[1]
+TEXT = (ROOT / "spec" / "evogs.md").read_text(encoding="utf-8")
+REQUIREMENT = re.compile(r"^(?:- )?(R-(\d+(?:\.\d+)?)-\d+) \[[a-z]+\] .*$", re.MULTILINE)
+ANY_ID = re.compile(r"\bR-\d+(?:\.\d+)?-\d+\b")
+FAULT = re.compile(r"\bE_[A-Z]+\b")
+
+
+def faults_csv() -> list[dict[str, str]]:
+    with (ROOT / "spec" / "faults.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def headings() -> list[tuple[int, str]]:
+    """(place in the text, number) of every numbered heading."""
+    found = re.finditer(r"^#{2,3} (\d+(?:\.\d+)?)\.? ", TEXT, re.MULTILINE)
+    return [(match.start(), match.group(1)) for match in found]
+
+
+# --- requirements ---------------------------------------------------------------------------------
+
+
+def test_there_are_requirements_and_each_id_is_used_once():
+    ids = [match.group(1) for match in REQUIREMENT.finditer(TEXT)]
+    assert len(ids) > 80
+    assert len(ids) == len(set(ids))
+
+
+def test_each_requirement_stands_in_its_section():
+    for match in REQUIREMENT.finditer(TEXT):
+        section = [number for place, number in headings() if place < match.start()][-1]
+        assert match.group(2) == section
+
+
+def test_every_id_at_the_start_of_a_line_is_a_requirement_with_a_role():
+    starts = re.findall(r"^(?:- )?(R-\d+(?:\.\d+)?-\d+)(.*)$", TEXT, re.MULTILINE)
+    assert starts
+    for identifier, rest in starts:
+        assert re.match(r" \[(stream|decoder|encoder)\] [A-Z`|\u2212]", rest), identifier
+
+
+def test_each_requirement_is_one_sentence():
+    for identifier, rest in re.findall(r"^(?:- )?(R-[\d.]+-\d+) (.*)$", TEXT, re.MULTILINE):
+        sentence = re.sub(r" \(E_[^)]*\)$", "", rest)
+        assert sentence.endswith("."), identifier
+        assert not re.search(r"[.!?] +[A-Z]", sentence), identifier
+
+
+def test_requirements_on_streams_name_their_fault_and_it_exists():
+    known = {row["code"] for row in faults_csv()}
+    for identifier, rest in re.findall(r"^- (R-[\d.]+-\d+) \[stream\] (.*)$", TEXT, re.MULTILINE):
+        codes = FAULT.findall(rest)
+        assert codes, identifier
+        assert set(codes) <= known, identifier
+
+
+def test_every_cited_id_is_a_requirement():
+    stated = set(re.findall(r"^(?:- )?(R-[\d.]+-\d+) \[", TEXT, re.MULTILINE))
+    sources = [*(ROOT / "evogs_codec").glob("*.py"), *(ROOT / "evogs_codec").glob("*/*.py")]
+    sources += [ROOT / "conformance" / "oracle.py", *(ROOT / "tests").glob("*.py")]
+    for path in sources:
+        text = path.read_text(encoding="utf-8")
+        assert set(ANY_ID.findall(text)) <= stated, path.name
+    assert set(ANY_ID.findall(TEXT)) <= stated
+
+
+def test_every_section_that_code_cites_is_a_heading():
+    numbers = {number for _, number in headings()}
+    sources = [*(ROOT / "evogs_codec").glob("**/*.py"), ROOT / "conformance" / "oracle.py"]
+    for path in sources:
+        cited = re.findall(r"\bspec (\d+(?:\.\d+)?)\b", path.read_text(encoding="utf-8"))
+        assert set(cited) <= numbers, path.name
+
+
+# --- faults and tables ----------------------------------------------------------------------------
+
+
+def test_every_fault_has_a_section_and_every_code_in_the_text_is_a_fault():
+    numbers = {number for _, number in headings()}
+    known = {row["code"] for row in faults_csv()}
+    assert {row["section"] for row in faults_csv()} <= numbers
+    assert set(FAULT.findall(TEXT)) <= known
+    assert {fault.name for fault in Fault} == known
+    assert {f"E_{code}" for code in oracle.CODES.split()} == known
+
+
+def test_every_fault_is_the_fault_of_a_requirement_or_check():
+    outside_the_table = re.sub(r"<!-- table faults -->.*?<!-- end faults -->", "", TEXT, flags=re.S)
+    assert {row["code"] for row in faults_csv()} <= set(FAULT.findall(outside_the_table))
+
+
+def test_the_tables_are_those_of_the_declarations_and_the_csv_files():
+    command = [sys.executable, "-m", "tools.spec_tables", "--check"]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+def test_the_limits_of_the_oracle_are_those_of_the_csv_file():
+    with (ROOT / "spec" / "limits.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    limits = {r["name"]: tuple(int(r[f"tier_{k}"]) for k in (1, 2, 3)) for r in rows}
+    assert limits == oracle.LIMITS
+
+
+# --- RoundShift -----------------------------------------------------------------------------------
+
+
+def test_the_examples_of_round_shift_hold():
+    section = TEXT[TEXT.index("RoundShift(v, n) = v") : TEXT.index("Ties go toward")]
+    number = r"([\u2212\d]+)"
+    examples = re.findall(rf"{number} \| {number} \| {number}", section)
+    assert len(examples) == 8
+    spec = pseudo_code()
+    for example in examples:
+        v, n, result = (int(cell.replace("\u2212", "-")) for cell in example)
+        assert spec.round_shift(v, n) == result
+        assert oracle.round_shift(v, n) == result
+        assert refine.round_shift(np.array([v], np.int32), n).tolist() == [result]
+
+
+# --- the pseudo-code as a decoder -----------------------------------------------------------------
+
+
+@cache
+def pseudo_code() -> ModuleType:
+    """The `python` blocks of section 7, as one module."""
+    section = TEXT[TEXT.index("\n## 7. ") : TEXT.index("\n## 8. ")]
+    blocks = re.findall(r"^```python\n(.*?)^```", section, re.MULTILINE | re.DOTALL)
+    assert len(blocks) >= 5
+    module = ModuleType("section_7")
+    module.__dict__["Reject"] = _reject
+    module.__dict__["group_of"] = oracle.group_of
+    for block in blocks:
+        exec(block, module.__dict__)
+    return module
+
+
+def _reject(code: str) -> oracle.Reject:
+    return oracle.Reject(code, "section 7")
+
+
+def decode_with_pseudo_code(data: bytes) -> bytes:
+    """The dump, from the oracle's tables and the functions of section 7."""
+    spec, scene = pseudo_code(), oracle.read_tables(data, {})
+    cores: dict[tuple[int, int], SimpleNamespace] = {}
+    for p in scene.packets:
+        tile = scene.tiles[p.tile]
+        if p.component == 0:
+            cores[p.tile, p.step] = core = SimpleNamespace(packet=p)
+        core = cores[p.tile, p.step]
+        lists = stored_lists(spec, p, core.packet, data[p.start : p.start + p.size])
+        channels = oracle.channels_of(p.component)
+        if p.component == 0:
+            read_records(spec, scene, core, lists[:7])
+            lists = lists[7:]
+        qs = iter(lists)
+        psi, adds = (
+            [[spec.delta_of(q, *row[oracle.class_of(c)]) for q in next(qs)] for c in channels]
+            for row in (scene.quantisers[1 + core.packet.level], scene.quantisers[0])
+        )
+        if p.component == 0:
+            spec.core_step(tile, core.slots, core.kinds, psi, core.alpha, adds)
+        else:
+            for k, channel in enumerate(channels):
+                spec.apply_channel(
+                    tile.x[channel], channel, core.slots, core.kinds, psi[k], core.alpha, adds[k]
+                )
+    return dump(spec, scene)
+
+
+def stored_lists(spec, p, core, body: bytes) -> list[list[int]]:
+    """The lists of 5.9 after 7.1: side lists as stored, psi and adds as q."""
+    n_channels = len(oracle.channels_of(p.component))
+    n_kinds = core.n_records if [core.n_splits, core.n_refines, core.n_drops].count(0) < 2 else 0
+    sides = [core.n_records, n_kinds, *[core.n_splits] * 5] if p.component == 0 else []
+    lengths = [*sides, *[core.n_psi] * n_channels, *[core.n_adds] * n_channels]
+    flags = body[0] if body else 0
+    codings = body[2 : 2 + len(lengths)] if body else bytes(len(lengths))
+    content = contents(body, 2 + len(lengths)) if body else b""
+    lists = []
+    for number, (c, n) in enumerate(zip(codings, lengths, strict=True)):
+        low, high = c & 15, (c >> 4) & 3
+        sizes = [-(-n * low // 8) if low in (1, 2, 4) else n] if low else []
+        planes = []
+        for size in [*sizes, *[n] * high]:
+            planes.append(content[:size])
+            content = content[size:]
+        values = spec.unpack(low, high, planes, n) if c else [0] * n
+        if number >= len(sides):
+            values = [spec.unzigzag(z) for z in values]
+        lists.append(spec.undelta(values) if c & 64 else values)
+    assert content == b""
+    first_sh = 11 if p.component == 0 else 0
+    for bit, begin in ((1, len(sides)), (2, len(sides) + n_channels)):
+        for k in range(begin + first_sh, begin + n_channels, 3) if flags & bit else ():
+            triples = [spec.inverse_ycocg(*t) for t in zip(*lists[k : k + 3], strict=True)]
+            lists[k : k + 3] = [[t[i] for t in triples] for i in range(3)]
+    return lists
+
+
+def contents(body: bytes, entries_at: int) -> bytes:
+    """All planes of a packet."""
+    at, out = entries_at + 5 * body[1], b""
+    for _, size in struct.iter_unpack("<BI", body[entries_at:at]):
+        out += zstandard.ZstdDecompressor().decompress(body[at : at + size])
+        at += size
+    return out
+
+
+def read_records(spec, scene, core, lists: list[list[int]]) -> None:
+    """Slots, kinds and (a, K) of a core packet (7.2)."""
+    p = core.packet
+    core.slots = spec.slots_of(lists[0])
+    only = 1 if p.n_splits else 2 if p.n_drops else 0
+    core.kinds = lists[1] or [only] * p.n_records
+    core.alpha = []
+    for group, indices in enumerate(lists[2:]):
+        k, table = scene.alphas.get((p.level, group), (0, [1]))
+        core.alpha.append([(table[index], k) for index in indices])
+
+
+def dump(spec, scene) -> bytes:
+    """7.7, with the SH as shown (7.5)."""
+    for tile in scene.tiles:
+        tile.channels = []
+        for x in tile.x:
+            shown = [spec.shown_slot(u, len(x), tile.born_from) for u in range(tile.n_slots)]
+            tile.channels.append(
+                [
+                    x[s] if s is not None and is_live else 0
+                    for s, is_live in zip(shown, tile.live, strict=True)
+                ]
+            )
+    out: bytes = scene.dump()
+    return out
+
+
+@budget(max_examples=40)
+@given(coded_trees(max_tiles=2, max_steps=4, max_adds=3))
+def test_the_pseudo_code_of_section_7_decodes_as_the_codec_does(tree):
+    data = write(tree, effort=1)
+    assert decode_with_pseudo_code(data) == decode(data).dump()
+
+
+@budget(max_examples=10)
+@given(trees(max_roots=6, max_steps=3, largest=300))
+def test_the_pseudo_code_decodes_streams_of_the_encoder(tree):
+    data = encode(tree, PRESETS["trained"], n_tiles=2)
+    assert decode_with_pseudo_code(data) == decode(data).dump()
+
+
+@pytest.mark.parametrize(
+    ("function", "arguments"),
+    [
+        ("undelta", ([1 << 28, 1],)),
+        ("delta_of", ((1 << 28) + 1, 1, 0)),
+        ("delta_of", (1, 65535, 24)),
+        ("first_child", ((1 << 30) - 1, 1)),
+        ("second_child", (0, 1 << 15, 1 << 15, 1)),
+        ("second_child", (-(1 << 30) + 1, 1, 1, 0)),
+    ],
+)
+def test_the_pseudo_code_refuses_what_leaves_its_range(function, arguments):
+    with pytest.raises(oracle.Reject) as caught:
+        getattr(pseudo_code(), function)(*arguments)
+    assert caught.value.code == "E_RANGE"
+
+
+def test_sh_that_come_late_show_the_ancestor_in_the_pseudo_code():
+    # Slots 0 and 1 were added; 2 was split from 0, 3 added, 4 split from 2.
+    shown = [pseudo_code().shown_slot(u, 2, [None, None, 0, None, 2]) for u in range(5)]
+    assert shown == [0, 1, 0, None, 0]
