@@ -22,6 +22,7 @@ SPLATS_PER_TILE = 131_072  # packets of a few 100 kB; spec 3.5 allows any number
 FIRST_BIN = 512  # adds of level 0 in a step at least: the first scene comes early
 RECORD_BIN = 8192  # records of later steps in a step at least
 MAX_BINS = 4
+RUN = 64  # records of neighbouring slots that are ranked together
 
 
 def default_tiles(n_leaves: int) -> int:
@@ -54,11 +55,11 @@ def arrange(tree: EvolutionTree, n_tiles: int) -> list[EvolutionTree]:
         for tile, builder in enumerate(builders):
             rows = np.flatnonzero(record_tile == tile)
             adds = np.flatnonzero(add_tile == tile)
-            row_bins = _bins(weights[step.slots[rows]], least)
-            add_bins = _bins(add_weight[adds], least)
+            rows = rows[np.argsort(new_slot[step.slots[rows]], kind="stable")]
+            row_bins = _bins(weights[step.slots[rows]], least, RUN)
+            add_bins = _bins(add_weight[adds], least, 1)
             for k in range(max(len(row_bins), len(add_bins), 1)):
                 part = rows[row_bins[k]] if k < len(row_bins) else rows[:0]
-                part = part[np.argsort(new_slot[step.slots[part]], kind="stable")]
                 some = adds[add_bins[k]] if k < len(add_bins) else adds[:0]
                 some = some[np.argsort(morton(step.adds[0:3, some]), kind="stable")]
                 splits = split_row[part[is_split[part]]]
@@ -133,17 +134,23 @@ class _TileBuilder:
             self.n_slots += step.n_new
 
 
-def _bins(weights: F64, least: int) -> Sequence[I64]:
-    """Rows in falling order of weight, in up to `MAX_BINS` parts of at least `least`."""
+def _bins(weights: F64, least: int, run: int) -> Sequence[I64]:
+    """Runs of rows in falling order of weight, in up to `MAX_BINS` parts of at least `least` rows.
+
+    A run stays together, in order, so that its slots cost next to nothing.
+    """
     n_bins = min(MAX_BINS, max(1, len(weights) // least))
-    return np.array_split(np.argsort(-weights, kind="stable"), n_bins)
+    starts = np.arange(0, len(weights), run)
+    order = np.argsort(-np.add.reduceat(weights, starts), kind="stable") if len(starts) else starts
+    number = np.arange(len(weights))
+    return [number[np.isin(number // run, part)] for part in np.array_split(order, n_bins)]
 
 
 def _assign_tiles(tree: EvolutionTree, n_tiles: int) -> I32:
     """(n_slots,) tile of every slot the tree ever makes: that of its root."""
     total = sum(step.n_new for step in tree.steps)
     root = np.arange(total, dtype=np.int64)  # slot of the add a slot descends from
-    positions: list[F32] = []
+    positions: list[F32] = [np.empty((3, 0), np.float32)]
     is_add = np.zeros(total, bool)
     before = 0
     for step in tree.steps:

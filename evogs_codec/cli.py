@@ -1,7 +1,8 @@
 """The command line: `evogs encode | decode | lift | info | validate | extract`.
 
-Other packages add commands through the entry-point group `evogs.commands`; each entry is a function
-that takes the sub-parsers. Exit codes: 0 done, 1 the input is bad or a file cannot be used, 2 usage.
+Other packages add commands through the entry-point group `evogs.commands`; each entry is a
+function that takes the sub-parsers. Exit codes: 0 done, 1 the input is bad or a file cannot be
+used, 2 usage, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -35,7 +36,6 @@ from evogs_codec.ply import drop_non_finite, read_ply, write_ply
 from evogs_codec.settings import PRESETS, Settings
 from evogs_codec.splats import SplatParams
 from evogs_codec.stats import bytes_by_group, levels
-from evogs_codec.tree import EvolutionTree
 
 __all__ = ["main"]
 
@@ -286,7 +286,7 @@ def _shown(text: str) -> str:
 def _level_figures(directory: Directory) -> list[dict[str, Any]]:
     """Figures per level for JSON, which has no NaN: an unknown error is null."""
     figures = [asdict(level) for level in levels(directory)]
-    return [{k: v if v == v else None for k, v in level.items()} for level in figures]  # noqa: PLR0124
+    return [{k: v if v == v else None for k, v in level.items()} for level in figures]
 
 
 def _info(directory: Directory, size: int, groups: dict[str, Any]) -> dict[str, Any]:
@@ -369,9 +369,9 @@ Commands = Any  # argparse's sub-parsers have no public type
 def _command(
     commands: Commands,
     name: str,
-    run: Any,
+    run: Any,  # noqa: ANN401
     help_: str,
-    examples: str,  # noqa: ANN401
+    examples: str,
 ) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = commands.add_parser(
         name,

@@ -140,9 +140,10 @@ def replay(directory: Directory, data: memoryview, cut: Cut, *, verify: bool = F
         directory.packets["tile"][packets][order], np.arange(len(directory.tiles) + 1)
     )
     jobs = [packets[order[a:b]] for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+    kernels = kernels_for(_slots_there(directory, packets, len(data)))
 
     def run(tile: int) -> TileResult:
-        return _replay_tile(directory, data, tile, jobs[tile], verify=verify)
+        return _replay_tile(directory, data, tile, jobs[tile], kernels, verify=verify)
 
     results = _each(run, len(jobs))
     faults = [(at, fault) for _, at, fault, _ in results if fault is not None]
@@ -167,19 +168,13 @@ def _replay_tile(
     directory: Directory,
     data: memoryview,
     tile: int,
-    packets: Iterable[int],
+    packets: I64,
+    kernels: ModuleType | None,
     *,
     verify: bool,
 ) -> TileResult:
     """(state, packet at fault, its fault, wrong digests) of one tile."""
-    packets = np.asarray(packets, np.int64)
-    rows = directory.packets[packets]
-    # Only what is there is paid for: a table may promise slots in packets that never come.
-    rows = rows[directory.offsets[packets] + rows["size"] <= len(data)]
-    capacity = int(rows["n_adds"].astype(np.int64).sum() + rows["n_splits"].astype(np.int64).sum())
-    total = directory.packets["n_adds"].sum(dtype=np.int64)
-    total += directory.packets["n_splits"].sum(dtype=np.int64)
-    state = TileState(directory, tile, capacity, kernels_for(int(total)))
+    state = TileState(directory, tile, _slots_there(directory, packets, len(data)), kernels)
     wrong: list[Key] = []
     for packet in packets.tolist():
         try:
@@ -190,6 +185,13 @@ def _replay_tile(
         if verify and key in directory.digests and state.digest(key[1]) != directory.digests[key]:
             wrong.append(key)
     return state, -1, None, wrong
+
+
+def _slots_there(directory: Directory, packets: I64, size: int) -> int:
+    """Slots that these packets make, without those that never come: a table may promise any."""
+    rows = directory.packets[packets]
+    rows = rows[directory.offsets[packets] + rows["size"] <= size]
+    return int(rows["n_adds"].sum(dtype=np.int64) + rows["n_splits"].sum(dtype=np.int64))
 
 
 def _body(directory: Directory, data: memoryview, packet: int) -> memoryview:
@@ -381,7 +383,9 @@ class Decoder:
         # Slots are made as packets come: a table may promise any number.
         self._tiles = [TileState(directory, t, 0) for t in range(len(directory.tiles))]
         self._done = np.zeros(len(rows), bool)
-        self._next = [[[] for _ in range(directory.n_components)] for _ in self._tiles]
+        self._next: list[list[list[int]]] = [
+            [[] for _ in range(directory.n_components)] for _ in self._tiles
+        ]
         for packet, (tile, component) in enumerate(rows[["tile", "component"]].tolist()):
             self._next[tile][component].append(packet)
         for packet in np.flatnonzero(rows["size"] == 0).tolist():

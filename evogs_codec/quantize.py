@@ -198,11 +198,10 @@ def _steps(settings: Settings, ranges: _Ranges, n_levels: int) -> F64:
     if settings.relative:
         base[0] *= ranges.extent
     factor = np.array(settings.coarser[:classes])
-    if not factor.any():
-        return np.concatenate([base[None] / 2, np.tile(base, (n_levels, 1))])
-    psi = base * factor ** np.arange(n_levels - 1, -1, -1)[:, None]
-    psi /= np.where(np.arange(classes) < 2, psi.sum(0), np.sqrt(np.square(psi).sum(0))) / base
-    return np.concatenate([psi[:1], psi])
+    parts = np.where(factor > 0, factor, 1.0) ** np.arange(n_levels - 1, -1, -1)[:, None]
+    shared = np.where(np.arange(classes) == 0, parts.sum(0), np.sqrt(np.square(parts).sum(0)))
+    psi = base * parts / np.where(factor > 0, shared, 1.0)
+    return np.concatenate([psi[:1] * settings.adds, psi])
 
 
 def _grid_exponents(settings: Settings, ranges: _Ranges, steps: F64) -> tuple[int, ...]:

@@ -18,10 +18,10 @@ class Settings:
     Attributes:
         steps: per class (spec 3.2) the step that a splat coded on its own would have.
         relative: the position step is a part of the extent of the scene.
-        coarser: per class the factor of the step per level below the last. A child inherits the
-            error of its parent, so `steps` is shared out over the levels of a lifted tree: largest
-            errors (position, rotation) add up, mean squares (the rest) add up. 0 stands for trees
-            whose psi mend the errors of their parents: `steps` for psi, half of it for adds.
+        coarser: per class the factor of the step per level below the last. Where a child inherits
+            the error of its parent, the step is shared out over the levels: for positions largest
+            errors add up, for the rest mean squares. 0: the same step at all levels.
+        adds: factor of the step of adds to that of psi at level 0.
         n_alpha: entries of an alpha table at most, where the tree's own alphas are more.
         alpha_bits: K of tables that are fitted.
         closed_loop: quantise against what the decoder has.
@@ -34,6 +34,7 @@ class Settings:
     steps: tuple[float, ...]
     relative: bool = False
     coarser: tuple[float, ...] = (0.0,) * 8
+    adds: float = 1.0
     n_alpha: int = 32
     alpha_bits: int = 5
     closed_loop: bool = True
@@ -47,11 +48,12 @@ class Settings:
 
 
 _SCENE = Settings(
-    steps=(1.18e-4, 0.003, 0.0624, 0.125, 1 / 32, 0.118, 0.118, 0.118),
+    steps=(1.18e-4, 0.0027, 0.105, 0.14, 0.036, 0.118, 0.118, 0.118),
     relative=True,
-    coarser=(0.5, 0.5, 0.7, 0.7, 0.7, 0.7, 0.7, 0.7),
+    # A lifted parent has the rotation of a child, whose error it does not pass on.
+    coarser=(0.5, 0.0, 0.7, 0.7, 0.7, 0.7, 0.7, 0.7),
 )
-_TRAINED = Settings(steps=(0.0005, 0.02, 0.06, 0.12, 0.03, 0.03, 0.03, 0.03))
+_TRAINED = Settings(steps=(0.0005, 0.02, 0.06, 0.12, 0.03, 0.03, 0.03, 0.03), adds=0.5)
 
 PRESETS = {
     # Accuracy of SPZ version 4, position relative to the extent: for lifted scenes.

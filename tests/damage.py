@@ -148,7 +148,7 @@ def row(tile=0, size=0, n_adds=0, body=b"", **fields):
 
 
 def add_packet(frames, n_planes=3, n_coded=1):
-    """A core packet of adds, 24 bits coded for the first channels, with these frames as they are."""
+    """A core packet of adds, 24 bits coded for the first channels, with these frames."""
     codings = bytearray(N_CORE_CODINGS)
     for channel in range(n_coded):
         codings[FIRST_ADD + channel] = LOW_8_HIGH_2

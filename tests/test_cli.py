@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evogs_codec import SceneInfo, SplatParams, decode, encode, read_ply, write_ply, write_tree
-from evogs_codec import cli
+from evogs_codec import SceneInfo, SplatParams, cli, decode, encode, read_ply, write_ply, write_tree
 from evogs_codec.cli import main
 from tests import damage
 from tools.scene import make_scene
@@ -36,6 +35,7 @@ def evogs(capsys):
 
     def run(*arguments):
         capsys.readouterr()
+        code: object
         try:
             code = main([str(argument) for argument in arguments])
         except SystemExit as exit_:
@@ -98,16 +98,12 @@ def test_a_tree_is_encoded_and_a_scene_lifted_to_one(evogs, made, tmp_path):
     code, out, _ = evogs("lift", made / "scene.ply", tmp_path / "l.tree.npz", "--levels", 3)
     assert code == 0
     assert "3,000 splats, 3 levels" in out
-    code, _, _ = evogs(
-        "encode", tmp_path / "l.tree.npz", tmp_path / "l.evogs", "--preset", "scene"
-    )
+    code, _, _ = evogs("encode", tmp_path / "l.tree.npz", tmp_path / "l.evogs", "--preset", "scene")
     assert code == 0
     assert decode((tmp_path / "l.evogs").read_bytes()).n_leaves == 3000
 
 
-def test_an_extracted_stream_decodes_to_what_the_whole_one_gives_at_that_cut(
-    evogs, made, tmp_path
-):
+def test_an_extracted_stream_decodes_to_what_the_whole_one_gives_at_that_cut(evogs, made, tmp_path):
     stream = made / "scene.evogs"
     for options in (
         ["--level", 1],
@@ -139,7 +135,10 @@ def strictly(text):
 
 def test_json_output_is_json(evogs, made, tmp_path):
     code, out, _ = evogs("encode", made / "x.tree.npz", tmp_path / "x.evogs", "--json")
-    assert (code, strictly(out)["splats"]) == (0, decode((tmp_path / "x.evogs").read_bytes()).n_leaves)
+    assert (code, strictly(out)["splats"]) == (
+        0,
+        decode((tmp_path / "x.evogs").read_bytes()).n_leaves,
+    )
     for stream in (made / "scene.evogs", tmp_path / "x.evogs"):
         code, out, _ = evogs("info", stream, "--json")
         figures = strictly(out)
@@ -160,7 +159,15 @@ def test_info_is_json_also_where_the_error_of_a_level_is_unknown(evogs, tmp_path
 
 
 def test_metadata_goes_into_the_stream_and_comes_out(evogs, made, tmp_path):
-    options = ["--title", "Café\n\x1b[31m ☕", "--up-axis", "+z", "--unit", "metre", "--antialiased"]
+    options = [
+        "--title",
+        "Café\n\x1b[31m ☕",
+        "--up-axis",
+        "+z",
+        "--unit",
+        "metre",
+        "--antialiased",
+    ]
     assert evogs("encode", made / "x.tree.npz", tmp_path / "x.evogs", *options)[0] == 0
     code, out, _ = evogs("info", tmp_path / "x.evogs")
     assert code == 0
@@ -413,9 +420,7 @@ def test_options_out_of_range_are_refused(command, refused, made, tmp_path):
     assert not out.exists()
 
 
-def test_a_box_may_have_its_corners_reversed_and_its_numbers_in_any_notation(
-    evogs, made, tmp_path
-):
+def test_a_box_may_have_its_corners_reversed_and_its_numbers_in_any_notation(evogs, made, tmp_path):
     whole = None
     for corners in (
         ["-100", "-100", "-100", "100", "100", "100"],

@@ -1,6 +1,7 @@
 """Extraction: smaller streams by moving packets (spec 10)."""
 
 import struct
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,12 +31,12 @@ def random_choice(rng):
         "box": tuple(rng.uniform(-3, 3, 6).tolist()),
         "max_bytes": int(rng.integers(len(DATA) // 3, len(DATA))),
     }
-    chosen = {name: value for name, value in options.items() if rng.random() < 0.5}
+    chosen: dict[str, Any] = {k: value for k, value in options.items() if rng.random() < 0.5}
     try:
         return choose_cut(DIRECTORY, **chosen), chosen.get("box")
-    except ValueError as error:
-        assert "too few" in str(error)
-        return choose_cut(DIRECTORY, level=0), None
+    except ValueError:  # a budget below the first packet of the other options
+        chosen.pop("max_bytes")
+        return choose_cut(DIRECTORY, **chosen), chosen.get("box")
 
 
 def tile_dumps(decoded, kept):

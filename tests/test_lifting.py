@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -9,27 +11,31 @@ from evogs_codec.axes import COMPOSE, N_TURNS, TURNS, largest_w, matrices, multi
 from evogs_codec.lifting import lift, lift_with_order
 from evogs_codec.merging import ALPHAS_OPACITY, ALPHAS_SCALE
 from evogs_codec.pairing import MAX_G, morton_order
-from evogs_codec.splats import SplatParams
+from evogs_codec.splats import F64, SplatParams
 from evogs_codec.tree import Kind
 
 
 def surface(n: int, sh_degree: int = 1, seed: int = 0) -> SplatParams:
-    """Flat splats on a sphere of radius 1, turned at random, each about as large as its spacing."""
+    """Flat splats that lie in a sphere of radius 1, turned at random in it, as large as spaced."""
     rng = np.random.default_rng(seed)
-    means = rng.normal(size=(n, 3))
-    means /= np.linalg.norm(means, axis=1, keepdims=True)
+    normals = rng.normal(size=(n, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    # The turn of z to the normal is (1 + n_z, z x normal); before it, a turn about z.
+    tilt = np.stack([1 + normals[:, 2], -normals[:, 1], normals[:, 0], np.zeros(n)])
+    about = rng.uniform(0, np.pi, n)
+    spin = np.stack([np.cos(about), np.zeros(n), np.zeros(n), np.sin(about)])
     spacing = np.log(2 / np.sqrt(max(n, 1)))
     k = (sh_degree + 1) ** 2
     return SplatParams(
-        means.astype(np.float32),
-        rng.normal(size=(n, 4)).astype(np.float32),
+        normals.astype(np.float32),
+        (multiply(tilt, spin) * rng.uniform(0.5, 2, n)).T.astype(np.float32),
         (spacing + rng.normal(size=(n, 3)) * 0.4 - [0, 0, 1.5]).astype(np.float32),
         (rng.normal(size=n) * 2).astype(np.float32),
         (rng.normal(size=(n, k, 3)) * 0.3).astype(np.float32),
     )
 
 
-def covariances(splats: SplatParams) -> np.ndarray:
+def covariances(splats: SplatParams) -> F64:
     """(N, 3, 3) float64, a zero quaternion meaning identity: an oracle apart from `axes`."""
     q = splats.quats.astype(np.float64)
     q[(q == 0).all(1)] = [1, 0, 0, 0]
@@ -40,14 +46,17 @@ def covariances(splats: SplatParams) -> np.ndarray:
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
     root = np.array(rows).transpose(2, 0, 1) * np.exp(splats.log_scales.astype(np.float64))[:, None]
-    return root @ root.transpose(0, 2, 1)
+    out: F64 = root @ root.transpose(0, 2, 1)
+    return out
 
 
-def masses(splats: SplatParams) -> np.ndarray:
+def masses(splats: SplatParams) -> F64:
+    """(N,) opacity times cross-section."""
     variances = np.exp(2 * splats.log_scales.astype(np.float64))
     a, b, c = variances.T
     opacity = 1 / (1 + np.exp(-splats.opacity_logits.astype(np.float64)))
-    return opacity * np.sqrt(a * b + a * c + b * c)
+    out: F64 = opacity * np.sqrt(a * b + a * c + b * c)
+    return out
 
 
 def assert_leaves_are(splats: SplatParams, n_levels: int = 5) -> None:
@@ -62,7 +71,7 @@ def assert_leaves_are(splats: SplatParams, n_levels: int = 5) -> None:
     # Each generation rounds once, relative to the largest number of its channel.
     for name, ulps in (("means", 16), ("opacity_logits", 64), ("sh", 16)):
         given, got = getattr(source, name), getattr(leaves, name)
-        tolerance = ulps * np.finfo(np.float32).eps * max(1e-30, float(np.abs(given).max()))
+        tolerance = ulps * 2.0**-23 * max(1e-30, float(np.abs(given).max()))
         np.testing.assert_allclose(got, given, rtol=0, atol=tolerance, err_msg=name)
     given, got = covariances(source), covariances(leaves)
     size = np.trace(given, axis1=1, axis2=2)
@@ -93,7 +102,7 @@ def test_each_level_has_half_the_splats_of_the_next():
     tree = lift(surface(20_000), 5)
     counts = [len(tree.leaves(level)) for level in range(5)]
     assert counts[4] == 20_000
-    for coarse, fine in zip(counts, counts[1:], strict=False):
+    for coarse, fine in pairwise(counts):
         assert 0.5 <= coarse / fine <= 0.515
 
 
@@ -110,7 +119,8 @@ def test_steps_hold_only_splits_with_alphas_of_the_tables():
     for step in tree.steps[1:]:
         assert (step.kinds == Kind.SPLIT).all()
         assert not step.n_adds
-        assert (step.alpha[[0, 1, 4]] == 1).all()
+        assert (step.alpha[[0, 4]] == 1).all()
+        assert (step.alpha[1] == 0).all()
         assert set(step.alpha[2]) <= set(ALPHAS_SCALE)
         assert set(step.alpha[3]) <= set(ALPHAS_OPACITY)
 
@@ -122,35 +132,51 @@ def test_w_is_one_and_g_bounded_so_that_rotations_cost_three_channels():
     assert np.linalg.norm(tree.leaves().quats[:, 1:], axis=1).max() < MAX_G + 1e-5
 
 
-def test_rotations_of_siblings_are_nearer_than_those_of_the_input():
-    tree = lift(surface(3000), 2)
-    psi = np.abs(tree.steps[1].psi[4:7]).mean()
-    aligned = surface(3000)
-    quats = aligned.quats.T.astype(np.float64)
+def test_siblings_are_written_more_alike_than_each_with_its_largest_w():
+    splats = surface(3000)
+    lifted = lift_with_order(splats, 2)
+    psi = lifted.tree.steps[1].psi[4:7]
+    # Slots of the children: C1 has the parent's, C2 the next free one.
+    c1 = lifted.leaf_of[lifted.tree.steps[1].slots]
+    c2 = lifted.leaf_of[lifted.tree.steps[0].n_adds :]
+    quats = splats.quats.T.astype(np.float64)
     quats /= np.linalg.norm(quats, axis=0)
-    _, g, _ = turned(quats, aligned.log_scales.T.astype(np.float64), largest_w(quats))
-    assert psi < 0.75 * np.abs(g[:, ::2] - g[:, 1::2]).mean() / 2
+    _, g, _ = turned(quats, splats.log_scales.T.astype(np.float64), largest_w(quats))
+    assert np.abs(psi).mean() < 0.9 * np.abs(g[:, c1] - g[:, c2]).mean()
 
 
 def test_coarse_levels_cover_the_scene():
     splats = surface(8000)
-    tree = lift(splats, 4)
-    for level in range(4):
+    tree = lift(splats, 5)
+    for level in range(5):
         leaves = tree.leaves(level)
         np.testing.assert_allclose(leaves.means.min(0), splats.means.min(0), atol=0.15)
         np.testing.assert_allclose(leaves.means.max(0), splats.means.max(0), atol=0.15)
-        # Every input splat lies within three standard deviations and a bit of some splat.
+        # Nearly every input splat lies within three standard deviations of some splat.
         inverse = np.linalg.inv(covariances(leaves) + np.eye(3) * 0.02**2)
         d = splats.means[::40, None].astype(np.float64) - leaves.means[None]
         distance = np.einsum("abi,bij,abj->ab", d, inverse, d, optimize=True)
-        assert (distance.min(axis=1) < 9).mean() > 0.99, level
+        assert (distance.min(axis=1) < 9).mean() > 0.97, level
 
 
-def test_mass_of_opacity_is_roughly_kept():
+def test_a_parent_is_at_least_as_large_as_its_larger_child():
+    tree = lift(surface(3000), 2)
+    step = tree.steps[1]
+    c2 = tree.steps[0].adds[7:10, step.slots] - step.alpha[2] * step.psi[7:10]
+    parent = tree.steps[0].adds[7:10, step.slots]
+    # C2 is the larger child; along the line the parent is it or lies beyond it.
+    assert (parent.sum(axis=0) >= c2.sum(axis=0) - 1e-4).all()
+
+
+def test_a_generation_keeps_most_of_the_mass():
+    """Not all of it: children that are alike have no larger parent on their line (`merging`).
+
+    The bound guards against a relapse, it is no goal: this scene keeps 0.66 to 0.83.
+    """
     tree = lift(surface(8000), 5)
-    whole = masses(tree.leaves()).sum()
-    for level in range(4):
-        assert 0.6 < masses(tree.leaves(level)).sum() / whole < 1.6, level
+    mass = [masses(tree.leaves(level)).sum() for level in range(5)]
+    for coarse, fine in pairwise(mass):
+        assert 0.6 < coarse / fine < 1.05
 
 
 def test_two_lifts_of_one_scene_are_the_same():
@@ -183,7 +209,7 @@ def with_channels(splats: SplatParams, **changed: object) -> SplatParams:
     return SplatParams(**arrays)
 
 
-ODD = {
+ODD: dict[str, dict[str, object]] = {
     "all_at_one_point": {"means": [1.0, 2.0, 3.0]},
     "zero_quaternions": {"quats": 0.0},
     "huge_quaternions": {"quats": [1e38, -1e38, 1e37, 3e38]},

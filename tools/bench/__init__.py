@@ -1,0 +1,1 @@
+"""Benchmarks: the figures of the README and of `docs/figures.md`, remade by one command."""

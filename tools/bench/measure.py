@@ -1,0 +1,75 @@
+"""Measuring: turns of contenders, errors of splats, memory of a process of its own."""
+
+from __future__ import annotations
+
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from evogs_codec import EvolutionTree, SplatParams
+from evogs_codec.arrange import arrange, default_tiles
+
+__all__ = ["errors", "leaves_in_stream_order", "peak_memory", "take_turns"]
+
+
+def take_turns(contenders: Mapping[str, Callable[[], object]], turns: int) -> dict[str, float]:
+    """Median seconds of each contender; they take turns, after one round that does not count."""
+    seconds: dict[str, list[float]] = {name: [] for name in contenders}
+    for turn in range(turns + 1):
+        for name, run in contenders.items():
+            start = time.perf_counter()
+            result = run()
+            if turn:
+                seconds[name].append(time.perf_counter() - start)
+            del result
+    return {name: statistics.median(times) for name, times in seconds.items()}
+
+
+def leaves_in_stream_order(tree: EvolutionTree) -> SplatParams:
+    """The float leaves in the order in which a default stream of the tree decodes them."""
+    parts = [tile.leaves() for tile in arrange(tree, default_tiles(tree.n_leaves)) if tile.steps]
+    return SplatParams.from_channels(np.concatenate([part.channels() for part in parts], axis=1))
+
+
+def errors(decoded: SplatParams, original: SplatParams) -> dict[str, float]:
+    """Attribute errors of splats in the same order; quaternions after normalisation, up to sign."""
+    q = decoded.quats.astype(np.float64)
+    p = original.quats.astype(np.float64)
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    p /= np.linalg.norm(p, axis=1, keepdims=True)
+    q *= np.sign((p * q).sum(1, keepdims=True))
+    sh = np.square(decoded.sh.astype(np.float64) - original.sh)
+    return {
+        "position max": float(np.abs(decoded.means - original.means).max()),
+        "quaternion max": float(np.abs(p - q).max()),
+        "log-scale rms": _rms(decoded.log_scales - original.log_scales),
+        "opacity logit rms": _rms(decoded.opacity_logits - original.opacity_logits),
+        "SH 0 rms": float(np.sqrt(sh[:, 0].mean())),
+        "SH 1+ rms": float(np.sqrt(sh[:, 1:].mean())) if sh.shape[1] > 1 else 0.0,
+    }
+
+
+def _rms(difference: np.ndarray) -> float:
+    return float(np.sqrt(np.square(difference, dtype=np.float64).mean()))
+
+
+def peak_memory(code: str) -> tuple[int, float]:
+    """(peak bytes, seconds) of `code` in a process of its own; `base` is what imports cost."""
+    program = (
+        "import resource, time\n"
+        "start = time.perf_counter()\n"
+        f"{code}\n"
+        "seconds = time.perf_counter() - start\n"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024, seconds)\n"
+    )
+    run = subprocess.run(  # noqa: S603 - our own code
+        [sys.executable, "-c", program], check=True, capture_output=True, text=True
+    )
+    peak, seconds = run.stdout.split()[-2:]
+    return int(peak), float(seconds)
+
+

@@ -1,0 +1,191 @@
+"""A `.ply` scene: size and accuracy against SPZ version 4, time of encoding and decoding, memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import gsply
+import numpy as np
+
+from evogs_codec import (
+    PRESETS,
+    EvolutionTree,
+    SplatParams,
+    decode,
+    encode,
+    lift,
+    read_directory,
+    read_ply,
+    write_ply,
+)
+from evogs_codec.stats import bytes_by_group
+from tools.bench.measure import errors, leaves_in_stream_order, peak_memory, take_turns
+
+__all__ = ["TABLES"]
+
+Rows = list[dict[str, object]]
+TURNS = 9
+# The steps at which leaves coded on their own have the errors that preset `scene` gives the leaves
+# of a tree: see the errors in the table.
+FLAT = replace(
+    PRESETS["scene"],
+    steps=(1.18e-4, 0.0027, 0.0624, 0.125, 0.036, 0.118, 0.118, 0.118),
+    coarser=(0.0,) * 8,
+)
+
+
+def size(splats: SplatParams, folder: Path) -> Rows:
+    """Bytes per splat and errors: all levels, the leaves alone, SPZ version 4."""
+    tree = _tree(splats, folder)
+    flat = EvolutionTree.of_splats(tree.leaves())
+    rows: Rows = []
+    for name, some, settings in (
+        ("evogs, 5 levels", tree, PRESETS["scene"]),
+        ("evogs, the leaves alone", flat, FLAT),
+    ):
+        data = encode(some, settings)
+        if some is tree:
+            (folder / "scene.evogs").write_bytes(data)
+        groups = bytes_by_group(read_directory(memoryview(data)), memoryview(data))
+        sh = sum(part.n_bytes for key, part in groups.items() if key in ("sh 1", "sh 2", "sh 3"))
+        decoded = decode(data).leaves(sh_degree=splats.sh_degree)
+        rows.append(_size_row(name, len(data), sh, decoded, leaves_in_stream_order(some)))
+    spz = _spz(splats, folder)
+    decoded = _from_gsply(gsply.read_spz(spz), splats)
+    sh_bytes = _spz_sh_bytes(spz)
+    rows.append(_size_row("SPZ 4 (no levels)", spz.stat().st_size, sh_bytes, decoded, splats))
+    base = rows[1]["bytes"]
+    for row in rows:
+        row["to leaves alone"] = f"{int(str(row['bytes'])) / int(str(base)):.3f}"
+    return rows
+
+
+def _size_row(
+    name: str, n_bytes: int, sh_bytes: float, decoded: SplatParams, original: SplatParams
+) -> dict[str, object]:
+    n = len(original)
+    found = errors(decoded, original)
+    return {
+        "stream": name,
+        "bytes": n_bytes,
+        "bytes a splat": f"{n_bytes / n:.2f}",
+        "without SH 1+": f"{(n_bytes - sh_bytes) / n:.2f}",
+        **{key: f"{value:.3g}" for key, value in found.items()},
+    }
+
+
+def groups(splats: SplatParams, folder: Path) -> Rows:
+    """Bytes per splat and group, and what is stored above the order-0 entropy of the planes."""
+    data = memoryview((folder / "scene.evogs").read_bytes())
+    found = bytes_by_group(read_directory(data), data)
+    return [
+        {
+            "part": name,
+            "bytes a splat": f"{part.n_bytes / len(splats):.3f}",
+            "order-0 entropy": f"{part.entropy / len(splats):.3f}",
+            "over": f"{100 * (part.n_bytes / part.entropy - 1):+.1f} %" if part.entropy else "",
+        }
+        for name, part in found.items()
+    ]
+
+
+def decoding(splats: SplatParams, folder: Path) -> Rows:
+    """Time of decoding to float arrays against a copy of them and against SPZ version 4."""
+    data = (folder / "scene.evogs").read_bytes()
+    spz = _spz(splats, folder)
+    arrays = decode(data).leaves().channels()
+    seconds = take_turns(
+        {
+            "numpy.copy of the same bytes": arrays.copy,
+            "SPZ 4, gsply (numba)": lambda: gsply.read_spz(spz),
+            "evogs decode": lambda: decode(data).leaves(),
+            "evogs decode --verify": lambda: decode(data, verify=True).leaves(),
+        },
+        TURNS,
+    )
+    copy, peer = seconds["numpy.copy of the same bytes"], seconds["SPZ 4, gsply (numba)"]
+    return [
+        {
+            "what": name,
+            "to a copy": f"{value / copy:.1f}",
+            "to SPZ 4": f"{value / peer:.2f}",
+            "ms": f"{1000 * value:.1f}",
+        }
+        for name, value in seconds.items()
+    ]
+
+
+def memory(splats: SplatParams, folder: Path) -> Rows:
+    """Peak memory of encoding (lifting included) and of decoding, in processes of their own."""
+    ply = folder / "scene.ply"
+    if not ply.exists():
+        write_ply(ply, splats)
+    base, _ = peak_memory("import evogs_codec.cli")
+    rows: Rows = []
+    output = splats.channels().nbytes
+    for name, code in (
+        (
+            "encode with lifting",
+            "from evogs_codec.cli import main\n"
+            f"main(['encode', {str(ply)!r}, {str(folder / 'again.evogs')!r}])",
+        ),
+        (
+            "decode",
+            "from pathlib import Path\nimport evogs_codec.cli\n"
+            "from evogs_codec import decode\n"
+            f"decode(Path({str(folder / 'scene.evogs')!r}).read_bytes()).leaves()",
+        ),
+    ):
+        peak, seconds = peak_memory(code)
+        rows.append(
+            {
+                "what": name,
+                "seconds": f"{seconds:.1f}",
+                "peak MiB": f"{peak / 2**20:.0f}",
+                "above imports, to the output": f"{(peak - base) / output:.2f}",
+            }
+        )
+    return rows
+
+
+TABLES: dict[str, tuple[str, Callable[[SplatParams, Path], Rows]]] = {
+    "size": ("Size and accuracy", size),
+    "groups": ("Bytes per group, five levels", groups),
+    "decoding": ("Time of decoding", decoding),
+    "memory": ("Time and memory of whole runs", memory),
+}
+
+
+def _tree(splats: SplatParams, folder: Path) -> EvolutionTree:
+    """The lifted tree of the scene as a reader of its `.ply` has it."""
+    ply = folder / "scene.ply"
+    write_ply(ply, splats)
+    return lift(read_ply(ply), 5)
+
+
+def _spz(splats: SplatParams, folder: Path) -> Path:
+    path = folder / "scene.spz"
+    if not path.exists():
+        write_ply(folder / "scene.ply", splats)
+        gsply.write_spz(path, gsply.plyread(folder / "scene.ply"), version=4)
+    return path
+
+
+def _spz_sh_bytes(path: Path) -> int:
+    """Compressed bytes of the last stream, SH 1+, from the table of contents of the file."""
+    head = path.read_bytes()[:4096]
+    n_streams, at = head[15], int.from_bytes(head[16:20], "little")
+    sizes = np.frombuffer(head[at : at + 16 * n_streams], "<u8").reshape(n_streams, 2)
+    return int(sizes[5, 0]) if n_streams > 5 else 0
+
+
+def _from_gsply(data: gsply.GSData, like: SplatParams) -> SplatParams:
+    """Splats of gsply in our conventions; SPZ turns x right, y up, z back, undone by the original."""
+    n = len(like)
+    means, quats = np.array(data.means), np.array(data.quats)
+    rest = np.array(data.shN).reshape(n, -1, 3) if like.sh.shape[1] > 1 else np.zeros((n, 0, 3))
+    sh = np.concatenate([np.array(data.sh0).reshape(n, 1, 3), rest], axis=1)
+    opacity = np.array(data.opacities).reshape(n)
+    return SplatParams(means, quats, np.array(data.scales), opacity, sh)

@@ -1,0 +1,70 @@
+"""A trained tree: bytes per leaf of the presets, and the bound of near-lossless coding."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from evogs_codec import PRESETS, EvolutionTree, decode, encode, read_directory
+from evogs_codec.arrange import arrange, default_tiles
+from evogs_codec.cut import Cut
+from evogs_codec.splats import GROUP_CHANNELS, GROUPS
+from evogs_codec.stats import bytes_by_group
+
+__all__ = ["TABLES"]
+
+Rows = list[dict[str, object]]
+PARTS = ("slots", "kinds", "alpha", "position", "rotation", "scale", "opacity", "sh 0", "sh 1", "sh 2", "sh 3")
+
+
+def presets(tree: EvolutionTree) -> Rows:
+    """Bytes per leaf, in all and per group, of each preset."""
+    raw = sum(step.psi.nbytes + step.alpha.nbytes + step.adds.nbytes for step in tree.steps)
+    rows: Rows = []
+    for name in ("trained", "paper", "near-lossless"):
+        data = memoryview(encode(tree, PRESETS[name]))
+        found = bytes_by_group(read_directory(data), data)
+        n = tree.n_leaves
+        rows.append(
+            {
+                "preset": name,
+                "bytes a leaf": f"{len(data) / n:.2f}",
+                "raw float32 to it": f"{raw / len(data):.1f}",
+                **{key: f"{found[key].n_bytes / n:.2f}" for key in PARTS if key in found},
+            }
+        )
+    return rows
+
+
+def replay(tree: EvolutionTree) -> Rows:
+    """Largest error at each level of near-lossless coding, in grid units; the bound is 1."""
+    data = encode(tree, PRESETS["near-lossless"])
+    directory = read_directory(memoryview(data))
+    tiles = [tile for tile in arrange(tree, default_tiles(tree.n_leaves)) if tile.steps]
+    rows: Rows = []
+    for level in range(tree.n_levels):
+        state = decode(data, Cut.of_level(directory, level))
+        row: dict[str, object] = {"level": level, "leaves": state.n_leaves}
+        for group, part in zip(GROUPS, GROUP_CHANNELS, strict=True):
+            unit = 2.0 ** -directory.grid_exponents[GROUPS.index(group)]
+            worst = 0.0
+            for number, tile in enumerate(tiles):
+                last = np.zeros(0)
+                for step, values in zip(tile.steps, tile.states(), strict=True):
+                    if step.level > level:
+                        break
+                    last = values.values.copy()
+                x = state.tiles[number].channels()[part].astype(np.float64)
+                if group == "position":
+                    x = x + directory.tiles[number]["origin"][:, None]
+                worst = max(worst, float(np.abs(x - last[part] / unit).max()))
+            row[group] = f"{worst:.3f}"
+        rows.append(row)
+    return rows
+
+
+TABLES: dict[str, tuple[str, Callable[[EvolutionTree], Rows]]] = {
+    "trained": ("A trained tree: bytes a leaf", presets),
+    "replay": ("A trained tree, near-lossless: largest error in grid units", replay),
+}
