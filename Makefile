@@ -10,7 +10,7 @@ RUNTIME := $(VENV)/.installed-runtime
 DEV := $(VENV)/.installed-dev
 INPUTS := pyproject.toml constraints.txt
 
-DEMO_LEVELS := 0 1 2 3
+DEMO_LEVELS := 0 1 2 3 4
 DEMO_SPLATS := 40000
 
 .DEFAULT_GOAL := help
@@ -22,7 +22,7 @@ help:
 	@echo "make test       the quick tests (make test-slow: the others)"
 	@echo "make check      formatting, lint, types, tests, generated files"
 	@echo "make format     reformat and fix what ruff can fix"
-	@echo "make bench      the figures of the README"
+	@echo "make bench      the figures of docs/figures.md; BENCH='--ply SCENE.ply' for another scene"
 	@echo "make venv       only set up .venv"
 	@echo "make clean      remove .venv, build and caches"
 
@@ -82,8 +82,8 @@ format: $(DEV)
 	$(PY) -m ruff check --fix .
 
 bench: $(DEV)
-	$(PIP) -e '.[bench]'
-	$(EVOGS) bench
+	$(PIP) -e '.[bench,render]'
+	$(PY) -m tools.bench $(BENCH)
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -291,6 +291,7 @@ class Decoder:
         self.directory: Directory | None = None
         self._limits = limits
         self._head = _Ranges()
+        self._head_size = 0  # of header and chunks, once the header is there
         self._parts: dict[int, _Ranges] = {}
         self._whole: dict[int, bytes] = {}
         self._tiles: list[TileState] = []
@@ -368,13 +369,15 @@ class Decoder:
         return float_view(self.directory, self._tiles, self.directory.sh_degree)
 
     def _read_head(self) -> bool:
+        if not self._head.covers(self._head_size):
+            return False
         prefix = memoryview(self._head.prefix())
         if len(prefix) < HEADER_SIZE:
             if prefix[:8] != layout.SIGNATURE[: len(prefix[:8])]:
                 read_header(prefix)
             return False
-        chunks_size = read_header(prefix, self._limits)["chunks_size"]
-        if len(prefix) < HEADER_SIZE + chunks_size:
+        self._head_size = HEADER_SIZE + read_header(prefix, self._limits)["chunks_size"]
+        if len(prefix) < self._head_size:
             return False
         directory = read_directory(prefix, self._limits)
         self._head = _Ranges()

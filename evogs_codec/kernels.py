@@ -199,33 +199,53 @@ def _refine_channel(  # noqa: PLR0913
     low: int,
     high: int,
 ) -> int:
-    """Refines and splits of one channel (spec 7.3). Sums fit int32; products are int64."""
+    """Refines and splits of one channel (spec 7.3), in int32 once the products are known to fit."""
     room = MAX_PRODUCT - ((1 << shift) >> 1)
-    half = np.int64((1 << shift) >> 1)
-    least, most = np.int32(0x7FFFFFFF), np.int32(-0x7FFFFFFF)
-    product_bound = np.int64(0)
+    half, bits = np.int32((1 << shift) >> 1), np.int32(shift)
     contiguous = len(indexes) == 0
-    # C2 first: it needs P, which C1 replaces.
-    for j in range(n_splits):
-        i = j if all_split else splits[j]
-        p = row[first + i] if contiguous else row[indexes[i]]
-        product = np.int64(alpha[a_at + j * a_stride]) * np.int64(delta[i])
-        product_bound = max(product_bound, abs(product))
-        second = np.int64(p) - ((product + half) >> shift)
-        # A product out of range is refused below; until then its low bits are as good as any.
-        row[n_before + j] = np.int32(second)
-        least, most = min(least, row[n_before + j]), max(most, row[n_before + j])
-    if product_bound > room:
-        return _BAD_PRODUCT
-    if contiguous:
+    constant = np.int32(alpha[a_at]) if n_splits else np.int32(1)
+    symmetric = a_stride == 0 and constant == 1 and shift == 0
+    for j in range(0 if symmetric else n_splits):
+        product = np.int64(alpha[a_at + j * a_stride]) * np.int64(
+            delta[j] if all_split else delta[splits[j]]
+        )
+        if product > room or product < -room:
+            return _BAD_PRODUCT
+    least, most = np.int32(0x7FFFFFFF), np.int32(-0x7FFFFFFF)
+    if all_split and contiguous and symmetric:
         for i in range(n_psi):
-            new = row[first + i] + delta[i]
+            p, d = row[first + i], delta[i]
+            new, second = p + d, p - d
             row[first + i] = new
-            least, most = min(least, new), max(most, new)
-    else:
+            row[n_before + i] = second
+            least, most = min(least, min(new, second)), max(most, max(new, second))
+    elif all_split and symmetric:
         for i in range(n_psi):
-            new = row[indexes[i]] + delta[i]
+            p, d = row[indexes[i]], delta[i]
+            new, second = p + d, p - d
             row[indexes[i]] = new
+            row[n_before + i] = second
+            least, most = min(least, min(new, second)), max(most, max(new, second))
+    elif all_split:
+        for i in range(n_psi):
+            slot = first + i if contiguous else indexes[i]
+            p, d = row[slot], delta[i]
+            a = alpha[a_at + i * a_stride]
+            new, second = p + d, p - ((a * d + half) >> bits)
+            row[slot] = new
+            row[n_before + i] = second
+            least, most = min(least, min(new, second)), max(most, max(new, second))
+    else:
+        for j in range(n_splits):  # C2 first: it needs P, which C1 replaces
+            i = splits[j]
+            p = row[first + i] if contiguous else row[indexes[i]]
+            second = p - ((alpha[a_at + j * a_stride] * delta[i] + half) >> bits)
+            row[n_before + j] = second
+            least, most = min(least, second), max(most, second)
+        for i in range(n_psi):
+            slot = first + i if contiguous else indexes[i]
+            new = row[slot] + delta[i]
+            row[slot] = new
             least, most = min(least, new), max(most, new)
     if n_psi and (least < low or most > high):
         return _BAD_BOX if high < MAX_X else _BAD_X

@@ -81,6 +81,14 @@ def in_another_order(data: bytes, rng: random.Random) -> bytes:
     return head + b"".join(data[directory.offsets[p] : ends[p]] for p in order)
 
 
+def with_wrong_digests(data: bytes) -> bytes:
+    directory = read_directory(memoryview(data))
+    at = directory.digests_offset + 12
+    size = struct.unpack_from("<I", data, directory.digests_offset + 4)[0]
+    rows = bytes(b ^ (k % 41 == 40) for k, b in enumerate(data[at : at + size]))
+    return mended(data[:at] + rows + data[at + size :])
+
+
 def random_cut(data: bytes, rng: random.Random) -> Cut:
     """Any valid cut: tiles differ, bands come late or never."""
     directory = read_directory(memoryview(data))
@@ -292,7 +300,7 @@ def damaged(data: bytes, rng: random.Random) -> bytes:
     return bytes(out) if rng.random() < 0.3 else mended(bytes(out))
 
 
-@budget(max_examples=400)
+@budget(max_examples=200)
 @given(st.sampled_from([0, 1]), SEEDS)
 def test_decode_and_the_oracle_and_every_way_of_feeding_find_the_same_fault(which, seed):
     rng = random.Random(seed)
@@ -310,7 +318,7 @@ def test_decode_and_the_oracle_and_every_way_of_feeding_find_the_same_fault(whic
         assert decode(data).dump() == oracle.decode(data).dump()
 
 
-@budget(max_examples=100)
+@budget(max_examples=60)
 @given(st.sampled_from([0, 1]), SEEDS)
 def test_a_prefix_of_a_damaged_stream_is_judged_as_the_oracle_judges_it(which, seed):
     rng = random.Random(seed)
@@ -319,7 +327,7 @@ def test_a_prefix_of_a_damaged_stream_is_judged_as_the_oracle_judges_it(which, s
     assert fault_of(decode_prefix, data) == oracle_fault(oracle.decode_prefix, data)
 
 
-@budget(max_examples=100)
+@budget(max_examples=60)
 @given(st.sampled_from([0, 1]), SEEDS)
 def test_a_cut_of_a_damaged_stream_is_judged_as_the_oracle_judges_it(which, seed):
     rng = random.Random(seed)
@@ -346,6 +354,14 @@ def test_a_fault_waits_for_the_packets_before_it():
     with pytest.raises(StreamError) as caught:
         decoder.feed(fed[directory.data_offset : last], directory.data_offset)
     assert (caught.value.fault.name, caught.value.offset) == ("E_CRC", last)
+
+
+def test_bytes_after_the_last_packet_come_before_a_wrong_digest():
+    data = with_wrong_digests(samples()[0])
+    at = read_directory(memoryview(data)).digests_offset
+    for stream, fault in ((data, ("E_DIGEST", at)), (data + b"x", ("E_TRAILING", len(data)))):
+        assert fault_of(decode, stream, verify=True) == fault
+        assert oracle_fault(oracle.decode, stream, check_digests=True) == fault
 
 
 @budget(max_examples=15)

@@ -18,7 +18,7 @@ from evogs_codec.refine import AlphaTable, Quantiser
 from evogs_codec.tree import Kind
 from tests.coded_strategies import coded_trees
 
-MANY = budget(max_examples=60)
+MANY = budget(max_examples=40)
 
 
 def assert_same_tree(got: CodedTree, given_: CodedTree) -> None:
@@ -94,7 +94,7 @@ def test_the_decoder_and_the_oracle_decode_the_same_integers(tree):
             assert state.digest(component) == scene.state_digest(tile, component)
 
 
-@budget(max_examples=30)
+@budget(max_examples=20)
 @given(coded_trees(max_tiles=2))
 def test_the_float_view_is_the_exact_value_rounded_once(tree):
     data = write(tree, effort=1, digests=False)
@@ -102,7 +102,7 @@ def test_the_float_view_is_the_exact_value_rounded_once(tree):
     assert [tuple(row) for row in splats.tolist()] == oracle.decode(data).float_view()
 
 
-@budget(max_examples=30)
+@budget(max_examples=20)
 @given(coded_trees(max_tiles=2))
 def test_digests_change_no_integer_and_writing_again_changes_no_byte(tree):
     data = write(tree, effort=1)

@@ -305,6 +305,13 @@ def test_a_scene_may_have_one_root_or_none(n, degree):
     assert decode(encode(empty, TRAINED)).n_leaves == 0
 
 
+def test_a_splat_may_be_larger_than_a_float_can_say():
+    roots = splats(2)
+    roots[7:10] = 1000  # logarithms of the standard deviations
+    tree = EvolutionTree(0, (Step.of_adds(0, roots[:, :1]), Step.of_adds(1, roots[:, 1:])))
+    assert_leaves(encode(tree, NEAR_LOSSLESS), tree.leaves())
+
+
 def check_many_roots(n: int) -> None:
     tree = EvolutionTree(0, (Step.of_adds(0, splats(n)),))
     data = encode(tree, TRAINED)

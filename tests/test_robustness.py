@@ -20,6 +20,7 @@ from tests import damage
 from tools.scene import make_scene
 
 MIB = 1 << 20
+decode_module = sys.modules["evogs_codec.decode"]  # the package gives the function that name
 SMALL = (  # two tiles with an SH band; and a tile with splits, refines, drops and alpha tables
     {"n_roots": 6, "n_levels": 1, "degree": 1, "n_tiles": 2},
     {"n_roots": 4, "n_levels": 2, "degree": 0, "n_tiles": 1},
@@ -92,6 +93,21 @@ def test_every_single_bit_flip_is_refused(small):
 @pytest.mark.parametrize("small", SMALL)
 def test_flips_with_repaired_checksums_get_the_verdict_of_the_oracle(small):
     check_repaired_flips(damage.stream(**small), step=23)
+
+
+@pytest.mark.parametrize("small", SMALL)
+def test_compiled_loops_give_the_verdict_of_the_oracle_too(small, monkeypatch):
+    pytest.importorskip("numba")
+    monkeypatch.setattr(decode_module, "MIN_COMPILED", 0)
+    check_repaired_flips(damage.stream(**small), step=47)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("small", SMALL)
+def test_compiled_loops_give_the_verdict_of_the_oracle_for_all_flips(small, monkeypatch):
+    pytest.importorskip("numba")
+    monkeypatch.setattr(decode_module, "MIN_COMPILED", 0)
+    check_repaired_flips(damage.stream(**small), step=1)
 
 
 @pytest.mark.slow
@@ -430,6 +446,20 @@ def test_decoding_many_tiles_takes_time_linear_in_their_number():
 
     seconds(10)
     assert seconds(4000) < 12 * seconds(1000)
+
+
+def test_feeding_a_large_directory_in_small_pieces_takes_time_linear_in_its_size():
+    def seconds(n):
+        large = {b"mETa": struct.pack("<BH", 1, n) + b"a" + bytes(n)}
+        data = damage.stream_of([damage.row()], chunks=large)
+        decoder = Decoder()
+        begin = time.process_time()
+        for at in range(0, len(data), 4):
+            decoder.feed(data[at : at + 4])
+        decoder.close()
+        return time.process_time() - begin
+
+    assert seconds(60_000) < 12 * seconds(15_000)
 
 
 def test_many_small_chunks_are_read_in_linear_time():

@@ -50,15 +50,15 @@ def replay(tree: EvolutionTree) -> Rows:
             unit = 2.0 ** -directory.grid_exponents[GROUPS.index(group)]
             worst = 0.0
             for number, tile in enumerate(tiles):
-                last = np.zeros(0)
+                last, live = np.zeros((0, 0)), np.zeros(0, bool)
                 for step, values in zip(tile.steps, tile.states(), strict=True):
                     if step.level > level:
                         break
-                    last = values.values.copy()
+                    last, live = values.values.copy(), values.live.copy()
                 x = state.tiles[number].channels()[part].astype(np.float64)
                 if group == "position":
                     x = x + directory.tiles[number]["origin"][:, None]
-                worst = max(worst, float(np.abs(x - last[part] / unit).max()))
+                worst = max(worst, float(np.abs(x - last[part] / unit)[:, live].max()))
             row[group] = f"{worst:.3f}"
         rows.append(row)
     return rows
