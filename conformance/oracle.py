@@ -323,7 +323,7 @@ def read_packets(scene: Scene, body: bytes, own: dict[str, int]) -> None:
             require((p.size == 0) == no_counts, "E_COUNT", "R-5.6-5")
             level[t] = p.level
         require(p.n_records <= live[t], "E_COUNT", "R-5.6-6")
-        require(n_new <= 64 * p.size, "E_AMPLIFICATION", "R-5.6-7")
+        require(n_new <= 16 * p.size, "E_AMPLIFICATION", "R-5.6-7")
         require(p.size > 0 or p.crc == 0, "E_CRC", "R-5.6-8")
         p.step, p.start = rows[t][p.component], HEADER.size + h.chunks_size + data_size
         scene.packets.append(p)

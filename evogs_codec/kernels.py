@@ -109,35 +109,61 @@ def _stack(alphas: Sequence[tuple[I32 | int, int]]) -> tuple[I32, I64, I64]:
 
 
 @_jit
-def _stored(code: int, data: U8, start: int, n: int, out: I32) -> None:
-    """Unpack and unzigzag a list of n values (spec 7.1); stored values are below 2**24."""
-    low, high = code & 15, (code >> 4) & 3
-    at = start
-    if low == 0:
-        out[:n] = 0
-    elif low == 1 or low == 2 or low == 4:
-        per_byte, mask = 8 // low, np.int32((1 << low) - 1)
-        whole = n // per_byte
-        for i in range(whole):
+def _low_bits(low: int, data: U8, at: int, n: int, out: I32) -> None:
+    """The low plane of a list; a loop for each packing, so that each is a vector loop."""
+    if low == 4:
+        for i in range(n >> 1):
             byte = np.int32(data[at + i])
-            for k in range(per_byte):
-                out[i * per_byte + k] = (byte >> np.int32(k * low)) & mask
-        for i in range(whole * per_byte, n):
-            byte = np.int32(data[at + whole])
-            out[i] = (byte >> np.int32((i - whole * per_byte) * low)) & mask
-        at += (n * low + 7) // 8
+            out[2 * i] = byte & np.int32(15)
+            out[2 * i + 1] = byte >> np.int32(4)
+        if n & 1:
+            out[n - 1] = data[at + (n >> 1)] & 15
+    elif low == 2:
+        for i in range(n >> 2):
+            byte = np.int32(data[at + i])
+            out[4 * i] = byte & np.int32(3)
+            out[4 * i + 1] = (byte >> np.int32(2)) & np.int32(3)
+            out[4 * i + 2] = (byte >> np.int32(4)) & np.int32(3)
+            out[4 * i + 3] = byte >> np.int32(6)
+        for i in range(n & ~3, n):
+            out[i] = (np.int32(data[at + (n >> 2)]) >> np.int32(2 * (i & 3))) & np.int32(3)
+    elif low == 1:
+        for i in range(n):
+            out[i] = (np.int32(data[at + (i >> 3)]) >> np.int32(i & 7)) & np.int32(1)
     else:
         for i in range(n):
             out[i] = data[at + i]
-        at += n
-    for k in range(high):
-        shift = np.int32(low + 8 * k)
+
+
+@_jit
+def _stored(code: int, data: U8, start: int, n: int, out: I32) -> None:
+    """Unpack and unzigzag a list of n values (spec 7.1); stored values are below 2**24."""
+    low, high = code & 15, (code >> 4) & 3
+    one, at = np.int32(1), start
+    if low == 0 and high == 1:
+        for i in range(n):
+            z = np.int32(data[at + i])
+            out[i] = (z >> one) ^ -(z & one)
+        return
+    if low == 0:
+        out[:n] = 0
+    else:
+        _low_bits(low, data, at, n, out)
+        at += (n * low + 7) // 8 if low == 1 or low == 2 or low == 4 else n
+    shift = np.int32(low)
+    if high == 2:
         for i in range(n):
             out[i] |= np.int32(data[at + i]) << shift
         at += n
-    for i in range(n):
-        z = out[i]
-        out[i] = (z >> np.int32(1)) ^ -(z & np.int32(1))
+        shift += np.int32(8)
+    if high:
+        for i in range(n):
+            z = out[i] | (np.int32(data[at + i]) << shift)
+            out[i] = (z >> one) ^ -(z & one)
+    else:
+        for i in range(n):
+            z = out[i]
+            out[i] = (z >> one) ^ -(z & one)
 
 
 @_jit
@@ -167,18 +193,27 @@ def _integers(
 
 
 @_jit
-def _scale(q: I32, n: int, step: int) -> bool:
-    """Delta in place of q; False if one is out of range (R-7.3-1)."""
-    largest = np.int32(0)
-    for i in range(n):
-        largest = max(largest, abs(q[i]))
-    if largest > MAX_DELTA // step:
-        return False
-    factor = np.int32(step)
+def _scale(q: I32, n: int, step: int, bits: int) -> bool:
+    """Delta in place of q, of which |q| <= 2**bits is known; False if one is out of range."""
+    if (1 << bits) > MAX_DELTA // step:
+        largest = np.int32(0)
+        for i in range(n):
+            largest = max(largest, abs(q[i]))
+        if largest > MAX_DELTA // step:
+            return False
     if step != 1:
+        factor = np.int32(step & 0x7FFFFFFF)  # a larger step leaves only zeros
         for i in range(n):
             q[i] *= factor
     return True
+
+
+@_jit
+def _known_bits(code: int, count: int) -> int:
+    """|q| <= 2**bits by the coding alone; a triple and running sums may be larger."""
+    if count == 3 or code & 64:
+        return 30
+    return (code & 15) + 8 * ((code >> 4) & 3)
 
 
 @_jit
@@ -287,7 +322,7 @@ def _apply(  # noqa: PLR0913 - one call per packet; compiled code takes arrays, 
             return _BAD_SUM
         for k in range(count):
             c = channel + k
-            if not _scale(q[k], n_psi, steps[0, c]):
+            if not _scale(q[k], n_psi, steps[0, c], _known_bits(psi_codes[c], count)):
                 return _BAD_DELTA
             status = _refine_channel(
                 x[c],
@@ -317,7 +352,7 @@ def _apply(  # noqa: PLR0913 - one call per packet; compiled code takes arrays, 
             return _BAD_SUM
         for k in range(count):
             c = channel + k
-            if not _scale(q[k], n_adds, steps[1, c]):
+            if not _scale(q[k], n_adds, steps[1, c], _known_bits(adds_codes[c], count)):
                 return _BAD_DELTA
             least, most = np.int32(0x7FFFFFFF), np.int32(-0x7FFFFFFF)
             for i in range(n_adds):

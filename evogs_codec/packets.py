@@ -44,7 +44,7 @@ CORE_SH = slice(11, 14)
 Coded: TypeAlias = tuple[Coding, npt.NDArray[np.integer]]
 
 N_SIDES = 2 + N_GROUPS  # lists of core before psi: slots, kinds, alpha
-MAX_NEW_PER_BYTE = 64  # R-5.6-7
+MAX_NEW_PER_BYTE = 16  # R-5.6-7
 FLAG_PSI_YCOCG, FLAG_ADDS_YCOCG = 1, 2
 
 

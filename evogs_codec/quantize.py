@@ -1,7 +1,7 @@
 """Quantising a tree in a closed loop: floats to the integers of a stream (spec 3.1, 5.3, 5.4, 7.3).
 
-The encoder keeps the decoder's integers and aims at the float tree from there, so an error of a
-parent is not inherited where psi can mend it, and never grows along a chain.
+The encoder keeps the decoder's integers and aims at the float tree from there: psi mends what it
+can of the error of a parent, and what it cannot mend is passed on but not magnified.
 
 Letters: D channels, n slots, P refines and splits of a step, S splits. Everything here is in grid
 units unless a name says otherwise.
@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from evogs_codec.coded import (
     CodedStep,
@@ -44,6 +45,7 @@ FINEST_STEP = 16  # grid units of the finest step: steps are then right to a few
 MAX_STATE = 1 << 27  # |X| aimed at: leaves room for errors and for Delta of adds (R-7.3-1)
 MAX_EXACT = 1 << 22  # near-lossless: differences of two states fit 24 bits
 ALPHA_RATE = 0.2  # error, in squared steps, that a bit of an alpha index is worth
+NEAR = 0.999  # grid units that near-lossless coding leaves: 1 less what float64 may err
 SAMPLE = 4096  # leaves of a tile that the error estimates look at
 
 
@@ -190,6 +192,7 @@ def _steps(settings: Settings, ranges: _Ranges, n_levels: int) -> F64:
     classes = len(ranges.psi[0])
     if settings.range_bits:
         by_level = np.array([ranges.psi[n_levels], *ranges.psi[:n_levels]])
+        by_level[:, 4:] = by_level[:, 4:].max(1, keepdims=True)  # a range per group
         by_level[0] /= 256
         # Where nothing changes any step will do: one that asks for no finer grid.
         by_level = np.where(by_level > 0, by_level, np.maximum(by_level.max(0), 1e-6))
@@ -380,6 +383,7 @@ class _TileCoder:
         plan = StepPlan.of(step.slots, step.kinds, n, step.n_adds)
         new_splits = slice(n, n + plan.n_splits)
         new_adds = slice(n + plan.n_splits, plan.n_after)
+        inherited = np.abs(self.target[:, plan.split_slots] - self.x[:, plan.split_slots])
         self._advance_target(step, plan)
         aim = self.target if self.settings.closed_loop else None
         indices = np.zeros((N_GROUPS, plan.n_splits), np.uint8)
@@ -402,7 +406,8 @@ class _TileCoder:
                 indices[group] = self._choose(u[:, s], v, table, step_sizes)
                 alpha = table.values()[indices[group]]
                 if not self.settings.near_lossless:
-                    u[:, s] = _joint(u[:, s], v, alpha, bounded=group == 0)
+                    far = (inherited[part] > step_sizes).any(0) | (group == 0)
+                    u[:, s] = _joint(u[:, s], v, alpha, far)
             q = np.rint(u / step_sizes)
             limit = np.array([[min(k.max_q, MAX_STORED // 2 - 1)] for k in quantisers[part]])
             if np.any(np.abs(q) > limit):
@@ -526,7 +531,8 @@ class _TileCoder:
         """A refine of the C2s that are over a grid unit away: no alpha of the table serves them."""
         new = slice(plan.n_before, plan.n_before + plan.n_splits)
         off = np.rint(self.target[:, new] - self.x[:, new])
-        rows = np.flatnonzero(np.abs(self.target[:, new] - self.x[:, new]).max(0, initial=0) > 0.75)
+        distance = np.abs(self.target[:, new] - self.x[:, new]).max(0, initial=0)
+        rows = np.flatnonzero(distance > NEAR)
         if not len(rows):
             return None
         slots = (plan.n_before + rows).astype(np.int32)
@@ -548,16 +554,16 @@ class _TileCoder:
         return CodedStep(step.level, slots, kinds, alpha, psi, none)
 
 
-def _joint(u: F64, v: F64, alpha: F64, *, bounded: bool) -> F64:
+def _joint(u: F64, v: F64, alpha: F64, bounded: npt.NDArray[np.bool_]) -> F64:
     """Delta that serves both children, C1 = P + u and C2 = P + v, best.
 
-    The least squared error; or, if `bounded` and alpha is not negative, the least largest error,
-    which is then that of the parent: a bound on leaves needs it, and it costs little.
+    The least squared error. For a positive alpha that can be 1.2 times the error of the parent in
+    one child, which grows along a chain; so where `bounded`, the least largest error instead, which
+    is no more than the parent's (it has to go somewhere: C1 and C2 stay on a line through P).
     """
     least_squares = (u - alpha * v) / (1.0 + alpha * alpha)
-    if not bounded:
-        return least_squares
-    return np.where(alpha >= 0, (u - v) / (1.0 + np.maximum(alpha, 0.0)), least_squares)
+    least_largest = (u - v) / (1.0 + np.maximum(alpha, 0.0))
+    return np.where(bounded & (alpha > 0), least_largest, least_squares)
 
 
 def _nearest(table: AlphaTable, alpha: F64) -> U8:

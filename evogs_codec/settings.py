@@ -25,7 +25,7 @@ class Settings:
         n_alpha: entries of an alpha table at most, where the tree's own alphas are more.
         alpha_bits: K of tables that are fitted.
         closed_loop: quantise against what the decoder has.
-        range_bits: if not 0, steps that divide the range of psi of a level and class into
+        range_bits: if not 0, steps that divide the range of psi of a level and group into
             2**range_bits - 1, and of adds 256 times finer, instead of `steps`.
         near_lossless: one grid unit per generation; the grids are as fine as 24 bits allow.
         effort: Zstandard level.

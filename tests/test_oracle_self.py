@@ -273,7 +273,7 @@ def test_faults_of_chunks_are_at_the_chunk() -> None:
         ("E_COUNT", (0, 0, (0, 0, 1, 0), payload(14))),
         ("E_COUNT", (0, 0, (0, 0, 0, 0), payload(14))),
         ("E_COUNT", (0, 0, (1, 0, 0, 0), b"")),
-        ("E_AMPLIFICATION", (0, 0, (64 * 32 + 1, 0, 0, 0), payload(14))),
+        ("E_AMPLIFICATION", (0, 0, (16 * 37 + 1, 0, 0, 0), payload(14))),
     ],
 )
 def test_a_wrong_row_is_a_fault_of_the_packet_table(code: str, row: Row) -> None:
@@ -340,4 +340,8 @@ def test_the_trace_sees_each_packet_with_its_state() -> None:
         stream(SH_ROWS, degree=1),
         trace=lambda t, step, component, state: seen.append((t, step, component, len(state))),
     )
-    assert seen[:3] == [(0, 0, 0, 4 + 2 + 8 + 14 * 8), (0, 0, 1, 4 + 9 * 8), (0, 1, 0, 4 + 4 + 16 + 14 * 16)]
+    assert seen[:3] == [
+        (0, 0, 0, 4 + 2 + 8 + 14 * 8),
+        (0, 0, 1, 4 + 9 * 8),
+        (0, 1, 0, 4 + 4 + 16 + 14 * 16),
+    ]

@@ -404,18 +404,18 @@ def test_all_hostile_streams_together_fit_into_a_small_address_space():
 def test_a_file_of_n_bytes_makes_at_most_64_n_slots_and_the_memory_the_text_says():
     for n_planes_coded in (0, 14):
         n_adds, body = 64, b""
-        while n_adds <= 64 * 4000:  # grow until the packet holds as many as it may
+        while n_adds <= 16 * 4000:  # grow until the packet holds as many as it may
             frames = [damage.run_of_zeros(3 * n_adds)] * n_planes_coded
             body = damage.add_packet(frames, n_coded=n_planes_coded)
-            if n_adds == 64 * len(body):
+            if n_adds == 16 * len(body):
                 break
-            n_adds = 64 * len(body)
+            n_adds = 16 * len(body)
         data = one_packet(body, n_adds)
         tracemalloc.start()
         decoded = decode(data)
         _, peak = tracemalloc.get_traced_memory()
         tracemalloc.stop()
-        assert decoded.n_leaves == n_adds <= 64 * len(data)
+        assert decoded.n_leaves == n_adds <= 16 * len(data)
         per_slot = 14 * 4 + 5 + 3 * n_planes_coded + 40  # state, planes, a few arrays (8.3)
         assert peak < n_adds * per_slot + MIB
         with pytest.raises(StreamError, match="E_AMPLIFICATION"):

@@ -1,4 +1,4 @@
-"""A `.ply` scene: size and accuracy against SPZ version 4, time of encoding and decoding, memory."""
+"""A `.ply` scene against SPZ version 4: size, accuracy, time; and memory of whole runs."""
 
 from __future__ import annotations
 
@@ -182,7 +182,7 @@ def _spz_sh_bytes(path: Path) -> int:
 
 
 def _from_gsply(data: gsply.GSData, like: SplatParams) -> SplatParams:
-    """Splats of gsply in our conventions; SPZ turns x right, y up, z back, undone by the original."""
+    """Splats of gsply, which gives back the axes that it was given."""
     n = len(like)
     means, quats = np.array(data.means), np.array(data.quats)
     rest = np.array(data.shN).reshape(n, -1, 3) if like.sh.shape[1] > 1 else np.zeros((n, 0, 3))

@@ -15,7 +15,19 @@ from evogs_codec.stats import bytes_by_group
 __all__ = ["TABLES"]
 
 Rows = list[dict[str, object]]
-PARTS = ("slots", "kinds", "alpha", "position", "rotation", "scale", "opacity", "sh 0", "sh 1", "sh 2", "sh 3")
+PARTS = (
+    "slots",
+    "kinds",
+    "alpha",
+    "position",
+    "rotation",
+    "scale",
+    "opacity",
+    "sh 0",
+    "sh 1",
+    "sh 2",
+    "sh 3",
+)
 
 
 def presets(tree: EvolutionTree) -> Rows:
