@@ -1,8 +1,9 @@
 """A second decoder of EvoGS streams, written from spec/evogs.md alone, slow and plain.
 
 It reads top to bottom in the order of the text, with Python integers, and imports nothing of the
-codec. The detail of a fault is the requirement broken. A comment that starts with "Assumed:" marks
-what the text left open.
+codec; it is one file, however long, so that it can be carried off and read on its own. The detail
+of a fault is the requirement broken. A comment that starts with "Assumed:" marks what the text left
+open.
 """
 
 import hashlib
@@ -22,7 +23,7 @@ CODES = """TRUNCATED SIGNATURE VERSION CRC RESERVED HEADER TIER CHUNK UNSUPPORTE
 CHAIN COUNT AMPLIFICATION META TRAILING PACKET FRAME ZSTD SLOT KIND INDEX RANGE DIGEST LIMIT"""
 
 
-class Reject(Exception):
+class Reject(Exception):  # noqa: N818 - the name of the pseudo-code (7.3)
     """The stream is refused: code, offset of the structure at fault, requirement."""
 
     def __init__(self, code: str, detail: str, offset: int = -1) -> None:
@@ -42,6 +43,7 @@ def structure_at(offset: int) -> Iterator[None]:
 
 
 def require(condition: bool, code: str, detail: str) -> None:
+    """Refuse the stream unless the condition holds."""
     if not condition:
         raise Reject(code, detail)
 
@@ -89,12 +91,14 @@ PACKET_ENTRY = struct.Struct("<IBBHIIIIIII")
 DIGEST_ENTRY = struct.Struct("<IBI32s")
 META_ENTRY = struct.Struct("<BH")
 FRAME_ENTRY = struct.Struct("<BI")
-assert HEADER.size == 64 and TILE_ENTRY.size == 48
-assert PACKET_ENTRY.size == 36 and DIGEST_ENTRY.size == 41
+assert (HEADER.size, TILE_ENTRY.size) == (64, 48)
+assert (PACKET_ENTRY.size, DIGEST_ENTRY.size) == (36, 41)
 
 
 @dataclass
-class Header:  # 5.1
+class Header:
+    """5.1: the file header."""
+
     signature: bytes
     version_major: int
     version_minor: int
@@ -116,7 +120,9 @@ class Header:  # 5.1
 
 
 @dataclass
-class Packet:  # 5.6: a row, and what its place implies
+class Packet:
+    """5.6: a row of the packet table, and what its place implies."""
+
     tile: int
     component: int
     level: int
@@ -133,10 +139,12 @@ class Packet:  # 5.6: a row, and what its place implies
 
     @property
     def n_psi(self) -> int:
+        """5.9: records with a psi."""
         return self.n_splits + self.n_refines
 
     @property
     def n_records(self) -> int:
+        """5.9: records that name a slot."""
         return self.n_splits + self.n_refines + self.n_drops
 
 
@@ -152,6 +160,8 @@ class Step:
 
 @dataclass
 class Tile:
+    """7: the state of a tile."""
+
     origin: tuple[int, ...]
     box_min: tuple[int, ...]
     box_max: tuple[int, ...]
@@ -166,6 +176,8 @@ class Tile:
 
 @dataclass
 class Scene:
+    """Header, tables and tiles."""
+
     header: Header
     chunk_offsets: dict[bytes, int]
     quantisers: list[list[tuple[int, int]]] = field(default_factory=list)  # [0 or 1 + level][class]
@@ -207,6 +219,7 @@ def check_limit(name: str, count: int, tier: int, own: dict[str, int]) -> None:
 
 
 def read_header(data: bytes, own: dict[str, int]) -> Header:
+    """5.1, 6.1 step 1."""
     require(data[:8] == SIGNATURE[: len(data)], "E_SIGNATURE", "R-5.1-1")
     require(len(data) >= HEADER.size, "E_TRUNCATED", "R-6.2-2")
     fields = HEADER.unpack_from(data)
@@ -267,6 +280,7 @@ def read_chunks(data: bytes, end: int) -> dict[bytes, tuple[int, bytes]]:
 
 
 def read_quantisers(scene: Scene, body: bytes) -> None:
+    """5.3."""
     n_rows, n_classes = 1 + scene.header.n_levels, 5 + scene.header.sh_degree
     require(len(body) == n_rows * n_classes * STEP_ENTRY.size, "E_CHUNK", "R-5.2-5")
     entries = list(STEP_ENTRY.iter_unpack(body))
@@ -305,6 +319,7 @@ def read_tiles(scene: Scene, body: bytes) -> None:
 
 
 def read_packets(scene: Scene, body: bytes, own: dict[str, int]) -> None:
+    """5.6, 8.2."""
     h = scene.header
     require(len(body) == h.n_packets * PACKET_ENTRY.size, "E_CHUNK", "R-5.2-5")
     rows = [[0] * (h.sh_degree + 1) for _ in range(h.n_tiles)]  # so far
@@ -339,6 +354,7 @@ def read_packets(scene: Scene, body: bytes, own: dict[str, int]) -> None:
 
 
 def read_digests(scene: Scene, body: bytes) -> None:
+    """5.7."""
     require(len(body) % DIGEST_ENTRY.size == 0, "E_CHUNK", "R-5.2-5")
     named, before = {(p.tile, p.component, p.step) for p in scene.packets}, (-1, -1, -1)
     for *key, digest in DIGEST_ENTRY.iter_unpack(body):
@@ -350,6 +366,7 @@ def read_digests(scene: Scene, body: bytes) -> None:
 
 
 def read_metadata(scene: Scene, body: bytes) -> None:
+    """5.8."""
     at, before, alphabet = 0, b"", b"abcdefghijklmnopqrstuvwxyz0123456789_.-"
     while at < len(body):
         require(len(body) - at >= META_ENTRY.size, "E_META", "R-5.8-1")
@@ -403,7 +420,7 @@ class Payload:
     first_sh: int  # first channel of an SH triple
 
     def transformed(self) -> tuple[list[list[int]], list[list[int]]]:
-        """q of psi and of adds (7.1); undelta may refuse."""
+        """The integers q of psi and of adds (7.1); undelta may refuse."""
         qs = []
         for coding, stored in zip(self.codings, self.psi + self.adds, strict=True):
             q = [unzigzag(z) for z in stored]
@@ -417,6 +434,7 @@ class Payload:
 
 
 def plane_sizes(coding: int, n: int) -> list[int]:
+    """5.9: bytes of each plane of a list."""
     low, high = coding & 15, coding >> 4 & 3
     lows = [] if low == 0 else [(n * low + 7) >> 3 if low in (1, 2, 4) else n]
     return lows + [n] * high
@@ -520,6 +538,7 @@ def read_frame(frame: bytes, content_size: int) -> bytes:
 
 
 def unpack(coding: int, planes: list[bytes], n: int) -> list[int]:
+    """7.1: the stored integers of a list."""
     low = coding & 15
     if low in (1, 2, 4):
         bits = int.from_bytes(planes[0], "little")
@@ -532,10 +551,12 @@ def unpack(coding: int, planes: list[bytes], n: int) -> list[int]:
 
 
 def unzigzag(z: int) -> int:
+    """7.1."""
     return z >> 1 if z % 2 == 0 else -((z + 1) >> 1)
 
 
 def undelta(differences: list[int]) -> list[int]:
+    """7.1."""
     values = list(accumulate(differences))
     require(all(abs(total) <= 1 << 28 for total in values), "E_RANGE", "R-7.1-1")
     return values
@@ -551,6 +572,7 @@ def invert_ycocg(first: list[int], second: list[int], third: list[int]) -> None:
 
 
 def read_step(scene: Scene, core: Packet, payload: Payload) -> Step:
+    """7.2."""
     tile = scene.tiles[core.tile]
     slots, at = list[int](), -1
     for gap in payload.gaps:
@@ -572,20 +594,24 @@ def read_step(scene: Scene, core: Packet, payload: Payload) -> Step:
 
 
 def round_shift(v: int, n: int) -> int:
+    """4.2."""
     return v if n == 0 else (v + (1 << (n - 1))) >> n
 
 
 def delta_of(q: int, m: int, e: int) -> int:
+    """7.3."""
     require(abs(q) <= ((1 << 28) >> e) // m, "E_RANGE", "R-7.3-1")
     return (q * m) << e
 
 
 def in_range(x: int) -> int:
+    """7.3."""
     require(abs(x) <= (1 << 30) - 1, "E_RANGE", "R-7.3-3")
     return x
 
 
 def second_child(p: int, delta: int, a: int, k: int) -> int:
+    """7.3."""
     require(abs(a * delta) + ((1 << k) >> 1) <= 1 << 30, "E_RANGE", "R-7.3-2")
     return in_range(p - round_shift(a * delta, k))
 
@@ -618,6 +644,7 @@ def apply_packet(scene: Scene, packet: Packet, body: bytes) -> None:
 def apply_channel(
     x: list[int], step: Step, alpha: list[tuple[int, int]], psi: list[int], adds: list[int]
 ) -> None:
+    """7.4: one channel, in place."""
     seconds, deltas, alphas = list[int](), iter(psi), iter(alpha)
     for slot, kind in zip(step.slots, step.kinds, strict=True):
         if kind == DROP:
@@ -632,6 +659,7 @@ def apply_channel(
 
 
 def finish_core_step(tile: Tile, step: Step) -> None:
+    """7.4: liveness and boxes, after all channels."""
     changed = list(range(tile.n_slots, tile.n_slots + step.core.n_splits + step.core.n_adds))
     for slot, kind in zip(step.slots, step.kinds, strict=True):
         if kind == DROP:
@@ -662,7 +690,7 @@ def shown(tile: Tile, x: list[int], slot: int) -> int:
 
 
 def binary32(n: int, g: int) -> float:
-    """n * 2^-g, |n| < 2^53, g in -16..40, rounded once, ties to even. Assumed: zero is +0."""
+    """7.6: n * 2^-g, |n| < 2^53, g in -16..40, rounded once, ties to even. Assumed: zero is +0."""
     shift = max(0, abs(n).bit_length() - 24)
     kept, left = abs(n) >> shift, abs(n) & ((1 << shift) - 1)
     if 2 * left > 1 << shift or (2 * left == 1 << shift and kept % 2 == 1):
@@ -672,6 +700,7 @@ def binary32(n: int, g: int) -> float:
 
 
 def numbers(channels: list[list[int]]) -> bytes:
+    """7.7: s32 of each slot, channel by channel."""
     return b"".join(struct.pack(f"<{len(x)}i", *x) for x in channels)
 
 

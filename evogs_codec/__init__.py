@@ -7,8 +7,6 @@ splats = decode(data).leaves()
 
 from evogs_codec.cut import Cut as Cut
 from evogs_codec.decode import Decoded as Decoded
-from evogs_codec.decode import Decoder as Decoder
-from evogs_codec.decode import StepReady as StepReady
 from evogs_codec.decode import decode as decode
 from evogs_codec.decode import decode_prefix as decode_prefix
 from evogs_codec.directory import Directory as Directory
@@ -20,12 +18,14 @@ from evogs_codec.errors import InputError as InputError
 from evogs_codec.errors import StreamError as StreamError
 from evogs_codec.extract import choose_cut as choose_cut
 from evogs_codec.extract import extract as extract
+from evogs_codec.feeding import Decoder as Decoder
+from evogs_codec.feeding import StepReady as StepReady
+from evogs_codec.grids import NotRepresentable as NotRepresentable
 from evogs_codec.interchange import read_tree as read_tree
 from evogs_codec.interchange import write_tree as write_tree
 from evogs_codec.lifting import lift as lift
 from evogs_codec.ply import read_ply as read_ply
 from evogs_codec.ply import write_ply as write_ply
-from evogs_codec.quantize import NotRepresentable as NotRepresentable
 from evogs_codec.settings import PRESETS as PRESETS
 from evogs_codec.settings import Settings as Settings
 from evogs_codec.splats import SplatParams as SplatParams

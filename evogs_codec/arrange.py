@@ -1,8 +1,8 @@
 """Arranging a tree for a stream: tiles, important records first, Morton order (spec 3.4, 3.5).
 
-The result is the same tree in other slots: every step of the input becomes, in every tile, one or a
-few steps, the most visible records first. Roots are in Morton order within a step, and so, since new
-slots are numbered in the order of their parents, are their descendants, roughly.
+The result is the same tree in other slots: every step of the input becomes, in every tile, one or
+a few steps, the most visible records first. Roots are in Morton order within a step, and so, since
+new slots are numbered in the order of their parents, are their descendants, roughly.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.morton import every_third_bit
 from evogs_codec.splats import F32, F64, I32, I64
 from evogs_codec.tree import EvolutionTree, Kind, Step
 
@@ -102,21 +103,8 @@ def morton(positions: F32 | F64) -> npt.NDArray[np.uint64]:
     cells = ((p - low) * ((2**21 - 1) / extent if extent > 0 else 0.0)).astype(np.uint64)
     code = np.zeros(p.shape[1], np.uint64)
     for axis in range(3):
-        code |= _spread(cells[axis]) << np.uint64(axis)
+        code |= every_third_bit(cells[axis]) << np.uint64(axis)
     return code
-
-
-def _spread(v: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
-    """21 bits to every third of 63."""
-    for shift, mask in (
-        (32, 0x1F00000000FFFF),
-        (16, 0x1F0000FF0000FF),
-        (8, 0x100F00F00F00F00F),
-        (4, 0x10C30C30C30C30C3),
-        (2, 0x1249249249249249),
-    ):
-        v = (v | v << np.uint64(shift)) & np.uint64(mask)
-    return v
 
 
 @dataclass
@@ -161,7 +149,7 @@ def _assign_tiles(tree: EvolutionTree, n_tiles: int) -> I32:
         positions.append(step.adds[0:3])
         before += step.n_new
     adds = np.flatnonzero(is_add)
-    weight = np.bincount(root, minlength=total)[adds] if total else np.zeros(0)
+    weight = np.bincount(root, minlength=total)[adds]
     tile_of_add = _kd_tiles(np.concatenate(positions, axis=1), weight, n_tiles)
     tile = np.zeros(total, np.int32)
     tile[adds] = tile_of_add
@@ -169,7 +157,7 @@ def _assign_tiles(tree: EvolutionTree, n_tiles: int) -> I32:
 
 
 def _kd_tiles(positions: F32, weight: npt.NDArray[np.integer], n_tiles: int) -> I32:
-    """(n,) tile per root: the heaviest part is halved along its longest axis until there are enough."""
+    """(n,) tile per root: the heaviest part is halved along its longest axis, again and again."""
     parts = [np.arange(positions.shape[1])]
     while len(parts) < n_tiles:
         heaviest = max(range(len(parts)), key=lambda k: int(weight[parts[k]].sum()))

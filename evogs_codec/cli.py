@@ -9,20 +9,18 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, entry_points, version
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
-from evogs_codec import registry
+from evogs_codec import options, registry
 from evogs_codec.cut import Cut
 from evogs_codec.decode import Decoded, decode, replay
 from evogs_codec.directory import Directory, SceneInfo, read_directory
@@ -33,13 +31,12 @@ from evogs_codec.files import write_atomic
 from evogs_codec.interchange import read_tree, write_tree
 from evogs_codec.lifting import lift
 from evogs_codec.ply import drop_non_finite, read_ply, write_ply
+from evogs_codec.reports import comments_of, info_of, level_figures, print_info, print_levels
 from evogs_codec.settings import PRESETS, Settings
 from evogs_codec.splats import SplatParams
-from evogs_codec.stats import bytes_by_group, levels
+from evogs_codec.stats import bytes_by_group
 
 __all__ = ["main"]
-
-DEFAULT_LEVELS = 5
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -64,6 +61,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130  # 128 + SIGINT, as shells have it
 
 
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="evogs",
+        description="Progressive streams of 3D Gaussian Splatting scenes.",
+        epilog="Each command has examples: evogs encode --help",
+    )
+    parser.add_argument("--version", action="version", version=f"evogs {_version()}")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    options.add_encode(commands, run_encode)
+    options.add_decode(commands, run_decode)
+    options.add_lift(commands, run_lift)
+    options.add_info(commands, run_info)
+    options.add_validate(commands, run_validate)
+    options.add_extract(commands, run_extract)
+    for entry in entry_points(group="evogs.commands"):
+        entry.load()(commands)
+    return parser
+
+
 def _fail(message: str) -> int:
     print(f"evogs: {message}", file=sys.stderr)
     return 1
@@ -80,7 +96,7 @@ def _version() -> str:
 def _plain_warnings() -> Iterator[None]:
     """Warnings as one line each on standard error."""
 
-    def show(message: Warning | str, *_: Any, **__: Any) -> None:  # noqa: ANN401
+    def show(message: Warning | str, *_: object, **__: object) -> None:
         print(f"evogs: warning: {message}", file=sys.stderr)
 
     with warnings.catch_warnings():
@@ -112,13 +128,13 @@ def run_encode(args: argparse.Namespace) -> None:
         "splats": n,
         "bytes": len(data),
         "bytes_per_splat": round(len(data) / max(n, 1), 3),
-        "levels": _level_figures(directory),
+        "levels": level_figures(directory),
     }
     if args.json:
         print(json.dumps(figures))
         return
     print(f"{args.output}: {n:,} splats, {len(data):,} bytes, {len(data) / max(n, 1):.2f} a splat")
-    _print_levels(directory)
+    print_levels(directory)
 
 
 def run_decode(args: argparse.Namespace) -> None:
@@ -132,7 +148,7 @@ def run_decode(args: argparse.Namespace) -> None:
     splats = decoded.leaves(
         sh_degree=degree if degree is None else min(degree, decoded.directory.sh_degree)
     )
-    write_ply(args.output, splats, comments=_comments(decoded.directory))
+    write_ply(args.output, splats, comments=comments_of(decoded.directory))
     print(f"{args.output}: {len(splats):,} splats, SH degree {splats.sh_degree}")
 
 
@@ -162,25 +178,11 @@ def run_info(args: argparse.Namespace) -> None:
     data = _read(args.input)
     directory = read_directory(data)
     groups = bytes_by_group(directory, data) if len(data) >= directory.size else {}
+    info = info_of(directory, len(data), groups)
     if args.json:
-        print(json.dumps(_info(directory, len(data), groups), indent=2))
-        return
-    info = _info(directory, len(data), groups)
-    for key in ("tier", "sh_degree", "tiles", "packets", "size", "grid_exponents"):
-        print(f"{key:>18}  {info[key]}")
-    for key, value in info["scene"].items():
-        print(f"{key:>18}  {_shown(str(value))}")
-    if len(data) < directory.size:
-        print(f"{'truncated':>18}  {len(data):,} of {directory.size:,} bytes are there")
-    _print_levels(directory)
-    n = max(info["levels"][-1]["n_leaves"], 1)
-    print(f"\n{'part':>15} {'bytes':>12} {'a splat':>8} {'share':>7} {'over order-0':>13}")
-    for name, part in groups.items():
-        over = f"{100 * (part.n_bytes / part.entropy - 1):+.1f} %" if part.entropy else ""
-        share = 100 * part.n_bytes / directory.size
-        print(
-            f"{name:>15} {part.n_bytes:>12,.0f} {part.n_bytes / n:>8.3f} {share:>5.1f} % {over:>13}"
-        )
+        print(json.dumps(info, indent=2))
+    else:
+        print_info(directory, info, groups)
 
 
 def run_validate(args: argparse.Namespace) -> int:
@@ -272,62 +274,6 @@ def _cut(directory: Directory, args: argparse.Namespace) -> Cut:
     )
 
 
-def _comments(directory: Directory) -> list[str]:
-    """Metadata as comments of a .ply, which are ASCII without control characters."""
-    lines = [f"{key}: {_shown(value)}" for key, value in directory.info.text.items()]
-    return [line.encode("ascii", "backslashreplace").decode("ascii") for line in lines]
-
-
-def _shown(text: str) -> str:
-    """Text of a stranger for a terminal: what is not printable is escaped."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
-
-
-def _level_figures(directory: Directory) -> list[dict[str, Any]]:
-    """Figures per level for JSON, which has no NaN: an unknown error is null."""
-    figures = [asdict(level) for level in levels(directory)]
-    return [{k: v if v == v else None for k, v in level.items()} for level in figures]
-
-
-def _info(directory: Directory, size: int, groups: dict[str, Any]) -> dict[str, Any]:
-    scene = directory.info
-    return {
-        "tier": directory.tier,
-        "sh_degree": directory.sh_degree,
-        "tiles": len(directory.tiles),
-        "packets": len(directory.packets),
-        "size": directory.size,
-        "bytes_present": size,
-        "grid_exponents": list(directory.grid_exponents),
-        "scene": {
-            "coordinate_system": registry.name(
-                registry.COORDINATE_SYSTEMS, scene.coordinate_system
-            ),
-            "up_axis": registry.name(registry.UP_AXES, scene.up_axis),
-            "unit": registry.name(registry.UNITS, scene.unit),
-            "colour_space": registry.name(registry.COLOUR_SPACES, scene.colour_space),
-            "antialiased": scene.antialiased,
-            **scene.text,
-        },
-        "levels": _level_figures(directory),
-        "groups": {name: asdict(part) for name, part in groups.items()},
-        "digests": len(directory.digests),
-    }
-
-
-def _print_levels(directory: Directory) -> None:
-    print(f"\n{'level':>6} {'splats':>10} {'bytes':>12} {'so far':>12} {'':>7} {'error':>9}")
-    so_far = directory.data_offset
-    for level in levels(directory):
-        so_far += level.n_bytes
-        part = 100 * so_far / directory.size
-        bar = "#" * round(part / 5)
-        print(
-            f"{level.level:>6} {level.n_leaves:>10,} {level.n_bytes:>12,} {so_far:>12,}"
-            f" {part:>5.1f} % {level.error:>9.3g}  {bar}"
-        )
-
-
 @contextmanager
 def _progress() -> Iterator[Progress]:
     """A bar on standard error for what takes over two seconds, if that is a terminal."""
@@ -339,231 +285,6 @@ def _progress() -> Iterator[Progress]:
             bar.refresh()
 
         yield report
-
-
-# --- arguments -----------------------------------------------------------------------------------
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="evogs",
-        description="Progressive streams of 3D Gaussian Splatting scenes.",
-        epilog="Each command has examples: evogs encode --help",
-    )
-    parser.add_argument("--version", action="version", version=f"evogs {_version()}")
-    commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    _add_encode(commands)
-    _add_decode(commands)
-    _add_lift(commands)
-    _add_info(commands)
-    _add_validate(commands)
-    _add_extract(commands)
-    for entry in entry_points(group="evogs.commands"):
-        entry.load()(commands)
-    return parser
-
-
-Commands = Any  # argparse's sub-parsers have no public type
-
-
-def _command(
-    commands: Commands,
-    name: str,
-    run: Any,  # noqa: ANN401
-    help_: str,
-    examples: str,
-) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = commands.add_parser(
-        name,
-        help=help_,
-        description=help_,
-        epilog=f"examples:\n{examples}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.set_defaults(run=run)
-    # Before Python 3.14 argparse takes -1e3 for an option.
-    parser._negative_number_matcher = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
-    return parser
-
-
-def _add_encode(commands: Commands) -> None:
-    parser = _command(
-        commands,
-        "encode",
-        run_encode,
-        "Encode a .ply scene or a .tree.npz tree.",
-        "  evogs encode scene.ply scene.evogs\n"
-        "  evogs encode scene.ply scene.evogs --levels 6 --title Bonsai --licence CC-BY-4.0\n"
-        "  evogs encode lego.tree.npz lego.evogs --finer 2\n"
-        "  evogs encode lego.tree.npz exact.evogs --near-lossless",
-    )
-    parser.add_argument("input", type=Path, metavar="IN", help="a 3DGS .ply or a .tree.npz")
-    parser.add_argument("output", type=Path, metavar="OUT.evogs")
-    _add_lift_options(parser)
-    accuracy = parser.add_mutually_exclusive_group()
-    accuracy.add_argument(
-        "--preset",
-        choices=[name for name in PRESETS if name != "near-lossless"],
-        help="scene: accuracy of SPZ version 4 (default for .ply); trained: default for .tree.npz;"
-        " paper: the paper's pipeline, for comparison",
-    )
-    accuracy.add_argument(
-        "--bits",
-        type=_number(int, 2, 16),
-        metavar="B",
-        help="instead of a preset: B bits over the range of each level's refinements, closed loop",
-    )
-    accuracy.add_argument(
-        "--near-lossless",
-        action="store_true",
-        help="every number within a grid unit of a 24-bit grid",
-    )
-    parser.add_argument(
-        "--finer", type=_number(float, 1e-3, 1e6), metavar="F", help="divide all steps by F"
-    )
-    parser.add_argument(
-        "--tiles",
-        type=_number(int, 1, 65536),
-        metavar="N",
-        help="spatial tiles (default: 1 below 200,000 splats)",
-    )
-    parser.add_argument(
-        "--effort",
-        type=_number(int, 1, 22),
-        default=19,
-        metavar="Z",
-        help="Zstandard level, 1..22 (default: 19)",
-    )
-    for key in registry.TEXT_OPTIONS:
-        parser.add_argument(f"--{key}", metavar="TEXT", help="metadata")
-    for option, names in (
-        ("--coordinate-system", registry.COORDINATE_SYSTEMS),
-        ("--up-axis", registry.UP_AXES),
-        ("--unit", registry.UNITS),
-        ("--colour-space", registry.COLOUR_SPACES),
-    ):
-        parser.add_argument(option, choices=names, default=names[0], help="metadata")
-    parser.add_argument(
-        "--antialiased", action="store_true", help="the scene was trained with antialiasing"
-    )
-    parser.add_argument("--json", action="store_true", help="print figures as JSON")
-
-
-def _add_decode(commands: Commands) -> None:
-    parser = _command(
-        commands,
-        "decode",
-        run_decode,
-        "Decode a stream, or a part of it, to a .ply.",
-        "  evogs decode scene.evogs scene.ply\n"
-        "  evogs decode scene.evogs coarse.ply --level 1 --sh-degree 0\n"
-        "  evogs decode scene.evogs corner.ply --box 0 0 0 1 1 1\n"
-        "  evogs decode download.evogs.part so-far.ply --partial",
-    )
-    parser.add_argument("input", type=Path, metavar="IN.evogs")
-    parser.add_argument("output", type=Path, metavar="OUT.ply")
-    _add_cut_options(parser)
-    parser.add_argument("--partial", action="store_true", help="take what a cut-short file has")
-    parser.add_argument("--verify", action="store_true", help="check digests of the integers")
-
-
-def _add_lift(commands: Commands) -> None:
-    parser = _command(
-        commands,
-        "lift",
-        run_lift,
-        "Build the tree under a .ply scene, uncompressed.",
-        "  evogs lift scene.ply scene.tree.npz\n"
-        "  evogs encode scene.tree.npz scene.evogs --preset scene",
-    )
-    parser.add_argument("input", type=Path, metavar="IN.ply")
-    parser.add_argument("output", type=Path, metavar="OUT.tree.npz")
-    _add_lift_options(parser)
-
-
-def _add_info(commands: Commands) -> None:
-    parser = _command(
-        commands,
-        "info",
-        run_info,
-        "Say what is in a stream: header, levels, bytes per group.",
-        "  evogs info scene.evogs\n  evogs info scene.evogs --json",
-    )
-    parser.add_argument("input", type=Path, metavar="IN.evogs")
-    parser.add_argument("--json", action="store_true")
-
-
-def _add_validate(commands: Commands) -> None:
-    parser = _command(
-        commands,
-        "validate",
-        run_validate,
-        "Check a stream in every respect; exit 0 if valid, 1 with the fault if not.",
-        "  evogs validate scene.evogs\n  evogs validate scene.evogs --json",
-    )
-    parser.add_argument("input", type=Path, metavar="IN.evogs")
-    parser.add_argument("--json", action="store_true")
-
-
-def _add_extract(commands: Commands) -> None:
-    parser = _command(
-        commands,
-        "extract",
-        run_extract,
-        "Make a smaller stream by moving packets, without decoding.",
-        "  evogs extract scene.evogs small.evogs --level 2\n"
-        "  evogs extract scene.evogs small.evogs --max-bytes 500000\n"
-        "  evogs extract scene.evogs corner.evogs --box 0 0 0 1 1 1 --sh-degree 0",
-    )
-    parser.add_argument("input", type=Path, metavar="IN.evogs")
-    parser.add_argument("output", type=Path, metavar="OUT.evogs")
-    _add_cut_options(parser)
-
-
-def _add_lift_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--levels",
-        type=_number(int, 1, 64),
-        default=DEFAULT_LEVELS,
-        metavar="N",
-        help=f"levels of a lifted scene (default: {DEFAULT_LEVELS})",
-    )
-    parser.add_argument(
-        "--drop-invalid", action="store_true", help="leave out splats with NaN or infinite numbers"
-    )
-
-
-def _add_cut_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--level", type=_number(int, 0, 63), metavar="K", help="stop at level K")
-    parser.add_argument(
-        "--max-bytes",
-        type=_number(int, 0, 1 << 62),
-        metavar="N",
-        help="the longest prefix whose extracted file has at most N bytes",
-    )
-    parser.add_argument(
-        "--box",
-        type=_number(float, -1e30, 1e30),
-        nargs=6,
-        metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
-        help="only tiles that meet this box, in scene units",
-    )
-    parser.add_argument(
-        "--sh-degree", type=_number(int, 0, 3), metavar="D", help="no SH bands above D"
-    )
-
-
-def _number(kind: type, low: float, high: float) -> Any:  # noqa: ANN401
-    """An argparse type for numbers of a range."""
-
-    def parse(text: str) -> Any:  # noqa: ANN401
-        value = kind(text)
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text} is not in {low}..{high}")
-        return value
-
-    parse.__name__ = kind.__name__
-    return parse
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 
 from evogs_codec.directory import SceneInfo
-from evogs_codec.packets import N_CORE
+from evogs_codec.packet_header import N_CORE
 from evogs_codec.refine import SYMMETRIC, AlphaTable, Quantiser
 from evogs_codec.splats import I32, U8
 
@@ -82,8 +82,3 @@ def channel_class(channel: int) -> int:
     if channel < 11:
         return int(np.searchsorted([3, 7, 10, 11], channel, side="right"))
     return 4 + int(np.sqrt((channel - 11) // 3))
-
-
-def channel_group(channel: int) -> int:
-    """Group of a channel (spec 3.1)."""
-    return min(channel_class(channel), 4)

@@ -49,7 +49,7 @@ class Cut:
     @staticmethod
     def of_packets(directory: Directory, n_packets: int) -> Cut:
         """The first `n_packets` packets of the file."""
-        return Cut(_chain_lengths(directory, np.arange(len(directory.packets)) < n_packets))
+        return Cut(directory.chain_lengths(slice(n_packets)))
 
     @staticmethod
     def of_complete(directory: Directory, complete: npt.NDArray[np.bool_]) -> Cut:
@@ -97,10 +97,3 @@ def tiles_meeting(directory: Directory, box: Sequence[float]) -> npt.NDArray[np.
     high = (directory.tiles["origin"] + directory.tiles["box_max"]) * scale
     met: npt.NDArray[np.bool_] = ((low <= corners[1]) & (high >= corners[0])).all(1)
     return met
-
-
-def _chain_lengths(directory: Directory, selected: npt.NDArray[np.bool_]) -> I64:
-    rows = directory.packets[selected]
-    shape = (len(directory.tiles), directory.n_components)
-    key = rows["tile"].astype(np.int64) * shape[1] + rows["component"]
-    return np.bincount(key, minlength=shape[0] * shape[1]).reshape(shape).astype(np.int64)

@@ -7,28 +7,27 @@
 
 from __future__ import annotations
 
-import os
 import zlib
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
 from evogs_codec import layout
 from evogs_codec.arrange import arrange, default_tiles
 from evogs_codec.coded import CodedStep, CodedTree, component_slice
-from evogs_codec.decode import replay
 from evogs_codec.cut import Cut
+from evogs_codec.decode import replay
 from evogs_codec.directory import (
     UNKNOWN_ERROR,
     Directory,
     SceneInfo,
-    build_directory,
     read_directory,
 )
-from evogs_codec.packets import pack
+from evogs_codec.directory_writing import build_directory
+from evogs_codec.packing import pack
 from evogs_codec.quantize import quantise
 from evogs_codec.settings import PRESETS, Settings
+from evogs_codec.threads import each
 from evogs_codec.tree import N_GROUPS, EvolutionTree, Kind
 
 __all__ = ["encode", "write"]
@@ -110,10 +109,9 @@ def write(
         )
 
     bodies = []
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        for k, body in enumerate(pool.map(pack_one, order)):
-            report("pack", k / len(order))
-            bodies.append(body)
+    for k, body in enumerate(each(pack_one, order)):
+        report("pack", k / len(order))
+        bodies.append(body)
     for row, (tile, number, component), body in zip(entries, order, bodies, strict=True):
         step = tree.tiles[tile].steps[number]
         for name, value in _entry(step, component).items():
@@ -121,8 +119,8 @@ def write(
         row["tile"], row["component"] = tile, component
         row["size"], row["crc"] = len(body), zlib.crc32(body)
     tiles = np.zeros(len(tree.tiles), layout.dtype_of(layout.TILE_ENTRY))
-    for row, tile in zip(tiles, tree.tiles, strict=True):
-        row["origin"], row["box_min"], row["box_max"] = tile.origin, tile.box_min, tile.box_max
+    for row, own in zip(tiles, tree.tiles, strict=True):
+        row["origin"], row["box_min"], row["box_max"] = own.origin, own.box_min, own.box_max
 
     def directory(found: Mapping[tuple[int, int, int], bytes]) -> bytes:
         return build_directory(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -11,9 +11,9 @@ from evogs_codec.cut import Cut, tiles_meeting
 from evogs_codec.directory import (
     CHUNK_HEADER_SIZE,
     Directory,
-    build_directory,
     read_directory,
 )
+from evogs_codec.directory_writing import rebuild_directory
 from evogs_codec.errors import Fault, StreamError
 from evogs_codec.layout import DIGEST_ENTRY, PACKET_ENTRY, size_of
 from evogs_codec.splats import I64
@@ -59,10 +59,7 @@ def choose_cut(
     if n == 0 or (n == 1 and len(selected)):
         least = sizes[min(1, len(selected))]
         raise ValueError(f"{max_bytes} bytes are too few: the first packet needs {least}")
-    steps = np.zeros_like(cut.steps)
-    rows = directory.packets[selected[: n - 1]]
-    np.add.at(steps, (rows["tile"], rows["component"]), 1)
-    return Cut(steps)
+    return Cut(directory.chain_lengths(selected[: n - 1]))
 
 
 def extract(data: bytes | memoryview, cut: Cut, *, box: Box | None = None) -> bytes:
@@ -90,7 +87,7 @@ def extract(data: bytes | memoryview, cut: Cut, *, box: Box | None = None) -> by
         for (tile, component, step), digest in directory.digests.items()
         if step < cut.steps[tile, component]
     }
-    head = _head(directory, kept, rows, digests)
+    head = rebuild_directory(directory, directory.tiles[kept], rows, digests)
     bodies = []
     for packet in np.flatnonzero(selected).tolist():
         offset, size = int(directory.offsets[packet]), int(directory.packets["size"][packet])
@@ -99,29 +96,6 @@ def extract(data: bytes | memoryview, cut: Cut, *, box: Box | None = None) -> by
             raise StreamError(Fault.E_TRUNCATED, "a packet of the cut is cut short", offset)
         bodies.append(body)
     return b"".join([head, *bodies])
-
-
-def _head(
-    directory: Directory,
-    kept: npt.NDArray[np.bool_],
-    rows: npt.NDArray[np.void],
-    digests: Mapping[tuple[int, int, int], bytes],
-) -> bytes:
-    """Header and chunks with these tiles, packets and digests (R-10-1)."""
-    return build_directory(
-        sh_degree=directory.sh_degree,
-        n_levels=directory.n_levels,
-        grid_exponents=directory.grid_exponents,
-        info=directory.info,
-        quantisers=directory.quantisers,
-        alpha=directory.alpha,
-        tiles=directory.tiles[kept],
-        packets=rows,
-        digests=digests,
-        copied_chunks=directory.copied_chunks,
-        version_minor=directory.version_minor,
-        unused_flags=directory.unused_flags,
-    )
 
 
 def _kept_tiles(directory: Directory, box: Box | None) -> npt.NDArray[np.bool_]:
@@ -143,5 +117,6 @@ def _extracted_sizes(directory: Directory, selected: I64, box: Box | None) -> I6
     per_packet = rows["size"].astype(np.int64) + size_of(PACKET_ENTRY)
     per_packet += has_digest * size_of(DIGEST_ENTRY)
     per_packet[np.flatnonzero(has_digest)[:1]] += CHUNK_HEADER_SIZE
-    fixed = len(_head(directory, _kept_tiles(directory, box), directory.packets[:0], {}))
+    tiles = directory.tiles[_kept_tiles(directory, box)]
+    fixed = len(rebuild_directory(directory, tiles, directory.packets[:0], {}))
     return fixed + np.concatenate([[0], np.cumsum(per_packet)])

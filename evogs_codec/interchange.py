@@ -25,7 +25,7 @@ import numpy.typing as npt
 from evogs_codec.files import write_atomic
 from evogs_codec.npz import Npz
 from evogs_codec.splats import F32, I64, SplatParams, n_channels, sh_degree_of
-from evogs_codec.tree import EvolutionTree, Kind, Step, concatenate_channels
+from evogs_codec.tree import EvolutionTree, Kind, Step
 
 __all__ = ["FORMAT", "read_tree", "write_tree"]
 
@@ -66,7 +66,7 @@ def write_tree(path: PathLike, tree: EvolutionTree) -> None:
     d = n_channels(tree.sh_degree)
     steps = list(tree.steps)
     n_roots = int(bool(steps) and steps[0].level == 0)
-    roots = concatenate_channels([step.adds for step in steps[:n_roots]], d)
+    roots = steps[0].adds if n_roots else np.empty((d, 0), np.float32)
     arrays: dict[str, npt.NDArray[Any]] = {"format": np.array(FORMAT)}
     arrays |= _splat_arrays("", roots)
     for level in range(tree.n_levels):

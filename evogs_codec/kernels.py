@@ -1,4 +1,4 @@
-"""The hot loops of decoding, compiled: the same integers as `refine` and `planes`, without temporaries.
+"""The hot loops of decoding, compiled: the integers of `refine` and `planes`, no temporaries.
 
 Optional: without numba the codec uses numpy. A test holds the two to identical integers and faults.
 Each function is the loop of spec 7.4 over one packet, planes in, slots out. Sums fit int32 by the
@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.packets import Values
-from evogs_codec.refine import MAX_DELTA, MAX_PRODUCT, MAX_X, RangeError, StepPlan
 from evogs_codec.planes import MAX_SUM
+from evogs_codec.refine import MAX_DELTA, MAX_PRODUCT, MAX_X, RangeError, StepPlan
 from evogs_codec.splats import F32, I32, I64, U8
 
 __all__ = ["apply_channels", "float_rows"]
@@ -46,7 +46,8 @@ def apply_channels(
     Args:
         x: (C, n) rows of the component.
         plan: the step.
-        psi, adds: stored values.
+        psi: stored values of refines and splits.
+        adds: stored values of adds.
         steps: (2, C) grid units of one q, of psi and of adds.
         alphas: per channel a, one of each split or one for all, and K.
         limits: (C, 2) least and largest X allowed.
@@ -59,7 +60,7 @@ def apply_channels(
     indexes = _NONE if isinstance(targets, slice) else targets
     splits = _NONE if plan.splits is None else plan.splits
     stacked, place, shifts = _stack(alphas)
-    status = _apply(
+    status: int = _apply(
         x,
         first,
         indexes,
@@ -170,7 +171,7 @@ def _stored(code: int, data: U8, start: int, n: int, out: I32) -> None:
 def _integers(
     channel: int, codes: U8, data: U8, starts: I64, first_sh: int, n: int, out: I32
 ) -> int:
-    """q of a channel, or of the three of a triple, into rows of `out`; how many, or -1 for a fault."""
+    """Put q of a channel, or of the three of a triple, into `out`; how many, or -1 for a fault."""
     count = 3 if channel >= first_sh else 1
     for k in range(count):
         row = out[k]
@@ -217,7 +218,7 @@ def _known_bits(code: int, count: int) -> int:
 
 
 @_jit
-def _refine_channel(  # noqa: PLR0913
+def _refine_channel(
     row: I32,
     delta: I32,
     n_psi: int,
@@ -288,7 +289,7 @@ def _refine_channel(  # noqa: PLR0913
 
 
 @_jit
-def _apply(  # noqa: PLR0913 - one call per packet; compiled code takes arrays, not objects
+def _apply(
     x: I32,
     first: int,
     indexes: I64,
@@ -324,7 +325,7 @@ def _apply(  # noqa: PLR0913 - one call per packet; compiled code takes arrays, 
             c = channel + k
             if not _scale(q[k], n_psi, steps[0, c], _known_bits(psi_codes[c], count)):
                 return _BAD_DELTA
-            status = _refine_channel(
+            status: int = _refine_channel(
                 x[c],
                 q[k],
                 n_psi,

@@ -171,7 +171,7 @@ def parse(struct: Struct, data: memoryview, offset: int) -> Fields:
     return {k: v for k, v in struct.parse(bytes(data[:size])).items() if k != "_io"}
 
 
-def build(struct: Struct, **fields: Any) -> bytes:  # noqa: ANN401
+def build(struct: Struct, **fields: Any) -> bytes:  # noqa: ANN401 - as many types as fields
     """Bytes of a structure with these fields."""
     return bytes(struct.build(fields))
 

@@ -3,7 +3,8 @@
 The price of a pair is the estimated number of bits of its difference: log2(1 + |d| / (2 step)) per
 channel, the steps being those of a good coarse quantiser. Prices of unlike groups add up, saturate
 where a channel is hopeless anyway, and are what a codec pays. To it comes what the picture pays:
-the growth, by which the merged Gaussian hides more than its two parts.
+the growth, by which the merged Gaussian hides more than its two parts, and an unlike mass, where
+the colour of one would be lost in the other. Splats that find only such partners wait, alone.
 
 Letters: n nodes, e edges (candidate pairs), channel-major arrays.
 """
@@ -18,6 +19,7 @@ from scipy.spatial import cKDTree
 
 from evogs_codec.axes import N_TURNS, PERMUTE, TURNS
 from evogs_codec.merging import TINY, Moments, merged, sizes
+from evogs_codec.morton import every_third_bit
 from evogs_codec.splats import F32, F64, I64
 
 __all__ = ["Features", "features", "match", "morton_order", "nearest_turns"]
@@ -30,8 +32,14 @@ STEP_SH0 = 1 / 32
 
 N_NEIGHBOURS = 8
 BITS_PER_GROWTH = 6.0  # price of a doubling of the cross-section
-MAX_GROWTH = 3.0  # doublings; beyond, two splats had better wait for other partners
-MAX_ALONE = 0.01  # share of the nodes that may stay without a partner
+# Doublings of the cross-section that a round of matching allows; beyond, a splat stays alone.
+# At last anything goes where many are left: a tree that does not shrink is of no use either.
+MAX_GROWTH = (2.0, 2.0, 2.0, 3.0, 3.0, np.inf, np.inf, np.inf)
+MAX_ALONE = 0.01  # share of the nodes below which no further round is worth its time
+MAX_WAITING = 0.2  # share of the nodes that may wait for better partners
+BITS_PER_MASS = 2.0  # price of a doubling of the ratio of the masses beyond FREE_MASS doublings
+FREE_MASS = 2.0
+MAX_MASS = 7.0  # doublings; beyond, the lesser would only tint the greater
 MAX_G = 0.85  # no turn may move |g| beyond: far from 0 the same rotation takes more steps of g
 PRICE_OF_G = 3.0  # exponent of 1 + |g|**2, for the same reason
 JITTER = 1e-3  # in units of the median splat
@@ -75,19 +83,18 @@ def features(x: F64, moments: Moments, unit: float) -> Features:
 
 
 def match(f: Features) -> tuple[I64, I64]:
-    """Disjoint pairs (i, j) of nodes that are close and alike, of nearly all nodes."""
+    """Disjoint pairs (i, j) of nodes that are close and alike, of most nodes."""
     n = f.points.shape[1]
     points = f.points.T + JITTER * _spread_points(n)
     free = np.ones(n, bool)
     taken = [(np.empty(0, np.int64), np.empty(0, np.int64))]
-    # What no rule lets pair is paired at last: a tree that does not shrink is of no use either.
-    for limit in (MAX_GROWTH, MAX_GROWTH, MAX_GROWTH, np.inf, np.inf, np.inf):
+    for limit in MAX_GROWTH:
         nodes = np.flatnonzero(free)
-        if len(nodes) < max(2, MAX_ALONE * n):
+        if len(nodes) < max(2, (MAX_WAITING if limit == np.inf else MAX_ALONE) * n):
             break
         i, j = (nodes[end] for end in _edges(points[nodes]))
         price, growth = _prices(f, i, j)
-        kept = np.flatnonzero(growth < limit)
+        kept = np.flatnonzero(growth <= limit)
         i, j = _greedy(i[kept], j[kept], price[kept], n)
         free[i] = free[j] = False
         taken.append((i, j))
@@ -146,6 +153,7 @@ def _prices(f: Features, i: I64, j: I64) -> tuple[F32, F32]:
     price = np.empty(len(i), np.float32)
     growth = np.empty(len(i), np.float32)
     size = sizes(f.moments.cov)
+    mass = np.log2(np.maximum(f.moments.mass, TINY))
     for at in range(0, len(i), CHUNK):
         part = slice(at, at + CHUNK)
         a, b = i[part], j[part]
@@ -154,6 +162,9 @@ def _prices(f: Features, i: I64, j: I64) -> tuple[F32, F32]:
         price[part] += _bits(f.scales[:, a] - f.scales[:, b])
         price[part] += _rotation_bits(f.quats[:, a], f.quats[:, b])
         price[part] += np.float32(BITS_PER_GROWTH) * np.maximum(growth[part], 0)
+        unlike = np.abs(mass[a] - mass[b])
+        price[part] += np.float32(BITS_PER_MASS) * np.maximum(unlike - FREE_MASS, 0)
+        growth[part][unlike > MAX_MASS] = np.inf
     return price, growth
 
 
@@ -236,22 +247,9 @@ def morton_order(points: F64) -> I64:
     cells = ((points - low) / extent * (2**21 - 1)).astype(np.uint64)
     code = np.zeros(len(points), np.uint64)
     for axis in range(3):
-        code |= _every_third_bit(cells[:, axis]) << np.uint64(axis)
+        code |= every_third_bit(cells[:, axis]) << np.uint64(axis)
     out: I64 = np.argsort(code, kind="stable")
     return out
-
-
-def _every_third_bit(x: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
-    """Bit b of the 21 low bits moves to bit 3 b."""
-    for shift, mask in (
-        (32, 0x1F00000000FFFF),
-        (16, 0x1F0000FF0000FF),
-        (8, 0x100F00F00F00F00F),
-        (4, 0x10C30C30C30C30C3),
-        (2, 0x1249249249249249),
-    ):
-        x = (x | (x << np.uint64(shift))) & np.uint64(mask)
-    return x
 
 
 def _float32(x: F64) -> F32:

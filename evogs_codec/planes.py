@@ -15,7 +15,7 @@ import numpy.typing as npt
 from evogs_codec.errors import Fault, StreamError
 from evogs_codec.splats import I32, U8
 
-__all__ = ["ABSENT", "Coding", "choose_coding", "split_planes", "join_planes", "zigzag", "unzigzag"]
+__all__ = ["ABSENT", "Coding", "choose_coding", "join_planes", "split_planes", "unzigzag", "zigzag"]
 
 MAX_STORED = 1 << 24  # z of 7.1: 2 high planes and 8 low bits
 MAX_SUM = 1 << 28  # R-7.1-1
@@ -35,6 +35,7 @@ class Coding:
 
     @property
     def n_planes(self) -> int:
+        """Planes of a list stored so."""
         return (self.low > 0) + self.high
 
     @property
@@ -48,6 +49,7 @@ class Coding:
         return lows + [n] * self.high
 
     def byte(self) -> int:
+        """The coding byte."""
         return self.low | self.high << 4 | self.delta << 6
 
     @staticmethod
@@ -122,7 +124,7 @@ def entropy(symbols: npt.NDArray[np.integer]) -> float:
 
 
 def huffman_bits(symbols: npt.NDArray[np.integer]) -> float:
-    """Bits that a Huffman code of its own spends on byte symbols: what Zstandard does to a plane."""
+    """Bits that a Huffman code of its own spends on byte symbols, as Zstandard does to a plane."""
     counts = [int(c) for c in np.bincount(symbols) if c]
     if len(counts) < 2:
         return 0.0
@@ -191,7 +193,7 @@ def join_planes(planes: Sequence[U8], coding: Coding, n: int) -> npt.NDArray[np.
         return lows
     if lows is None and len(highs) == 1:
         return highs[0]
-    dtype = np.uint16 if coding.bits <= 16 else np.int32
+    dtype: np.dtype[np.integer] = np.dtype(np.uint16 if coding.bits <= 16 else np.int32)
     z = highs[0].astype(dtype)
     if len(highs) == 2:
         z |= highs[1].astype(dtype) << 8

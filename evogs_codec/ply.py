@@ -148,7 +148,12 @@ def _read_header(path: PathLike) -> _Header:
     return _vertex_header(path, ply, counts, body)
 
 
-def _vertex_header(path: PathLike, ply: Any, counts: list[int], body: int) -> _Header:  # noqa: ANN401
+def _vertex_header(
+    path: PathLike,
+    ply: Any,  # noqa: ANN401 - plyfile has no types
+    counts: list[int],
+    body: int,
+) -> _Header:
     elements = list(ply.elements)
     if "vertex" not in ply:
         listed = ", ".join(element.name for element in elements) or "none"

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from evogs_codec.splats import I32, I64, U8
+from evogs_codec.splats import I32, I64
 from evogs_codec.tree import Kind
 
 __all__ = ["MAX_DELTA", "MAX_PRODUCT", "MAX_X", "AlphaTable", "Quantiser", "StepPlan"]
@@ -92,6 +92,7 @@ class StepPlan:
 
     @property
     def n_after(self) -> int:
+        """Slots after the step."""
         return self.n_before + self.n_splits + self.n_adds
 
     @property
@@ -101,7 +102,9 @@ class StepPlan:
         return targets if self.splits is None else targets[self.splits]
 
     @staticmethod
-    def of(slots: I32 | I64, kinds: U8, n_before: int, n_adds: int) -> StepPlan:
+    def of(
+        slots: I32 | I64, kinds: npt.NDArray[np.integer], n_before: int, n_adds: int
+    ) -> StepPlan:
         """Plan of records with these slots (increasing) and kinds."""
         has_psi = kinds != Kind.DROP
         with_psi = slots if has_psi.all() else slots[has_psi]

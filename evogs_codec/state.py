@@ -15,7 +15,8 @@ from evogs_codec import layout
 from evogs_codec.coded import channel_class, component_slice
 from evogs_codec.directory import Directory
 from evogs_codec.errors import Fault, StreamError
-from evogs_codec.packets import Counts, Packet, Values, check_kinds, unpack
+from evogs_codec.packet_header import Counts
+from evogs_codec.packets import Packet, Values, check_kinds, unpack
 from evogs_codec.refine import MAX_X, AlphaTable, Quantiser, RangeError, StepPlan, apply_channel
 from evogs_codec.splats import I32, I64, n_channels
 from evogs_codec.tree import N_GROUPS
@@ -53,6 +54,7 @@ class TileState:
 
     @property
     def n_slots(self) -> int:
+        """Slots made so far, empty ones included."""
         return self.plans[-1].n_after if self.plans else 0
 
     def level(self, step: int) -> int:
@@ -186,7 +188,7 @@ class TileState:
         return slots
 
     def channels(self) -> I32:
-        """(D, n) integers as shown, 0 in empty slots; a view of the state where that is the same."""
+        """(D, n) integers as shown, 0 in empty slots; a view of the state if that is the same."""
         n = self.n_slots
         x = self.x[:, :n]
         all_live = self.live[:n].all()

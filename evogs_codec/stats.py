@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from evogs_codec.coded import channel_class, component_slice
-from evogs_codec.directory import Directory
-from evogs_codec.packets import (
+from evogs_codec.directory import UNKNOWN_ERROR, Directory
+from evogs_codec.packet_header import (
     Counts,
-    Header,
+    PacketHeader,
     component_channels,
-    read_header,
-    read_planes,
+    read_packet_header,
 )
+from evogs_codec.packets import read_planes
 from evogs_codec.planes import entropy
 from evogs_codec.tree import N_GROUPS
 
@@ -79,7 +79,7 @@ def _error(directory: Directory, selected: np.ndarray) -> float:
         if not len(last):
             continue
         error = int(rows["error"][last[-1]])
-        if error == 0xFFFFFFFF:
+        if error == UNKNOWN_ERROR:
             return float("nan")
         counts = rows[own]
         n = int(counts["n_adds"].astype(np.int64).sum() + counts["n_splits"].astype(np.int64).sum())
@@ -118,7 +118,7 @@ def bytes_by_group(directory: Directory, data: memoryview) -> dict[str, GroupByt
         offset = int(directory.offsets[packet])
         body = data[offset : offset + size]
         counts = core_counts[key]
-        head = read_header(body, component, counts, offset)
+        head = read_packet_header(body, component, counts, offset)
         planes = read_planes(body, head, offset)
         names = _plane_names(head, component)
         ends = np.cumsum(head.plane_sizes)
@@ -137,7 +137,7 @@ def bytes_by_group(directory: Directory, data: memoryview) -> dict[str, GroupByt
     return {name: GroupBytes(stored[name], ideal[name]) for name in order if stored[name]}
 
 
-def _plane_names(head: Header, component: int) -> list[str]:
+def _plane_names(head: PacketHeader, component: int) -> list[str]:
     """What each plane of a packet holds."""
     first = component_slice(component).start
     n_channels = component_channels(component)

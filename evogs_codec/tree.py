@@ -1,8 +1,9 @@
 """`EvolutionTree`: a list of steps over slots, in floating point (spec 3; paper equation 5).
 
 A tree has no pointers. Each `Step` holds records that change the leaf set, which lives in an array
-of slots: `refine` (C = P + psi), `split` (C1 = P + psi takes the slot, C2 = P - alpha * psi the next
-free one), `drop` (the slot is empty from here on) and `add` (a new splat in the next free slot).
+of slots: `refine` (C = P + psi), `split` (C1 = P + psi takes the slot, C2 = P - alpha * psi the
+next free one), `drop` (the slot is empty from here on) and `add` (a new splat in the next free
+slot).
 
 Letters: R records of a step that name a slot, P <= R of them with a psi, S <= P splits, A adds,
 D channels (`splats`).
@@ -10,9 +11,10 @@ D channels (`splats`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
+from itertools import islice
 
 import numpy as np
 import numpy.typing as npt
@@ -145,10 +147,9 @@ class EvolutionTree:
         if not 0 <= level <= last:
             raise ValueError(f"level {level} is not one of 0..{last}")
         n_steps = sum(step.level <= level for step in self.steps)
-        state = Slots(np.zeros((n_channels(self.sh_degree), 0)), np.zeros(0, bool))
-        for _, state in zip(range(n_steps), self.states(), strict=False):
-            pass
-        return state.splats()
+        if not n_steps:
+            return SplatParams.from_channels(np.zeros((n_channels(self.sh_degree), 0)))
+        return next(islice(self.states(), n_steps - 1, None)).splats()
 
     @staticmethod
     def of_splats(splats: SplatParams) -> EvolutionTree:
@@ -213,8 +214,3 @@ def _check_numbers(array: F32, shape: tuple[int, ...], name: str) -> None:
         raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
     if not np.isfinite(array).all():
         raise ValueError(f"{name} has a value that is not finite")
-
-
-def concatenate_channels(parts: Sequence[F32], d: int) -> F32:
-    """(D, sum) of the parts side by side; (D, 0) without parts."""
-    return np.concatenate([np.empty((d, 0), np.float32), *parts], axis=1)

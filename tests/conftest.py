@@ -6,6 +6,11 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from evogs_codec import write_ply, write_tree
+from evogs_codec.cli import main
+from tests import damage
+from tools.scene import make_scene
+
 # The first call of a numpy function may take longer than hypothesis allows an example.
 settings.register_profile("dev", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("ci", settings.get_profile("dev"), derandomize=True, database=None)
@@ -20,3 +25,51 @@ def shared() -> Path:
     if not (SHARED / "data").is_dir():
         pytest.skip("the real scenes (../shared/data) are not on this machine")
     return SHARED
+
+
+# --- of the command line --------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory):
+    """A folder with scene.ply, scene.evogs and tree.npz that tests only read."""
+    folder = tmp_path_factory.mktemp("made")
+    write_ply(folder / "scene.ply", make_scene(3000))
+    write_tree(folder / "x.tree.npz", damage.random_tree(20, 3, 1))
+    assert main(["encode", str(folder / "scene.ply"), str(folder / "scene.evogs")]) == 0
+    return folder
+
+
+@pytest.fixture
+def evogs(capsys):
+    """Run a command; returns (exit code, standard output, standard error)."""
+
+    def run(*arguments):
+        capsys.readouterr()
+        code: object
+        try:
+            code = main([str(argument) for argument in arguments])
+        except SystemExit as exit_:
+            code = exit_.code
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return run
+
+
+@pytest.fixture
+def refused(evogs):
+    """Run a command that must fail with one line that has these words; returns the line."""
+
+    def run(*arguments, words=(), code=1):
+        found, out, err = evogs(*arguments)
+        assert (found, out) == (code, "")
+        if code == 1:
+            assert err.startswith("evogs: ")
+            assert err.endswith("\n")
+            assert err.count("\n") == 1
+        for word in words:
+            assert str(word) in err
+        return err
+
+    return run

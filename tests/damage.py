@@ -15,6 +15,12 @@ from evogs_codec.tree import EvolutionTree, Kind, Step
 HEADER_SIZE, CHUNK_HEADER_SIZE, PACKET_ROW = 64, 12, 36
 ROW_SIZE, ROW_CRC = 8, 32  # offsets in a row of PACK
 
+# Arguments of `stream`: two tiles with an SH band; and a tile with all kinds and alpha tables.
+SMALL = (
+    {"n_roots": 6, "n_levels": 1, "degree": 1, "n_tiles": 2},
+    {"n_roots": 4, "n_levels": 2, "degree": 0, "n_tiles": 1},
+)
+
 
 def random_tree(n_roots, n_levels, degree, seed=0):
     """Roots, then per level two steps of splits, refines, a drop and an add."""

@@ -14,11 +14,13 @@ from hypothesis import strategies as st
 
 from conformance import oracle
 from evogs_codec.cut import Cut
-from evogs_codec.decode import Decoded, Decoder, decode, decode_prefix
-from evogs_codec.directory import build_directory, read_directory
+from evogs_codec.decode import Decoded, decode, decode_prefix
+from evogs_codec.directory import read_directory
+from evogs_codec.directory_writing import rebuild_directory
 from evogs_codec.encode import encode, write
 from evogs_codec.errors import StreamError
 from evogs_codec.extract import extract
+from evogs_codec.feeding import Decoder
 from evogs_codec.settings import PRESETS
 from evogs_codec.splats import n_channels
 from evogs_codec.tree import EvolutionTree, Step
@@ -32,12 +34,19 @@ SEEDS = st.integers(0, 2**32)
 def dump_of(decoder: Decoder) -> bytes:
     assert decoder.directory is not None
     tiles = tuple(decoder._tiles)
-    return Decoded(decoder.directory, decoder.cut, tiles, memoryview(b"")).dump()
+    return Decoded(decoder.directory, decoder.cut, tiles).dump()
 
 
 def feed_in_pieces(decoder: Decoder, data: bytes, size: int) -> None:
     for at in range(0, len(data), size):
         decoder.feed(data[at : at + size])
+
+
+def fed_dump(data: bytes, size: int) -> bytes:
+    decoder = Decoder()
+    feed_in_pieces(decoder, data, size)
+    decoder.close()
+    return dump_of(decoder)
 
 
 def overlapping_ranges(rng: random.Random, size: int) -> list[tuple[int, int]]:
@@ -66,17 +75,8 @@ def in_another_order(data: bytes, rng: random.Random) -> bytes:
         order.append(waiting[chain].pop(0))
         if not waiting[chain]:
             del waiting[chain]
-    head = build_directory(
-        sh_degree=directory.sh_degree,
-        n_levels=directory.n_levels,
-        grid_exponents=directory.grid_exponents,
-        info=directory.info,
-        quantisers=directory.quantisers,
-        alpha=directory.alpha,
-        tiles=directory.tiles,
-        packets=directory.packets[np.array(order, np.int64)],
-        digests=directory.digests,
-    )
+    rows = directory.packets[np.array(order, np.int64)]
+    head = rebuild_directory(directory, directory.tiles, rows, directory.digests)
     ends = directory.offsets + directory.packets["size"]
     return head + b"".join(data[directory.offsets[p] : ends[p]] for p in order)
 
@@ -107,10 +107,7 @@ def random_cut(data: bytes, rng: random.Random) -> Cut:
 @given(SMALL, st.sampled_from([1, 2, 7, 1 << 30]))
 def test_feeding_1_2_7_or_all_bytes_gives_what_decode_gives(tree, size):
     data = write(tree, effort=1)
-    decoder = Decoder()
-    feed_in_pieces(decoder, data, size)
-    decoder.close()
-    assert dump_of(decoder) == decode(data).dump()
+    assert fed_dump(data, size) == decode(data).dump()
 
 
 @budget(max_examples=60)
@@ -152,23 +149,19 @@ def test_any_legal_order_of_the_packets_gives_the_same_integers(tree, seed):
     moved = in_another_order(data, random.Random(seed))
     assert decode(moved, verify=True).dump() == decode(data).dump()
     assert oracle.decode(moved, check_digests=True).dump() == decode(data).dump()
-    decoder = Decoder()
-    feed_in_pieces(decoder, moved, 97)
-    decoder.close()
-    assert dump_of(decoder) == decode(data).dump()
+    assert fed_dump(moved, 97) == decode(data).dump()
 
 
 @budget(max_examples=60)
 @given(SMALL, SEEDS)
 def test_every_cut_decodes_as_the_oracle_does_with_sh_late_or_never(tree, seed):
     data = write(tree, effort=1)
-    whole = decode(data)
     for k in range(3):
         cut = random_cut(data, random.Random(seed + k))
         scene = oracle.decode(data, cut=cut.steps.tolist())
         decoded = decode(data, cut)
         assert decoded.dump() == scene.dump()
-        splats = whole.leaves(cut, sh_degree=tree.sh_degree)
+        splats = decoded.leaves(sh_degree=tree.sh_degree)
         assert [tuple(row) for row in splats.channels().T.tolist()] == scene.float_view()
         assert decode(extract(data, cut), verify=True).dump() == scene.dump()
 

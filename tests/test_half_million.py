@@ -69,7 +69,7 @@ def test_the_commands_work_on_it(stream, tmp_path, capsys):
 
 
 def cuts(directory, size):
-    """Named cuts as the command line makes them, then random ones; with the box, if there is one."""
+    """Named cuts as the command line makes them, then random ones; with the box, if any."""
     rng = np.random.default_rng(5)
     for level in range(directory.n_levels):
         yield choose_cut(directory, level=level), None

@@ -111,7 +111,7 @@ def test_scattered_splats_are_paired_although_their_parents_are_too_large():
     tiny = SplatParams(
         splats.means, splats.quats, splats.log_scales - 10, splats.opacity_logits, splats.sh
     )
-    assert len(lift(tiny, 2).leaves(0)) <= 515
+    assert len(lift(tiny, 2).leaves(0)) <= 600
 
 
 def test_steps_hold_only_splits_with_alphas_of_the_tables():

@@ -176,3 +176,14 @@ def test_a_refine_mends_whatever_64_generations_of_splits_left():
     errors = errors_in_steps(EvolutionTree(0, (*tree.steps, mend)), TRAINED)
     assert max(errors[:-1]) > 10  # C1 + C2 = 2 P: no psi mends the error of P in both
     assert errors[-1] <= 0.501
+
+
+@pytest.mark.parametrize("alpha", [0.33, 0.4, 1.0, 2.4, 10.0])
+def test_errors_grow_no_faster_than_by_half_a_step_a_split_along_a_chain(alpha):
+    # No psi serves both children; what is left over must not be multiplied from split to split.
+    # An alpha up to half an entry of the table off costs C2 this once, in steps of positions.
+    off = 0.3 * 2.0 ** -(TRAINED.alpha_bits + 1) / TRAINED.steps[0]
+    tree = chain(0, 64, Kind.SPLIT, psi=lambda k: 0.3 * np.cos(k), alpha=lambda k: alpha, level=1)
+    errors = errors_in_steps(tree, TRAINED)
+    for generation, error in zip(range(0, 65, 8), errors, strict=True):
+        assert error <= off + 1 + 0.5 * generation

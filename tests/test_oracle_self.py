@@ -15,7 +15,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from conformance import oracle
 
 SIGNATURE = b"\x89EVG\r\n\x1a\n"
-LOW_8_HIGH_1 = 0x18
 
 
 def frame_of(content: bytes) -> bytes:
@@ -29,9 +28,19 @@ def zigzag(q: int) -> int:
     return 2 * q if q >= 0 else -2 * q - 1
 
 
-def planes_of(values: list[int]) -> list[bytes]:
-    """Coding 0x18: a low plane of 8 bits and one plane above."""
-    return [bytes(v & 255 for v in values), bytes(v >> 8 for v in values)]
+def planes_of(values: list[int], coding: int) -> list[bytes]:
+    """The planes of a list (5.9), worked out value by value."""
+    low, high = coding & 15, coding >> 4 & 3
+    lows = [v & ((1 << low) - 1) for v in values]
+    planes = [bytes(lows)] if low else []
+    if low in (1, 2, 4):
+        packed = sum(v << (i * low) for i, v in enumerate(lows))
+        planes = [packed.to_bytes(-(-len(values) * low // 8), "little")]
+    return planes + [bytes(v >> (low + 8 * k) & 255 for v in values) for k in range(high)]
+
+
+LOW_8_HIGH_1, KINDS_CODING, INDEX_CODING = 0x18, 0x02, 0x04
+N_SIDES = 7  # lists of core before psi: gaps, kinds, alpha indices of five groups
 
 
 def payload(
@@ -47,25 +56,28 @@ def payload(
     codings: dict[int, int] | None = None,
     frame: bytes | None = None,
 ) -> bytes:
-    """A packet; psi and adds hold q by channel of the component. `codings` overrides bytes."""
-    planes, psi, adds, indices = [], psi or {}, adds or {}, indices or {}
-    planes += planes_of(gaps) if gaps else []
-    planes += [bytes(kinds)] if kinds else []
-    planes += [bytes(indices[g]) for g in sorted(indices)]
-    coding = [LOW_8_HIGH_1 if c in psi else 0 for c in range(n_channels)]
-    coding += [LOW_8_HIGH_1 if c in adds else 0 for c in range(n_channels)]
-    for c in delta:
-        coding[n_channels + c] |= 64
-    for c, byte in (codings or {}).items():
-        coding[c] = byte
+    """A packet; psi and adds hold q by channel of the component, indices by group.
+
+    `codings` overrides coding bytes by number of the list, after the planes were made.
+    """
+    psi, adds, indices = psi or {}, adds or {}, indices or {}
+    lists: list[tuple[list[int], int]] = []
+    if n_channels == 14:
+        lists += [(gaps or [], LOW_8_HIGH_1), (kinds or [], KINDS_CODING)]
+        lists += [(indices.get(group, []), INDEX_CODING) for group in range(5)]
     for values in (psi, adds):
-        for c in sorted(values):
-            planes += planes_of([zigzag(q) for q in values[c]])
+        for c in range(n_channels):
+            lists.append(([zigzag(q) for q in values.get(c, [])], LOW_8_HIGH_1))
+    planes = [plane for values, coding in lists for plane in planes_of(values, coding) if values]
+    coding_bytes = [coding if values else 0 for values, coding in lists]
+    for c in delta:
+        coding_bytes[c - n_channels] |= 64
+    for number, byte in (codings or {}).items():
+        coding_bytes[number] = byte
     if frame is None:
         frame = frame_of(b"".join(planes)) if planes else b""
-    head = [flags, LOW_8_HIGH_1 if gaps else 0, sum(1 << g for g in indices), 1 if planes else 0]
     entry = struct.pack("<BI", len(planes), len(frame)) if planes else b""
-    return bytes(head) + bytes(coding) + entry + frame
+    return bytes([flags, 1 if planes else 0, *coding_bytes]) + entry + frame
 
 
 def chunk(kind: bytes, body: bytes) -> bytes:
@@ -213,9 +225,9 @@ def test_digests_are_checked_on_request_and_only_within_the_cut() -> None:
 
 def test_every_prefix_after_the_chunks_decodes_to_its_complete_packets() -> None:
     data = stream(SH_ROWS, degree=1)
-    start, cuts = payload_start(data), []
-    for size in range(start, len(data) + 1):
-        cuts.append(tuple(oracle.decode_prefix(data[:size]).tiles[0].cut))
+    start = payload_start(data)
+    sizes = range(start, len(data) + 1)
+    cuts = [tuple(oracle.decode_prefix(data[:size]).tiles[0].cut) for size in sizes]
     ordered = sorted(set(cuts))
     assert cuts == sorted(cuts)
     assert ordered == [(0, 0), (1, 0), (1, 1), (2, 1), (2, 2), (3, 3)]
@@ -281,15 +293,27 @@ def test_a_wrong_row_is_a_fault_of_the_packet_table(code: str, row: Row) -> None
     assert fault(data) == (code, data.index(b"PACK"))
 
 
+# One refine, its psi of x packed in fours: the high half of the byte belongs to no value.
+STRAY_FRAME = frame_of(b"\x12")
+STRAY_BIT = bytes([0, 1, *[0] * N_SIDES, 0x04, *[0] * 27])
+STRAY_BIT += struct.pack("<BI", 1, len(STRAY_FRAME)) + STRAY_FRAME
+
+
 @pytest.mark.parametrize(
     ("code", "counts", "body"),
     [
         ("E_PACKET", (0, 0, 1, 0), payload(14)[:-1]),
-        ("E_PACKET", (0, 0, 1, 0), payload(14, codings={3: 0x09})),
-        ("E_PACKET", (0, 0, 1, 0), payload(14, codings={3: 0x58})),
+        ("E_PACKET", (0, 0, 1, 0), payload(14, codings={N_SIDES + 3: 0x09})),
+        ("E_PACKET", (0, 0, 1, 0), payload(14, codings={N_SIDES + 3: 0x58})),
         ("E_PACKET", (0, 0, 1, 0), payload(14, adds={0: [1]})),
-        ("E_PACKET", (0, 0, 1, 0), payload(14, psi={0: [1]}, codings={0: 0x10})),
+        ("E_PACKET", (0, 0, 1, 0), payload(14, psi={0: [1]}, codings={N_SIDES: 0x10})),
+        ("E_PACKET", (0, 0, 1, 0), payload(14, psi={0: [1]}) + b"x"),
+        ("E_PACKET", (0, 0, 1, 0), payload(14, codings={N_SIDES + 3: 0x40})),
+        ("E_PACKET", (0, 0, 1, 0), payload(14, codings={1: 0x02})),
+        ("E_PACKET", (0, 0, 1, 0), payload(14, gaps=[1], codings={0: 0x58})),
+        ("E_PACKET", (0, 0, 1, 0), STRAY_BIT),
         ("E_RESERVED", (0, 0, 1, 0), payload(14, flags=4)),
+        ("E_RESERVED", (0, 0, 1, 0), payload(14, codings={N_SIDES + 3: 0x98})),
         ("E_FRAME", (0, 0, 1, 0), payload(14, psi={0: [1]}, frame=frame_of(b"abc"))),
         ("E_FRAME", (0, 0, 1, 0), payload(14, psi={0: [1]}, frame=frame_of(b"\1\0") + b"x")),
         ("E_FRAME", (0, 0, 1, 0), payload(14, psi={0: [1]}, frame=b"")),

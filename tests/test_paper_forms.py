@@ -10,7 +10,7 @@ from evogs_codec.cut import Cut
 from evogs_codec.decode import decode
 from evogs_codec.directory import Directory, read_directory
 from evogs_codec.encode import encode
-from evogs_codec.packets import read_header
+from evogs_codec.packet_header import read_packet_header
 from evogs_codec.planes import ABSENT
 from evogs_codec.settings import PRESETS
 from evogs_codec.splats import GROUP_CHANNELS, SplatParams, n_channels
@@ -97,7 +97,7 @@ def stored(directory: Directory, data: bytes, p: int, core: int, component: int)
     if size == 0:
         return set()
     body = memoryview(data)[offset : offset + size]
-    head = read_header(body, component, directory.counts(core), offset)
+    head = read_packet_header(body, component, directory.counts(core), offset)
     return {k for k, coding in enumerate(head.codings) if coding != ABSENT}
 
 

@@ -17,7 +17,7 @@ from evogs_codec.cut import Cut
 from evogs_codec.decode import decode
 from evogs_codec.directory import Directory, SceneInfo, read_directory
 from evogs_codec.encode import write
-from evogs_codec.packets import Header, read_header
+from evogs_codec.packet_header import PacketHeader, read_packet_header
 from evogs_codec.planes import ABSENT, join_planes, undelta, unzigzag
 from evogs_codec.refine import AlphaTable, Quantiser
 from evogs_codec.splats import GROUP_CHANNELS, GROUPS
@@ -220,7 +220,7 @@ def _quantiser(number: int, data: bytes, at: int) -> Row:
 def _packet(directory: Directory, data: bytes, packet: int) -> Iterator[Row]:
     """Header, coding bytes, frame entries, and each frame with its planes."""
     at, size = int(directory.offsets[packet]), int(directory.packets["size"][packet])
-    head = read_header(memoryview(data)[at : at + size], 0, directory.counts(packet), at)
+    head = read_packet_header(memoryview(data)[at : at + size], 0, directory.counts(packet), at)
     yield from _fields(layout.PACKET_HEADER, data, at, f"packet {packet}: ")
     begin = at + layout.size_of(layout.PACKET_HEADER)
     for name, first, last in (
@@ -253,7 +253,7 @@ def _packet(directory: Directory, data: bytes, packet: int) -> Iterator[Row]:
         at += frame_size
 
 
-def _lists(head: Header, planes: list[bytes]) -> Iterator[Row]:
+def _lists(head: PacketHeader, planes: list[bytes]) -> Iterator[Row]:
     """A row per list whose planes are all there."""
     used = 0
     for name, coding, n in zip(LISTS, head.codings, head.lengths, strict=True):

@@ -1,4 +1,4 @@
-"""`python -m tools.bench`: size, accuracy, time and memory, side by side with what they are measured against.
+"""`python -m tools.bench`: size, accuracy, time and memory, beside what they are measured against.
 
 Every time is the median of several turns taken one after the other by all contenders of a row, in
 one process, so that a busy machine slows all of them. Results: `docs/figures/*.csv` and

@@ -1,0 +1,225 @@
+"""The options of the command line, a function for each command."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from evogs_codec import registry
+from evogs_codec.settings import PRESETS
+
+__all__ = ["add_decode", "add_encode", "add_extract", "add_info", "add_lift", "add_validate"]
+
+DEFAULT_LEVELS = 5
+
+Commands: TypeAlias = Any  # argparse's sub-parsers have no public type
+Run: TypeAlias = Callable[[argparse.Namespace], int | None]
+
+
+def _command(
+    commands: Commands,
+    name: str,
+    run: Run,
+    help_: str,
+    examples: str,
+) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name,
+        help=help_,
+        description=help_,
+        epilog=f"examples:\n{examples}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.set_defaults(run=run)
+    # Before Python 3.14 argparse takes -1e3 for an option.
+    parser._negative_number_matcher = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
+    return parser
+
+
+def add_encode(commands: Commands, run: Run) -> None:
+    """`evogs encode`."""
+    parser = _command(
+        commands,
+        "encode",
+        run,
+        "Encode a .ply scene or a .tree.npz tree.",
+        "  evogs encode scene.ply scene.evogs\n"
+        "  evogs encode scene.ply scene.evogs --levels 6 --title Bonsai --licence CC-BY-4.0\n"
+        "  evogs encode lego.tree.npz lego.evogs --finer 2\n"
+        "  evogs encode lego.tree.npz exact.evogs --near-lossless",
+    )
+    parser.add_argument("input", type=Path, metavar="IN", help="a 3DGS .ply or a .tree.npz")
+    parser.add_argument("output", type=Path, metavar="OUT.evogs")
+    _add_lift_options(parser)
+    accuracy = parser.add_mutually_exclusive_group()
+    accuracy.add_argument(
+        "--preset",
+        choices=[name for name in PRESETS if name != "near-lossless"],
+        help="scene: accuracy of SPZ version 4 (default for .ply); trained: default for .tree.npz;"
+        " paper: the paper's pipeline, for comparison",
+    )
+    accuracy.add_argument(
+        "--bits",
+        type=_number(int, 2, 16),
+        metavar="B",
+        help="instead of a preset: B bits over the range of each level's refinements, closed loop",
+    )
+    accuracy.add_argument(
+        "--near-lossless",
+        action="store_true",
+        help="every number within a grid unit of a 24-bit grid",
+    )
+    parser.add_argument(
+        "--finer", type=_number(float, 1e-3, 1e6), metavar="F", help="divide all steps by F"
+    )
+    parser.add_argument(
+        "--tiles",
+        type=_number(int, 1, 65536),
+        metavar="N",
+        help="spatial tiles (default: 1 below 200,000 splats)",
+    )
+    parser.add_argument(
+        "--effort",
+        type=_number(int, 1, 22),
+        default=19,
+        metavar="Z",
+        help="Zstandard level, 1..22 (default: 19)",
+    )
+    for key in registry.TEXT_OPTIONS:
+        parser.add_argument(f"--{key}", metavar="TEXT", help="metadata")
+    for option, names in (
+        ("--coordinate-system", registry.COORDINATE_SYSTEMS),
+        ("--up-axis", registry.UP_AXES),
+        ("--unit", registry.UNITS),
+        ("--colour-space", registry.COLOUR_SPACES),
+    ):
+        parser.add_argument(option, choices=names, default=names[0], help="metadata")
+    parser.add_argument(
+        "--antialiased", action="store_true", help="the scene was trained with antialiasing"
+    )
+    parser.add_argument("--json", action="store_true", help="print figures as JSON")
+
+
+def add_decode(commands: Commands, run: Run) -> None:
+    """`evogs decode`."""
+    parser = _command(
+        commands,
+        "decode",
+        run,
+        "Decode a stream, or a part of it, to a .ply.",
+        "  evogs decode scene.evogs scene.ply\n"
+        "  evogs decode scene.evogs coarse.ply --level 1 --sh-degree 0\n"
+        "  evogs decode scene.evogs corner.ply --box 0 0 0 1 1 1\n"
+        "  evogs decode download.evogs.part so-far.ply --partial",
+    )
+    parser.add_argument("input", type=Path, metavar="IN.evogs")
+    parser.add_argument("output", type=Path, metavar="OUT.ply")
+    _add_cut_options(parser)
+    parser.add_argument("--partial", action="store_true", help="take what a cut-short file has")
+    parser.add_argument("--verify", action="store_true", help="check digests of the integers")
+
+
+def add_lift(commands: Commands, run: Run) -> None:
+    """`evogs lift`."""
+    parser = _command(
+        commands,
+        "lift",
+        run,
+        "Build the tree under a .ply scene, uncompressed.",
+        "  evogs lift scene.ply scene.tree.npz\n"
+        "  evogs encode scene.tree.npz scene.evogs --preset scene",
+    )
+    parser.add_argument("input", type=Path, metavar="IN.ply")
+    parser.add_argument("output", type=Path, metavar="OUT.tree.npz")
+    _add_lift_options(parser)
+
+
+def add_info(commands: Commands, run: Run) -> None:
+    """`evogs info`."""
+    parser = _command(
+        commands,
+        "info",
+        run,
+        "Say what is in a stream: header, levels, bytes per group.",
+        "  evogs info scene.evogs\n  evogs info scene.evogs --json",
+    )
+    parser.add_argument("input", type=Path, metavar="IN.evogs")
+    parser.add_argument("--json", action="store_true")
+
+
+def add_validate(commands: Commands, run: Run) -> None:
+    """`evogs validate`."""
+    parser = _command(
+        commands,
+        "validate",
+        run,
+        "Check a stream in every respect; exit 0 if valid, 1 with the fault if not.",
+        "  evogs validate scene.evogs\n  evogs validate scene.evogs --json",
+    )
+    parser.add_argument("input", type=Path, metavar="IN.evogs")
+    parser.add_argument("--json", action="store_true")
+
+
+def add_extract(commands: Commands, run: Run) -> None:
+    """`evogs extract`."""
+    parser = _command(
+        commands,
+        "extract",
+        run,
+        "Make a smaller stream by moving packets, without decoding.",
+        "  evogs extract scene.evogs small.evogs --level 2\n"
+        "  evogs extract scene.evogs small.evogs --max-bytes 500000\n"
+        "  evogs extract scene.evogs corner.evogs --box 0 0 0 1 1 1 --sh-degree 0",
+    )
+    parser.add_argument("input", type=Path, metavar="IN.evogs")
+    parser.add_argument("output", type=Path, metavar="OUT.evogs")
+    _add_cut_options(parser)
+
+
+def _add_lift_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--levels",
+        type=_number(int, 1, 64),
+        default=DEFAULT_LEVELS,
+        metavar="N",
+        help=f"levels of a lifted scene (default: {DEFAULT_LEVELS})",
+    )
+    parser.add_argument(
+        "--drop-invalid", action="store_true", help="leave out splats with NaN or infinite numbers"
+    )
+
+
+def _add_cut_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--level", type=_number(int, 0, 63), metavar="K", help="stop at level K")
+    parser.add_argument(
+        "--max-bytes",
+        type=_number(int, 0, 1 << 62),
+        metavar="N",
+        help="the longest prefix whose extracted file has at most N bytes",
+    )
+    parser.add_argument(
+        "--box",
+        type=_number(float, -1e30, 1e30),
+        nargs=6,
+        metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
+        help="only tiles that meet this box, in scene units",
+    )
+    parser.add_argument(
+        "--sh-degree", type=_number(int, 0, 3), metavar="D", help="no SH bands above D"
+    )
+
+
+def _number(kind: type[int] | type[float], low: float, high: float) -> Callable[[str], int | float]:
+    """An argparse type for numbers of a range."""
+
+    def parse(text: str) -> int | float:
+        value = kind(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text} is not in {low}..{high}")
+        return value
+
+    parse.__name__ = kind.__name__
+    return parse

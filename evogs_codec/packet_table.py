@@ -1,0 +1,115 @@
+"""The packet table and its checks (spec 5.6, 8.2).
+
+It has no step numbers: they follow from the order of the rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec import layout
+from evogs_codec.errors import Fault, StreamError
+from evogs_codec.limits import LIMITS
+from evogs_codec.packet_header import MAX_NEW_PER_BYTE
+from evogs_codec.splats import I64
+from evogs_codec.tables import read_rows
+
+__all__ = ["read_packet_table"]
+
+
+def read_packet_table(
+    body: memoryview, offset: int, header: layout.Fields, limits: Mapping[str, int] | None
+) -> tuple[npt.NDArray[np.void], I64]:
+    """Rows of the packet table and their steps; the first faulty row decides (spec 6.1)."""
+    rows = read_rows(layout.PACKET_ENTRY, body, offset, header["n_packets"])
+    table = _PacketTable(rows, header)
+    worst: tuple[int, int, Fault, str] | None = None
+    for order, (fault, bad, detail) in enumerate(table.checks(limits)):
+        if bad.any():
+            row = int(np.argmax(bad))
+            if worst is None or (row, order) < worst[:2]:
+                worst = (row, order, fault, detail)
+    if worst is not None:
+        raise StreamError(worst[2], f"packet {worst[0]}: {worst[3]}", offset)
+    return rows, table.step
+
+
+class _PacketTable:
+    """Columns of the packet table and the checks of spec 5.6.
+
+    A column that needs earlier rows is right up to and including the first faulty row, which is all
+    that is asked of it.
+    """
+
+    def __init__(self, rows: npt.NDArray[np.void], header: layout.Fields) -> None:
+        self.rows = rows
+        self.header = header
+        self.is_core = rows["component"] == 0
+        self.tile = rows["tile"].astype(np.int64)
+        chain = self.tile * 256 + rows["component"]
+        self.step = _running(chain, np.ones(len(rows), np.int64))
+        self.counts = {
+            name: rows[name].astype(np.int64)
+            for name in ("n_adds", "n_splits", "n_refines", "n_drops")
+        }
+
+    def checks(
+        self, limits: Mapping[str, int] | None
+    ) -> Iterator[tuple[Fault, npt.NDArray[np.bool_], str]]:
+        """(fault, bad rows, detail), in the order of the ids within a row."""
+        rows, header, core, tile = self.rows, self.header, self.is_core, self.tile
+        adds, splits = self.counts["n_adds"], self.counts["n_splits"]
+        size, level = rows["size"].astype(np.int64), rows["level"].astype(np.int64)
+        n_records = splits + self.counts["n_refines"] + self.counts["n_drops"]
+        some = (n_records + adds) > 0
+        yield Fault.E_RESERVED, rows["reserved"] != 0, "a reserved byte is set"
+        unknown = (tile >= header["n_tiles"]) | (rows["component"] > header["sh_degree"])
+        yield Fault.E_CHAIN, unknown, "no such tile or component"
+        early = ~core & (self.step >= _running(tile, core.astype(np.int64)))
+        yield Fault.E_CHAIN, early, "the packet is before the core packet it requires"
+        falls = core & ((level >= header["n_levels"]) | (level < _previous(tile, core, level)))
+        yield Fault.E_CHAIN, falls, "the level is too large or falls"
+        yield Fault.E_COUNT, ~core & (some | (level > 0)), "level or counts beside core"
+        yield Fault.E_COUNT, core & (some != (size > 0)), "size and counts contradict each other"
+        live = _running(tile, adds - self.counts["n_drops"] + splits)
+        yield Fault.E_COUNT, n_records > live, "more records than live splats"
+        many = adds + splits > MAX_NEW_PER_BYTE * size
+        yield Fault.E_AMPLIFICATION, many, "too many new slots for its size"
+        yield Fault.E_CRC, (size == 0) & (rows["crc"] != 0), "the CRC-32 of no bytes is 0"
+        new = adds + splits
+        columns = {
+            "tile_steps": self.step + 1,
+            "tile_slots": _running(tile, new) + new,
+            "slots": np.cumsum(new),
+        }
+        for name, column in columns.items():
+            limit = LIMITS[name][header["tier"] - 1]
+            yield Fault.E_TIER, column > limit, f"{name} exceeds the limit of the tier"
+            own = limit if limits is None else limits.get(name, limit)
+            yield Fault.E_LIMIT, column > own, f"{name} exceeds the limit {own}"
+
+
+def _running(key: I64, values: I64) -> I64:
+    """Sum of `values` over the earlier rows with the same key."""
+    order = np.argsort(key, kind="stable")
+    sums = np.cumsum(values[order]) - values[order]
+    sorted_key = key[order]
+    first = np.ones(len(key), bool)
+    first[1:] = sorted_key[1:] != sorted_key[:-1]
+    base = sums[first][np.cumsum(first) - 1] if len(key) else sums
+    out = np.empty_like(sums)
+    out[order] = sums - base
+    return out
+
+
+def _previous(tile: I64, core: npt.NDArray[np.bool_], level: I64) -> I64:
+    """Level of the core row before, in the same tile; 0 for the first."""
+    rows = np.flatnonzero(core)
+    order = rows[np.argsort(tile[rows], kind="stable")]
+    out = np.zeros(len(tile), np.int64)
+    same = tile[order][1:] == tile[order][:-1]
+    out[order[1:][same]] = level[order[:-1][same]]
+    return out

@@ -1,0 +1,90 @@
+"""What the command line says of a stream, as text and as JSON."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from evogs_codec import registry
+from evogs_codec.directory import Directory
+from evogs_codec.stats import GroupBytes, levels
+
+__all__ = ["comments_of", "info_of", "level_figures", "print_info", "print_levels"]
+
+
+def comments_of(directory: Directory) -> list[str]:
+    """Metadata as comments of a .ply, which are ASCII without control characters."""
+    lines = [f"{key}: {shown(value)}" for key, value in directory.info.text.items()]
+    return [line.encode("ascii", "backslashreplace").decode("ascii") for line in lines]
+
+
+def shown(text: str) -> str:
+    """Text of a stranger for a terminal: what is not printable is escaped."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def level_figures(directory: Directory) -> list[dict[str, Any]]:
+    """Figures per level for JSON, which has no NaN: an unknown error is null."""
+    figures = [asdict(level) for level in levels(directory)]
+    return [{k: v if v == v else None for k, v in level.items()} for level in figures]
+
+
+def info_of(directory: Directory, size: int, groups: dict[str, GroupBytes]) -> dict[str, Any]:
+    """What `evogs info` says of a stream of which `size` bytes are there."""
+    scene = directory.info
+    return {
+        "tier": directory.tier,
+        "sh_degree": directory.sh_degree,
+        "tiles": len(directory.tiles),
+        "packets": len(directory.packets),
+        "size": directory.size,
+        "bytes_present": size,
+        "grid_exponents": list(directory.grid_exponents),
+        "scene": {
+            "coordinate_system": registry.name(
+                registry.COORDINATE_SYSTEMS, scene.coordinate_system
+            ),
+            "up_axis": registry.name(registry.UP_AXES, scene.up_axis),
+            "unit": registry.name(registry.UNITS, scene.unit),
+            "colour_space": registry.name(registry.COLOUR_SPACES, scene.colour_space),
+            "antialiased": scene.antialiased,
+            **scene.text,
+        },
+        "levels": level_figures(directory),
+        "groups": {name: asdict(part) for name, part in groups.items()},
+        "digests": len(directory.digests),
+    }
+
+
+def print_info(directory: Directory, info: dict[str, Any], groups: dict[str, GroupBytes]) -> None:
+    """What `evogs info` prints."""
+    for key in ("tier", "sh_degree", "tiles", "packets", "size", "grid_exponents"):
+        print(f"{key:>18}  {info[key]}")
+    for key, value in info["scene"].items():
+        print(f"{key:>18}  {shown(str(value))}")
+    present = info["bytes_present"]
+    if present < directory.size:
+        print(f"{'truncated':>18}  {present:,} of {directory.size:,} bytes are there")
+    print_levels(directory)
+    n = max(info["levels"][-1]["n_leaves"], 1)
+    print(f"\n{'part':>15} {'bytes':>12} {'a splat':>8} {'share':>7} {'over order-0':>13}")
+    for name, part in groups.items():
+        over = f"{100 * (part.n_bytes / part.entropy - 1):+.1f} %" if part.entropy else ""
+        share = 100 * part.n_bytes / directory.size
+        print(
+            f"{name:>15} {part.n_bytes:>12,.0f} {part.n_bytes / n:>8.3f} {share:>5.1f} % {over:>13}"
+        )
+
+
+def print_levels(directory: Directory) -> None:
+    """A row per level: splats, bytes, error."""
+    print(f"\n{'level':>6} {'splats':>10} {'bytes':>12} {'so far':>12} {'':>7} {'error':>9}")
+    so_far = directory.data_offset
+    for level in levels(directory):
+        so_far += level.n_bytes
+        part = 100 * so_far / directory.size
+        bar = "#" * round(part / 5)
+        print(
+            f"{level.level:>6} {level.n_leaves:>10,} {level.n_bytes:>12,} {so_far:>12,}"
+            f" {part:>5.1f} % {level.error:>9.3g}  {bar}"
+        )

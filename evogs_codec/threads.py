@@ -1,0 +1,23 @@
+"""Work that is the same for many things, in parallel; the heavy parts of it release the GIL."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+__all__ = ["each"]
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+def each(function: Callable[[T], R], arguments: Iterable[T]) -> Iterator[R]:
+    """`map(function, arguments)` in as many threads as there are processors."""
+    todo = list(arguments)
+    if len(todo) < 2:
+        yield from map(function, todo)
+        return
+    with ThreadPoolExecutor(min(len(todo), os.cpu_count() or 1)) as pool:
+        yield from pool.map(function, todo)
