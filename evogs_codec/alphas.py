@@ -16,6 +16,7 @@ from evogs_codec.tree import EvolutionTree, Kind, Step
 
 __all__ = ["alpha_tables", "nearest", "serving_both", "serving_second"]
 
+FEW_ALPHA_BITS = 9  # K of a table that has an entry for every alpha of the tree
 ALPHA_RATE = 0.2  # error, in squared steps, that a bit of an alpha index is worth
 
 
@@ -56,6 +57,8 @@ def _alpha_table(alphas: F64, weights: F64, settings: Settings) -> AlphaTable | 
                 order = np.argsort(-counts, kind="stable")  # the frequent ones first
                 return AlphaTable(shift, tuple(int(a) for a in scaled[order]))
     shift = settings.alpha_bits
+    if len(values) <= settings.n_alpha and not settings.near_lossless:
+        shift = max(shift, FEW_ALPHA_BITS)  # entries of their own: to be precise costs nothing
     largest = ((1 << 15) - 1) / (1 << shift)
     clipped = np.clip(
         alphas, -largest, largest

@@ -143,7 +143,13 @@ def run_decode(args: argparse.Namespace) -> None:
     if args.partial:
         decoded = _decode_partial(data, args)
     else:
-        decoded = decode(data, lambda directory: _cut(directory, args), verify=args.verify)
+        with _progress() as progress:
+            decoded = decode(
+                data,
+                lambda directory: _cut(directory, args),
+                verify=args.verify,
+                progress=lambda part: progress("decode", part),
+            )
     degree = args.sh_degree
     splats = decoded.leaves(
         sh_degree=degree if degree is None else min(degree, decoded.directory.sh_degree)
@@ -157,7 +163,8 @@ def _decode_partial(data: memoryview, args: argparse.Namespace) -> Decoded:
     ends = directory.offsets + directory.packets["size"]
     there = Cut.of_complete(directory, ends <= len(data))
     asked = _cut(directory, args)
-    decoded = replay(directory, data, Cut(np.minimum(there.steps, asked.steps)))
+    cut = Cut(np.minimum(there.steps, asked.steps))
+    decoded = replay(directory, data, cut, verify=args.verify)
     if len(data) < directory.size:
         part = 100 * len(data) / directory.size
         print(f"evogs: {args.input}: {part:.1f} % of the file is there", file=sys.stderr)
@@ -188,7 +195,9 @@ def run_info(args: argparse.Namespace) -> None:
 def run_validate(args: argparse.Namespace) -> int:
     """`evogs validate`."""
     try:
-        decoded = decode(_read(args.input), verify=True)
+        data = _read(args.input)
+        with _progress() as progress:
+            decoded = decode(data, verify=True, progress=lambda part: progress("validate", part))
     except StreamError as error:
         if not args.json:
             raise

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import count
 from types import ModuleType
 from typing import TypeAlias
 
@@ -27,11 +28,12 @@ TileResult: TypeAlias = tuple[TileState, int, StreamError | None, list[Key]]
 
 @dataclass(frozen=True, eq=False)
 class Decoded:
-    """A decoded cut: `directory`, `cut`, and the state of each tile."""
+    """A decoded cut: `directory`, `cut`, the state of each tile, and the stream it came from."""
 
     directory: Directory
     cut: Cut
     tiles: tuple[TileState, ...]
+    data: memoryview
 
     @property
     def n_leaves(self) -> int:
@@ -44,12 +46,20 @@ class Decoded:
         applied = np.flatnonzero(self.cut.steps.any(0))
         return int(applied[-1]) if len(applied) else 0
 
-    def leaves(self, *, sh_degree: int | None = None) -> SplatParams:
+    def leaves(self, cut: Cut | None = None, *, sh_degree: int | None = None) -> SplatParams:
         """Float view (spec 7.6) of the live splats, tile by tile, in slot order.
 
         Args:
+            cut: a cut within this one, whose packets are applied anew; this one by default.
             sh_degree: degree of the result; by default the highest band of the cut.
+
+        Raises:
+            ValueError: `cut` has steps that this cut does not have.
         """
+        if cut is not None:
+            if cut.steps.shape != self.cut.steps.shape or (cut.steps > self.cut.steps).any():
+                raise ValueError("the cut has steps that were not decoded")
+            return replay(self.directory, self.data, cut).leaves(sh_degree=sh_degree)
         degree = self.sh_degree if sh_degree is None else sh_degree
         return float_view(self.directory, self.tiles, degree)
 
@@ -74,6 +84,7 @@ def decode(
     *,
     verify: bool = False,
     limits: Mapping[str, int] | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> Decoded:
     """Decode a whole file.
 
@@ -82,6 +93,7 @@ def decode(
         cut: the cut, or a function that makes it from the directory; everything by default.
         verify: check the digests of states that the cut passes (R-5.7-3).
         limits: limits of this decoder by name (spec 8.3).
+        progress: called with the part of the packets that is done, perhaps from several threads.
 
     Raises:
         StreamError: the stream is not legal, or over the limits.
@@ -94,7 +106,8 @@ def decode(
     elif not isinstance(cut, Cut):
         cut = cut(directory)
     has_more = len(view) > directory.size
-    decoded = replay(directory, view, cut, verify=verify and not has_more)  # 6.1: step 5 before 6
+    verify = verify and not has_more  # 6.1: step 5 before 6
+    decoded = replay(directory, view, cut, verify=verify, progress=progress)
     if has_more:  # R-6.2-1
         raise StreamError(
             Fault.E_TRAILING, f"{len(view) - directory.size} bytes follow", directory.size
@@ -114,7 +127,14 @@ def decode_prefix(data: bytes | memoryview, *, limits: Mapping[str, int] | None 
     return replay(directory, view, Cut.of_complete(directory, ends <= len(view)))
 
 
-def replay(directory: Directory, data: memoryview, cut: Cut, *, verify: bool = False) -> Decoded:
+def replay(
+    directory: Directory,
+    data: memoryview,
+    cut: Cut,
+    *,
+    verify: bool = False,
+    progress: Callable[[float], None] | None = None,
+) -> Decoded:
     """Apply the packets of a cut; tiles in parallel. Faults as `decode`, first in file order."""
     packets = np.flatnonzero(cut.packets(directory))
     tile_of = directory.packets["tile"][packets]
@@ -123,8 +143,14 @@ def replay(directory: Directory, data: memoryview, cut: Cut, *, verify: bool = F
     of_tile = np.split(packets[order], ends)[: len(directory.tiles)]  # one part for no tiles
     kernels = kernels_for(_slots_there(directory, packets, len(data)))
 
+    n_done = count(1)
+
+    def tick() -> None:
+        if progress is not None:
+            progress(next(n_done) / len(packets))
+
     def run(tile: int) -> TileResult:
-        return _replay_tile(directory, data, tile, of_tile[tile], kernels, verify=verify)
+        return _replay_tile(directory, data, tile, of_tile[tile], kernels, tick, verify=verify)
 
     results = list(each(run, range(len(of_tile))))
     faults = [(at, fault) for _, at, fault, _ in results if fault is not None]
@@ -134,7 +160,7 @@ def replay(directory: Directory, data: memoryview, cut: Cut, *, verify: bool = F
     if wrong:
         detail = f"state of (tile, component, step) {min(wrong)}"
         raise StreamError(Fault.E_DIGEST, detail, directory.digests_offset)
-    return Decoded(directory, cut, tuple(result[0] for result in results))
+    return Decoded(directory, cut, tuple(result[0] for result in results), data)
 
 
 def _replay_tile(
@@ -143,6 +169,7 @@ def _replay_tile(
     tile: int,
     packets: I64,
     kernels: ModuleType | None,
+    tick: Callable[[], None],
     *,
     verify: bool,
 ) -> TileResult:
@@ -157,6 +184,7 @@ def _replay_tile(
         key = (tile, int(directory.packets[packet]["component"]), int(directory.steps[packet]))
         if verify and key in directory.digests and state.digest(key[1]) != directory.digests[key]:
             wrong.append(key)
+        tick()
     return state, -1, None, wrong
 
 

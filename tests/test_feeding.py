@@ -34,7 +34,7 @@ SEEDS = st.integers(0, 2**32)
 def dump_of(decoder: Decoder) -> bytes:
     assert decoder.directory is not None
     tiles = tuple(decoder._tiles)
-    return Decoded(decoder.directory, decoder.cut, tiles).dump()
+    return Decoded(decoder.directory, decoder.cut, tiles, memoryview(b"")).dump()
 
 
 def feed_in_pieces(decoder: Decoder, data: bytes, size: int) -> None:
