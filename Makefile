@@ -18,7 +18,7 @@ DEMO_SPLATS := 40000
 .PHONY: help venv demo test test-slow check format bench clean
 
 help:
-	@echo "make demo       encode, decode and extract the scene that ships with the project"
+	@echo "make demo       encode, decode, extract and draw the scene that ships with the project"
 	@echo "make test       the quick tests (make test-slow: the others)"
 	@echo "make check      formatting, lint, types, tests, generated files"
 	@echo "make format     reformat and fix what ruff can fix"
@@ -52,6 +52,7 @@ demo: $(RUNTIME)
 	  $(EVOGS) extract build/demo.evogs build/demo-L$$k.evogs --level $$k; \
 	  $(EVOGS) decode build/demo-L$$k.evogs build/demo-L$$k.ply; \
 	done
+	$(EVOGS) render build/demo.evogs build/demo.png --sheet --size 300
 	@set -e; bytes() { wc -c < "$$1" | tr -d ' '; }; \
 	splats() { LC_ALL=C sed -n 's/^element vertex //p; /^end_header/q' "$$1"; }; \
 	echo; echo "What came out (build/):"; \
@@ -61,7 +62,8 @@ demo: $(RUNTIME)
 	    "$$(bytes build/demo-L$$k.evogs)" "$$(bytes build/demo-L$$k.ply)"; \
 	done; \
 	printf '%-16s %8s %13s %13s\n' 'demo (original)' "$$(splats build/demo.ply)" \
-	  "$$(bytes build/demo.evogs)" "$$(bytes build/demo.ply)"
+	  "$$(bytes build/demo.evogs)" "$$(bytes build/demo.ply)"; \
+	echo; echo "build/demo.png shows all levels, the coarsest first."
 
 test: $(DEV)
 	$(PY) -m pytest -m "not slow"

@@ -16,7 +16,7 @@ import tempfile
 from pathlib import Path
 
 from evogs_codec import read_ply, read_tree
-from tools.bench import scene, trained
+from tools.bench import pictures, scene, trained
 from tools.scene import make_scene
 
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -27,10 +27,12 @@ def main() -> int:
     """Run the benchmarks that were asked for; returns the exit code."""
     parser = argparse.ArgumentParser(
         description=__doc__.split("\n")[0],
-        epilog="example: python -m tools.bench --ply scene.ply --tree lego.tree.npz",
+        epilog="example: python -m tools.bench --ply scene.ply --tree lego.tree.npz --photos lego",
     )
     parser.add_argument("--ply", type=Path, help="a scene (default: the one of tools.scene)")
     parser.add_argument("--tree", type=Path, help="a trained .tree.npz (default: none)")
+    parser.add_argument("--photos", type=Path, help="NeRF-synthetic folder of the tree")
+    parser.add_argument("--up", default="z", help="up axis of the scene, as -y (default: z)")
     parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder of the results")
     args = parser.parse_args()
     tables: dict[str, tuple[str, Rows]] = {}
@@ -39,13 +41,20 @@ def main() -> int:
         for name, (title, run) in scene.TABLES.items():
             print(f"{name} ...", file=sys.stderr)
             tables[name] = (title, run(splats, Path(folder)))
+    title = "Pictures of the levels, against the scene, over 24 views"
+    tables["levels"] = (title, pictures.levels(splats, args.up))
     if args.tree:
         tree = read_tree(args.tree)
         for name, (title, measure) in trained.TABLES.items():
             print(f"{name} ...", file=sys.stderr)
             tables[name] = (title, measure(tree))
+        if args.photos:
+            title = "Pictures of a trained tree, on photographs it was not trained on"
+            tables["photographs"] = (title, pictures.photographs(tree, args.photos))
     command = "python -m tools.bench" + "".join(
-        f" --{key} {path.name}" for key, path in (("ply", args.ply), ("tree", args.tree)) if path
+        f" --{key} {path.name}"
+        for key, path in (("ply", args.ply), ("tree", args.tree), ("photos", args.photos))
+        if path
     )
     write(args.out, command, tables)
     return 0

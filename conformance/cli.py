@@ -1,0 +1,178 @@
+"""`evogs render` and `evogs psnr`: pictures of scenes, streams and cuts of streams.
+
+The rasterizer needs numba, an extra: it is imported when a command runs, so that all others work
+without.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from evogs_codec import Cut, InputError, SplatParams, decode, read_directory, read_ply
+from evogs_codec.cut import tiles_meeting
+
+if TYPE_CHECKING:
+    from conformance.rasterizer import Camera
+
+__all__ = ["around", "register"]
+
+Commands = Any  # argparse's sub-parsers have no public type
+N_ORBIT = 24
+BACKGROUNDS = {"white": (1.0, 1.0, 1.0), "black": (0.0, 0.0, 0.0)}
+
+
+def register(commands: Commands) -> None:
+    """Add the commands to `evogs` (entry point of the group `evogs.commands`)."""
+    _add(
+        commands,
+        "render",
+        run_render,
+        "Render a scene, a stream or a cut of a stream to a PNG.",
+        "  evogs render scene.evogs scene.png\n"
+        "  evogs render scene.evogs sheet.png --sheet\n"
+        "  evogs render scene.evogs mixed.png --box 0 0 0 1 1 1 --level 4 --outside 1\n"
+        "  evogs render scene.ply view.png --camera cameras.json --view 3 --size 800",
+    )
+    _add(
+        commands,
+        "psnr",
+        run_psnr,
+        f"Mean PSNR of one scene against another over {N_ORBIT} views around the second.",
+        "  evogs psnr scene.evogs scene.ply\n  evogs psnr scene.evogs scene.ply --level 2",
+    )
+
+
+def run_render(args: argparse.Namespace) -> None:
+    """`evogs render`."""
+    _need_numba()
+    from conformance.rasterizer import render
+    from conformance.rasterizer.png import contact_sheet, write_png
+
+    if args.sheet:
+        levels = read_directory(memoryview(args.input.read_bytes())).n_levels
+        scenes = [_load(args.input, level=level) for level in range(levels)]
+    else:
+        scenes = [_load(args.input, level=args.level, box=args.box, outside=args.outside)]
+    cameras = _cameras(args, scenes[-1])
+    if not 0 <= args.view < len(cameras):
+        raise ValueError(f"view {args.view} is not one of 0..{len(cameras) - 1}")
+    chosen = cameras[:: max(1, len(cameras) // 3)][:3] if args.sheet else [cameras[args.view]]
+    background = BACKGROUNDS[args.background]
+    rows = [[render(scene, camera, background) for camera in chosen] for scene in scenes]
+    write_png(args.output, contact_sheet(rows))
+    print(f"{args.output}: {len(scenes[-1]):,} splats, {len(chosen)} views")
+
+
+def run_psnr(args: argparse.Namespace) -> None:
+    """`evogs psnr`."""
+    _need_numba()
+    from conformance.rasterizer import psnr, render
+
+    scene = _load(args.input, level=args.level)
+    reference = _load(args.reference)
+    background = BACKGROUNDS[args.background]
+    found = [
+        psnr(render(scene, camera, background), render(reference, camera, background))
+        for camera in _cameras(args, reference)
+    ]
+    mean, least = float(np.mean(found)), min(found)
+    print(f"{mean:.2f} dB on average, {least:.2f} dB at least, over {len(found)} views")
+
+
+def _need_numba() -> None:
+    if find_spec("numba") is None:
+        raise InputError("pictures need numba: pip install 'evogs[render]'")
+
+
+def _load(
+    path: Path,
+    *,
+    level: int | None = None,
+    box: list[float] | None = None,
+    outside: int | None = None,
+) -> SplatParams:
+    """The splats of a .ply, or of a cut of a stream: one level inside a box, another outside."""
+    with path.open("rb") as file:
+        if file.read(3) == b"ply":
+            return read_ply(path)
+    data = path.read_bytes()
+    directory = read_directory(memoryview(data))
+    cut = Cut.full(directory) if level is None else Cut.of_level(directory, level)
+    if box is not None:
+        far = Cut.of_level(directory, 0 if outside is None else outside)
+        near = tiles_meeting(directory, box)[:, None]
+        cut = Cut(np.where(near, cut.steps, far.steps))
+    return decode(data, cut).leaves()
+
+
+def _cameras(args: argparse.Namespace, scene: SplatParams) -> list[Camera]:
+    """Those of the file, or `N_ORBIT` around the scene."""
+    from conformance.rasterizer import load_cameras
+
+    if args.camera is not None:
+        return [camera.resized(args.size, args.size) for camera in load_cameras(args.camera)]
+    if not len(scene):
+        raise ValueError("the scene is empty: name cameras with --camera")
+    return around(scene, args.up, args.size)
+
+
+def around(scene: SplatParams, up: str, size: int) -> list[Camera]:
+    """`N_ORBIT` cameras around the bulk of a scene; `up` is an axis, perhaps with a sign."""
+    from conformance.rasterizer import orbit
+
+    low, high = np.percentile(scene.means.astype(np.float64), (20, 80), axis=0)
+    sign = -1.0 if up.startswith("-") else 1.0
+    return orbit(
+        N_ORBIT,
+        (low + high) / 2,
+        radius=2.0 * float(np.linalg.norm(high - low)),
+        elevation=0.35,
+        up=tuple(sign * np.eye(3)["xyz".index(up[-1])]),
+        width=size,
+        height=size,
+        fov_x=math.radians(45),
+    )
+
+
+def _add(
+    commands: Commands,
+    name: str,
+    run: Callable[[argparse.Namespace], None],
+    help_: str,
+    examples: str,
+) -> None:
+    parser = commands.add_parser(
+        name,
+        help=help_,
+        description=help_,
+        epilog=f"examples:\n{examples}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.set_defaults(run=run)
+    parser.add_argument("input", type=Path, metavar="IN", help="a .ply or an .evogs")
+    if name == "psnr":
+        parser.add_argument("reference", type=Path, metavar="REFERENCE")
+    else:
+        parser.add_argument("output", type=Path, metavar="OUT.png")
+        parser.add_argument("--sheet", action="store_true", help="all levels, three views each")
+        parser.add_argument("--view", type=int, default=0, metavar="I", help="which camera")
+        parser.add_argument(
+            "--box",
+            type=float,
+            nargs=6,
+            metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
+            help="--level only for tiles that meet this box",
+        )
+        parser.add_argument("--outside", type=int, metavar="K", help="level outside the box")
+    parser.add_argument("--level", type=int, metavar="K", help="of a stream; all by default")
+    parser.add_argument("--camera", type=Path, metavar="FILE.json", help="cameras as JSON")
+    parser.add_argument("--size", type=int, default=400, metavar="PIXELS")
+    parser.add_argument("--up", choices=["x", "y", "z", "-x", "-y", "-z"], default="z")
+    parser.add_argument("--background", choices=list(BACKGROUNDS), default="white")

@@ -1,0 +1,122 @@
+"""numba, typed: the decorators of the kernels, and the exponential their inner loops share.
+
+`kernel` and `parallel_kernel` compile with IEEE arithmetic: what screens non-finite input must see
+NaN. `row_kernel` is for loops over the 16 pixels of a row: inlined, and free to reorder sums, so
+that they become vector code. That order is fixed when they are compiled, so results do not depend
+on the number of threads. A kernel that inlines a function of another file does not notice when
+that file changes: after an edit, remove `__pycache__`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, TypeAlias, TypeVar, cast
+
+import numba
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba.extending import intrinsic, overload
+
+__all__ = [
+    "Scalar",
+    "exp2",
+    "inlined",
+    "kernel",
+    "n_threads",
+    "parallel_kernel",
+    "prange",
+    "row_kernel",
+]
+
+Scalar: TypeAlias = Any  # a number of the type that a kernel is compiled for
+Numba: TypeAlias = Any  # an object of the compiler, which has no types
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+_COMMON = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
+_FAST = {"contract", "nsz", "arcp", "reassoc", "nnan"}
+
+prange: Any = numba.prange
+
+
+def kernel(function: Function) -> Function:
+    """Compile `function` for one thread."""
+    return cast(Function, numba.njit(**_COMMON)(function))
+
+
+def parallel_kernel(function: Function) -> Function:
+    """Compile `function`, its `prange` loops over all threads."""
+    return cast(Function, numba.njit(parallel=True, **_COMMON)(function))
+
+
+def inlined(function: Function) -> Function:
+    """Compile `function` into the kernels that call it."""
+    return cast(Function, numba.njit(forceinline=True, **_COMMON)(function))
+
+
+def row_kernel(function: Function) -> Function:
+    """Compile `function` into the kernels that call it, as vector code."""
+    return cast(Function, numba.njit(forceinline=True, fastmath=_FAST, **_COMMON)(function))
+
+
+def n_threads() -> int:
+    """Threads that a parallel kernel runs on."""
+    return int(numba.get_num_threads())
+
+
+def exp2(t: float) -> float:
+    """2**t for -126 <= t <= 0, in kernels; float32 to 2e-7 relative, float64 to 1e-14."""
+    raise NotImplementedError(f"compiled code only: exp2({t})")
+
+
+# 2**f on [-1, 0], highest power first; relative error below 2e-9 (weighted least squares).
+_C6, _C5, _C4 = 1.0851056219409133e-4, 1.2730498518184752e-3, 9.577009053460775e-3
+_C3, _C2, _C1 = 5.548942106099708e-2, 2.4022396683364336e-1, 6.931470127525523e-1
+_C0 = 0.9999999981437165
+_LN2 = math.log(2.0)
+
+
+@intrinsic  # type: ignore[misc, untyped-decorator, unused-ignore]
+def _truncate(_context: Numba, x: Numba) -> Numba:
+    """int32(x), towards zero."""
+
+    def generate(_context: Numba, builder: Numba, _signature: Numba, args: Numba) -> Numba:
+        return builder.fptosi(args[0], ir.IntType(32))
+
+    return numba.types.int32(x), generate
+
+
+@intrinsic  # type: ignore[misc, untyped-decorator, unused-ignore]
+def _scale(_context: Numba, x: Numba, n: Numba) -> Numba:
+    """X * 2**n, by adding to the exponent of the float32 x; numba would compute in int64."""
+
+    def generate(_context: Numba, builder: Numba, _signature: Numba, args: Numba) -> Numba:
+        word = ir.IntType(32)
+        bits = builder.bitcast(args[0], word)
+        bits = builder.add(bits, builder.shl(args[1], ir.Constant(word, 23)))
+        return builder.bitcast(bits, ir.FloatType())
+
+    return x(x, n), generate
+
+
+@overload(exp2, jit_options={"forceinline": True, "fastmath": _FAST})  # type: ignore[misc, untyped-decorator, unused-ignore]
+def _exp2(t: Numba) -> Numba:
+    if t == numba.types.float32:
+        real = numba.types.float32
+
+        def compiled(t: Numba) -> Numba:
+            n = _truncate(t)
+            f = t - real(n)
+            p = real(_C6) * f + real(_C5)
+            p = p * f + real(_C4)
+            p = p * f + real(_C3)
+            p = p * f + real(_C2)
+            p = p * f + real(_C1)
+            p = p * f + real(_C0)
+            return _scale(p, n)
+
+        return compiled
+
+    def exact(t: Numba) -> Numba:
+        return math.exp(t * _LN2)
+
+    return exact

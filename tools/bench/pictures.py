@@ -1,0 +1,102 @@
+"""Pictures: levels of a lifted scene against it, presets of a trained tree on photographs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+from conformance.cli import around
+from conformance.rasterizer import Camera, psnr, render
+from evogs_codec import (
+    PRESETS,
+    Cut,
+    EvolutionTree,
+    SplatParams,
+    decode,
+    encode,
+    lift,
+    read_directory,
+)
+
+__all__ = ["levels", "photographs"]
+
+Rows = list[dict[str, object]]
+F64 = npt.NDArray[np.float64]
+WHITE = (1.0, 1.0, 1.0)
+PYRAMID = (8, 4, 2, 1)  # pixels of a photograph, to a side, in one of each level
+
+
+def levels(splats: SplatParams, up: str) -> Rows:
+    """PSNR of each decoded level against the scene, and of as many of its splats at random."""
+    cameras = around(splats, up, 400)
+    pictures = [render(splats, camera, WHITE) for camera in cameras]
+
+    def decibels(some: SplatParams) -> str:
+        found = [
+            psnr(render(some, camera, WHITE), picture)
+            for camera, picture in zip(cameras, pictures, strict=True)
+        ]
+        return f"{np.mean(found):.2f}"
+
+    data = encode(lift(splats, 5), PRESETS["scene"])
+    directory = read_directory(memoryview(data))
+    rng = np.random.default_rng(0)
+    rows: Rows = []
+    for level in range(directory.n_levels):
+        drawn = decode(data, Cut.of_level(directory, level)).leaves()
+        subset = np.sort(rng.choice(len(splats), len(drawn), replace=False))
+        rows.append(
+            {
+                "level": level,
+                "splats": len(drawn),
+                "PSNR, dB": decibels(drawn),
+                "random subset, dB": decibels(splats.take(subset)),
+            }
+        )
+    return rows
+
+
+def photographs(tree: EvolutionTree, folder: Path) -> Rows:
+    """PSNR of the levels of a tree on every 8th photograph of a NeRF-synthetic folder."""
+    scene = json.loads((folder / "transforms_train.json").read_text(encoding="utf-8"))
+    frames = scene["frames"][::8]
+    pixels = [_on_white(folder / f"{frame['file_path']}.png") for frame in frames]
+
+    def row(name: str, n_bytes: int | None, leaves: Callable[[int], SplatParams]) -> None:
+        found: dict[str, object] = {"tree": name}
+        found["bytes a leaf"] = "" if n_bytes is None else f"{n_bytes / tree.n_leaves:.2f}"
+        for level, part in enumerate(PYRAMID):
+            results = []
+            for image, frame in zip(pixels, frames, strict=True):
+                size = len(image) // (2 * part)  # trained at half the size of the photographs
+                box = len(image) // size
+                target = image.reshape(size, box, size, box, 3).mean((1, 3))
+                camera = Camera.from_blender(
+                    frame["transform_matrix"], scene["camera_angle_x"], width=size, height=size
+                )
+                picture = np.clip(render(leaves(level), camera, WHITE), 0, 1)
+                results.append(psnr(picture, target))
+            found[f"L{level}, dB"] = f"{np.mean(results):.2f}"
+        rows.append(found)
+
+    rows: Rows = []
+    row("float32", None, tree.leaves)
+    for preset in ("trained", "paper"):
+        data = encode(tree, PRESETS[preset])
+        directory = read_directory(memoryview(data))
+        decoded = decode(data)
+        drawn = [decoded.leaves(Cut.of_level(directory, k)) for k in range(tree.n_levels)]
+        row(preset, len(data), drawn.__getitem__)
+    return rows
+
+
+def _on_white(path: Path) -> F64:
+    with Image.open(path) as file:
+        pixels = np.asarray(file, np.float64) / 255
+    out: F64 = pixels[..., :3] * pixels[..., 3:] + 1 - pixels[..., 3:]
+    return out
