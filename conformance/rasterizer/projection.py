@@ -40,8 +40,8 @@ FX, FY, CX, CY, EYE, LEFT, RIGHT, TOP, BOTTOM, NEAR, DILATION = (
 )
 
 # Fields of a record.
-X, Y, WEIGHT, SLOPE, CURVE, LOG_OPACITY, RED, GREEN, BLUE, WIDEST, BEGIN, END = range(12)
-FIELDS = 12
+X, Y, WEIGHT, SLOPE, CURVE, LOG_OPACITY, RED, GREEN, BLUE, WIDEST = range(10)
+FIELDS = 10
 
 DRAWN, INVISIBLE, NON_FINITE = 0, 1, 2
 LOG_MIN = math.log2(ALPHA_MIN)
@@ -200,13 +200,12 @@ def _splat(
     out[BLUE] = max(0.0, blue)
     out[WIDEST] = xy * math.sqrt(reach / xx)  # dy of the rightmost point
     half = math.sqrt(reach * xx)
-    begin = _clip(math.ceil(out[X] - half - MARGIN - 0.5), width)
-    end = _clip(math.floor(out[X] + half + MARGIN - 0.5) + 1.0, width)
-    out[BEGIN], out[END] = begin, end  # its box, in columns of pixels
+    if not (out[X] + half + MARGIN >= 0.5 and out[X] - half - MARGIN <= width - 0.5):
+        return INVISIBLE, 0.0
     half = math.sqrt(reach * yy)
     rows[0] = _clip(math.ceil(out[Y] - half - MARGIN - 0.5), height)
     rows[1] = _clip(math.floor(out[Y] + half + MARGIN - 0.5) + 1.0, height)
-    if begin >= end or rows[0] >= rows[1]:
+    if rows[0] >= rows[1]:
         return INVISIBLE, 0.0
     return DRAWN, z
 

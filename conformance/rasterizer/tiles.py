@@ -105,7 +105,7 @@ class Tiles:
 
 
 def _workers(n_rows: int) -> int:
-    return min(n_rows, n_threads())
+    return min(n_rows, 2 * n_threads())
 
 
 def depth_order(depths: npt.NDArray[np.float64], status: npt.NDArray[np.uint8]) -> I64:
@@ -148,9 +148,6 @@ def _radix_sort(keys: Array, values: Array, n_bits: int) -> Array:
 @inlined
 def _columns_of(record: Array, first: int, last: int, row: int, width: int) -> tuple[int, int]:
     """Tile columns [first, last) where alpha reaches 1/255 in a row of tiles."""
-    begin, end = int(record[p.BEGIN]), int(record[p.END])
-    if end - begin <= SIDE:  # nothing to gain
-        return begin // SIDE, (end - 1) // SIDE + 1
     # The ellipse between two dy: its rightmost point is at WIDEST or at the nearer end.
     top = max(row * SIDE, first) + 0.5 - record[p.Y]
     bottom = min(row * SIDE + SIDE, last) - 0.5 - record[p.Y]
@@ -162,9 +159,10 @@ def _columns_of(record: Array, first: int, last: int, row: int, width: int) -> t
     left = -math.sqrt(max(0.0, room - record[p.CURVE] * dy * dy)) / record[p.WEIGHT]
     left += record[p.SLOPE] * dy + record[p.X] - p.MARGIN
     # Pixels whose centres are between them. NaN (an infinite splat) means all.
-    if left > begin + 0.5:
+    begin, end = 0, width
+    if left > 0.5:
         begin = width if left > width else math.ceil(left - 0.5)
-    if right < end - 0.5:
+    if right < width - 0.5:
         end = 0 if right < 0.5 else math.floor(right - 0.5) + 1
     if begin >= end:
         return 0, 0

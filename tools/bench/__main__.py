@@ -51,7 +51,8 @@ def main() -> int:
         if args.photos:
             title = "Pictures of a trained tree, on photographs it was not trained on"
             tables["photographs"] = (title, pictures.photographs(tree, args.photos))
-    command = "python -m tools.bench" + "".join(
+    turned = f" --up={args.up}" if args.up != "z" else ""
+    command = f"python -m tools.bench{turned}" + "".join(
         f" --{key} {path.name}"
         for key, path in (("ply", args.ply), ("tree", args.tree), ("photos", args.photos))
         if path

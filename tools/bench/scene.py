@@ -122,7 +122,7 @@ def memory(splats: SplatParams, folder: Path) -> Rows:
     ply = folder / "scene.ply"
     if not ply.exists():
         write_ply(ply, splats)
-    base, _ = peak_memory("import evogs_codec.cli")
+    base, _ = peak_memory("import evogs_codec.cli, evogs_codec.kernels")
     rows: Rows = []
     output = splats.channels().nbytes
     for name, code in (
