@@ -312,3 +312,9 @@ def test_the_largest_w_is_at_least_085():
     quats /= np.linalg.norm(quats, axis=0)
     w, _, _ = turned(quats, np.zeros((3, 20_000)), largest_w(quats))
     assert np.abs(w).min() > 0.85
+
+
+def test_adds_and_splits_are_as_many_as_leaves_so_levels_are_free_of_extra_records():
+    tree = lift(surface(3000), 5)
+    made = sum(step.n_adds + int((step.kinds == Kind.SPLIT).sum()) for step in tree.steps)
+    assert made == tree.n_leaves == 3000
