@@ -27,7 +27,7 @@ from evogs_codec.directory import Directory, SceneInfo, read_directory
 from evogs_codec.encode import Progress, encode
 from evogs_codec.errors import InputError, StreamError
 from evogs_codec.extract import choose_cut, extract
-from evogs_codec.files import write_atomic
+from evogs_codec.files import check_target, write_atomic
 from evogs_codec.interchange import read_tree, write_tree
 from evogs_codec.lifting import lift
 from evogs_codec.ply import drop_non_finite, read_ply, write_ply
@@ -45,6 +45,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     args = parser.parse_args(arguments)
     try:
         with _plain_warnings():
+            if "output" in args:
+                check_target(args.output)
             return int(args.run(args) or 0)
     except StreamError as error:
         return _fail(f"{args.input}: {error}")

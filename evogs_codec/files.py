@@ -9,7 +9,25 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
-__all__ = ["write_atomic"]
+__all__ = ["check_target", "write_atomic"]
+
+
+def check_target(path: str | os.PathLike[str]) -> None:
+    """Refuse now what could not be written later, after the work is done.
+
+    Raises:
+        OSError: the folder of `path` is missing, is no folder, or may not be written to.
+    """
+    target = Path(path)
+    if target.exists() and not target.is_file():
+        return  # a device or pipe; `write_atomic` refuses a folder
+    folder = target.resolve().parent
+    if not folder.exists():
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
+    if not folder.is_dir():
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(path))
+    if not os.access(folder, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
 
 
 def write_atomic(path: str | os.PathLike[str], data: bytes | Callable[[BinaryIO], object]) -> None:

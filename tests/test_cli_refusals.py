@@ -226,3 +226,14 @@ def test_huge_and_tiny_attributes_raise_no_traceback(field, value, evogs, tmp_pa
     assert all(line.startswith("evogs: ") for line in err.splitlines())
     if code == 0:
         assert evogs("validate", tmp_path / "odd.evogs")[0] == 0
+
+
+def test_an_output_that_cannot_be_written_is_refused_before_the_work(tmp_path, monkeypatch, capsys):
+    def never(*_, **__):
+        raise AssertionError("the work began")
+
+    monkeypatch.setattr("evogs_codec.cli.read_ply", never)
+    scene = tmp_path / "scene.ply"
+    scene.write_bytes(b"ply\n")
+    assert main(["encode", str(scene), str(tmp_path / "no folder" / "x.evogs")]) == 1
+    assert capsys.readouterr().err.count("\n") == 1
