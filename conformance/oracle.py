@@ -717,6 +717,7 @@ def state_bytes(tile: Tile, component: int) -> bytes:
 # ---- 3.6 cuts, 6.2 whole files, 6.4 progressive decoding ----
 
 Trace = Callable[[int, int, int, bytes], None]
+Ranges = list[tuple[int, int]]  # begin and end of the bytes that are there
 
 
 def cut_by_level(scene: Scene, level: int) -> list[list[int]]:
@@ -740,16 +741,17 @@ def check_cut(scene: Scene, cut: list[list[int]]) -> None:
         raise ValueError("the cut is not valid")
 
 
-def is_there(data: bytes, packet: Packet) -> bool:
+def is_there(pieces: Ranges, packet: Packet) -> bool:
     """Assumed: a packet of no bytes is never missing, even behind the end of the data."""
-    return packet.size == 0 or len(data) >= packet.start + packet.size
+    end = packet.start + packet.size
+    return packet.size == 0 or any(a <= packet.start and end <= b for a, b in pieces)
 
 
-def finish(scene: Scene, data: bytes) -> Scene:
+def finish(scene: Scene, pieces: Ranges) -> Scene:
     """6.1 step 5 (assumed: the offset is where the packets end), then 7.5."""
     end = HEADER.size + scene.header.chunks_size + scene.header.data_size
     with structure_at(end):
-        require(len(data) <= end, "E_TRAILING", "R-6.2-1")
+        require(all(b <= end for _, b in pieces), "E_TRAILING", "R-6.2-1")
     for tile in scene.tiles:
         tile.channels = [[shown(tile, x, u) for u in range(tile.n_slots)] for x in tile.x]
     return scene
@@ -777,7 +779,7 @@ def decode(
         if p.step >= cut[p.tile][p.component]:
             continue  # R-6.2-3
         with structure_at(p.start):
-            require(is_there(data, p), "E_TRUNCATED", "R-6.2-2")
+            require(is_there([(0, len(data))], p), "E_TRUNCATED", "R-6.2-2")
             apply_packet(scene, p, data[p.start : p.start + p.size])
         if check_digests and (p.tile, p.component, p.step) in scene.digests:
             digest = scene.state_digest(p.tile, p.component)
@@ -785,20 +787,35 @@ def decode(
                 wrong.add((p.tile, p.component, p.step))
         if trace is not None:
             trace(p.tile, p.step, p.component, state_bytes(scene.tiles[p.tile], p.component))
-    finish(scene, data)
+    finish(scene, [(0, len(data))])
     # 6.1 step 6. Assumed: a fault of dGST; a digest of a packet outside the cut is not checked.
     with structure_at(scene.chunk_offsets.get(b"dGST", 0)):
         require(not wrong, "E_DIGEST", "R-5.7-3")
     return scene
 
 
-def decode_prefix(data: bytes) -> Scene:
+def decode_prefix(data: bytes, *, limits: dict[str, int] | None = None) -> Scene:
     """6.4: the largest cut whose packets are complete; missing packets are no fault."""
-    scene = read_tables(data, {})
+    return decode_pieces(data, [(0, len(data))], limits=limits)
+
+
+def decode_pieces(
+    data: bytes, arrival: list[tuple[int, int]], *, limits: dict[str, int] | None = None
+) -> Scene:
+    """The same where only some bytes of `data` came: (offset, size) of each piece, in any order."""
+    pieces = Ranges()
+    for begin, size in sorted(arrival):
+        end = min(begin + size, len(data))
+        if pieces and begin <= pieces[-1][1]:
+            begin, end = pieces[-1][0], max(end, pieces.pop()[1])
+        if begin < end:
+            pieces.append((begin, end))
+    head = data[: pieces[0][1]] if pieces and pieces[0][0] == 0 else b""
+    scene = read_tables(head, limits or {})
     for p in scene.packets:
         steps = scene.tiles[p.tile].cut
         required = p.step == steps[p.component] and (p.component == 0 or p.step < steps[0])  # 3.5
-        if required and is_there(data, p):
+        if required and is_there(pieces, p):
             with structure_at(p.start):
                 apply_packet(scene, p, data[p.start : p.start + p.size])
-    return finish(scene, data)
+    return finish(scene, pieces)
