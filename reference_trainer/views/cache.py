@@ -1,0 +1,83 @@
+"""Undistorted photographs on disk, so that each is computed once.
+
+They lie in the user's cache folder, never beside the user's photographs; deleting them is safe.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from conformance.rasterizer.camera import Camera
+from evogs_codec.errors import InputError
+from evogs_codec.files import write_atomic
+from reference_trainer.views.distortion import undistorted_camera, undistorted_image
+from reference_trainer.views.photograph import Photograph
+from reference_trainer.views.view import F32
+
+__all__ = ["cache_folder", "undistorted"]
+
+VERSION = b"undistorted 1"  # changes when the same photograph would give other pixels
+
+
+def undistorted(image: F32, photograph: Photograph, folder: Path | None) -> tuple[F32, Camera]:
+    """The picture without lens distortion, of 8 bits a channel, and its pinhole camera.
+
+    Args:
+        image: (H, W, 3) pixels of `photograph`.
+        photograph: its camera and lens.
+        folder: of the cache; None is the user's.
+
+    Raises:
+        InputError: the lens bends rays beyond what its four numbers describe.
+    """
+    try:
+        camera = undistorted_camera(photograph.camera, photograph.distortion)
+    except ValueError as error:
+        raise InputError(f"{photograph.path}: {error}") from error
+    path = (folder or cache_folder()) / f"{_key(image, photograph)}.png"
+    pixels = _read(path, camera)
+    if pixels is None:
+        made = undistorted_image(image, photograph.camera, photograph.distortion)
+        pixels = np.rint(made * 255).astype(np.uint8)
+        _write(path, pixels)
+    return pixels * np.float32(1 / 255), camera
+
+
+def cache_folder() -> Path:
+    """`$XDG_CACHE_HOME/evogs/undistorted`, by default in `~/.cache`."""
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "evogs" / "undistorted"
+
+
+def _key(image: F32, photograph: Photograph) -> str:
+    camera = photograph.camera
+    lens = [camera.fx, camera.fy, camera.cx, camera.cy, *photograph.distortion]
+    digest = hashlib.sha256(VERSION)
+    digest.update(np.array([*image.shape, *lens], np.float64).tobytes())
+    digest.update(np.ascontiguousarray(image).data)
+    return digest.hexdigest()[:32]
+
+
+def _read(path: Path, camera: Camera) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]] | None:
+    try:
+        with Image.open(path) as image:
+            pixels = np.asarray(image.convert("RGB"))
+    except (OSError, SyntaxError, ValueError):
+        return None  # not there, or damaged: made anew
+    return pixels if pixels.shape == (camera.height, camera.width, 3) else None
+
+
+def _write(path: Path, pixels: np.ndarray[tuple[int, ...], np.dtype[np.uint8]]) -> None:
+    file = BytesIO()
+    Image.fromarray(pixels).save(file, "PNG", compress_level=1)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, file.getvalue())
+    except OSError:
+        return  # a full or read-only disk costs time at the next start, nothing else

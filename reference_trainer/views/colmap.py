@@ -1,0 +1,87 @@
+"""Photographs of a COLMAP folder: `images/` and a model in `sparse/0/`, `sparse/` or beside."""
+
+from __future__ import annotations
+
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from conformance.rasterizer.camera import Camera
+from evogs_codec.errors import InputError
+from reference_trainer.views.colmap_files import ColmapCamera, ColmapImage, read_model
+from reference_trainer.views.distortion import Coefficients
+from reference_trainer.views.photograph import Photograph, image_size
+from reference_trainer.views.points import checked_points
+from reference_trainer.views.view import F32
+
+__all__ = ["find_model", "read_colmap"]
+
+# Where fx, fy, cx, cy and k1, k2, p1, p2 of a model are among its parameters; None is 0.
+MODELS: dict[str, tuple[tuple[int, ...], tuple[int | None, ...]]] = {
+    "SIMPLE_PINHOLE": ((0, 0, 1, 2), (None, None, None, None)),
+    "PINHOLE": ((0, 1, 2, 3), (None, None, None, None)),
+    "SIMPLE_RADIAL": ((0, 0, 1, 2), (3, None, None, None)),
+    "RADIAL": ((0, 0, 1, 2), (3, 4, None, None)),
+    "OPENCV": ((0, 1, 2, 3), (4, 5, 6, 7)),
+}
+
+
+def find_model(folder: Path) -> Path | None:
+    """Where the model of a folder is, if it has one."""
+    for inner in ("sparse/0", "sparse", "."):
+        if any((folder / inner / f"cameras{ending}").is_file() for ending in (".bin", ".txt")):
+            return folder / inner
+    return None
+
+
+def read_colmap(folder: Path, model: Path) -> tuple[list[Photograph], F32, F32]:
+    """Photographs in the order of their names, and points with colours, perhaps none.
+
+    Raises:
+        InputError: the model is damaged, a camera is impossible or of a model that is not
+            supported, or its photograph is missing or of another size.
+    """
+    found = read_model(model)
+    if not found.images:
+        raise InputError(f"{model}: no cameras: the model has no image")
+    photographs = []
+    for image in sorted(found.images, key=lambda image: image.name):
+        if image.camera not in found.cameras:
+            raise InputError(f"{model}: image {image.name} names camera {image.camera}, not there")
+        photographs.append(_photograph(folder, model, image, found.cameras[image.camera]))
+    return photographs, *checked_points(model, found.points, found.colours / 255)
+
+
+def _photograph(folder: Path, model: Path, image: ColmapImage, camera: ColmapCamera) -> Photograph:
+    where = f"{model}: image {image.name}"
+    if camera.model not in MODELS:
+        raise InputError(
+            f"{where}: camera model {camera.model} is not supported, only {', '.join(MODELS)}: "
+            "run COLMAP's image_undistorter first"
+        )
+    path = folder / "images" / image.name
+    width, height = image_size(path)
+    if (width, height) != (camera.width, camera.height):
+        raise InputError(
+            f"{where}: the photograph has {width} x {height} pixels, its camera "
+            f"{camera.width} x {camera.height}"
+        )
+    pinhole, lens = MODELS[camera.model]
+    if not np.isfinite([*camera.params, *image.quaternion, *image.translation]).all():
+        raise InputError(f"{where}: its camera or pose has a number that is not finite")
+    if abs(np.linalg.norm(image.quaternion) - 1) > 0.01:
+        raise InputError(f"{where}: its quaternion {list(image.quaternion)} is no rotation")
+    try:
+        placed = Camera.from_colmap(
+            image.quaternion, image.translation, [camera.params[i] for i in pinhole],
+            width=width, height=height,
+        )  # fmt: skip
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from error
+    name = str(PurePosixPath(image.name).with_suffix(""))
+    return Photograph(name, path, placed, _distortion(camera, lens))
+
+
+def _distortion(camera: ColmapCamera, lens: tuple[int | None, ...]) -> Coefficients:
+    k1, k2, p1, p2 = (0.0 if i is None else camera.params[i] for i in lens)
+    return k1, k2, p1, p2
