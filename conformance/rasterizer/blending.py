@@ -24,7 +24,7 @@ from conformance.rasterizer.compiled import (
 from conformance.rasterizer.options import ALPHA_MIN, T_MIN
 from conformance.rasterizer.tiles import SIDE
 
-__all__ = ["blend"]
+__all__ = ["FAR", "blend", "clip_rows"]
 
 Array = npt.NDArray[Any]
 
@@ -35,6 +35,7 @@ _T, _RED, _GREEN, _BLUE, _LAST, _LANE = (np.uint64(SIDE * slot) for slot in rang
 _WIDTH = SIDE * 6
 _ROW = np.uint64(_WIDTH)
 _PATIENCE = 8  # splats between two looks at whether rows are finished
+FAR = -1000.0  # log2 alpha of nothing
 
 
 @row_kernel
@@ -76,19 +77,23 @@ def _is_open(state: Array, at: Scalar) -> Scalar:
 
 
 @inlined
-def clip_row(record: Array, x: int, y: int) -> tuple[bool, float, float]:
-    """Whether the splat reaches 16 pixels from (x, y); d of the first; log2 alpha where d = 0."""
-    dy = y + 0.5 - record[p.Y]
-    log_opacity = record[p.LOG_OPACITY] - record[p.CURVE] * dy * dy
-    room = log_opacity - p.LOG_MIN + 1e-4
-    weight = record[p.WEIGHT]
-    base = weight * (x + 0.5 - record[p.X] - record[p.SLOPE] * dy)
-    end = base + (SIDE - 1) * weight
-    if base > 0.0:
-        return base * base <= room, base, log_opacity
-    if end < 0.0:
-        return end * end <= room, base, log_opacity
-    return room >= 0.0, base, log_opacity
+def clip_rows(lines: Array, record: Array, x: int, y: int) -> None:
+    """For the SIDE rows of the tile at (x, y): d of the first pixel, and log2 alpha where d = 0.
+
+    Where the splat reaches no pixel of a row, the logarithm is FAR.
+    """
+    center_x, center_y, weight = record[p.X], record[p.Y], record[p.WEIGHT]
+    slope, curve, log_opacity = record[p.SLOPE], record[p.CURVE], record[p.LOG_OPACITY]
+    left, top = x + 0.5 - center_x, y + 0.5 - center_y
+    for row in range(_LANES):
+        dy = top + np.float64(np.int32(row))
+        most = log_opacity - curve * dy * dy
+        base = weight * (left - slope * dy)
+        end = base + (SIDE - 1) * weight
+        # No branch: which of the three it is cannot be predicted.
+        gap = base if base > 0.0 else (end if end < 0.0 else 0.0)
+        lines[row] = base
+        lines[row + _LANES] = most if gap * gap <= most - p.LOG_MIN + 1e-4 else FAR
 
 
 @inlined
@@ -99,6 +104,7 @@ def _blend_tile(
     """Blend a list into the tile whose first pixel is (x, y)."""
     real = state.dtype.type
     is_open = np.zeros(SIDE, np.bool_)
+    lines = np.empty(2 * SIDE, state.dtype)
     state[:] = real(0)
     for row in range(min(SIDE, height - y)):
         is_open[row] = True
@@ -120,13 +126,12 @@ def _blend_tile(
         record = records[splat]
         red, green, blue = real(record[p.RED]), real(record[p.GREEN]), real(record[p.BLUE])
         weight = real(record[p.WEIGHT])
+        clip_rows(lines, record, x, y)
         for row in range(max(rows[splat, 0] - y, 0), min(rows[splat, 1] - y, SIDE)):
-            if not is_open[row]:
-                continue
-            reaches, base, log_opacity = clip_row(record, x, y + row)
-            if reaches:
+            log_opacity = lines[row + SIDE]
+            if is_open[row] and log_opacity > FAR:
                 _blend_row(
-                    state, np.uint64(row) * _ROW, real(base), weight, real(log_opacity),
+                    state, np.uint64(row) * _ROW, lines[row], weight, log_opacity,
                     red, green, blue, amax, amin, tmin, real(j - begin),
                 )  # fmt: skip
 

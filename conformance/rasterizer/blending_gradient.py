@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from conformance.rasterizer import projection as p
-from conformance.rasterizer.blending import clip_row
+from conformance.rasterizer.blending import FAR, clip_rows
 from conformance.rasterizer.compiled import (
     Scalar,
     exp2,
@@ -108,6 +108,7 @@ def _unblend_tile(
 ) -> None:  # fmt: skip
     """Fill the rows of the entries of one tile, whose first pixel is (x, y)."""
     real = state.dtype.type
+    lines = np.empty(2 * SIDE, state.dtype)
     amax, amin = real(alpha_max), real(ALPHA_MIN)
     last = -1
     for row in range(SIDE):
@@ -117,15 +118,16 @@ def _unblend_tile(
         splat = entries[j]
         record = records[splat]
         red, green, blue = real(record[p.RED]), real(record[p.GREEN]), real(record[p.BLUE])
+        clip_rows(lines, record, x, y)
         weight, slope, curve = record[p.WEIGHT], record[p.SLOPE], math.sqrt(record[p.CURVE])
         for row in range(max(rows[splat, 0] - y, 0), min(rows[splat, 1] - y, SIDE)):
             if j - begin > row_last[row]:
                 continue
-            reaches, base, log_opacity = clip_row(record, x, y + row)
-            if reaches:
+            log_opacity = lines[row + SIDE]
+            if log_opacity > FAR:
                 down = curve * (y + row + 0.5 - record[p.Y])
                 _unblend_row(
-                    state, sums, np.uint64(row) * _ROW, real(base), real(weight), real(log_opacity),
+                    state, sums, np.uint64(row) * _ROW, lines[row], real(weight), log_opacity,
                     real(down), red, green, blue, amax, amin, real(j - begin),
                 )  # fmt: skip
         sum_1 = _sum_of(sums, np.uint64(1))
@@ -190,13 +192,15 @@ def blend_gradient(
 
 
 @parallel_kernel
-def add_up(entries: Array, rows: Array, out: Array, n_workers: int) -> None:
-    """Add the row of every entry to that of its splat, in order; each worker has its splats."""
-    share = -(-len(out) // n_workers)
-    for worker in prange(n_workers):
-        first, last = worker * share, (worker + 1) * share
-        for j in range(len(entries)):
-            splat = entries[j]
-            if first <= splat < last:
+def add_up(offsets: Array, block_ends: Array, entries: Array, rows: Array, out: Array) -> None:
+    """Add the row of every entry to that of its splat, tile after tile.
+
+    A splat is in one block: each worker adds the entries of its own.
+    """
+    for block in prange(len(block_ends)):
+        for tile in range(len(offsets) - 1):
+            begin = block_ends[block - 1, tile] if block else 0
+            for j in range(offsets[tile] + begin, offsets[tile] + block_ends[block, tile]):
+                splat = entries[j]
                 for c in range(WIDTH):
                     out[splat, c] += rows[j, c]

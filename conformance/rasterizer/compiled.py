@@ -10,6 +10,7 @@ that file changes: after an edit, remove `__pycache__`.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable
 from typing import Any, TypeAlias, TypeVar, cast
 
@@ -31,6 +32,10 @@ __all__ = [
 Scalar: TypeAlias = Any  # a number of the type that a kernel is compiled for
 Numba: TypeAlias = Any  # an object of the compiler, which has no types
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+# How long a thread of GNU OpenMP spins before it sleeps, read when its first kernel runs. Its own
+# choice is milliseconds: beside other programs, small pictures then take 40 times as long.
+os.environ.setdefault("GOMP_SPINCOUNT", "1000")
 
 _COMMON = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
 _FAST = {"contract", "nsz", "arcp", "reassoc", "nnan"}

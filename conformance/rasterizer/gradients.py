@@ -64,7 +64,7 @@ def gradients(drawing: Drawing, splats: Splats, image_gradient: Real) -> Gradien
             tiles.records, tiles.rows, drawing.background, drawing.options.alpha_max,
             g, drawing.transmittance, drawing.last, rows, n_threads(),
         )  # fmt: skip
-        add_up(chunk.entries, rows, to_records, n_threads())
+        add_up(chunk.offsets, chunk.block_ends, chunk.entries, rows, to_records)
     out = Gradients(
         np.empty(splats.means.shape, dtype),
         np.empty(splats.quats.shape, dtype),

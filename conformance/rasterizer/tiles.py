@@ -2,9 +2,10 @@
 
 A tile is SIDE x SIDE pixels, tiles are numbered row by row. Splats are put in depth order once and
 then counted and written into the lists of their tiles in that order, so every list is in depth
-order, and equal depths in order of index. Each row of tiles belongs to one worker, which sees all
-splats in depth order: the lists do not depend on the number of workers. Lists are made for a range
-of tiles at a time, so that memory is bounded by CHUNK entries or the longest list.
+order, and equal depths in order of index. Each worker has a block of splats, consecutive in depth,
+and its own place in every list, after those of the blocks before: the lists do not depend on the
+number of blocks. Lists are made for a range of tiles at a time, so that memory is bounded by CHUNK
+entries or the longest list.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ I64 = npt.NDArray[np.int64]
 
 SIDE = 16
 CHUNK = 1 << 22  # entries of one chunk: 16 MB of lists, 150 MB of gradients
+_MIN_BLOCK = 2048  # splats that are worth a thread
 _DIGIT = 11  # bits of one pass of the radix sort
 _DIGITS = 1 << _DIGIT
 
@@ -39,12 +41,14 @@ class Chunk:
     Attributes:
         first: number of the first tile.
         offsets: the list of tile first + i is entries[offsets[i]:offsets[i + 1]].
+        block_ends: (B, tiles) how many entries of each list come from blocks 0..b.
         entries: indexes of splats.
         order: positions i, longest list first.
     """
 
     first: int
     offsets: I64
+    block_ends: I64
     entries: I32
     order: I64
 
@@ -58,7 +62,7 @@ class Tiles:
         width: pixels.
         records, rows: what `projection.project` made.
         order: indexes of the drawn splats, in depth order.
-        counts: length of the list of every tile.
+        block_ends: (B, tiles) how many entries of every tile's list come from blocks 0..b.
     """
 
     columns: int
@@ -66,15 +70,25 @@ class Tiles:
     records: Array
     rows: I32
     order: I64
-    counts: I64
+    block_ends: I64
 
     @staticmethod
     def of(records: Array, rows: I32, order: I64, width: int, height: int) -> Tiles:
         """Count the entries of every tile."""
         columns, tile_rows = -(-width // SIDE), -(-height // SIDE)
-        counts = np.zeros((tile_rows, columns + 1), np.int64)
-        _count(records, rows, order, width, counts, _workers(tile_rows))
-        return Tiles(columns, width, records, rows, order, counts[:, :-1].ravel())
+        n_blocks = max(1, min(n_threads(), len(order) // _MIN_BLOCK))
+        block_ends = np.zeros((n_blocks, tile_rows, columns + 1), np.int64)
+        _count(records, rows, order, width, block_ends)
+        # Until here marks of where runs of tiles begin and end along rows, whose last is no tile.
+        np.cumsum(np.cumsum(block_ends, axis=2), axis=0, out=block_ends)
+        ends = block_ends[:, :, :-1].reshape(n_blocks, -1)
+        return Tiles(columns, width, records, rows, order, ends)
+
+    @property
+    def counts(self) -> I64:
+        """Length of the list of every tile."""
+        counts: I64 = self.block_ends[-1]
+        return counts
 
     @property
     def n_intersections(self) -> int:
@@ -92,20 +106,18 @@ class Tiles:
             first = max(last, first + 1)
 
     def _chunk(self, first: int, last: int) -> Chunk:
+        block_ends = self.block_ends[:, first:last]
+        counts = block_ends[-1]
         offsets = np.zeros(last - first + 1, np.int64)
-        np.cumsum(self.counts[first:last], out=offsets[1:])
+        np.cumsum(counts, out=offsets[1:])
+        next_entry = np.tile(offsets[:-1], (len(block_ends), 1))
+        next_entry[1:] += block_ends[:-1]
         entries = np.empty(int(offsets[-1]), np.int32)
-        n_rows = (last - 1) // self.columns - first // self.columns + 1
         _fill(
             self.records, self.rows, self.order, self.width, self.columns,
-            first, last, offsets[:-1].copy(), entries, _workers(n_rows),
+            first, last, next_entry, entries,
         )  # fmt: skip
-        order = np.argsort(-self.counts[first:last], kind="stable")
-        return Chunk(first, offsets, entries, order)
-
-
-def _workers(n_rows: int) -> int:
-    return min(n_rows, 2 * n_threads())
+        return Chunk(first, offsets, block_ends, entries, np.argsort(-counts, kind="stable"))
 
 
 def depth_order(depths: npt.NDArray[np.float64], status: npt.NDArray[np.uint8]) -> I64:
@@ -170,45 +182,35 @@ def _columns_of(record: Array, first: int, last: int, row: int, width: int) -> t
 
 
 @parallel_kernel
-def _count(
-    records: Array, rows: Array, order: Array, width: int, counts: Array, n_workers: int
-) -> None:
-    """Length of every list: mark where runs of tiles begin and end, then add up along rows."""
-    n_rows, n_columns = counts.shape
-    for worker in prange(n_workers):
-        for i in range(len(order)):
+def _count(records: Array, rows: Array, order: Array, width: int, marks: Array) -> None:
+    """Mark, for each block, where runs of tiles begin and end: marks is (B, rows, columns + 1)."""
+    n_blocks = len(marks)
+    for block in prange(n_blocks):
+        for i in range(block * len(order) // n_blocks, (block + 1) * len(order) // n_blocks):
             splat = order[i]
             top, bottom = rows[splat, 0], rows[splat, 1]
-            row = top // SIDE
-            row += (worker - row) % n_workers
-            while row * SIDE < bottom:
+            for row in range(top // SIDE, (bottom - 1) // SIDE + 1):
                 begin, end = _columns_of(records[splat], top, bottom, row, width)
-                counts[row, begin] += 1
-                counts[row, end] -= 1
-                row += n_workers
-        for row in range(worker, n_rows, n_workers):
-            for column in range(1, n_columns):
-                counts[row, column] += counts[row, column - 1]
+                marks[block, row, begin] += 1
+                marks[block, row, end] -= 1
 
 
 @parallel_kernel
 def _fill(
     records: Array, rows: Array, order: Array, width: int, n_columns: int,
-    first: int, last: int, next_entry: Array, entries: Array, n_workers: int,
+    first: int, last: int, next_entry: Array, entries: Array,
 ) -> None:  # fmt: skip
-    """Write the lists of tiles [first, last); `next_entry` begins as their offsets."""
+    """Write the lists of tiles [first, last); `next_entry` begins as where each block does."""
     first_row, last_row = first // n_columns, (last - 1) // n_columns + 1
-    for worker in prange(n_workers):
-        for i in range(len(order)):
+    n_blocks = len(next_entry)
+    for block in prange(n_blocks):
+        for i in range(block * len(order) // n_blocks, (block + 1) * len(order) // n_blocks):
             splat = order[i]
             top, bottom = rows[splat, 0], rows[splat, 1]
-            row = max(top // SIDE, first_row)
-            row += (worker - row) % n_workers
-            while row < last_row and row * SIDE < bottom:
+            for row in range(max(top // SIDE, first_row), min((bottom - 1) // SIDE + 1, last_row)):
                 begin, end = _columns_of(records[splat], top, bottom, row, width)
                 tile = row * n_columns
                 for t in range(max(tile + begin, first), min(tile + end, last)):
-                    at = next_entry[t - first]
+                    at = next_entry[block, t - first]
                     entries[at] = splat
-                    next_entry[t - first] = at + 1
-                row += n_workers
+                    next_entry[block, t - first] = at + 1

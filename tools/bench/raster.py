@@ -109,7 +109,7 @@ def _one_turn(scene: Scene) -> dict[str, float]:
         lambda: blend_gradient(*lists, color, OPTIONS.alpha_max, g, t, last, entries, threads),
     )
     sums = np.zeros((n, len(ENTRY)))
-    timed("add up", lambda: add_up(chunk.entries, entries, sums, threads))
+    timed("add up", lambda: add_up(chunk.offsets, chunk.block_ends, chunk.entries, entries, sums))
     g_means, g_quats, g_scales, g_logits, g_sh = (np.empty_like(array) for array in arrays)
     timed(
         "project, backwards",
