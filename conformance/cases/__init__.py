@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from types import ModuleType
 
-from conformance.cases import core
+from conformance.cases import core, invalid_chunks, invalid_header, numeric
 
 __all__ = ["FAMILIES"]
 
-FAMILIES: tuple[ModuleType, ...] = (core,)
+FAMILIES: tuple[ModuleType, ...] = (core, numeric, invalid_header, invalid_chunks)

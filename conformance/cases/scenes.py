@@ -6,12 +6,17 @@ from collections.abc import Iterable, Iterator
 
 from conformance.builder import DROP, REFINE, SPLIT, Packet, Stream
 
-__all__ = ["SMALL", "banded", "n_channels", "numbers", "ramp"]
+__all__ = ["SMALL", "banded", "class_of", "n_channels", "numbers", "ramp", "same"]
 
 
 def n_channels(component: int) -> int:
     """Channels of a component (spec 3.5)."""
     return 14 if component == 0 else 3 * (2 * component + 1)
+
+
+def class_of(channel: int) -> int:
+    """Quantiser class of a channel of core (spec 3.2)."""
+    return (0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 3, 4, 4, 4)[channel]
 
 
 def numbers(n: int, channels: int = 14, spread: int = 20, seed: int = 0) -> dict[int, list[int]]:
@@ -29,6 +34,11 @@ def numbers(n: int, channels: int = 14, spread: int = 20, seed: int = 0) -> dict
 def ramp(n: int, channels: int = 14, first: int = 1) -> dict[int, list[int]]:
     """Integers that are all different: first, first + 1 ..."""
     return {c: [first + c * n + i for i in range(n)] for c in range(channels)}
+
+
+def same(q: Iterable[int], channels: Iterable[int] = range(14)) -> dict[int, list[int]]:
+    """The same integers for each channel."""
+    return {c: list(q) for c in channels}
 
 
 def banded(cores: Iterable[Packet], degree: int, seed: int = 0) -> Iterator[Packet]:
