@@ -4,8 +4,22 @@ from __future__ import annotations
 
 from types import ModuleType
 
-from conformance.cases import core, invalid_chunks, invalid_header, numeric
+from conformance.cases import (
+    core,
+    invalid_chunks,
+    invalid_directory,
+    invalid_header,
+    invalid_tables,
+    numeric,
+)
 
 __all__ = ["FAMILIES"]
 
-FAMILIES: tuple[ModuleType, ...] = (core, numeric, invalid_header, invalid_chunks)
+FAMILIES: tuple[ModuleType, ...] = (
+    core,
+    numeric,
+    invalid_header,
+    invalid_chunks,
+    invalid_tables,
+    invalid_directory,
+)
