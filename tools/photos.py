@@ -156,7 +156,7 @@ def _distorted(splats: SplatParams, camera: Camera, distortion: Distortion) -> F
     options = Options(dilation=Options().dilation * FINE**2)
     picture = _rgba(splats, wide, options)
     index = at - low[:, None, None] - 0.5  # pixel centres are at halves, indices are whole
-    channels = [map_coordinates(picture[..., c], index, order=1) for c in range(4)]
+    channels = [map_coordinates(picture[..., c], index, order=3) for c in range(4)]
     return area_average(np.stack(channels, axis=-1), camera.width, camera.height)
 
 

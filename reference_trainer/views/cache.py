@@ -17,36 +17,40 @@ from conformance.rasterizer.camera import Camera
 from evogs_codec.errors import InputError
 from evogs_codec.files import write_atomic
 from reference_trainer.views.distortion import undistorted_camera, undistorted_image
-from reference_trainer.views.photograph import Photograph
-from reference_trainer.views.view import F32
+from reference_trainer.views.photograph import Photograph, read_image
+from reference_trainer.views.view import F32, Color
 
 __all__ = ["cache_folder", "undistorted"]
 
 VERSION = b"undistorted 1"  # changes when the same photograph would give other pixels
 
 
-def undistorted(image: F32, photograph: Photograph, folder: Path | None) -> tuple[F32, Camera]:
+def undistorted(
+    photograph: Photograph, background: Color, folder: Path | None
+) -> tuple[F32, Camera]:
     """The picture without lens distortion, of 8 bits a channel, and its pinhole camera.
 
     Args:
-        image: (H, W, 3) pixels of `photograph`.
-        photograph: its camera and lens.
+        photograph: a file, its camera and lens.
+        background: what its transparent pixels are laid on.
         folder: of the cache; None is the user's.
 
     Raises:
-        InputError: the lens bends rays beyond what its four numbers describe.
+        InputError: the photograph cannot be read, or the lens bends rays beyond what its four
+            numbers describe.
     """
     try:
         camera = undistorted_camera(photograph.camera, photograph.distortion)
     except ValueError as error:
         raise InputError(f"{photograph.path}: {error}") from error
-    path = (folder or cache_folder()) / f"{_key(image, photograph)}.png"
+    path = (folder or cache_folder()) / f"{_key(photograph, background)}.png"
     pixels = _read(path, camera)
     if pixels is None:
+        image = read_image(photograph.path, background)
         made = undistorted_image(image, photograph.camera, photograph.distortion)
         pixels = np.rint(made * 255).astype(np.uint8)
         _write(path, pixels)
-    return pixels * np.float32(1 / 255), camera
+    return pixels.astype(np.float32) / np.float32(255), camera
 
 
 def cache_folder() -> Path:
@@ -55,12 +59,16 @@ def cache_folder() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / "evogs" / "undistorted"
 
 
-def _key(image: F32, photograph: Photograph) -> str:
+def _key(photograph: Photograph, background: Color) -> str:
     camera = photograph.camera
     lens = [camera.fx, camera.fy, camera.cx, camera.cy, *photograph.distortion]
     digest = hashlib.sha256(VERSION)
-    digest.update(np.array([*image.shape, *lens], np.float64).tobytes())
-    digest.update(np.ascontiguousarray(image).data)
+    digest.update(np.array([*lens, *background], np.float64).tobytes())
+    try:
+        digest.update(photograph.path.read_bytes())
+    except OSError as error:
+        path = photograph.path
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
     return digest.hexdigest()[:32]
 
 

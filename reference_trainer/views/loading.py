@@ -20,7 +20,7 @@ from reference_trainer.views.view import BACKGROUNDS, F32, Color, Dataset, View
 
 __all__ = ["load_views"]
 
-MAX_THREADS = 16  # each holds a whole photograph of float32
+MAX_THREADS = 8  # each holds a photograph at full size, or three where it undistorts
 
 
 def load_views(
@@ -71,7 +71,7 @@ class _Found:
 
 def _find(folder: Path, test_every: int) -> _Found:
     if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder")
+        raise InputError(f"{folder}: not a folder; photographs are in one (docs/datasets.md)")
     if (folder / "transforms_train.json").is_file():
         return _find_blender(folder, test_every)
     if (folder / "transforms.json").is_file():
@@ -138,9 +138,10 @@ def _load(
     photograph: Photograph, *, background: Color, size: int | None, cache: Path | None
 ) -> View:
     """Pixels of a photograph: laid on the background, then undistorted, then averaged."""
-    image, camera = read_image(photograph.path, background), photograph.camera
     if any(photograph.distortion):
-        image, camera = undistorted(image, photograph, cache)
+        image, camera = undistorted(photograph, background, cache)
+    else:
+        image, camera = read_image(photograph.path, background), photograph.camera
     longest = max(camera.width, camera.height)
     if size is not None and size < longest:
         width, height = (max(1, round(n * size / longest)) for n in (camera.width, camera.height))

@@ -66,10 +66,10 @@ def read_image(path: Path, background: Color) -> F32:
 
 
 def _composited(pixels: npt.NDArray[np.uint8], background: Color) -> F32:
-    colors = pixels[..., :3] * np.float32(1 / 255)
-    if pixels.shape[2] == 3:
+    values = pixels.astype(np.float32) / np.float32(255)
+    colors, alpha = values[..., :3], values[..., 3:]
+    if not alpha.size:
         return colors
-    alpha = pixels[..., 3:] * np.float32(1 / 255)
     return colors * alpha + np.array(background, np.float32) * (1 - alpha)
 
 
@@ -78,7 +78,7 @@ def _opened(path: Path) -> Image.Image:
         return Image.open(path)
     except FileNotFoundError as error:
         raise InputError(f"{path}: the photograph is missing") from error
-    except (UnidentifiedImageError, Image.DecompressionBombError) as error:
+    except (UnidentifiedImageError, Image.DecompressionBombError, ValueError) as error:
         raise InputError(f"{path}: no picture that can be read") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error

@@ -66,7 +66,7 @@ def read_transforms(path: Path) -> Transforms:
 
 def _load(path: Path) -> Json:
     try:
-        top = json.loads(path.read_text(encoding="utf-8"))
+        top = json.loads(path.read_text(encoding="utf-8"), parse_int=float)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
     except (ValueError, RecursionError) as error:
@@ -111,10 +111,9 @@ class _Numbers:
         value = self.values.get(name)
         if value is None:
             return None
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not number or not math.isfinite(value):
+        if not isinstance(value, float) or not math.isfinite(value):
             raise InputError(f"{self.where}: {name} is {value!r}, expected a finite number")
-        return float(value)
+        return value
 
 
 def _image(path: Path) -> Path:
@@ -146,7 +145,7 @@ def _pose(where: str, frame: Json) -> tuple[Any, Any]:
     """Rotation and translation, world to camera, in our axes."""
     try:
         matrix = np.array(frame.get("transform_matrix"), np.float64)
-    except (TypeError, ValueError, OverflowError):
+    except (TypeError, ValueError):
         matrix = np.zeros(0)
     if matrix.shape not in ((4, 4), (3, 4)):
         raise InputError(f"{where}: 'transform_matrix' is not 4 rows of 4 numbers")
@@ -188,9 +187,11 @@ def _from_angle(where: str, name: str, angle: float, side: int) -> float:
 
 
 def _name(file_path: str) -> str:
-    """`./train/r_0.png` and `train/r_0` are both `train/r_0`."""
+    """`./train/r_0.png`, `../train/r_0` and `train/r_0` are all `train/r_0`."""
     path = PurePosixPath(file_path)
-    return str(path.with_suffix("") if path.suffix.lower() in ENDINGS else path)
+    stem = path.with_suffix("") if path.suffix.lower() in ENDINGS else path
+    # Results are written under this name, and never above the folder they belong to.
+    return "/".join(part for part in stem.parts if part not in ("/", ".."))
 
 
 def _test_names(path: Path, top: Json) -> frozenset[str]:
