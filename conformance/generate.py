@@ -21,7 +21,7 @@ import zstandard
 
 from conformance.cases import FAMILIES
 from conformance.cases.case import Case
-from conformance.families import GENERATED
+from conformance.families import generated
 from conformance.matrix import matrix
 from conformance.outcomes import Outcome, Run, by_codec, by_oracle
 from conformance.traceability import requirements_of
@@ -154,8 +154,13 @@ def golden_name(digest: str) -> str:
     return f"goldens/{digest[:16]}.z"
 
 
-def files_of(vectors: Sequence[Vector]) -> dict[str, bytes]:
-    """All generated files of the folder by path: vectors, goldens, manifest."""
+def files_of(vectors: Sequence[Vector], *, mutants: bool = True) -> dict[str, bytes]:
+    """All generated files of the folder by path: vectors, goldens, manifest, fingerprints.
+
+    Args:
+        vectors: all of them.
+        mutants: they are tried; if not, the fingerprints stay as they are.
+    """
     files = dict[str, bytes]()
     entries = [entry_of(vector) for vector in vectors]
     for vector, entry in zip(vectors, entries, strict=True):
@@ -163,17 +168,33 @@ def files_of(vectors: Sequence[Vector]) -> dict[str, bytes]:
         for run, outcome in zip(entry["runs"], vector.outcomes, strict=True):
             if outcome.dump is not None:
                 files[golden_name(run["dump"])] = zlib.compress(outcome.dump, 9)
-    families = [entry for make in GENERATED for entry in make(files)]
-    fingerprints = kill(files, entries)
+    families, dumps = generated({vector.id: vector.case.data for vector in vectors})
+    for dump in dumps:
+        files[golden_name(hashlib.sha256(dump).hexdigest())] = zlib.compress(dump, 9)
+    fingerprints = tried(entries, files) if mutants else _stored("fingerprints.json")
+    killers(entries, fingerprints)
     manifest = {"suite": "evogs-conformance", "version": "1.0", "spec": "1.0-draft", "zstd": ZSTD}
     files["manifest.json"] = _lines(manifest, families, entries)
     files["fingerprints.json"] = _table(fingerprints)
     return files
 
 
-def kill(files: Mapping[str, bytes], entries: Sequence[Entry]) -> Entry:
-    """Fill in `kills`; the fingerprints of the mutants."""
-    return {}
+def killers(entries: Sequence[Entry], fingerprints: Entry) -> None:
+    """Fill in `kills`: the mutants that a vector tells from a right decoder, by verdict or code."""
+    for entry in entries:
+        runs = {f"{entry['id']}#{number}" for number in range(len(entry["runs"]))}
+        entry["kills"] = [
+            name
+            for name, found in fingerprints.items()
+            if runs & (found["outcomes"].keys() | found["codes"].keys())
+        ]
+
+
+def tried(entries: Sequence[Entry], files: Mapping[str, bytes]) -> Entry:
+    """The fingerprints of all mutants."""
+    from conformance.mutants import fingerprints
+
+    return dict(fingerprints(entries, files))
 
 
 def _lines(manifest: Entry, families: Sequence[Entry], entries: Sequence[Entry]) -> bytes:
@@ -195,15 +216,18 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Write all files, or compare them with what is there."""
     parser = argparse.ArgumentParser(prog="python -m conformance.generate", description=__doc__)
     parser.add_argument("--check", action="store_true", help="compare, write nothing")
+    parser.add_argument(
+        "--no-mutants", action="store_true", help="fingerprints stay as they are (quick)"
+    )
     args = parser.parse_args(argv)
     try:
         vectors = make_all()
     except Disagreement as findings:
         sys.exit(f"No golden without agreement:\n{findings}")
-    if args.check and _manifest()["zstd"] != ZSTD:
+    if args.check and _stored("manifest.json")["zstd"] != ZSTD:
         problems = differing_outcomes(vectors)
     else:
-        files = files_of(vectors)
+        files = files_of(vectors, mutants=not args.no_mutants)
         text = matrix(json.loads(files["manifest.json"]), requirements_of(ROOT))
         wanted = {VECTORS / name: data for name, data in files.items()} | {MATRIX: text.encode()}
         problems = differing(wanted) if args.check else []
@@ -230,7 +254,7 @@ def differing_outcomes(vectors: Sequence[Vector]) -> list[str]:
     keys = ("exit", "code", "dump")
     stored = {
         entry["id"]: [[run[key] for key in keys] for run in entry["runs"]]
-        for entry in _manifest()["vectors"]
+        for entry in _stored("manifest.json")["vectors"]
     }
     made = {
         vector.id: [[run[key] for key in keys] for run in entry_of(vector)["runs"]]
@@ -255,9 +279,9 @@ def strays(wanted: Mapping[Path, bytes]) -> list[Path]:
     return sorted(path for path in there if path not in wanted)
 
 
-def _manifest() -> Entry:
-    manifest: Entry = json.loads((VECTORS / "manifest.json").read_text(encoding="utf-8"))
-    return manifest
+def _stored(name: str) -> Entry:
+    found: Entry = json.loads((VECTORS / name).read_text(encoding="utf-8"))
+    return found
 
 
 if __name__ == "__main__":

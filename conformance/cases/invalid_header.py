@@ -87,8 +87,9 @@ def signatures() -> Iterator[Case]:
 def truncated() -> Iterator[Case]:
     """Files that end within the header."""
     data = build(SMALL)
-    for size, tests in ((0, "no byte at all"), (1, "the first byte"), (8, "a signature and no more"),
-                        (63, "a header that lacks its last byte")):  # fmt: skip
+    rows = [(0, "no byte at all"), (1, "the first byte"), (8, "a signature and no more"),
+            (63, "a header that lacks its last byte")]  # fmt: skip
+    for size, tests in rows:
         yield case(
             f"truncated-{size}",
             data[:size],
