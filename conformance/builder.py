@@ -387,7 +387,7 @@ def _lists(packet: Packet, counts: Mapping[str, int]) -> dict[str, list[int]]:
             q = values.get(channel, ())
             name = f"{kind} {channel}"
             qs = [q] * n if isinstance(q, int) else list(q)
-            if packet.codings.get(name, 0) & DELTA:
+            if kind == "adds" and packet.codings.get(name, 0) & DELTA:
                 qs = [b - a for a, b in zip([0, *qs], qs, strict=False)]
             lists[name] = [zigzag(q) for q in qs]
     for name, stored in packet.stored.items():

@@ -9,7 +9,9 @@ from conformance.cases import (
     invalid_chunks,
     invalid_directory,
     invalid_header,
+    invalid_packets,
     invalid_tables,
+    invalid_values,
     numeric,
 )
 
@@ -19,7 +21,9 @@ FAMILIES: tuple[ModuleType, ...] = (
     core,
     numeric,
     invalid_header,
+    invalid_packets,
     invalid_chunks,
     invalid_tables,
+    invalid_values,
     invalid_directory,
 )

@@ -424,20 +424,17 @@ def at_limit(sign: int, degree: int = 0, excess: bool = False) -> Stream:
 
 
 def second_child_at(excess: int) -> Stream:
-    """Second children at 2^30 - 2 + excess and its negative, by alpha = -1 and 1."""
-    delta = (1 << 28) - 2 + excess  # C2 = 3 * 2^28 + delta
-    quantisers = {(0, 0): (16, 24), (1, 0): (16, 24), (2, 0): (1, 0)}
-    big = {X: [1, -1]}
-    m, q = (16383, 16385) if excess == 1 else (16, 1 << 24)
-    quantisers[2, 0] = (m, 0)
-    assert m * q == delta or excess == 2
-    both = {0: REFINE, 1: REFINE}
+    """Second children at 2^30 - 2 + excess and its negative, by alpha = 1."""
+    # C2 = 3 * 2^28 + Delta, Delta = 2^28 - 1 or 2^28.
+    m_e, q = ((16383, 0), 16385) if excess == 1 else ((16, 24), 1)
+    big, both = {X: [1, -1]}, {0: REFINE, 1: REFINE}
     packets = [
         Packet(adds=big),
         Packet(records=both, psi=big),
         Packet(records=both, psi=big),
         Packet(records={0: SPLIT, 1: SPLIT}, psi={X: [-q, q]}, level=1),
     ]
+    quantisers = {(0, 0): (16, 24), (1, 0): (16, 24), (2, 0): m_e}
     return Stream(packets, n_levels=2, quantisers=quantisers)
 
 
