@@ -2,12 +2,13 @@
 
 tree = lift(read_ply("scene.ply"))
 data = encode(tree, PRESETS["scene"])
-splats = decode(data).leaves()
+splats = decode_leaves(data)
 """
 
 from evogs_codec.cut import Cut as Cut
 from evogs_codec.decode import Decoded as Decoded
 from evogs_codec.decode import decode as decode
+from evogs_codec.decode import decode_leaves as decode_leaves
 from evogs_codec.decode import decode_prefix as decode_prefix
 from evogs_codec.directory import Directory as Directory
 from evogs_codec.directory import SceneInfo as SceneInfo
@@ -52,6 +53,7 @@ __all__ = [
     "StreamError",
     "choose_cut",
     "decode",
+    "decode_leaves",
     "decode_prefix",
     "encode",
     "extract",

@@ -22,7 +22,7 @@ from tqdm import tqdm
 
 from evogs_codec import options, registry
 from evogs_codec.cut import Cut
-from evogs_codec.decode import Decoded, decode, replay
+from evogs_codec.decode import Decoded, decode, decode_leaves, replay
 from evogs_codec.directory import Directory, SceneInfo, read_directory
 from evogs_codec.encode import Progress, encode
 from evogs_codec.errors import InputError, StreamError
@@ -142,21 +142,22 @@ def run_encode(args: argparse.Namespace) -> None:
 def run_decode(args: argparse.Namespace) -> None:
     """`evogs decode`."""
     data = _read(args.input)
+    directory = read_directory(data)
+    degree = args.sh_degree
+    if degree is not None:
+        degree = min(degree, directory.sh_degree)
     if args.partial:
-        decoded = _decode_partial(data, args)
+        splats = _decode_partial(data, args).leaves(sh_degree=degree)
     else:
         with _progress() as progress:
-            decoded = decode(
+            splats = decode_leaves(
                 data,
-                lambda directory: _cut(directory, args),
+                _cut(directory, args),
+                sh_degree=degree,
                 verify=args.verify,
                 progress=lambda part: progress("decode", part),
             )
-    degree = args.sh_degree
-    splats = decoded.leaves(
-        sh_degree=degree if degree is None else min(degree, decoded.directory.sh_degree)
-    )
-    write_ply(args.output, splats, comments=comments_of(decoded.directory))
+    write_ply(args.output, splats, comments=comments_of(directory))
     print(f"{args.output}: {len(splats):,} splats, SH degree {splats.sh_degree}")
 
 

@@ -1,12 +1,32 @@
-"""Whether the compiled loops of `kernels` are used: they are an extra, and take time to load."""
+"""The compiled way to apply the packets of a tile: all of them in a few calls, or not at all.
+
+`kernel_headers` and `kernels` are an extra, and take time to load. They do what `packets`, `frames`
+and `state` do, without knowing faults: where they give up, those find out why.
+"""
 
 from __future__ import annotations
 
+import zlib
 from types import ModuleType
+from typing import TYPE_CHECKING
 
-__all__ = ["kernels_for"]
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec.frames import decompress_all
+from evogs_codec.packet_header import N_SIDES, component_channels
+from evogs_codec.splats import I64
+from evogs_codec.tree import N_GROUPS
+
+if TYPE_CHECKING:
+    from evogs_codec.directory import Directory
+    from evogs_codec.state import TileState
+
+__all__ = ["apply_compiled", "kernels_for"]
 
 MIN_COMPILED = 50_000  # slots below which numpy is as fast as loading compiled code
+MAX_RECORDS = 8  # per slot: refines of psi 0 cost no bytes, so a small stream may have any number
+MAX_PLANES = 16 << 20  # bytes of planes that are decompressed at a time, if packets allow
 
 
 def kernels_for(n_slots: int) -> ModuleType | None:
@@ -18,3 +38,93 @@ def kernels_for(n_slots: int) -> ModuleType | None:
     except ImportError:  # numba is an extra
         return None
     return kernels
+
+
+def apply_compiled(kernels: ModuleType, state: TileState, data: memoryview, packets: I64) -> bool:
+    """Apply packets of a tile, in file order from its first on, to an empty state.
+
+    Returns:
+        False if a packet is not plainly legal; the state must not be used any more.
+    """
+    directory = state.directory
+    rows, offsets = directory.packets[packets], directory.offsets[packets]
+    sizes = rows["size"].astype(np.int64)
+    if len(packets) and int((offsets + sizes).max()) > len(data):
+        return False
+    for at, size, crc in zip(offsets.tolist(), sizes.tolist(), rows["crc"].tolist(), strict=True):
+        if zlib.crc32(data[at : at + size]) != crc:
+            return False
+    components, steps = rows["component"].astype(np.int64), directory.steps[packets]
+    core = rows[components == 0]  # that of step s is row s
+    names = ("n_adds", "n_splits", "n_refines", "n_drops")
+    core_counts = np.stack([core[name].astype(np.int64) for name in names], 1)
+    counts, levels = core_counts[steps], core["level"].astype(np.int64)[steps]
+    n_records, n_splits = int(core_counts[:, 1:].sum()), int(core_counts[:, 1].sum())
+    if n_records > MAX_RECORDS * (len(state.live) + 1):
+        return False
+    plans = kernels.Plans.empty(len(core), n_records, n_splits)
+    tables = _tables(kernels, directory, state.tile)
+    for part in _parts(components, counts):
+        headers = _headers(
+            kernels, data, offsets[part], sizes[part], components[part], counts[part]
+        )
+        if headers is None:
+            return False
+        codes, starts, flags, planes = headers
+        args = components[part], steps[part], levels[part], counts[part], codes, starts, flags
+        if not kernels.apply_packets(
+            kernels.Headers(*args, planes), tables, plans, state.x, state.live, state.born_from
+        ):
+            return False
+    applied = np.bincount(components, minlength=directory.n_components).tolist()
+    state.set_applied(applied, plans.places[1:, 0].tolist(), levels[components == 0].tolist())
+    return True
+
+
+def _parts(components: I64, counts: I64) -> list[slice]:
+    """Packets in parts whose planes need no more than MAX_PLANES, but for single packets."""
+    n_channels = np.array([component_channels(c) for c in range(4)])[components]
+    values = n_channels * counts[:, :3].sum(1) + (components == 0) * N_SIDES * counts.sum(1)
+    ends = np.cumsum(3 * values)  # a value has at most 3 bytes
+    parts, begin = [], 0
+    while begin < len(ends):
+        room = (ends[begin - 1] if begin else 0) + MAX_PLANES
+        end = max(begin + 1, int(np.searchsorted(ends, room, side="right")))
+        parts.append(slice(begin, end))
+        begin = end
+    return parts
+
+
+def _headers(
+    kernels: ModuleType, data: memoryview, offsets: I64, sizes: I64, components: I64, counts: I64
+) -> tuple[npt.NDArray[np.uint8], I64, I64, npt.NDArray[np.uint8]] | None:
+    """(codes, starts, flags, planes) of packets, or None."""
+    raw = np.frombuffer(data, np.uint8)
+    shape = (len(offsets), kernels.MAX_LISTS)
+    codes, starts = np.empty(shape, np.uint8), np.empty(shape, np.int64)
+    flags = np.empty(len(offsets), np.int64)
+    n_frames = raw[offsets[sizes > 1] + 1].astype(np.int64)
+    if (5 * n_frames > sizes[sizes > 1]).any():
+        return None
+    places = np.empty((int(n_frames.sum()), 3), np.int64)
+    n_bytes = kernels.read_headers(
+        raw, offsets, sizes, components, counts, codes, starts, flags, places
+    )
+    planes = decompress_all(data, places) if n_bytes >= 0 else None
+    if planes is None:
+        return None
+    return codes, starts, flags, np.frombuffer(planes, np.uint8)
+
+
+def _tables(kernels: ModuleType, directory: Directory, tile: int) -> object:
+    units = [[quantiser.step for quantiser in row] for row in directory.quantisers]
+    entries: list[int] = []
+    places = np.empty((directory.n_levels, N_GROUPS, 3), np.int64)
+    for level in range(directory.n_levels):
+        for group in range(N_GROUPS):
+            table = directory.alpha_table(level, group)
+            places[level, group] = len(entries), len(table.entries), table.shift
+            entries += table.entries
+    row = directory.tiles[tile]
+    box = np.stack([row["box_min"], row["box_max"]], 1).astype(np.int64)
+    return kernels.Tables(np.array(units, np.int64), np.array(entries, np.int32), places, box)

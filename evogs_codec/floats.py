@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import accumulate
 
 import numpy as np
 
@@ -13,49 +12,67 @@ from evogs_codec.splats import F32, F64, GROUP_CHANNELS, I32, I64, SplatParams
 from evogs_codec.state import TileState
 from evogs_codec.threads import each
 
-__all__ = ["float_rows", "float_view"]
+__all__ = ["FloatView", "float_rows", "float_view"]
 
 BLOCK = 4096  # splats that are transposed at a time: their channels stay in cache
 
 
 def float_view(directory: Directory, tiles: Sequence[TileState], sh_degree: int) -> SplatParams:
     """binary32 of (O + X) * 2**-G, rounded once (R-7.6-1), of the live slots."""
-    live = [np.flatnonzero(tile.live[: tile.n_slots]) for tile in tiles]
-    n, n_sh = sum(len(rows) for rows in live), 3 * (min(sh_degree, directory.sh_degree) + 1) ** 2
-    origins = np.zeros(11 + n_sh, np.int64)
-    scales = np.empty(11 + n_sh, np.float64)
-    for exponent, channels in zip(directory.grid_exponents, GROUP_CHANNELS, strict=True):
-        scales[channels] = 2.0**-exponent
-    shapes = ((0, (n, 3)), (3, (n, 4)), (7, (n, 3)), (10, (n, 1)), (11, (n, n_sh)))
-    parts = [(first, np.empty(shape, np.float32)) for first, shape in shapes]
-    write = getattr(kernels_for(n), "float_rows", float_rows)
-    begins = list(accumulate(map(len, live), initial=0))
-
-    def view(number: int) -> None:
-        x, rows = tiles[number].channels(), live[number]
-        own = origins.copy()
-        own[0:3] = directory.tiles[tiles[number].tile]["origin"]
-        for first, out in parts:
-            channels = slice(first, first + out.shape[1])
-            to = out[begins[number] : begins[number + 1]]
-            write(x[channels], rows, own[channels], scales[channels], to)
-
-    for _ in each(view, range(len(tiles))):
+    n_live = np.array([int(np.count_nonzero(t.live[: t.n_slots])) for t in tiles], np.int64)
+    leaves = FloatView(directory, n_live, sh_degree)
+    for _ in each(leaves.write, tiles):
         pass
-    means, quats, log_scales, opacity_logits, sh = (out for _, out in parts)
-    missing = 3 * (sh_degree + 1) ** 2 - n_sh  # of bands above those of the stream
-    if missing:
-        sh = np.concatenate([sh, np.zeros((n, missing), np.float32)], 1)
-    return SplatParams(
-        means, quats, log_scales, opacity_logits[:, 0], sh.reshape(n, (sh_degree + 1) ** 2, 3)
-    )
+    return leaves.splats()
 
 
-def float_rows(x: I32, rows: I64, origins: I64, scales: F64, out: F32) -> None:
-    """out[i, c] = binary32((origins[c] + x[c, rows[i]]) * scales[c]), blockwise.
+class FloatView:
+    """Arrays of splats that tiles are written to, each to its place, in any order."""
+
+    def __init__(self, directory: Directory, n_live: I64, sh_degree: int) -> None:
+        """Room for `n_live` splats of each tile, of a degree that may differ from the stream's."""
+        self.directory = directory
+        self.sh_degree = sh_degree
+        self.ends = np.cumsum(n_live)
+        n = int(n_live.sum())
+        n_sh = 3 * (min(sh_degree, directory.sh_degree) + 1) ** 2
+        shapes = ((0, (n, 3)), (3, (n, 4)), (7, (n, 3)), (10, (n, 1)), (11, (n, n_sh)))
+        self.parts = [(first, np.empty(shape, np.float32)) for first, shape in shapes]
+        self.scales = np.empty(11 + n_sh, np.float64)
+        for exponent, channels in zip(directory.grid_exponents, GROUP_CHANNELS, strict=True):
+            self.scales[channels] = 2.0**-exponent
+        self.write_rows = getattr(kernels_for(n), "float_rows", float_rows)
+
+    def write(self, tile: TileState) -> None:
+        """Put the live splats of a tile in their place."""
+        x, live = tile.channels(), tile.live[: tile.n_slots]
+        if not live.all():
+            x = x[:, live]
+        end = int(self.ends[tile.tile])
+        origins = np.zeros(len(self.scales), np.int64)
+        origins[0:3] = self.directory.tiles[tile.tile]["origin"]
+        for first, out in self.parts:
+            channels = slice(first, first + out.shape[1])
+            to = out[end - x.shape[1] : end]
+            self.write_rows(x[channels], origins[channels], self.scales[channels], to)
+
+    def splats(self) -> SplatParams:
+        """What was written, read-only."""
+        means, quats, log_scales, opacity_logits, sh = (out for _, out in self.parts)
+        n, n_coefficients = len(means), (self.sh_degree + 1) ** 2
+        missing = 3 * n_coefficients - sh.shape[1]  # of bands above those of the stream
+        if missing:
+            sh = np.concatenate([sh, np.zeros((n, missing), np.float32)], 1)
+        return SplatParams(
+            means, quats, log_scales, opacity_logits[:, 0], sh.reshape(n, n_coefficients, 3)
+        )
+
+
+def float_rows(x: I32, origins: I64, scales: F64, out: F32) -> None:
+    """out[i, c] = binary32((origins[c] + x[c, i]) * scales[c]), blockwise.
 
     |O + X| is below 2**53, so binary64 holds it and the cast is the only rounding.
     """
-    for at in range(0, len(rows), BLOCK):
-        part = x[:, rows[at : at + BLOCK]] + origins[:, None]
+    for at in range(0, len(out), BLOCK):
+        part = x[:, at : at + BLOCK] + origins[:, None]
         out[at : at + BLOCK] = (part * scales[:, None]).T

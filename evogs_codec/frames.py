@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import threading
 
+import numpy as np
 import zstandard
 
 from evogs_codec.errors import Fault, StreamError
+from evogs_codec.splats import I64
 
-__all__ = ["MAX_CONTENT", "compress", "decompress", "store"]
+__all__ = ["MAX_BLOCK", "MAX_CONTENT", "compress", "decompress", "decompress_all", "store"]
 
 MAGIC = b"\x28\xb5\x2f\xfd"
 MAX_CONTENT = 16 << 20  # R-5.10-4
@@ -74,16 +76,44 @@ def decompress(frame: memoryview, size: int, offset: int) -> bytes:
         StreamError: E_FRAME or E_ZSTD at `offset`.
     """
     check_frame(frame, size, offset)
-    decompressor = getattr(_local, "decompressor", None)
-    if decompressor is None:
-        decompressor = _local.decompressor = zstandard.ZstdDecompressor()
     try:
-        data = decompressor.decompress(frame, allow_extra_data=False)
+        data = _decompressor().decompress(frame, allow_extra_data=False)
     except zstandard.ZstdError as error:
         raise StreamError(Fault.E_ZSTD, str(error), offset) from None
     if len(data) != size:
         raise StreamError(Fault.E_ZSTD, f"{len(data)} bytes came out, not {size}", offset)
     return bytes(data)
+
+
+def decompress_all(data: memoryview, places: I64) -> bytes | None:
+    """The contents of checked frames, one after the other; None if one has a fault.
+
+    One call of the library, which holds no lock, where it has such a call.
+
+    Args:
+        data: the file.
+        places: (F, 3) offset, size and content size of each frame.
+    """
+    if "multi_decompress_to_buffer" not in zstandard.backend_features or not len(places):
+        try:
+            return b"".join(decompress(data[a : a + n], size, 0) for a, n, size in places.tolist())
+        except StreamError:
+            return None
+    frames = zstandard.BufferWithSegments(data, places[:, :2].astype(np.uint64).tobytes())
+    sizes = places[:, 2].astype(np.uint64).tobytes()
+    try:
+        found = _decompressor().multi_decompress_to_buffer(frames, decompressed_sizes=sizes)
+    except zstandard.ZstdError:
+        return None
+    return b"".join(found)  # type: ignore[arg-type]  # segments are buffers, untold by the stubs
+
+
+def _decompressor() -> zstandard.ZstdDecompressor:
+    """That of the thread."""
+    found: zstandard.ZstdDecompressor | None = getattr(_local, "decompressor", None)
+    if found is None:
+        found = _local.decompressor = zstandard.ZstdDecompressor()
+    return found
 
 
 def check_frame(frame: memoryview, size: int, offset: int) -> None:

@@ -1,385 +1,596 @@
 """The hot loops of decoding, compiled: the integers of `refine` and `planes`, no temporaries.
 
 Optional: without numba the codec uses numpy. A test holds the two to identical integers and faults.
-Each function is the loop of spec 7.4 over one packet, planes in, slots out. Sums fit int32 by the
-bounds of spec 7.3; products are made in int64, so nothing overflows before it is checked.
+Packets are applied a channel and `CHUNK` records at a time, so that what lies between planes and
+slots stays in the nearest cache. Like `kernel_headers` it knows no faults: where a rule is broken
+it gives up, and the numpy code finds out which. Sums fit int32 by the bounds of spec 7.3; products
+are bounded before they are made.
+
+Letters: P records with psi, S splits, A adds, all of one step; C channels of a component.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
-from evogs_codec.packets import Values
+from evogs_codec.kernel_headers import MAX_LISTS, N_SIDES, read_headers
 from evogs_codec.planes import MAX_SUM
-from evogs_codec.refine import MAX_DELTA, MAX_PRODUCT, MAX_X, RangeError, StepPlan
+from evogs_codec.refine import MAX_DELTA, MAX_PRODUCT, MAX_X
 from evogs_codec.splats import F32, I32, I64, U8
+from evogs_codec.tree import Kind
 
-__all__ = ["apply_channels", "float_rows"]
+__all__ = [
+    "MAX_LISTS",
+    "Headers",
+    "Plans",
+    "Tables",
+    "apply_packets",
+    "float_rows",
+    "read_headers",
+]
 
 _jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
-_OK, _BAD_SUM, _BAD_DELTA, _BAD_PRODUCT, _BAD_X, _BAD_BOX = range(6)
-_MESSAGES = {
-    _BAD_SUM: "a running sum of adds exceeds 2^28",
-    _BAD_DELTA: "|Delta| exceeds 2^28",
-    _BAD_PRODUCT: "|alpha * Delta| exceeds 2^30",
-    _BAD_X: "|X| exceeds 2^30 - 1",
-    _BAD_BOX: "a position is outside the box of its tile",
-}
+CHUNK = 4096  # a multiple of 8, so that packed planes begin a byte with each chunk
+REFINE, SPLIT, DROP = int(Kind.REFINE), int(Kind.SPLIT), int(Kind.DROP)
+N_CORE, N_GROUPS, SH_GROUP = 14, 5, 4
+NO_CONSTANT = 1 << 20  # where the a of the splits differ
+MAX_INT = 0x7FFFFFFF
 
 
-def apply_channels(
+class Headers(NamedTuple):
+    """The packets to apply, in order: rows of the packet table and what `read_headers` found.
+
+    Attributes:
+        components, steps: (K,) of each packet.
+        levels: (K,) label of its step.
+        counts: (K, 4) adds, splits, refines, drops of its step.
+        codes, starts, flags: (K, MAX_LISTS), (K, MAX_LISTS), (K,).
+        planes: all planes.
+    """
+
+    components: I64
+    steps: I64
+    levels: I64
+    counts: I64
+    codes: U8
+    starts: I64
+    flags: I64
+    planes: U8
+
+
+class Tables(NamedTuple):
+    """Quantisers, alpha tables and the box of a tile.
+
+    Attributes:
+        units: (1 + n_levels, classes) grid units of one q: of adds, of psi of each level.
+        alphas: the entries of all alpha tables, one after the other.
+        alpha_places: (n_levels, 5, 3) first entry, number of entries, K.
+        box: (3, 2) least and largest position.
+    """
+
+    units: I64
+    alphas: I32
+    alpha_places: I64
+    box: I64
+
+
+class Plans(NamedTuple):
+    """Where the core steps of a tile act; the packets of the bands use it again.
+
+    Attributes:
+        places: (1 + steps, 5) slots before the step; where its `runs`, `splits` and `drops` begin;
+            P of the step before.
+        runs: (2, n) first slot and length of runs of slots of P; none crosses a chunk of P.
+        splits: (n,) which of P are splits.
+        drops: (n,) slots of the drops.
+        alphas: (5, n) a of the splits per group, where they differ.
+        constants: (steps, 5) a of all splits of a step, or NO_CONSTANT.
+    """
+
+    places: I64
+    runs: I64
+    splits: I64
+    drops: I64
+    alphas: I32
+    constants: I64
+
+    @staticmethod
+    def empty(n_steps: int, n_records: int, n_splits: int) -> Plans:
+        """Room for the core steps of a tile."""
+        n_runs = n_records + n_records // CHUNK + n_steps
+        return Plans(
+            np.zeros((n_steps + 1, 5), np.int64),
+            np.empty((2, n_runs), np.int64),
+            np.empty(n_splits, np.int64),
+            np.empty(n_records - n_splits, np.int64),
+            np.empty((N_GROUPS, n_splits), np.int32),
+            np.empty((n_steps, N_GROUPS), np.int64),
+        )
+
+
+@_jit
+def apply_packets(
+    headers: Headers,
+    tables: Tables,
+    plans: Plans,
     x: I32,
-    plan: StepPlan,
-    psi: Values,
-    adds: Values,
-    steps: I64,
-    alphas: Sequence[tuple[I32 | int, int]],
-    limits: I64,
-) -> None:
-    """Apply a packet to the rows of its component (spec 7.4).
+    live: npt.NDArray[np.bool_],
+    born_from: I32,
+) -> bool:
+    """Apply packets of a tile to its slots (spec 7.4); False if one is not plainly legal.
 
     Args:
-        x: (C, n) rows of the component.
-        plan: the step.
-        psi: stored values of refines and splits.
-        adds: stored values of adds.
-        steps: (2, C) grid units of one q, of psi and of adds.
-        alphas: per channel a, one of each split or one for all, and K.
-        limits: (C, 2) least and largest X allowed.
-
-    Raises:
-        RangeError: a bound of spec 7.3 or R-7.1-1 is broken.
+        headers: the packets.
+        tables: tables of the stream and tile.
+        plans: of core steps applied before, and room for those of these packets.
+        x: (D, n) slots.
+        live: (n,) whether a slot is.
+        born_from: (n,) slot each slot was split from, -1 for adds.
     """
-    targets = plan.targets
-    first = targets.start if isinstance(targets, slice) else 0
-    indexes = _NONE if isinstance(targets, slice) else targets
-    splits = _NONE if plan.splits is None else plan.splits
-    stacked, place, shifts = _stack(alphas)
-    status: int = _apply(
-        x,
-        first,
-        indexes,
-        splits,
-        plan.splits is None,
-        plan.n_before,
-        plan.n_splits,
-        psi.n,
-        psi.codes,
-        psi.data,
-        psi.starts,
-        psi.first_sh if psi.is_ycocg else len(x),
-        adds.n,
-        adds.codes,
-        adds.data,
-        adds.starts,
-        adds.first_sh if adds.is_ycocg else len(x),
-        steps,
-        stacked,
-        place,
-        shifts,
-        limits,
-        plan.drops,
-    )
-    if status != _OK:
-        raise RangeError(_MESSAGES[status])
-
-
-_NONE = np.empty(0, np.int64)
-
-
-def _stack(alphas: Sequence[tuple[I32 | int, int]]) -> tuple[I32, I64, I64]:
-    """(alphas of all channels one after the other, (C, 2) start and 0 or 1 between splits, K)."""
-    parts: list[I32] = []
-    found: dict[int, tuple[int, int]] = {}
-    total = 0
-    place = np.empty((len(alphas), 2), np.int64)
-    for channel, (a, _) in enumerate(alphas):
-        if id(a) not in found:  # the channels of a group share theirs
-            part = np.array([a], np.int32) if isinstance(a, int) else a
-            found[id(a)] = (total, 0 if isinstance(a, int) else 1)
-            parts.append(part)
-            total += len(part)
-        place[channel] = found[id(a)]
-    shifts = np.array([shift for _, shift in alphas], np.int64)
-    return np.concatenate(parts), place, shifts
-
-
-@_jit
-def _low_bits(low: int, data: U8, at: int, n: int, out: I32) -> None:
-    """The low plane of a list; a loop for each packing, so that each is a vector loop."""
-    if low == 4:
-        for i in range(n >> 1):
-            byte = np.int32(data[at + i])
-            out[2 * i] = byte & np.int32(15)
-            out[2 * i + 1] = byte >> np.int32(4)
-        if n & 1:
-            out[n - 1] = data[at + (n >> 1)] & 15
-    elif low == 2:
-        for i in range(n >> 2):
-            byte = np.int32(data[at + i])
-            out[4 * i] = byte & np.int32(3)
-            out[4 * i + 1] = (byte >> np.int32(2)) & np.int32(3)
-            out[4 * i + 2] = (byte >> np.int32(4)) & np.int32(3)
-            out[4 * i + 3] = byte >> np.int32(6)
-        for i in range(n & ~3, n):
-            out[i] = (np.int32(data[at + (n >> 2)]) >> np.int32(2 * (i & 3))) & np.int32(3)
-    elif low == 1:
-        for i in range(n):
-            out[i] = (np.int32(data[at + (i >> 3)]) >> np.int32(i & 7)) & np.int32(1)
-    else:
-        for i in range(n):
-            out[i] = data[at + i]
-
-
-@_jit
-def _stored(code: int, data: U8, start: int, n: int, out: I32) -> None:
-    """Unpack and unzigzag a list of n values (spec 7.1); stored values are below 2**24."""
-    low, high = code & 15, (code >> 4) & 3
-    one, at = np.int32(1), start
-    if low == 0 and high == 1:
-        for i in range(n):
-            z = np.int32(data[at + i])
-            out[i] = (z >> one) ^ -(z & one)
-        return
-    if low == 0:
-        out[:n] = 0
-    else:
-        _low_bits(low, data, at, n, out)
-        at += (n * low + 7) // 8 if low == 1 or low == 2 or low == 4 else n
-    shift = np.int32(low)
-    if high == 2:
-        for i in range(n):
-            out[i] |= np.int32(data[at + i]) << shift
-        at += n
-        shift += np.int32(8)
-    if high:
-        for i in range(n):
-            z = out[i] | (np.int32(data[at + i]) << shift)
-            out[i] = (z >> one) ^ -(z & one)
-    else:
-        for i in range(n):
-            z = out[i]
-            out[i] = (z >> one) ^ -(z & one)
-
-
-@_jit
-def _integers(
-    channel: int, codes: U8, data: U8, starts: I64, first_sh: int, n: int, out: I32
-) -> int:
-    """Put q of a channel, or of the three of a triple, into `out`; how many, or -1 for a fault."""
-    count = 3 if channel >= first_sh else 1
-    for k in range(count):
-        row = out[k]
-        _stored(codes[channel + k], data, starts[channel + k], n, row)
-        if codes[channel + k] & 64:
-            total = np.int64(0)
-            for i in range(n):
-                total += row[i]
-                if total > MAX_SUM or total < -MAX_SUM:
-                    return -1
-                row[i] = total
-    if count == 3:
-        one = np.int32(1)
-        for i in range(n):
-            y, co, cg = out[0, i], out[1, i], out[2, i]
-            t = y - (cg >> one)
-            b = t - (co >> one)
-            out[0, i], out[1, i], out[2, i] = b + co, cg + t, b
-    return count
-
-
-@_jit
-def _scale(q: I32, n: int, step: int, bits: int) -> bool:
-    """Delta in place of q, of which |q| <= 2**bits is known; False if one is out of range."""
-    if (1 << bits) > MAX_DELTA // step:
-        largest = np.int32(0)
-        for i in range(n):
-            largest = max(largest, abs(q[i]))
-        if largest > MAX_DELTA // step:
+    scratch = np.empty((7, CHUNK), np.int32)
+    for k in range(len(headers.components)):
+        component, step = headers.components[k], headers.steps[k]
+        if not _bits_are_plain(headers, k):
             return False
-    if step != 1:
-        factor = np.int32(step & 0x7FFFFFFF)  # a larger step leaves only zeros
-        for i in range(n):
-            q[i] *= factor
+        if component == 0:
+            if not _read_records(headers, k, tables, plans, live, born_from):
+                return False
+            rows = x[:N_CORE]
+        else:
+            first = 11 + 3 * component * component
+            rows = x[first : first + 3 * (2 * component + 1)]
+        n_adds, n_splits, n_refines, n_drops = headers.counts[k]
+        if n_splits + n_refines and not _apply_psi(headers, k, tables, plans, rows, scratch):
+            return False
+        if n_adds and not _apply_adds(headers, k, tables, plans, rows, scratch):
+            return False
+        begin = plans.places[step, 3]
+        for slot in plans.drops[begin : begin + n_drops]:
+            rows[:, slot] = 0
     return True
 
 
 @_jit
-def _known_bits(code: int, count: int) -> int:
-    """|q| <= 2**bits by the coding alone; a triple and running sums may be larger."""
-    if count == 3 or code & 64:
-        return 30
-    return (code & 15) + 8 * ((code >> 4) & 3)
+def _bits_are_plain(headers: Headers, k: int) -> bool:
+    """R-5.9-9 for the lists of a packet."""
+    for j in range(headers.codes.shape[1]):
+        low = np.int64(headers.codes[k, j]) & 15
+        if low == 0 or low == 8:
+            continue
+        n, start = _list_length(headers, k, j), headers.starts[k, j]
+        if low == 1 or low == 2 or low == 4:
+            used = n * low % 8
+            if used and headers.planes[start + n * low // 8] >> used:
+                return False
+        else:
+            largest = np.uint8(0)
+            for value in headers.planes[start : start + n]:
+                largest = max(largest, value)
+            if largest >> low:
+                return False
+    return True
 
 
 @_jit
-def _refine_channel(
+def _list_length(headers: Headers, k: int, j: int) -> int:
+    """Integers of a list that is stored (spec 5.9)."""
+    n_adds, n_splits, n_refines, n_drops = headers.counts[k]
+    component = headers.components[k]
+    n_channels, first = 3 * (2 * component + 1), 0
+    if component == 0:
+        n_channels, first = N_CORE, N_SIDES
+        if j < 2:
+            return n_splits + n_refines + n_drops
+        if j < N_SIDES:
+            return n_splits
+    return n_splits + n_refines if j < first + n_channels else n_adds
+
+
+@_jit
+def _read_records(
+    headers: Headers,
+    k: int,
+    tables: Tables,
+    plans: Plans,
+    live: npt.NDArray[np.bool_],
+    born_from: I32,
+) -> bool:
+    """Slots, kinds and alpha of a core packet into `plans`; changes which slots are live."""
+    step, planes = headers.steps[k], headers.planes
+    n_adds, n_splits, n_refines, n_drops = headers.counts[k]
+    n_records, codes, starts = n_splits + n_refines + n_drops, headers.codes[k], headers.starts[k]
+    n_before, run, split, drop, _ = plans.places[step]
+    at_split, at_drop, n_psi = split, drop, 0
+    kind = SPLIT if n_splits else DROP if n_drops else REFINE
+    has_kinds = (n_splits > 0) + (n_refines > 0) + (n_drops > 0) > 1
+    gaps, kinds = np.empty(CHUNK, np.int32), np.empty(CHUNK, np.int32)
+    slot, end_of_run = np.int64(-1), np.int64(-1)
+    for begin in range(0, n_records, CHUNK):
+        n = min(CHUNK, n_records - begin)
+        _unpack(codes[0], planes, starts[0], n_records, begin, n, gaps)
+        if has_kinds:
+            _unpack(codes[1], planes, starts[1], n_records, begin, n, kinds)
+        for i in range(n):
+            slot += np.int64(gaps[i]) + 1
+            if slot >= n_before or not live[slot]:  # R-7.2-1
+                return False
+            if has_kinds:
+                kind = np.int64(kinds[i])
+            if kind == DROP:
+                if at_drop - drop == n_drops:
+                    return False
+                plans.drops[at_drop] = slot
+                at_drop += 1
+                continue
+            if kind == SPLIT:
+                if at_split - split == n_splits:
+                    return False
+                plans.splits[at_split] = n_psi
+                born_from[n_before + at_split - split] = slot
+                at_split += 1
+            elif kind != REFINE:
+                return False
+            if slot == end_of_run and n_psi % CHUNK:
+                plans.runs[1, run - 1] += 1
+            else:
+                plans.runs[0, run], plans.runs[1, run] = slot, 1
+                run += 1
+            end_of_run = slot + 1
+            n_psi += 1
+    if n_psi != n_splits + n_refines or at_split - split != n_splits:  # R-7.2-2
+        return False
+    for group in range(N_GROUPS):
+        first, n_entries, _ = tables.alpha_places[headers.levels[k], group]
+        plans.constants[step, group] = tables.alphas[first]
+        if codes[2 + group] == 0:
+            continue
+        plans.constants[step, group] = NO_CONSTANT
+        for begin in range(0, n_splits, CHUNK):
+            n = min(CHUNK, n_splits - begin)
+            _unpack(codes[2 + group], planes, starts[2 + group], n_splits, begin, n, gaps)
+            for i in range(n):
+                if gaps[i] >= n_entries:  # R-7.2-3
+                    return False
+                plans.alphas[group, split + begin + i] = tables.alphas[first + gaps[i]]
+    plans.places[step + 1] = n_before + n_splits + n_adds, run, at_split, at_drop, n_psi
+    live[n_before : n_before + n_splits + n_adds] = True
+    born_from[n_before + n_splits : n_before + n_splits + n_adds] = -1
+    for slot in plans.drops[drop:at_drop]:
+        live[slot] = False
+    return True
+
+
+@_jit
+def _class_of(component: int, channel: int) -> int:
+    """Spec 3.2: class of a channel of a component."""
+    if component:
+        return 4 + component
+    return (
+        0 if channel < 3 else 1 if channel < 7 else 2 if channel < 10 else 3 if channel < 11 else 4
+    )
+
+
+@_jit
+def _apply_psi(
+    headers: Headers, k: int, tables: Tables, plans: Plans, rows: I32, scratch: I32
+) -> bool:
+    """Refines and splits of all channels of a component."""
+    component, step, level = headers.components[k], headers.steps[k], headers.levels[k]
+    n_psi = headers.counts[k, 1] + headers.counts[k, 2]
+    first_sh, at = (0, 0) if component else (11, N_SIDES)
+    if not headers.flags[k] & 1:
+        first_sh = len(rows)
+    channel, q = 0, scratch[:3]
+    while channel < len(rows):
+        count = 3 if channel >= first_sh else 1
+        kind = _class_of(component, channel)
+        group, unit = min(kind, SH_GROUP), tables.units[1 + level, kind]
+        shift, constant = tables.alpha_places[level, group, 2], plans.constants[step, group]
+        low, high = -np.int64(MAX_X), np.int64(MAX_X)
+        if kind == 0:
+            low, high = tables.box[channel]
+        run, split = plans.places[step, 1], plans.places[step, 2]
+        for begin in range(0, n_psi, CHUNK):
+            n = min(CHUNK, n_psi - begin)
+            for j in range(count):
+                code, start = (
+                    headers.codes[k, at + channel + j],
+                    headers.starts[k, at + channel + j],
+                )
+                _unpack(code, headers.planes, start, n_psi, begin, n, q[j])
+                _unzigzag(q[j], n)
+            if count == 3:
+                _inverse_ycocg(q, n)
+            next_run, next_split = run, split
+            for j in range(count):
+                largest = _scale(q[j], n, unit)
+                if largest < 0:
+                    return False
+                next_run, next_split = _refine_chunk(
+                    rows[channel + j], q[j], n, begin, largest, plans, step, run, split,
+                    plans.alphas[group], constant, shift, low, high, scratch[3:],
+                )  # fmt: skip
+                if next_run < 0:
+                    return False
+            run, split = next_run, next_split
+        channel += count
+    return True
+
+
+@_jit
+def _refine_chunk(
     row: I32,
     delta: I32,
-    n_psi: int,
-    first: int,
-    indexes: I64,
-    splits: I64,
-    all_split: bool,
-    n_before: int,
-    n_splits: int,
-    alpha: I32,
-    a_at: int,
-    a_stride: int,
+    n: int,
+    begin: int,
+    largest: int,
+    plans: Plans,
+    step: int,
+    run: int,
+    split: int,
+    alphas: I32,
+    constant: int,
     shift: int,
     low: int,
     high: int,
-) -> int:
-    """Refines and splits of one channel (spec 7.3), in int32 once the products are known to fit."""
-    room = MAX_PRODUCT - ((1 << shift) >> 1)
-    half, bits = np.int32((1 << shift) >> 1), np.int32(shift)
-    contiguous = len(indexes) == 0
-    constant = np.int32(alpha[a_at]) if n_splits else np.int32(1)
-    symmetric = a_stride == 0 and constant == 1 and shift == 0
-    for j in range(0 if symmetric else n_splits):
-        product = np.int64(alpha[a_at + j * a_stride]) * np.int64(
-            delta[j] if all_split else delta[splits[j]]
-        )
-        if product > room or product < -room:
-            return _BAD_PRODUCT
-    least, most = np.int32(0x7FFFFFFF), np.int32(-0x7FFFFFFF)
-    if all_split and contiguous and symmetric:
-        for i in range(n_psi):
-            p, d = row[first + i], delta[i]
-            new, second = p + d, p - d
-            row[first + i] = new
-            row[n_before + i] = second
-            least, most = min(least, min(new, second)), max(most, max(new, second))
-    elif all_split and symmetric:
-        for i in range(n_psi):
-            p, d = row[indexes[i]], delta[i]
-            new, second = p + d, p - d
-            row[indexes[i]] = new
-            row[n_before + i] = second
-            least, most = min(least, min(new, second)), max(most, max(new, second))
-    elif all_split:
-        for i in range(n_psi):
-            slot = first + i if contiguous else indexes[i]
-            p, d = row[slot], delta[i]
-            a = alpha[a_at + i * a_stride]
-            new, second = p + d, p - ((a * d + half) >> bits)
-            row[slot] = new
-            row[n_before + i] = second
-            least, most = min(least, min(new, second)), max(most, max(new, second))
-    else:
-        for j in range(n_splits):  # C2 first: it needs P, which C1 replaces
-            i = splits[j]
-            p = row[first + i] if contiguous else row[indexes[i]]
-            second = p - ((alpha[a_at + j * a_stride] * delta[i] + half) >> bits)
-            row[n_before + j] = second
-            least, most = min(least, second), max(most, second)
-        for i in range(n_psi):
-            slot = first + i if contiguous else indexes[i]
-            new = row[slot] + delta[i]
-            row[slot] = new
-            least, most = min(least, new), max(most, new)
-    if n_psi and (least < low or most > high):
-        return _BAD_BOX if high < MAX_X else _BAD_X
-    return _OK
+    scratch: I32,
+) -> tuple[int, int]:
+    """Records begin .. begin + n of P in one channel (spec 7.3); (next run, next split) or (-1, 0).
+
+    `largest` is the largest |Delta|; `run` and `split` are the first of the chunk.
+    """
+    parents, i, next_run = scratch[0], 0, run
+    while i < n:
+        slot, length = plans.runs[0, next_run], plans.runs[1, next_run]
+        to, part = parents[i : i + length], row[slot : slot + length]
+        for j in range(length):
+            to[j] = part[j]
+        i += length
+        next_run += 1
+    least, most = np.int32(MAX_INT), np.int32(-MAX_INT)
+    for i in range(n):
+        new = np.int32(parents[i] + delta[i])
+        least, most = min(least, new), max(most, new)
+    i = 0
+    for r in range(run, next_run):
+        slot, length = plans.runs[0, r], plans.runs[1, r]
+        old, of, part = parents[i : i + length], delta[i : i + length], row[slot : slot + length]
+        for j in range(length):
+            part[j] = old[j] + of[j]
+        i += length
+
+    next_split = _first_split(plans, step, split, begin + n)
+    n_splits, of_split = next_split - split, delta
+    if 0 < n_splits < n:
+        parents, of_split = scratch[1], scratch[2]
+        for j in range(n_splits):
+            i = plans.splits[split + j] - begin
+            parents[j], of_split[j] = scratch[0, i], delta[i]
+    at = plans.places[step, 0] + split - plans.places[step, 2]
+    seconds = row[at : at + n_splits]
+    if not _second_children(
+        parents, of_split, largest, alphas[split:next_split], constant, shift, seconds
+    ):
+        return -1, 0
+    for i in range(n_splits):
+        least, most = min(least, seconds[i]), max(most, seconds[i])
+    if least < low or most > high:
+        return -1, 0
+    return next_run, next_split
 
 
 @_jit
-def _apply(
-    x: I32,
-    first: int,
-    indexes: I64,
-    splits: I64,
-    all_split: bool,
-    n_before: int,
-    n_splits: int,
-    n_psi: int,
-    psi_codes: U8,
-    psi_data: U8,
-    psi_starts: I64,
-    psi_first_sh: int,
-    n_adds: int,
-    adds_codes: U8,
-    adds_data: U8,
-    adds_starts: I64,
-    adds_first_sh: int,
-    steps: I64,
-    alpha: I32,
-    place: I64,
-    shifts: I64,
-    limits: I64,
-    drops: I64,
-) -> int:
-    n_channels = len(x)
-    q = np.empty((3, max(n_psi, n_adds, 1)), np.int32)
-    channel = 0
-    while channel < n_channels and n_psi:
-        count = _integers(channel, psi_codes, psi_data, psi_starts, psi_first_sh, n_psi, q)
-        if count < 0:
-            return _BAD_SUM
-        for k in range(count):
-            c = channel + k
-            if not _scale(q[k], n_psi, steps[0, c], _known_bits(psi_codes[c], count)):
-                return _BAD_DELTA
-            status: int = _refine_channel(
-                x[c],
-                q[k],
-                n_psi,
-                first,
-                indexes,
-                splits,
-                all_split,
-                n_before,
-                n_splits,
-                alpha,
-                place[c, 0],
-                place[c, 1],
-                shifts[c],
-                limits[c, 0],
-                limits[c, 1],
-            )
-            if status != _OK:
-                return status
+def _first_split(plans: Plans, step: int, split: int, record: int) -> int:
+    """The first of the splits of a step, from `split` on, that is at `record` of P or later."""
+    end = plans.places[step + 1, 2]
+    if end - plans.places[step, 2] == plans.places[step + 1, 4]:  # all P are splits
+        return min(end, plans.places[step, 2] + record)
+    first, last = split, end
+    while first < last:
+        middle = (first + last) >> 1
+        if plans.splits[middle] < record:
+            first = middle + 1
+        else:
+            last = middle
+    return first
+
+
+@_jit
+def _second_children(
+    parents: I32, delta: I32, largest: int, alphas: I32, constant: int, shift: int, out: I32
+) -> bool:
+    """C2 = parents - RoundShift(a * delta, shift); False if a product is too large (R-7.3-2)."""
+    half, bits = np.int32((1 << shift) >> 1), np.int32(shift)
+    room, a = MAX_PRODUCT - np.int64(half), np.int32(constant)
+    differ = constant == NO_CONSTANT
+    largest_a = np.int64(abs(a))
+    if differ:
+        largest_a = np.int64(0)
+        for value in alphas:
+            largest_a = max(largest_a, abs(np.int64(value)))
+    if largest * largest_a > room:
+        for i in range(len(out)):
+            product = np.int64(delta[i]) * np.int64(alphas[i] if differ else a)
+            if product > room or product < -room:
+                return False
+    if differ:
+        for i in range(len(out)):
+            product = np.int32(np.int32(alphas[i] * delta[i]) + half)
+            out[i] = np.int32(parents[i] - (product >> (bits & np.int32(31))))
+    elif constant == 1 and shift == 0:
+        for i in range(len(out)):
+            out[i] = np.int32(parents[i] - delta[i])
+    else:
+        for i in range(len(out)):
+            product = np.int32(np.int32(a * delta[i]) + half)
+            out[i] = np.int32(parents[i] - (product >> (bits & np.int32(31))))
+    return True
+
+
+@_jit
+def _apply_adds(
+    headers: Headers, k: int, tables: Tables, plans: Plans, rows: I32, scratch: I32
+) -> bool:
+    """Adds of all channels of a component."""
+    component, step = headers.components[k], headers.steps[k]
+    n_adds, n_splits, _, _ = headers.counts[k]
+    first_sh, at = (0, len(rows)) if component else (11, N_SIDES + N_CORE)
+    if not headers.flags[k] & 2:
+        first_sh = len(rows)
+    channel, q, sums = 0, scratch[:3], np.empty(3, np.int64)
+    while channel < len(rows):
+        count = 3 if channel >= first_sh else 1
+        kind = _class_of(component, channel)
+        low, high = -np.int64(MAX_X), np.int64(MAX_X)
+        if kind == 0:
+            low, high = tables.box[channel]
+        sums[:] = 0
+        for begin in range(0, n_adds, CHUNK):
+            n = min(CHUNK, n_adds - begin)
+            for j in range(count):
+                code, start = (
+                    headers.codes[k, at + channel + j],
+                    headers.starts[k, at + channel + j],
+                )
+                _unpack(code, headers.planes, start, n_adds, begin, n, q[j])
+                _unzigzag(q[j], n)
+                if code & 64:
+                    for i in range(n):
+                        sums[j] += q[j, i]
+                        if sums[j] > MAX_SUM or sums[j] < -MAX_SUM:  # R-7.1-1
+                            return False
+                        q[j, i] = sums[j]
+            if count == 3:
+                _inverse_ycocg(q, n)
+            to = plans.places[step, 0] + n_splits + begin
+            for j in range(count):
+                if _scale(q[j], n, tables.units[0, kind]) < 0:
+                    return False
+                least, most, row = (
+                    np.int32(MAX_INT),
+                    np.int32(-MAX_INT),
+                    rows[channel + j, to : to + n],
+                )
+                for i in range(n):
+                    row[i] = q[j, i]
+                    least, most = min(least, q[j, i]), max(most, q[j, i])
+                if least < low or most > high:
+                    return False
         channel += count
-    channel = 0
-    at = n_before + n_splits
-    while channel < n_channels and n_adds:
-        count = _integers(channel, adds_codes, adds_data, adds_starts, adds_first_sh, n_adds, q)
-        if count < 0:
-            return _BAD_SUM
-        for k in range(count):
-            c = channel + k
-            if not _scale(q[k], n_adds, steps[1, c], _known_bits(adds_codes[c], count)):
-                return _BAD_DELTA
-            least, most = np.int32(0x7FFFFFFF), np.int32(-0x7FFFFFFF)
-            for i in range(n_adds):
-                x[c, at + i] = q[k, i]
-                least, most = min(least, q[k, i]), max(most, q[k, i])
-            if least < limits[c, 0] or most > limits[c, 1]:
-                return _BAD_BOX if limits[c, 1] < MAX_X else _BAD_X
-        channel += count
-    for c in range(n_channels):
-        for slot in drops:
-            x[c, slot] = 0
-    return _OK
+    return True
+
+
+@_jit
+def _unpack(code: int, planes: U8, start: int, n_all: int, begin: int, n: int, out: I32) -> None:
+    """Stored integers begin .. begin + n of a list of n_all (spec 7.1), each below 2**24."""
+    low, high = np.int64(code) & 15, (np.int64(code) >> 4) & 3
+    at, shift = start + begin, np.int32(low)
+    if low == 1 or low == 2 or low == 4:
+        at += (n_all * low + 7) // 8
+        _unpack_low(planes[start + begin * low // 8 :], low, n, out)
+    elif low:
+        at += n_all
+        part = planes[start + begin : start + begin + n]
+        for i in range(n):
+            out[i] = part[i]
+    elif high:
+        part = planes[at : at + n]
+        for i in range(n):
+            out[i] = part[i]
+        at += n_all
+        shift = np.int32(8)
+        high -= 1
+    else:
+        out[:n] = 0
+    for _ in range(high):
+        part = planes[at : at + n]
+        for i in range(n):
+            out[i] |= np.int32(part[i]) << (shift & np.int32(31))
+        at += n_all
+        shift += np.int32(8)
+
+
+@_jit
+def _unpack_low(part: U8, low: int, n: int, out: I32) -> None:
+    """The low bits of n values; a loop for each packing, so that each is a vector loop."""
+    per_byte, mask = 8 // low, np.int32((1 << low) - 1)
+    whole = n // per_byte
+    if low == 4:
+        for i in range(whole):
+            byte = np.int32(part[i])
+            out[2 * i], out[2 * i + 1] = byte & mask, byte >> np.int32(4)
+    elif low == 2:
+        for i in range(whole):
+            byte = np.int32(part[i])
+            for k in range(4):
+                out[4 * i + k] = (byte >> np.int32(2 * k)) & mask
+    else:
+        for i in range(whole):
+            byte = np.int32(part[i])
+            for k in range(8):
+                out[8 * i + k] = (byte >> np.int32(k)) & mask
+    for i in range(whole * per_byte, n):
+        out[i] = (np.int32(part[whole]) >> np.int32(low * (i - whole * per_byte))) & mask
+
+
+@_jit
+def _unzigzag(q: I32, n: int) -> None:
+    one = np.int32(1)
+    for i in range(n):
+        q[i] = (q[i] >> one) ^ -(q[i] & one)
+
+
+@_jit
+def _inverse_ycocg(q: I32, n: int) -> None:
+    one, first, second, third = np.int32(1), q[0], q[1], q[2]
+    for i in range(n):
+        y, co, cg = first[i], second[i], third[i]
+        t = np.int32(y - (cg >> one))
+        b = np.int32(t - (co >> one))
+        first[i], second[i], third[i] = np.int32(b + co), np.int32(cg + t), b
+
+
+@_jit
+def _scale(q: I32, n: int, unit: int) -> int:
+    """Delta in place of q; the largest |Delta|, or -1 if it is over 2**28 (R-7.3-1)."""
+    least, most = np.int32(0), np.int32(0)
+    for i in range(n):
+        least, most = min(least, q[i]), max(most, q[i])
+    largest = max(np.int64(most), -np.int64(least))
+    if largest > MAX_DELTA // unit:
+        return -1
+    if unit != 1 and largest:
+        factor = np.int32(unit)
+        for i in range(n):
+            q[i] = np.int32(q[i] * factor)
+    return largest * unit
 
 
 @_jit
 def float_rows(
-    x: I32, rows: I64, origins: npt.NDArray[np.int64], scales: npt.NDArray[np.float64], out: F32
+    x: I32, origins: npt.NDArray[np.int64], scales: npt.NDArray[np.float64], out: F32
 ) -> None:
-    """out[i, c] = binary32((origins[c] + x[c, rows[i]]) * scales[c]), rounded once (R-7.6-1).
+    """out[i, c] = binary32((origins[c] + x[c, i]) * scales[c]), rounded once (R-7.6-1).
 
     A block of splats at a time, so that what is written stays in cache while channels take turns.
     """
-    n, block = len(rows), 128
+    n, block = x.shape[1], 128
+    exact = True
+    for origin in origins:
+        exact = exact and origin == 0
     for begin in range(0, n, block):
         end = min(begin + block, n)
-        for c in range(out.shape[1]):
-            row, origin, scale = x[c], origins[c], scales[c]
-            for i in range(begin, end):
-                out[i, c] = np.float32((origin + row[rows[i]]) * scale)
+        for c in range(len(x)):
+            row, to = x[c, begin:end], out[begin:end, c]
+            if exact:  # a scale is a power of 2: the conversion is the only rounding
+                factor = np.float32(scales[c])
+                for i in range(end - begin):
+                    to[i] = np.float32(row[i]) * factor
+            else:
+                origin, scale = np.float64(origins[c]), scales[c]
+                for i in range(end - begin):
+                    to[i] = np.float32((origin + np.float64(row[i])) * scale)

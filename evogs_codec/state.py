@@ -6,7 +6,6 @@ Letters: D channels, n slots, S splits of a step.
 from __future__ import annotations
 
 import hashlib
-from types import ModuleType
 
 import numpy as np
 import numpy.typing as npt
@@ -33,21 +32,26 @@ class TileState:
         x: (D, capacity) int32 on the grids of the groups.
         live: (capacity,) bool.
         born_from: (capacity,) int32 slot each slot was split from, -1 for adds.
-        plans: the core steps applied so far.
         n_applied: steps applied per component.
+        memory: what `x` lies in; a state that is not needed any more may lend it to another.
     """
 
     def __init__(
-        self, directory: Directory, tile: int, capacity: int, kernels: ModuleType | None = None
+        self, directory: Directory, tile: int, capacity: int, memory: I32 | None = None
     ) -> None:
-        self.kernels = kernels
+        """An empty state with room for `capacity` slots; `memory` may be used for `x`."""
         self.directory = directory
         self.tile = tile
-        self.x = np.zeros((n_channels(directory.sh_degree), capacity), np.int32)
+        n = n_channels(directory.sh_degree)
+        if memory is None or memory.size < n * capacity:
+            memory = np.empty(n * capacity, np.int32)
+        self.memory = memory
+        self.x = memory[: n * capacity].reshape(n, capacity)
         self.live = np.zeros(capacity, bool)
         self.born_from = np.full(capacity, -1, np.int32)
-        self.plans: list[StepPlan] = []
         self.n_applied = [0] * directory.n_components
+        self._n_after: list[int] = []  # slots after each core step
+        self._plans: list[StepPlan] = []
         self._levels: list[int] = []
         self._counts: list[Counts] = []
         self._sh_alpha: list[npt.NDArray[np.integer] | None] = []
@@ -55,7 +59,7 @@ class TileState:
     @property
     def n_slots(self) -> int:
         """Slots made so far, empty ones included."""
-        return self.plans[-1].n_after if self.plans else 0
+        return self._n_after[-1] if self._n_after else 0
 
     def level(self, step: int) -> int:
         """Label of a core step."""
@@ -64,7 +68,17 @@ class TileState:
     def band_slots(self, component: int) -> int:
         """Slots of a component: as many as core had after the component's last step."""
         n = self.n_applied[component]
-        return self.plans[n - 1].n_after if n else 0
+        return self._n_after[n - 1] if n else 0
+
+    def set_applied(self, n_applied: list[int], n_after: list[int], levels: list[int]) -> None:
+        """Say that the slots were changed by others, and will not be by `apply` any more.
+
+        Args:
+            n_applied: steps of each component.
+            n_after: slots after each core step.
+            levels: label of each core step.
+        """
+        self.n_applied, self._n_after, self._levels = n_applied, n_after, levels
 
     def apply(self, packet: int, body: memoryview) -> None:
         """Apply the next packet of a chain, whose CRC-32 is right.
@@ -102,7 +116,8 @@ class TileState:
         if plan.n_splits:
             self.born_from[n_before : n_before + plan.n_splits] = plan.split_slots
         self.live[plan.drops] = False
-        self.plans.append(plan)
+        self._plans.append(plan)
+        self._n_after.append(plan.n_after)
         self._levels.append(level)
         self._counts.append(counts)
         self._sh_alpha.append(packet.alpha[SH_GROUP])
@@ -111,13 +126,13 @@ class TileState:
         """Make room for n slots, with more to spare: growing costs a copy."""
         if n > len(self.live):
             spare = np.zeros(max(n - len(self.live), len(self.live)), bool)
-            self.x = np.concatenate([self.x, np.zeros((len(self.x), len(spare)), np.int32)], 1)
+            self.x = np.concatenate([self.x, np.empty((len(self.x), len(spare)), np.int32)], 1)
             self.live = np.concatenate([self.live, spare])
             self.born_from = np.concatenate([self.born_from, np.full(len(spare), -1, np.int32)])
 
     def _apply_band(self, component: int, body: memoryview, offset: int) -> None:
         step = self.n_applied[component]
-        plan, level = self.plans[step], self._levels[step]
+        plan, level = self._plans[step], self._levels[step]
         packet = unpack(body, component, self._counts[step], offset)
         table = self.directory.alpha_table(level, SH_GROUP)
         alpha = (None,) * SH_GROUP + (self._sh_alpha[step],)
@@ -140,21 +155,6 @@ class TileState:
         groups = [min(kind, SH_GROUP) for kind in kinds]
         of_psi, of_adds = self.directory.quantisers[1 + level], self.directory.quantisers[0]
         alphas = [_alpha_of(table, indices) for table, indices in zip(tables, alpha, strict=True)]
-        if self.kernels is not None:
-            limits = np.full((len(kinds), 2), (-MAX_X, MAX_X), np.int64)
-            if component == 0:
-                row = self.directory.tiles[self.tile]
-                limits[0:3, 0], limits[0:3, 1] = row["box_min"], row["box_max"]
-            self.kernels.apply_channels(
-                self.x[part],
-                plan,
-                psi,
-                adds,
-                np.array([[q[kind].step for kind in kinds] for q in (of_psi, of_adds)], np.int64),
-                [alphas[group] for group in groups],
-                limits,
-            )
-            return
         psi_deltas, add_deltas = _Deltas(psi), _Deltas(adds)
         for k, (kind, group) in enumerate(zip(kinds, groups, strict=True)):
             a, shift = alphas[group]

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from evogs_codec import PRESETS, Cut, Decoder, Fault, StreamError, compiled, encode, lift, read_ply
-from evogs_codec.decode import decode, decode_prefix, packet_body
+from evogs_codec.decode import decode, decode_prefix
 from evogs_codec.directory import read_directory, read_header
+from evogs_codec.replay import packet_body
 from evogs_codec.tree import EvolutionTree
 from tests import damage
 from tests.damage import SMALL

@@ -14,6 +14,7 @@ from evogs_codec import (
     EvolutionTree,
     SplatParams,
     decode,
+    decode_leaves,
     encode,
     lift,
     read_directory,
@@ -100,8 +101,8 @@ def decoding(splats: SplatParams, folder: Path) -> Rows:
         {
             "numpy.copy of the same bytes": arrays.copy,
             "SPZ 4, gsply (numba)": lambda: gsply.read_spz(spz),
-            "evogs decode": lambda: decode(data).leaves(),
-            "evogs decode --verify": lambda: decode(data, verify=True).leaves(),
+            "evogs decode": lambda: decode_leaves(data),
+            "evogs decode --verify": lambda: decode_leaves(data, verify=True),
         },
         TURNS,
     )
@@ -135,7 +136,7 @@ def memory(splats: SplatParams, folder: Path) -> Rows:
             "decode",
             "from pathlib import Path\nimport evogs_codec.cli\n"
             "from evogs_codec import decode\n"
-            f"decode(Path({str(folder / 'scene.evogs')!r}).read_bytes()).leaves()",
+            f"decode_leaves(Path({str(folder / 'scene.evogs')!r}).read_bytes())",
         ),
     ):
         peak, seconds = peak_memory(code)
