@@ -1,0 +1,159 @@
+"""`evogs train`: photographs with cameras become an evolution tree.
+
+torch and numba are extras: they are imported when the command runs, so that all others work
+without.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from evogs_codec import InputError
+from evogs_codec.files import check_target, write_atomic
+from evogs_codec.interchange import read_tree, write_tree
+from reference_trainer.config import METHODS, PRESETS, Config
+
+if TYPE_CHECKING:
+    from reference_trainer.views import Dataset
+
+__all__ = ["config_of", "pyramid_of", "register", "run_train"]
+
+Commands = Any  # argparse's sub-parsers have no public type
+EXAMPLES = """examples:
+  evogs train lego lego.tree.npz --size 400
+  evogs train lego lego.tree.npz --preset quick --size 128
+  evogs train lego layers.tree.npz --method lapis --checkpoint work --resume
+  evogs train lego lego.tree.npz --levels 2 --iterations 7000 3000 --max-splats 4000 12000
+
+afterwards: evogs encode lego.tree.npz lego.evogs
+"""
+
+
+def register(commands: Commands) -> None:
+    """Add the command to `evogs` (entry point of the group `evogs.commands`)."""
+    help_ = "Train an evolution tree, or a baseline, on photographs with cameras."
+    parser = commands.add_parser(
+        "train",
+        help=help_,
+        description=help_,
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.set_defaults(run=run_train)
+    parser.add_argument("input", type=Path, metavar="DATASET", help="folder of photographs")
+    parser.add_argument("output", type=Path, metavar="OUT.tree.npz")
+    parser.add_argument("--preset", choices=list(PRESETS), default="two-cores")
+    parser.add_argument("--method", choices=METHODS, default="evogs")
+    parser.add_argument("--levels", type=int, metavar="N", help="how many; the coarsest go first")
+    parser.add_argument("--iterations", type=int, nargs="+", metavar="N", help="of each level")
+    parser.add_argument("--max-splats", type=int, nargs="+", metavar="N", help="of each level")
+    parser.add_argument("--sh-degree", type=int, choices=range(4))
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--device", default="cpu", help="cpu, or cuda with gsplat installed")
+    parser.add_argument("--size", type=int, metavar="PIXELS", help="longer side at the last level")
+    parser.add_argument("--background", choices=["white", "black"], default="white")
+    parser.add_argument("--test-every", type=int, default=8, metavar="N", help="views held out")
+    parser.add_argument(
+        "--base", type=Path, metavar="FILE.tree.npz", help="take level 0 from this tree"
+    )
+    parser.add_argument(
+        "--checkpoint", type=Path, metavar="DIR", help="checkpoints, log, figures and pictures"
+    )
+    parser.add_argument("--resume", action="store_true", help="go on from the checkpoint")
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+
+
+def run_train(args: argparse.Namespace) -> None:
+    """`evogs train`."""
+    for library in ("torch", "numba"):
+        if find_spec(library) is None:
+            raise InputError(f"training needs {library}: pip install 'evogs[train]'")
+    from reference_trainer.backends import backend_for
+    from reference_trainer.evaluate import evaluate
+    from reference_trainer.progress import Progress
+    from reference_trainer.run import run
+    from reference_trainer.train import NotFiniteError
+    from reference_trainer.views import load_views
+
+    if args.resume and args.checkpoint is None:
+        raise ValueError("--resume needs --checkpoint")
+    check_target(args.output)
+    config = config_of(args)
+    backend = backend_for(args.device)
+    data = load_views(
+        args.input, background=args.background, test_every=args.test_every, size=args.size
+    )
+    pyramid = pyramid_of(data, config.n_levels)
+    base = None if args.base is None else read_tree(args.base)
+    folder: Path | None = args.checkpoint
+    log = None
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+        log = folder / "log.csv"
+    try:
+        tree = run(
+            config,
+            pyramid,
+            backend,
+            folder=folder,
+            resume=args.resume,
+            base=base,
+            progress=Progress(log, shows_bar=not args.quiet),
+        )
+    except NotFiniteError as error:
+        raise InputError(f"{error}; the last checkpoint is from before") from error
+    write_tree(args.output, tree)
+    rows = evaluate(tree, config.method, pyramid, None if folder is None else folder / "pictures")
+    if folder is not None:
+        report = {"config": config.as_dict(), "levels": rows}
+        write_atomic(folder / "result.json", (json.dumps(report, indent=1) + "\n").encode())
+    for row in rows:
+        print(
+            f"L{row['level']}: {row['width']} x {row['height']}, {row['psnr']:.2f} dB, "
+            f"SSIM {row['ssim']:.4f}, {row['splats']:,} splats, {row['storage_bytes']:,} bytes"
+        )
+
+
+def config_of(args: argparse.Namespace) -> Config:
+    """The preset, changed as the flags say."""
+    config = replace(PRESETS[args.preset], method=args.method, seed=args.seed)
+    n = args.levels or config.n_levels
+    if n > config.n_levels and not (args.iterations and args.max_splats):
+        raise ValueError(f"{n} levels: name --iterations and --max-splats of each")
+    config = replace(
+        config,
+        iterations=_per_level("--iterations", args.iterations, config.iterations, n),
+        max_splats=_per_level("--max-splats", args.max_splats, config.max_splats, n),
+    )
+    return config if args.sh_degree is None else replace(config, sh_degree=args.sh_degree)
+
+
+def _per_level(
+    flag: str, given: list[int] | None, default: tuple[int, ...], n: int
+) -> tuple[int, ...]:
+    """One number for each level; the same one for all if one is given."""
+    if given is None:
+        return default[:n]
+    numbers = given * n if len(given) == 1 else given
+    if len(numbers) != n:
+        raise ValueError(f"{flag} has {len(numbers)} numbers for {n} levels")
+    return tuple(numbers)
+
+
+def pyramid_of(data: Dataset, n_levels: int) -> tuple[Dataset, ...]:
+    """The data at 1/2^(n-1), ..., 1/2, 1 of its size."""
+    from reference_trainer.views import at_scale
+
+    return tuple(
+        replace(
+            data,
+            train=tuple(at_scale(view, factor) for view in data.train),
+            test=tuple(at_scale(view, factor) for view in data.test),
+        )
+        for factor in (2**k for k in reversed(range(n_levels)))
+    )

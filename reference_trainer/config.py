@@ -1,0 +1,180 @@
+"""Every choice of a training run, as frozen dataclasses; and the presets.
+
+Numbers without another source are those of 3D Gaussian Splatting (3DGS).
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any
+
+__all__ = ["METHODS", "PRESETS", "CloudGrowth", "Config", "FrontierGrowth", "Rates"]
+
+METHODS = ("evogs", "evogs-sym", "evogs-a", "evogs-b", "lapis", "l3gs", "mono", "single")
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Learning rates of Adam.
+
+    Attributes:
+        position, position_final: of positions and their psi, times the extent of the cameras; from
+            one to the other, exponentially, in every level.
+        rotation, scale, opacity: of the raw parameters and their psi.
+        sh, sh_rest: of band 0, and of the others.
+        alpha: of the factors of splits; a tenth of it starves them, five times it is too much.
+        cool: all rates fall to this part of themselves, exponentially, in the last `cool_span` of
+            a level.
+        cool_span: part of a level.
+    """
+
+    position: float = 1.6e-4
+    position_final: float = 1.6e-6
+    rotation: float = 1e-3
+    scale: float = 5e-3
+    opacity: float = 0.05
+    sh: float = 2.5e-3
+    sh_rest: float = 1.25e-4
+    alpha: float = 0.02
+    cool: float = 0.1
+    cool_span: float = 0.3
+
+
+@dataclass(frozen=True)
+class CloudGrowth:
+    """Densification of plain 3DGS, under a cap.
+
+    Attributes:
+        start, stop, every: iterations at which splats are cloned, split and pruned; `stop` is a
+            part of the level.
+        threshold: least mean gradient to the centre on the screen, in NDC.
+        dense: above this part of the extent a splat is split, below it is cloned.
+        prune_opacity: splats less opaque than this are removed.
+        prune_scale: splats wider than this part of the extent are removed.
+        reset_every: opacities fall to 0.01 this often; 0 for never.
+        most: at most this part of the splats densifies at once.
+        sh_every: iterations until the next SH band comes in.
+        n_random: splats at the start where the data has no points.
+    """
+
+    start: int = 500
+    stop: float = 0.5
+    every: int = 100
+    threshold: float = 2e-4
+    dense: float = 0.01
+    prune_opacity: float = 0.005
+    prune_scale: float = 0.1
+    reset_every: int = 0
+    most: float = 1.0
+    sh_every: int = 1000
+    n_random: int = 100_000
+
+
+@dataclass(frozen=True)
+class FrontierGrowth:
+    """Growth of a tree within a level.
+
+    Attributes:
+        start: iteration of the first round; gradients are collected until then.
+        stop: part of the level at which the last round is.
+        rounds: how often leaves are split.
+        threshold: least mean gradient to the centre on the screen, in NDC.
+        distance: children sit this many standard deviations from their parent.
+        prune_opacity, prune_scale: as in `CloudGrowth`.
+    """
+
+    start: int = 100
+    stop: float = 0.45
+    rounds: int = 5
+    threshold: float = 2e-4
+    distance: float = 0.3
+    prune_opacity: float = 0.005
+    prune_scale: float = 0.1
+
+
+@dataclass(frozen=True)
+class Config:
+    """A training run.
+
+    Attributes:
+        method: one of `METHODS`.
+        seed: of everything random.
+        sh_degree: 0..3.
+        iterations: of each level.
+        max_splats: most splats that each level may draw.
+        ssim_weight: part of D-SSIM in the loss.
+        rates, cloud, frontier: see there.
+        equal_buckets: of L3GS, as published; else in proportion to `max_splats`.
+        checkpoint_every: iterations.
+    """
+
+    method: str = "evogs"
+    seed: int = 0
+    sh_degree: int = 2
+    iterations: tuple[int, ...] = (7000, 3000, 4000, 5000)
+    max_splats: tuple[int, ...] = (4_000, 12_000, 36_000, 100_000)
+    ssim_weight: float = 0.2
+    rates: Rates = field(default_factory=Rates)
+    cloud: CloudGrowth = field(default_factory=CloudGrowth)
+    frontier: FrontierGrowth = field(default_factory=FrontierGrowth)
+    equal_buckets: bool = False
+    checkpoint_every: int = 500
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise ValueError(f"method {self.method!r} is none of {', '.join(METHODS)}")
+        if not self.iterations or len(self.iterations) != len(self.max_splats):
+            raise ValueError(
+                f"{len(self.iterations)} levels have iterations, {len(self.max_splats)} a cap"
+            )
+        if min(self.iterations) < 1 or min(self.max_splats) < 1:
+            raise ValueError("iterations and max_splats are at least 1")
+        if not 0 <= self.sh_degree <= 3:
+            raise ValueError(f"sh_degree is {self.sh_degree}, expected 0..3")
+
+    @property
+    def n_levels(self) -> int:
+        """Levels of the run."""
+        return len(self.iterations)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+    @staticmethod
+    def from_dict(data: dict[str, Any]) -> Config:
+        """The inverse of `as_dict`."""
+        parts = {"rates": Rates, "cloud": CloudGrowth, "frontier": FrontierGrowth}
+        values = {f.name: data[f.name] for f in fields(Config)}
+        for name, part in parts.items():
+            values[name] = part(**values[name])
+        for name in ("iterations", "max_splats"):
+            values[name] = tuple(values[name])
+        return Config(**values)
+
+
+_TWO_CORES = Config()
+PRESETS = {
+    # The paper's schedule, on a GPU: rounds every 3,000 iterations up to 15,000.
+    "paper": replace(
+        _TWO_CORES,
+        sh_degree=3,
+        iterations=(30_000,) * 4,
+        max_splats=(500_000, 1_000_000, 2_000_000, 4_000_000),
+        cloud=CloudGrowth(reset_every=3000),
+        frontier=FrontierGrowth(start=3000, stop=0.5, rounds=5),
+        checkpoint_every=5000,
+    ),
+    # Half an hour at 400 x 400 on two cores.
+    "two-cores": _TWO_CORES,
+    # A minute at 128 x 128.
+    "quick": replace(
+        _TWO_CORES,
+        sh_degree=1,
+        iterations=(500, 300, 300, 300),
+        max_splats=(500, 1_500, 4_000, 10_000),
+        cloud=CloudGrowth(start=100, every=50, n_random=1000, sh_every=200),
+        frontier=FrontierGrowth(start=50, rounds=3),
+        checkpoint_every=100,
+    ),
+}

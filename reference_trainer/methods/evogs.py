@@ -1,0 +1,46 @@
+"""EvoGS, the evolution tree, and the other three ways to make two children of a splat."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from reference_trainer.cloud import Cloud
+from reference_trainer.config import Config
+from reference_trainer.export import frontier_steps, roots
+from reference_trainer.frontier import Frontier
+from reference_trainer.methods import Done, Plan, Setting, a_plan_per_level
+from reference_trainer.methods.plain import plain_cloud
+from reference_trainer.tensors import SplatTensors
+from reference_trainer.train import Model
+
+__all__ = ["Evogs"]
+
+
+@dataclass(frozen=True)
+class Evogs:
+    """Level 0 is plain 3DGS, every other level splits leaves of the one before.
+
+    Attributes:
+        option: of `frontier.OPTIONS`.
+    """
+
+    option: str
+
+    def plans(self, config: Config) -> list[Plan]:
+        """One stage per level."""
+        return a_plan_per_level(config)
+
+    def begin(self, setting: Setting, done: Done) -> Model:
+        """Plain 3DGS, then the leaves as a decoder has them."""
+        if not done.steps:
+            return plain_cloud(setting)
+        leaves = SplatTensors.of(done.tree.leaves(), setting.device)
+        return Frontier(leaves, self.option, setting.config.frontier, setting.extent)
+
+    def finish(self, setting: Setting, done: Done, model: Model) -> Done:
+        """Roots, then splits."""
+        level = setting.plan.level
+        if isinstance(model, Cloud):
+            return done.with_steps(roots(model.layer_splats()))
+        assert isinstance(model, Frontier)
+        return done.with_steps(*frontier_steps(done.tree, model, level))

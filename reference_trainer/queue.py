@@ -1,0 +1,125 @@
+"""Many runs, one after the other, from one shared level 0: `python -m reference_trainer.queue`.
+
+A run that has its `result.json` is not run again; one that was interrupted goes on from its
+checkpoint. Each run has a folder of its own: `tree.tree.npz`, `result.json`, `log.csv`, pictures.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from evogs_codec.files import write_atomic
+from evogs_codec.interchange import read_tree, write_tree
+from reference_trainer.backends import backend_for
+from reference_trainer.checkpoint import FILE
+from reference_trainer.cli import pyramid_of
+from reference_trainer.config import METHODS, PRESETS, Config
+from reference_trainer.evaluate import evaluate
+from reference_trainer.progress import Progress
+from reference_trainer.run import run
+
+if TYPE_CHECKING:
+    from reference_trainer.views import Dataset
+
+__all__ = ["Job", "jobs", "main", "run_job"]
+
+UNBOUNDED = 400_000  # splats of a level that grows by thresholds; memory has an end
+SEEDED = ("evogs", "evogs-sym", "lapis")  # methods that run with every seed
+BUDGETS = ("equal", "thresholds")
+
+
+@dataclass(frozen=True)
+class Job:
+    """A run of the queue.
+
+    Attributes:
+        name: of its folder.
+        config: of the run.
+        n_scales: resolutions of the pyramid; a run without them all has the coarsest.
+        shares: whether level 0 is the shared one.
+    """
+
+    name: str
+    config: Config
+    n_scales: int
+    shares: bool
+
+
+def main(argv: list[str] | None = None) -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m reference_trainer.queue", description=__doc__)
+    parser.add_argument("--data", type=Path, required=True, help="folder of photographs")
+    parser.add_argument("--out", type=Path, required=True, help="folder for the runs")
+    parser.add_argument("--preset", choices=list(PRESETS), default="two-cores")
+    parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
+    parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1])
+    parser.add_argument("--budgets", nargs="+", choices=BUDGETS, default=list(BUDGETS))
+    parser.add_argument("--size", type=int, default=400, help="longer side at the last level")
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--list", action="store_true", help="only say what would run")
+    args = parser.parse_args(argv)
+    queue = list(jobs(PRESETS[args.preset], args.methods, args.seeds, args.budgets))
+    if args.list:
+        for job in queue:
+            state = "done" if (args.out / job.name / "result.json").exists() else "to do"
+            print(f"{job.name}: {state}")
+        return
+    from reference_trainer.views import load_views
+
+    data = load_views(args.data, size=args.size)
+    for number, job in enumerate(queue):
+        print(f"[{number + 1}/{len(queue)}] {job.name}", flush=True)
+        run_job(job, data, args.out, args.device)
+
+
+def jobs(config: Config, methods: list[str], seeds: list[int], budgets: list[str]) -> Iterator[Job]:
+    """The shared level 0, then methods by importance: first seeds before second ones."""
+    first = replace(config, iterations=config.iterations[:1], max_splats=config.max_splats[:1])
+    yield Job("level0", replace(first, method="mono"), config.n_levels, shares=False)
+    for budget in budgets:
+        for number, seed in enumerate(seeds):
+            for method in methods:
+                if number and method not in SEEDED:
+                    continue
+                changed = replace(config, method=method, seed=seed)
+                if budget == "thresholds":
+                    caps = tuple(UNBOUNDED for _ in config.max_splats)
+                    changed = replace(changed, max_splats=caps, equal_buckets=True)
+                shares = method.startswith(("evogs", "lapis"))
+                yield Job(f"{budget}-{method}-{seed}", changed, config.n_levels, shares)
+
+
+def run_job(job: Job, data: Dataset, out: Path, device: str) -> None:
+    """Run a job, or the rest of it, unless its result is there."""
+    folder = out / job.name
+    result = folder / "result.json"
+    if result.exists():
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    pyramid = pyramid_of(data, job.n_scales)[: job.config.n_levels]
+    base = read_tree(out / "level0" / "tree.tree.npz") if job.shares else None
+    progress = Progress(folder / "log.csv", shows_bar=True)
+    tree = run(
+        job.config,
+        pyramid,
+        backend_for(device),
+        folder=folder,
+        resume=True,
+        base=base,
+        progress=progress,
+    )
+    write_tree(folder / "tree.tree.npz", tree)
+    report = {
+        "name": job.name,
+        "config": job.config.as_dict(),
+        "data": {"name": data.name, "train": len(data.train), "test": len(data.test)},
+        "seconds": round(progress.seconds, 1),
+        "levels": evaluate(tree, job.config.method, pyramid, folder / "pictures"),
+    }
+    write_atomic(result, (json.dumps(report, indent=1) + "\n").encode())
+    (folder / FILE).unlink(missing_ok=True)

@@ -1,0 +1,144 @@
+"""A whole run: every stage of a method, with checkpoints, a log and a progress bar."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from evogs_codec import EvolutionTree, InputError
+from reference_trainer.backends import Backend
+from reference_trainer.checkpoint import Checkpoint, run_identity
+from reference_trainer.config import Config
+from reference_trainer.densify import ScreenGradients
+from reference_trainer.methods import Done, Method, Plan, Setting, method_named
+from reference_trainer.optim import Arrays
+from reference_trainer.progress import Progress
+from reference_trainer.seeding import extent
+from reference_trainer.train import Model, Stage, Training, train
+
+if TYPE_CHECKING:
+    from reference_trainer.views import Dataset
+
+__all__ = ["run"]
+
+VIEWS = 2  # purpose of random numbers: the order of views
+
+
+def run(
+    config: Config,
+    pyramid: tuple[Dataset, ...],
+    backend: Backend,
+    *,
+    folder: Path | None = None,
+    resume: bool = False,
+    base: EvolutionTree | None = None,
+    progress: Progress | None = None,
+) -> EvolutionTree:
+    """Train every stage of `config.method`.
+
+    Args:
+        config: of the run.
+        pyramid: the data at the resolution of each level.
+        backend: where to.
+        folder: for checkpoints and the log; without it there are none.
+        resume: go on from the checkpoint in `folder`, if there is one.
+        base: a tree whose level 0 is taken instead of training one; for `evogs*` and `lapis`.
+        progress: told about every iteration.
+
+    Raises:
+        InputError: the checkpoint is of another run, or `base` does not fit.
+        NotFiniteError: training went wrong; the last checkpoint is from before.
+    """
+    if len(pyramid) != config.n_levels:
+        raise ValueError(f"{len(pyramid)} scales of pictures for {config.n_levels} levels")
+    progress = progress or Progress()
+    method = method_named(config.method)
+    plans = method.plans(config)
+    identity = run_identity(config, _fingerprint(pyramid[-1], base))
+    saved = Checkpoint.read(folder) if folder is not None and resume else None
+    if saved is not None and saved.run != identity:
+        raise InputError(f"{folder}: the checkpoint there is of another configuration or data")
+    if saved is None:
+        first, done = _start(config, plans, base)
+        saved = Checkpoint(identity, first, done, 0, {}, {})
+    progress.resume(saved.stage, saved.iteration)
+    for stage in range(saved.stage, len(plans)):
+        saved = _run_stage(saved, method, plans, config, pyramid, backend, folder, progress)
+        assert saved.stage == stage + 1
+    return saved.done.tree
+
+
+def _start(config: Config, plans: list[Plan], base: EvolutionTree | None) -> tuple[int, Done]:
+    """The stage to begin with, and what is there before it."""
+    done = Done(config.sh_degree)
+    if base is None:
+        return 0, done
+    if not config.method.startswith(("evogs", "lapis")):
+        raise InputError(f"method {config.method} does not build on a level 0 of others")
+    if base.sh_degree != config.sh_degree:
+        raise InputError(f"level 0 has SH degree {base.sh_degree}, expected {config.sh_degree}")
+    steps = tuple(step for step in base.steps if step.level == 0)
+    return 1, done.with_steps(*steps)
+
+
+def _run_stage(
+    saved: Checkpoint,
+    method: Method,
+    plans: list[Plan],
+    config: Config,
+    pyramid: tuple[Dataset, ...],
+    backend: Backend,
+    folder: Path | None,
+    progress: Progress,
+) -> Checkpoint:
+    """Train the stage of a checkpoint; the checkpoint at its end."""
+    plan = plans[saved.stage]
+    data = pyramid[plan.scale]
+    setting = Setting(config, plan, data, extent(data.train), backend.device)
+    model = method.begin(setting, saved.done)
+    training = _restored(model, saved)
+    progress.begin(saved.stage, plan, data, backend)
+
+    def each(training: Training) -> None:
+        progress.each(training)
+        if folder is not None and training.iteration % config.checkpoint_every == 0:
+            found = training.scores
+            scores: Arrays = {"total": found.total, "count": found.count}
+            replace(saved, iteration=training.iteration, model=model.arrays(), scores=scores).write(
+                folder
+            )
+
+    order = setting.seed(VIEWS)
+    stage = Stage(data.train, data.background, setting.extent, plan.iterations, plan.cap, order)
+    train(training, stage, config, backend, each)
+    done = method.finish(setting, saved.done, model)
+    progress.end(done)
+    after = Checkpoint(saved.run, saved.stage + 1, done, 0, {}, {})
+    if folder is not None:
+        after.write(folder)
+    return after
+
+
+def _restored(model: Model, saved: Checkpoint) -> Training:
+    if not saved.model:
+        return Training(model, ScreenGradients(model.n_splats))
+    model.restore(saved.model)
+    scores = ScreenGradients(model.n_splats)
+    scores.total, scores.count = saved.scores["total"], saved.scores["count"]
+    return Training(model, scores, saved.iteration)
+
+
+def _fingerprint(data: Dataset, base: EvolutionTree | None) -> dict[str, Any]:
+    """What tells one data set, and one level 0, from another."""
+    digest = hashlib.sha256()
+    for view in (*data.train, *data.test):
+        digest.update(view.name.encode())
+        digest.update(view.camera.rotation.tobytes() + view.camera.translation.tobytes())
+        digest.update(np.ascontiguousarray(view.image).tobytes())
+    for step in base.steps if base is not None else ():
+        digest.update(step.adds.tobytes())
+    return {"name": data.name, "background": list(data.background), "sha256": digest.hexdigest()}

@@ -1,0 +1,126 @@
+"""The loop: one level, any method, any device."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from reference_trainer.config import Config
+from reference_trainer.densify import ScreenGradients
+from reference_trainer.optim import Arrays, RateTable, Variable
+from reference_trainer.tensors import SplatTensors
+
+if TYPE_CHECKING:
+    from reference_trainer.backends import Backend
+    from reference_trainer.views import View
+
+__all__ = ["Model", "NotFiniteError", "Training", "train"]
+
+
+class NotFiniteError(ArithmeticError):
+    """The loss is not a finite number; the last checkpoint is from before."""
+
+
+class Model(Protocol):
+    """What is trained in a level."""
+
+    @property
+    def n_splats(self) -> int:
+        """Splats that it draws."""
+
+    def splats(self, iteration: int) -> SplatTensors:
+        """The splats, differentiable."""
+
+    def variables(self) -> list[Variable]:
+        """What is trained."""
+
+    def refine(self, iteration: int, n_iterations: int, scores: ScreenGradients, cap: int) -> bool:
+        """Grow and prune if that is due; True if splats came, went or moved to other rows."""
+
+    def arrays(self) -> Arrays:
+        """All that training changed."""
+
+    def restore(self, arrays: Arrays) -> None:
+        """The inverse of `arrays`."""
+
+
+@dataclass
+class Training:
+    """A level under way.
+
+    Attributes:
+        model: what is trained.
+        scores: gradients on the screen since the last refinement.
+        iteration: iterations done.
+        loss: of the last one.
+    """
+
+    model: Model
+    scores: ScreenGradients
+    iteration: int = 0
+    loss: float = float("nan")
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What a level is trained on.
+
+    Attributes:
+        views: photographs at the resolution of the level.
+        background: behind the splats.
+        extent: of the cameras.
+        iterations, cap: how long, and the most splats.
+        seed: of the order of views.
+    """
+
+    views: tuple[View, ...]
+    background: tuple[float, float, float]
+    extent: float
+    iterations: int
+    cap: int
+    seed: tuple[int, ...]
+
+
+def train(
+    training: Training,
+    stage: Stage,
+    config: Config,
+    backend: Backend,
+    each: Callable[[Training], None],
+) -> None:
+    """Train to the end of the stage, from wherever `training` is; `each` runs every iteration.
+
+    Raises:
+        NotFiniteError: the loss is not finite.
+    """
+    model = training.model
+    photographs = [backend.photograph(view.image) for view in stage.views]
+    while training.iteration < stage.iterations:
+        index = view_of(training.iteration, len(stage.views), stage.seed)
+        camera = stage.views[index].camera
+        splats = model.splats(training.iteration)
+        screen = backend.screen(splats)
+        image = backend.render(splats, camera, stage.background, screen)
+        loss = backend.loss(image, photographs[index], config.ssim_weight)
+        loss.backward()  # type: ignore[no-untyped-call]
+        training.loss = float(loss.detach())
+        if not np.isfinite(training.loss):
+            raise NotFiniteError(f"the loss is {training.loss} at iteration {training.iteration}")
+        if screen.grad is not None:
+            training.scores.add(screen.grad.cpu().numpy(), camera.width, camera.height)
+        rates = RateTable(config.rates, stage.extent, training.iteration / stage.iterations)
+        for variable in model.variables():
+            variable.step(rates)
+        training.iteration += 1
+        if model.refine(training.iteration, stage.iterations, training.scores, stage.cap):
+            training.scores = ScreenGradients(model.n_splats)
+        each(training)
+
+
+def view_of(iteration: int, n_views: int, seed: tuple[int, ...]) -> int:
+    """Index of the view of an iteration: all views in random order, then all again."""
+    turn, place = divmod(iteration, n_views)
+    return int(np.random.default_rng((*seed, turn)).permutation(n_views)[place])

@@ -1,0 +1,111 @@
+"""The tree's arithmetic: compiled against plain, gradients, split continuity, export."""
+
+import numpy as np
+import pytest
+import torch
+
+from conformance.rasterizer import orbit, psnr, render
+from evogs_codec import EvolutionTree
+from evogs_codec.tree import Kind
+from reference_trainer.config import FrontierGrowth
+from reference_trainer.densify import ScreenGradients
+from reference_trainer.export import frontier_steps, roots
+from reference_trainer.frontier import OPTIONS, Frontier, evolve, evolve_plain
+from reference_trainer.tensors import SplatTensors
+from tests.trainer import tiny
+
+GROWTH = FrontierGrowth(start=1, rounds=3, stop=0.3, threshold=0.0)
+
+
+def grown(option="D", n=20, prune=(), seed=0):
+    """A frontier after three rounds, its variables shaken, some leaves dead; and its tree."""
+    rng = np.random.default_rng(seed)
+    tree = EvolutionTree(1, (roots(tiny.random_splats(rng, n)),))
+    frontier = Frontier(SplatTensors.of(tree.leaves()), option, GROWTH, 100.0)
+    for iteration in (1, 2, 3):
+        scores = ScreenGradients(frontier.n_splats)
+        scores.total += rng.random(frontier.n_splats)
+        scores.count += 1
+        assert frontier.refine(iteration, 10, scores, 3 * n)
+        for variable in frontier.blocks[-1].variables:
+            with torch.no_grad():
+                variable.value += 0.1 * torch.from_numpy(rng.normal(size=variable.value.shape))
+    frontier.live[list(prune)] = False
+    return tree, frontier
+
+
+@pytest.mark.parametrize("option", OPTIONS)
+def test_compiled_leaves_and_gradients_are_those_of_plain_torch(option):
+    _, frontier = grown(option, prune=(3, 25))
+    live = np.flatnonzero(frontier.live)
+    found = []
+    for function in (evolve, evolve_plain):
+        leaves = function(frontier.base, frontier.blocks, live)
+        weights = [torch.sin(torch.arange(x.numel()).reshape(x.shape).float()) for x in leaves]
+        totals = [(x * w).sum() for x, w in zip(leaves, weights, strict=True)]
+        torch.stack(totals).sum().backward()
+        grads = [v.value.grad.clone() for v in frontier.variables()]
+        for variable in frontier.variables():
+            variable.value.grad = None
+        found.append((leaves, grads))
+    for one, other in zip(*(leaves for leaves, _ in found), strict=True):
+        torch.testing.assert_close(one, other, rtol=0, atol=1e-6)
+    for one, other in zip(*(grads for _, grads in found), strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("option", OPTIONS)
+@pytest.mark.parametrize("seed", range(4))
+def test_the_tree_decodes_to_the_trained_leaves(option, seed):
+    rng = np.random.default_rng(seed)
+    tree, frontier = grown(option, prune=rng.permutation(60)[: 15 * seed], seed=seed)
+    whole = EvolutionTree(1, (*tree.steps, *frontier_steps(tree, frontier, 1)))
+    ours, theirs = frontier.splats(0).params().channels(), whole.leaves(1).channels()
+    # Only the order differs: slots of the dead are used again.
+    ours, theirs = (x[:, np.lexsort(x[:3].round(4))] for x in (ours, theirs))
+    np.testing.assert_allclose(theirs, ours, rtol=0, atol=5e-6)
+    np.testing.assert_array_equal(whole.leaves(0).channels(), tree.leaves(0).channels())
+
+
+def test_without_pruning_slots_of_the_tree_are_those_of_the_frontier():
+    tree, frontier = grown()
+    steps = frontier_steps(tree, frontier, 1)
+    assert [list(step.slots) for step in steps] == [list(b.slots) for b in frontier.blocks]
+    assert all((step.kinds == Kind.SPLIT).all() for step in steps)
+
+
+def test_a_split_does_not_show():
+    rng = np.random.default_rng(1)
+    splats = tiny.random_splats(rng, 200)
+    base = SplatTensors.of(splats)
+    cameras = orbit(6, radius=4.0, width=96, height=96, fov_x=0.7)
+
+    def worst(option, distance):
+        growth = FrontierGrowth(start=1, rounds=1, threshold=-1.0, distance=distance)
+        frontier = Frontier(base, option, growth, 100.0)
+        scores = ScreenGradients(200)
+        scores.total += rng.permutation(200) + 1.0
+        frontier.refine(1, 10, scores, 220)
+        after = frontier.splats(0).params()
+        return min(psnr(render(after, c), render(splats, c)) for c in cameras)
+
+    assert worst("D", 0.3) > 34
+    assert worst("D", 0.3) > worst("C", 0.3) + 5
+
+
+def test_base_leaves_are_never_changed():
+    _, frontier = grown()
+    before = [x.clone() for x in frontier.base]
+    leaves = frontier.splats(0)
+    leaves.means.sum().backward()
+    assert all(not x.requires_grad for x in frontier.base)
+    assert all(torch.equal(x, y) for x, y in zip(before, frontier.base, strict=True))
+
+
+def test_a_checkpointed_frontier_is_the_same():
+    for option in OPTIONS:
+        _, frontier = grown(option, prune=(1,))
+        other = Frontier(frontier.base, option, GROWTH, 100.0)
+        other.restore(frontier.arrays())
+        for one, two in zip(frontier.splats(0), other.splats(0), strict=True):
+            assert torch.equal(one, two)

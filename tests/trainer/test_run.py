@@ -1,0 +1,156 @@
+"""Runs: the same bytes for any number of threads and after any interruption; faults."""
+
+import itertools
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+
+from evogs_codec import InputError
+from evogs_codec.interchange import write_tree
+from reference_trainer.backends import backend_for
+from reference_trainer.checkpoint import FILE, Checkpoint
+from reference_trainer.progress import Progress
+from reference_trainer.run import run
+from reference_trainer.train import NotFiniteError
+from tests.trainer import tiny
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+class StoppedError(Exception):
+    pass
+
+
+class StopsAt(Progress):
+    def __init__(self, n):
+        super().__init__()
+        self.left = n
+
+    def each(self, training):
+        self.left -= 1
+        if self.left < 0:
+            raise StoppedError
+
+
+def tree_bytes(tree):
+    return b"".join(
+        np.ascontiguousarray(x).tobytes()
+        for step in tree.steps
+        for x in (step.slots, step.kinds, step.psi, step.alpha, step.adds)
+    )
+
+
+def trained(method="evogs", pyramid=None, **changes):
+    return run(tiny.config(method=method), pyramid or tiny.pyramid(), backend_for("cpu"), **changes)
+
+
+def test_the_number_of_threads_does_not_matter():
+    found = []
+    before = numba.get_num_threads()
+    for threads in {1, numba.config.NUMBA_NUM_THREADS}:
+        numba.set_num_threads(threads)
+        found.append(tree_bytes(trained()))
+    numba.set_num_threads(before)
+    assert len(set(found)) == 1
+
+
+@pytest.mark.parametrize("method", ["evogs", "evogs-b", "lapis", "l3gs"])
+def test_a_run_stopped_anywhere_goes_on_to_the_same_bytes(method, tmp_path):
+    whole = tree_bytes(trained(method))
+    for stop in itertools.count(7, 13):
+        try:
+            tree = trained(method, folder=tmp_path, resume=True, progress=StopsAt(stop))
+            break
+        except StoppedError:
+            pass
+    assert tree_bytes(tree) == whole
+
+
+def test_a_killed_run_goes_on_to_the_same_bytes(tmp_path):
+    whole = tree_bytes(trained())
+    program = (
+        "import sys\n"
+        "from pathlib import Path\n"
+        "from reference_trainer.backends import backend_for\n"
+        "from reference_trainer.progress import Progress\n"
+        "from reference_trainer.run import run\n"
+        "from tests.trainer import tiny\n"
+        "class Slow(Progress):\n"
+        "    def each(self, training):\n"
+        "        print(training.iteration, flush=True)\n"
+        "folder = Path(sys.argv[1])\n"
+        "run(tiny.config(), tiny.pyramid(), backend_for('cpu'), folder=folder, progress=Slow())\n"
+    )
+    command = [sys.executable, "-c", program, str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=ROOT) as process:
+        assert process.stdout is not None
+        for _ in range(57):
+            process.stdout.readline()
+        os.kill(process.pid, signal.SIGKILL)
+    assert (tmp_path / FILE).exists()
+    assert tree_bytes(trained(folder=tmp_path, resume=True)) == whole
+
+
+def test_the_log_of_a_resumed_run_has_every_row_once(tmp_path):
+    log = tmp_path / "log.csv"
+    config = replace(tiny.config(), iterations=(200, 100), checkpoint_every=100)
+
+    class LogsAndStops(Progress):
+        def each(self, training):
+            super().each(training)
+            if training.iteration == 30 and self._plan.level == 1:
+                raise StoppedError
+
+    with pytest.raises(StoppedError):
+        run(config, tiny.pyramid(), backend_for("cpu"), folder=tmp_path, progress=LogsAndStops(log))
+    run(
+        config, tiny.pyramid(), backend_for("cpu"),
+        folder=tmp_path, resume=True, progress=Progress(log),
+    )  # fmt: skip
+    rows = [line.split(",")[:3] for line in log.read_text().splitlines()]
+    assert rows == [
+        ["stage", "level", "iteration"], ["0", "0", "100"], ["0", "0", "200"], ["1", "1", "100"],
+    ]  # fmt: skip
+
+
+def test_level_0_may_be_shared(tmp_path):
+    base = trained("mono")
+    tree = trained(base=base)
+    np.testing.assert_array_equal(tree.leaves(0).channels(), base.leaves(0).channels())
+    with pytest.raises(InputError, match="does not build on"):
+        trained("mono", base=base)
+
+
+def test_training_stops_where_the_loss_is_not_finite_and_keeps_the_checkpoint(tmp_path):
+    good = tiny.pyramid()
+    bad = good[1].train[3].image.copy()
+    bad[0, 0] = np.nan
+    views = tuple(replace(v, image=bad) if i == 3 else v for i, v in enumerate(good[1].train))
+    with pytest.raises(NotFiniteError, match="the loss is nan"):
+        trained(pyramid=(good[0], replace(good[1], train=views)), folder=tmp_path)
+    saved = Checkpoint.read(tmp_path)
+    assert saved is not None
+    assert saved.stage == 1
+    assert len(saved.done.tree.leaves())
+
+
+def test_a_checkpoint_of_another_run_is_refused(tmp_path):
+    trained(folder=tmp_path)
+    with pytest.raises(InputError, match="another configuration"):
+        trained("lapis", folder=tmp_path, resume=True)
+    (tmp_path / FILE).write_bytes(b"PK")
+    with pytest.raises(InputError, match="is no checkpoint"):
+        trained(folder=tmp_path, resume=True)
+
+
+def test_a_trained_tree_is_a_file_of_the_same_bytes_twice(tmp_path):
+    for name in "ab":
+        write_tree(tmp_path / f"{name}.tree.npz", trained())
+    assert (tmp_path / "a.tree.npz").read_bytes() == (tmp_path / "b.tree.npz").read_bytes()
