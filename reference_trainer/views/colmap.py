@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -69,7 +70,7 @@ def _photograph(folder: Path, model: Path, image: ColmapImage, camera: ColmapCam
     pinhole, lens = MODELS[camera.model]
     if not np.isfinite([*camera.params, *image.quaternion, *image.translation]).all():
         raise InputError(f"{where}: its camera or pose has a number that is not finite")
-    if abs(np.linalg.norm(image.quaternion) - 1) > 0.01:
+    if abs(math.hypot(*image.quaternion) - 1) > 0.01:
         raise InputError(f"{where}: its quaternion {list(image.quaternion)} is no rotation")
     try:
         placed = Camera.from_colmap(

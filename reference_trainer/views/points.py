@@ -44,7 +44,8 @@ def checked_points(
     Raises:
         InputError: a number is not finite.
     """
-    points, shades = positions.astype(np.float32), colours.astype(np.float32)
+    with np.errstate(over="ignore"):  # too large for float32 is not finite
+        points, shades = positions.astype(np.float32), colours.astype(np.float32)
     if not (np.isfinite(points).all() and np.isfinite(shades).all()):
         raise InputError(f"{path}: a point is not finite")
     return points, np.clip(shades, 0, 1)

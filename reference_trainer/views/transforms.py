@@ -153,7 +153,7 @@ def _pose(where: str, frame: Json) -> tuple[Any, Any]:
         raise InputError(f"{where}: 'transform_matrix' has a number that is not finite")
     if len(matrix) == 4 and not np.allclose(matrix[3], [0, 0, 0, 1]):
         raise InputError(f"{where}: the last row of 'transform_matrix' is not 0 0 0 1")
-    rotation = _FLIP @ matrix[:3, :3].T
+    rotation = _FLIP @ np.clip(matrix[:3, :3], -2, 2).T  # huge ones, no rotations, stay computable
     return rotation, -rotation @ matrix[:3, 3]
 
 

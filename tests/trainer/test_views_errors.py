@@ -56,6 +56,7 @@ FRAMES = {
     "null in a pose": (pose_with(1, 1, None), "has a number that is not finite"),
     "text in a pose": (pose_with(1, 1, "x"), "is not 4 rows of 4 numbers"),
     "scaled pose": (pose_with(0, 0, 3.0), "rotation is not a rotation matrix"),
+    "huge pose": (pose_with(0, 0, 1e300), "rotation is not a rotation matrix"),
     "projective pose": (pose_with(3, 0, 0.5), "last row of 'transform_matrix' is not 0 0 0 1"),
     "no pose": (frame_with(transform_matrix=None), "is not 4 rows of 4 numbers"),
     "short pose": (frame_with(transform_matrix=[[1, 0], [0, 1]]), "is not 4 rows of 4 numbers"),
@@ -205,6 +206,12 @@ TEXTS = {
     "half a sight": ("images", replaced(" 7\n2 ", " 7 2.5\n2 "), "is not a list of points"),
     "short point": ("points3D", second_row("2 1 1 1 9"), "line 3 is not a point"),
     "text point": ("points3D", second_row("2 1 1 x 9 9 9 0"), "line 3 is not a point"),
+    "huge quaternion": (
+        "images",
+        second_row("2 1e300 0 0 0 0 0 0 2 view_0001.png"),
+        "is no rotation",
+    ),
+    "huge point": ("points3D", second_row("2 1 1 1e300 9 9 9 0"), "a point is not finite"),
     "NaN point": ("points3D", second_row("2 1 1 nan 9 9 9 0"), "a point is not finite"),
 }
 

@@ -1,6 +1,9 @@
 """Folders of photographs: what was written is read, whatever the format; and what is held out."""
 
+import re
 import struct
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +16,7 @@ from tests.trainer.views_folders import HEIGHT, WIDTH, cloud_of, edit_json, fold
 from tools.photos import main as photos_main
 from tools.scene import make_scene
 
+ROOT = Path(__file__).resolve().parents[2]
 KINDS = ("blender", "nerfstudio", "colmap", "colmap-text")
 POINT_KINDS = KINDS[1:]
 
@@ -240,3 +244,13 @@ def test_the_lego_photographs_are_read_as_their_tree_was_trained(shared):
     # A corner of a Lego photograph is background; the camera looks at the model, 4 units away.
     np.testing.assert_array_equal(view.image[0, 0], [1, 1, 1])
     assert np.linalg.norm(view.camera.position) == pytest.approx(4.03, abs=0.01)
+
+
+def test_the_example_of_the_page_on_datasets_runs(tmp_path, monkeypatch):
+    text = (ROOT / "docs" / "datasets.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    folder_of(tmp_path / "photos", "colmap")
+    monkeypatch.chdir(tmp_path)
+    found: dict[str, Any] = {}
+    exec(compile(block, "docs/datasets.md", "exec"), found)
+    assert found["small"].image.shape == (HEIGHT // 4, WIDTH // 4, 3)
