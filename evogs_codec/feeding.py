@@ -9,6 +9,7 @@ import numpy as np
 
 from evogs_codec import layout
 from evogs_codec.cut import Cut
+from evogs_codec.decode import Decoded
 from evogs_codec.directory import HEADER_SIZE, Directory, check_crc, read_directory, read_header
 from evogs_codec.errors import Fault, StreamError
 from evogs_codec.floats import float_view
@@ -113,6 +114,21 @@ class Decoder:
             raise ValueError("header and chunks have not come yet")
         shape = (len(self._tiles), self.directory.n_components)
         return Cut(np.array([t.n_applied for t in self._tiles], np.int64).reshape(shape))
+
+    @property
+    def fault(self) -> StreamError | None:
+        """The first fault in file order found so far, though packets before it may be missing."""
+        return self._faults[min(self._faults)] if self._faults else None
+
+    def dump(self) -> bytes:
+        """The dump (spec 7.7) of what was applied so far.
+
+        Raises:
+            ValueError: header and chunks have not come yet.
+        """
+        if self.directory is None:
+            raise ValueError("header and chunks have not come yet")
+        return Decoded(self.directory, self.cut, tuple(self._tiles), memoryview(b"")).dump()
 
     def leaves(self) -> SplatParams:
         """Float view of what was applied so far; no splats before header and chunks came."""

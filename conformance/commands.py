@@ -1,0 +1,37 @@
+"""`evogs conformance run | selftest | explain | decoder`, for the command line of the codec."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from conformance.harness.cli import add_commands
+
+__all__ = ["register"]
+
+Commands = Any  # argparse's sub-parsers have no public type
+
+
+def register(commands: Commands) -> None:
+    """Add the commands to `evogs` (entry point of the group `evogs.commands`)."""
+    parser = commands.add_parser(
+        "conformance",
+        help="Tell any decoder whether it is right, and why not.",
+        description="Tell any decoder of EvoGS streams whether it is right, and why not.",
+    )
+    parts = parser.add_subparsers(metavar="COMMAND", required=True)
+    add_commands(parts)
+    _add_decoder(parts)
+
+
+def _add_decoder(commands: Commands) -> None:
+    from conformance.decoder import add_options, run_command
+
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "decoder",
+        help="the reference decoder behind the command of a decoder under test",
+        description="The reference decoder behind the command of a decoder under test"
+        " (conformance/README.md). `python -m conformance.decoder` is the same and starts faster.",
+    )
+    parser.set_defaults(run=run_command)
+    add_options(parser)

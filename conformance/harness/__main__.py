@@ -1,0 +1,7 @@
+"""`python -m conformance.harness`."""
+
+import sys
+
+from conformance.harness.cli import main
+
+sys.exit(main())

@@ -1,0 +1,72 @@
+"""A bad decoder: `python __main__.py NAME VECTORS`, then the options of the contract."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+if __name__ == "__main__":  # started by its path, in any folder and without an installation
+    sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
+
+from conformance.harness.bad.answers import ANSWERS
+from conformance.harness.bad.endings import ENDINGS
+from conformance.harness.bad.protocol import PROTOCOLS, question_of, serve, write
+from conformance.harness.bad.right import Table
+
+__all__ = ["main"]
+
+CAPABILITIES = {
+    "name": "bad",
+    "version": "0",
+    "modes": ["file", "progressive"],
+    "codes": True,
+    "verify": True,
+    "limits": True,
+    "arrival": True,
+    "batch": True,
+    "max_tier": 3,
+    "max_sh_degree": 3,
+}
+MODEST = {"modes": ["file"], "codes": False, "verify": False, "limits": False, "arrival": False}
+
+
+def main() -> int:
+    """Run the decoder; returns the exit code."""
+    name, folder = sys.argv[1], Path(sys.argv[2])
+    parser = argparse.ArgumentParser()
+    for option in ("in", "out", "mode", "limits", "arrival"):
+        parser.add_argument(f"--{option}")
+    parser.add_argument("--level", type=int)
+    for option in ("verify", "capabilities", "batch"):
+        parser.add_argument(f"--{option}", action="store_true")
+    args = parser.parse_args(sys.argv[3:])
+    if args.capabilities:
+        return capabilities(name)
+    table = Table(folder)
+    answerer = {**ANSWERS, **ENDINGS}.get(name, ANSWERS["right"])
+    if args.batch:
+        serve(answerer, table) if name not in PROTOCOLS else PROTOCOLS[name](table)
+        return 0
+    question = question_of(vars(args))
+    reply = write(question, answerer(table, question))
+    if reply.code is not None:
+        print(json.dumps({"code": reply.code, "offset": reply.offset}))
+    return reply.exit
+
+
+def capabilities(name: str) -> int:
+    """What it says that it can do."""
+    if name == "hangs-when-asked-what-it-can":
+        time.sleep(60)
+    elif name == "says-not-what-it-can":
+        print("all of it")
+    else:
+        print(json.dumps(CAPABILITIES | (MODEST if name == "modest" else {}) | {"name": name}))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,112 @@
+"""What a decoder says it can do, and which runs need something it does not have."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from conformance.harness.answers import MAX_TEXT
+from conformance.harness.manifest import Case
+from conformance.harness.oneshot import died, last_words
+from conformance.harness.process import Bounds, run
+
+__all__ = ["Capabilities", "CapabilityError", "ask_capabilities", "lacking"]
+
+
+class CapabilityError(Exception):
+    """The decoder does not say what it can do."""
+
+
+@dataclass(frozen=True)
+class Capabilities:
+    """The answer to --capabilities, by its names."""
+
+    name: str
+    version: str
+    modes: tuple[str, ...]
+    codes: bool
+    verify: bool
+    limits: bool
+    arrival: bool
+    batch: bool
+    max_tier: int
+    max_sh_degree: int
+
+    def as_json(self) -> dict[str, Any]:
+        """As the decoder gave it."""
+        return asdict(self) | {"modes": list(self.modes)}
+
+
+def ask_capabilities(
+    command: Sequence[str], environment: Mapping[str, str], bounds: Bounds
+) -> Capabilities:
+    """Run `CMD --capabilities`.
+
+    Raises:
+        CapabilityError: it fails, or its answer is of another form.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        stdout, stderr = folder / "stdout", folder / "stderr"
+        try:
+            ended = run(
+                [*command, "--capabilities"],
+                folder,
+                environment,
+                bounds,
+                stdout=stdout,
+                stderr=stderr,
+                written=[folder],
+            )
+        except OSError as error:
+            raise CapabilityError(f"the command cannot be started: {error}") from None
+        _, detail = died(ended, bounds, stderr)
+        if detail or ended.status:
+            detail = detail or f"exit status {ended.status}{last_words(stderr)}"
+            raise CapabilityError(f"--capabilities: {detail}")
+        with stdout.open("rb") as file:
+            said = file.read(MAX_TEXT + 1)
+    try:
+        return _parse(json.loads(said))
+    except (ValueError, TypeError) as error:
+        raise CapabilityError(
+            f"--capabilities: standard output has {said[:60]!r}: {error}"
+        ) from None
+
+
+def lacking(capabilities: Capabilities, case: Case) -> list[str]:
+    """What the run needs and the decoder says it does not have."""
+    run, vector = case.run, case.vector
+    needs = {
+        f"{run.mode} mode": run.mode not in capabilities.modes,
+        "verify": run.verify and not capabilities.verify,
+        "limits": bool(run.limits) and not capabilities.limits,
+        "arrival": run.arrival is not None and not capabilities.arrival,
+        f"tier {vector.tier}": vector.tier > capabilities.max_tier,
+        f"SH degree {vector.sh_degree}": vector.sh_degree > capabilities.max_sh_degree,
+    }
+    return [name for name, is_lacking in needs.items() if is_lacking]
+
+
+def _parse(entry: object) -> Capabilities:
+    if not isinstance(entry, dict):
+        raise TypeError("not an object")
+    names = Capabilities.__dataclass_fields__
+    if set(entry) != set(names):
+        raise ValueError(f"keys unknown or missing: {', '.join(sorted(set(entry) ^ set(names)))}")
+    for key in ("codes", "verify", "limits", "arrival", "batch"):
+        if type(entry[key]) is not bool:
+            raise TypeError(f"{key} is not true or false")
+    for key, low, high in (("max_tier", 1, 3), ("max_sh_degree", 0, 3)):
+        if type(entry[key]) is not int or not low <= entry[key] <= high:
+            raise ValueError(f"{key} is not in {low}..{high}")
+    modes = entry["modes"]
+    if not isinstance(modes, list) or not modes or not set(modes) <= {"file", "progressive"}:
+        raise ValueError("modes is a list of file, progressive")
+    if not all(isinstance(entry[key], str) for key in ("name", "version")):
+        raise TypeError("name and version are strings")
+    return Capabilities(**{**entry, "modes": tuple(modes)})

@@ -1,0 +1,135 @@
+"""`evogs conformance run | selftest | explain`, also as `python -m conformance.harness`."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from conformance.harness.junit import as_junit
+from conformance.harness.manifest import SuiteError
+from conformance.harness.page import as_html
+from conformance.harness.process import Bounds
+from conformance.harness.report import as_json
+from conformance.harness.runner import Options
+from conformance.harness.selftest import self_test
+from conformance.harness.table import print_report
+from conformance.harness.trial import FAILED, INCOMPLETE, PASSED, Choice, draw_seed, hold
+
+__all__ = ["add_commands", "main"]
+
+Commands = Any  # argparse's sub-parsers have no public type
+VECTORS = Path(__file__).resolve().parent.parent / "vectors"
+MIB = 1 << 20
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit code."""
+    parser = argparse.ArgumentParser(
+        prog="python -m conformance.harness",
+        description="Tells any decoder of EvoGS streams whether it is right, and why not.",
+    )
+    add_commands(parser.add_subparsers(metavar="COMMAND", required=True))
+    args = parser.parse_args(arguments)
+    return int(args.run(args))
+
+
+def add_commands(commands: Commands) -> None:
+    """Add the commands to a parser."""
+    _add_run(commands)
+    _add_selftest(commands)
+
+
+def run_run(args: argparse.Namespace) -> int:
+    """`run`."""
+    options = Options(
+        command=_command(args.decoder),
+        bounds=Bounds(args.timeout, args.memory * MIB),
+        jobs=args.jobs,
+        batch=not args.no_batch,
+        seed=draw_seed() if args.seed is None else args.seed,
+        passed=args.env,
+        n_again=args.again,
+    )
+    choice = Choice(args.vectors, args.family, args.id, args.fresh)
+    trial = hold(choice, options, _progress)
+    print_report(trial)
+    reports = ((args.json, as_json), (args.junit, as_junit), (args.html, as_html))
+    for path, text_of in reports:
+        if path is not None:
+            path.write_text(text_of(trial), encoding="utf-8")
+    return trial.exit
+
+
+def run_selftest(args: argparse.Namespace) -> int:
+    """`selftest`."""
+    n, wrong, started = 0, 0, time.monotonic()
+    try:
+        for judged in self_test(args.vectors, names=args.names, jobs=args.jobs):
+            n, wrong = n + 1, wrong + bool(judged.problems)
+            state = "NOT AS WRITTEN" if judged.problems else "as written"
+            print(f"{state:14}  {judged.seconds:5.1f} s  {judged.name}: {judged.says}", flush=True)
+            for problem in judged.problems:
+                print(f"                    {problem}")
+    except SuiteError as error:
+        print(f"INCOMPLETE: {error}")
+        return INCOMPLETE
+    print(f"{n - wrong} of {n} judged as written in {time.monotonic() - started:.1f} s")
+    return FAILED if wrong else PASSED
+
+
+def _progress(done: int, all_: int) -> None:
+    if sys.stderr.isatty() and (done % 50 == 0 or done == all_):
+        print(f"\r{done} of {all_} runs", end="\n" if done == all_ else "", file=sys.stderr)
+
+
+def _command(text: str) -> list[str]:
+    """The words of a command; files named relative to here are found from everywhere."""
+    words = shlex.split(text)
+    # Not resolved: a link to a program may be what makes it find its libraries.
+    return [str(Path(word).absolute()) if Path(word).is_file() else word for word in words]
+
+
+def _add_selftest(commands: Commands) -> None:
+    parser = commands.add_parser(
+        "selftest",
+        help="judge deliberately bad decoders",
+        description="Judge deliberately bad decoders; each must get the verdict written down.",
+        epilog="exit codes: 0 as written; 1 not; 2 usage; 3 incomplete: nothing can be said",
+    )
+    parser.set_defaults(run=run_selftest)
+    parser.add_argument("names", nargs="*", metavar="NAME", help="only these")
+    parser.add_argument("--vectors", type=Path, default=VECTORS, metavar="DIR")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N")
+
+
+def _add_run(commands: Commands) -> None:
+    parser = commands.add_parser(
+        "run",
+        help="ask a decoder all vectors",
+        description="Ask a decoder all vectors and judge its answers.",
+        epilog="exit codes: 0 it is right; 1 it is not; 2 usage; 3 incomplete: nothing can be said",
+    )
+    parser.set_defaults(run=run_run)
+    parser.add_argument("--decoder", required=True, metavar='"CMD"', help="the decoder under test")
+    parser.add_argument("--vectors", type=Path, default=VECTORS, metavar="DIR")
+    parser.add_argument("--family", action="append", default=[], metavar="F", help="only these")
+    parser.add_argument("--id", action="append", default=[], metavar="GLOB", help="only these")
+    parser.add_argument("--fresh", type=int, metavar="N", help="vectors made anew (default: 25)")
+    parser.add_argument("--seed", type=int, metavar="S", help="default: drawn, and reported")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N")
+    parser.add_argument("--no-batch", action="store_true", help="one process per run")
+    parser.add_argument("--timeout", type=float, default=20.0, metavar="S", help="per run")
+    parser.add_argument("--memory", type=int, default=1024, metavar="MiB", help="per process")
+    parser.add_argument("--again", type=int, default=12, metavar="N", help="runs asked again")
+    parser.add_argument(
+        "--env", action="append", default=[], metavar="NAME", help="pass this variable on"
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write a report")
+    parser.add_argument("--junit", type=Path, metavar="FILE", help="write a report")
+    parser.add_argument("--html", type=Path, metavar="FILE", help="write a report")

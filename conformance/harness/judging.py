@@ -1,0 +1,105 @@
+"""The verdict on a run: what was expected against what came. No exit status is believed alone."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from conformance.harness.answers import Answer
+from conformance.harness.dumps import difference
+from conformance.harness.manifest import Case
+
+__all__ = ["KINDS", "Result", "judge"]
+
+# Every kind of outcome, and what it means for the reader of a report.
+KINDS = {
+    "pass": "as expected",
+    "skipped": "needs a feature that the decoder declares not to have, and says so with 127",
+    "wrong verdict": "accepted, rejected, not complete, over limits, unsupported: not as expected",
+    "wrong dump": "the right verdict, but not the right integers",
+    "wrong code": "rejected, but for another reason or at another place",
+    "stray output": "OUT holds something where there must be nothing",
+    "noise": "standard output holds something else than the contract allows",
+    "protocol": "not an answer of the batch protocol",
+    "crash": "ended in another way than the contract allows",
+    "timeout": "no end within the time limit",
+    "memory": "over the memory limit",
+    "output": "wrote too much",
+    "nondeterministic": "another answer when asked again",
+}
+VERDICTS = {
+    0: "accepted",
+    1: "rejected",
+    3: "not complete",
+    4: "over the limits",
+    127: "not supported",
+}
+
+
+@dataclass(frozen=True)
+class Result:
+    """A run, its answer, and the verdict: `kind` is one of `KINDS`, `says` one line."""
+
+    case: Case
+    answer: Answer
+    kind: str
+    says: str
+
+    @property
+    def failed(self) -> bool:
+        """Whether the decoder is not right here."""
+        return self.kind not in ("pass", "skipped")
+
+    def outcome(self) -> str:
+        """What fingerprints compare: exit, and the first 12 digits of the dump's hash."""
+        if self.answer.trouble:
+            return self.answer.trouble
+        output = self.answer.output
+        shown = hashlib.sha256(output).hexdigest()[:12] if output else "-"
+        return f"{self.answer.exit}:{shown}"
+
+
+def judge(
+    case: Case,
+    answer: Answer,
+    lacking: list[str],
+    golden: Callable[[str], bytes],
+    *,
+    codes: bool,
+) -> Result:
+    """Judge an answer.
+
+    Args:
+        case: the run.
+        answer: what came.
+        lacking: what the run needs and the decoder declares not to have.
+        golden: the dump with a hash.
+        codes: the decoder declares that it reports fault codes.
+    """
+    run = case.run
+    if answer.trouble:
+        return Result(case, answer, answer.trouble, answer.detail)
+    output = answer.output or b""
+    if lacking and answer.exit == 127 and not output:
+        return Result(case, answer, "skipped", f"does not have: {', '.join(lacking)}")
+    if answer.exit != run.exit:
+        wanted = VERDICTS[run.exit] + (f" ({run.code})" if run.code else "")
+        why = f" ({answer.code} at {answer.offset})" if answer.code else ""
+        exits = f"exit {answer.exit}, not {run.exit}"
+        says = f"{VERDICTS[answer.exit or 0]}{why}, should be {wanted}: {exits}"
+        return Result(case, answer, "wrong verdict", says)
+    if run.dump is None:
+        if output:
+            says = f"{VERDICTS[run.exit]}, but OUT has {len(output)} bytes"
+            return Result(case, answer, "stray output", says)
+    elif hashlib.sha256(output).hexdigest() != run.dump:
+        at = "" if run.level is None else f"level {run.level}, "
+        says = at + difference(output, golden(run.dump))
+        return Result(case, answer, "wrong dump", says)
+    if codes and run.code is not None and run.exit != 0:
+        found = (answer.code, answer.offset if run.offset is not None else None)
+        if found != (run.code, run.offset):
+            says = f"{answer.code} at {answer.offset}, should be {run.code} at {run.offset}"
+            return Result(case, answer, "wrong code", says)
+    return Result(case, answer, "pass", "")

@@ -1,0 +1,207 @@
+"""A run of the suite: every case to the decoder under test, and all that makes it a fair trial."""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import random
+import secrets
+import tempfile
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Protocol
+
+from conformance.harness.answers import Answer, Parcel
+from conformance.harness.batch import Batch
+from conformance.harness.capabilities import Capabilities, lacking
+from conformance.harness.judging import Result, judge
+from conformance.harness.manifest import Case, Run
+from conformance.harness.oneshot import OneShot
+from conformance.harness.process import Bounds, clean_environment
+
+__all__ = ["Asker", "Options", "ask_again", "run_cases"]
+
+# Two surroundings in which a decoder is asked again: nothing of them may show in its answer.
+SURROUNDINGS = (
+    {"LC_ALL": "C", "LANG": "C", "TZ": "Pacific/Auckland", "PYTHONHASHSEED": "1"},
+    {
+        "LC_ALL": "de_DE.UTF-8",
+        "LANG": "de_DE.UTF-8",
+        "TZ": "America/St_Johns",
+        "PYTHONHASHSEED": "2",
+        "OMP_NUM_THREADS": "1",
+        "EVOGS_UNRELATED": "x" * 4096,
+    },
+)
+
+
+class Asker(Protocol):
+    """One way to ask a decoder."""
+
+    def ask(self, parcel: Parcel, environment: dict[str, str]) -> Answer:
+        """The answer to a run."""
+
+    def close(self) -> None:
+        """Leave nothing running."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """How the decoder is asked.
+
+    Attributes:
+        command: the decoder under test.
+        bounds: of each run.
+        jobs: how many processes at a time.
+        batch: ask many runs in one process.
+        seed: of everything drawn by chance.
+        passed: names of environment variables that the decoder sees.
+        patience: hangs after which the rest is not run.
+        n_again: runs that are asked again in other surroundings.
+    """
+
+    command: Sequence[str]
+    bounds: Bounds = field(default_factory=Bounds)
+    jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
+    batch: bool = True
+    seed: int = 0
+    passed: Sequence[str] = ()
+    patience: int = 25
+    n_again: int = 12
+
+    def asker(self, seed: int) -> Asker:
+        """A way to ask, as the options say."""
+        return Batch(self.command, self.bounds, seed) if self.batch else self.one_shot()
+
+    def one_shot(self) -> Asker:
+        """A process per run."""
+        return OneShot(self.command, self.bounds)
+
+
+def run_cases(
+    cases: Sequence[Case],
+    capabilities: Capabilities,
+    golden: Callable[[str], bytes],
+    options: Options,
+    progress: Callable[[int, int], None] = lambda done, all_: None,
+) -> list[Result]:
+    """Ask the decoder every case; results in the order of the cases, those not run left out.
+
+    The order of asking is drawn by chance, so that a decoder cannot lean on what came before.
+    """
+    order = list(range(len(cases)))
+    random.Random(options.seed).shuffle(order)
+    waiting: queue.SimpleQueue[int] = queue.SimpleQueue()
+    for number in order:
+        waiting.put(number)
+    results: dict[int, Result] = {}
+    hangs: list[int] = []
+    errors: list[BaseException] = []
+
+    def work(worker: int, root: Path) -> None:
+        asker = options.asker(options.seed + worker)
+        try:
+            while len(hangs) < options.patience and not errors:
+                number = waiting.get_nowait()
+                case = cases[number]
+                answer = _ask(asker, case, root, clean_environment(root, options.passed))
+                missing = lacking(capabilities, case)
+                results[number] = judge(case, answer, missing, golden, codes=capabilities.codes)
+                if answer.trouble == "timeout":
+                    hangs.append(number)
+                progress(len(results), len(cases))
+        except queue.Empty:
+            pass
+        except BaseException as error:  # raised again where the results are read
+            errors.append(error)
+        finally:
+            asker.close()
+
+    with tempfile.TemporaryDirectory(prefix="evogs-", ignore_cleanup_errors=True) as name:
+        workers = [
+            threading.Thread(target=work, args=(worker, Path(name)), daemon=True)
+            for worker in range(max(1, min(options.jobs, len(cases))))
+        ]
+        for thread in workers:
+            thread.start()
+        for thread in workers:
+            thread.join()
+    if errors:
+        raise errors[0]
+    return [results[number] for number in sorted(results)]
+
+
+def ask_again(results: Sequence[Result], options: Options) -> list[Result]:
+    """Ask a sample again, a process per run, in two other surroundings; what differed.
+
+    With the batch protocol, this also holds the two ways of asking against each other.
+    """
+    sample = [result for result in results if not result.answer.trouble]
+    sample = random.Random(options.seed).sample(sample, min(options.n_again, len(sample)))
+    asker, found = options.one_shot(), []
+    with tempfile.TemporaryDirectory(prefix="evogs-", ignore_cleanup_errors=True) as name:
+        root = Path(name)
+        for result in sample:
+            for surroundings in SURROUNDINGS:
+                environment = clean_environment(root, options.passed) | surroundings
+                again = _ask(asker, result.case, root, environment)
+                if not again.same_as(result.answer):
+                    says = _how_they_differ(result.answer, again)
+                    found.append(Result(result.case, again, "nondeterministic", says))
+                    break
+    asker.close()
+    return found
+
+
+def _ask(asker: Asker, case: Case, root: Path, environment: dict[str, str]) -> Answer:
+    """Put the files of a run into a fresh folder and ask; nothing of it stays."""
+    with tempfile.TemporaryDirectory(dir=root, prefix="", ignore_cleanup_errors=True) as name:
+        parcel = _parcel(case.run, case.data, Path(name))
+        answer = asker.ask(parcel, environment)
+        if not answer.trouble and not _unchanged(parcel.source, case.data):
+            return replace(answer, trouble="output", detail="the input file was changed")
+        return answer
+
+
+def _parcel(run: Run, data: bytes, folder: Path) -> Parcel:
+    def name() -> Path:
+        return folder / secrets.token_hex(8)
+
+    def put(content: bytes) -> Path:
+        path = name()
+        path.write_bytes(content)
+        return path
+
+    home = name()
+    home.mkdir()
+    return Parcel(
+        home=home,
+        source=put(data),
+        target=name(),
+        mode=run.mode,
+        level=run.level,
+        verify=run.verify,
+        limits=None if run.limits is None else put(json.dumps(dict(run.limits)).encode()),
+        arrival=None if run.arrival is None else put(json.dumps(run.arrival).encode()),
+    )
+
+
+def _unchanged(path: Path, data: bytes) -> bool:
+    try:
+        return path.read_bytes() == data
+    except OSError:
+        return False
+
+
+def _how_they_differ(first: Answer, again: Answer) -> str:
+    if again.trouble:
+        return f"asked again: {again.trouble}, {again.detail}"
+    for name in ("exit", "code", "offset"):
+        before, after = getattr(first, name), getattr(again, name)
+        if before != after:
+            return f"asked again in other surroundings: {name} {after}, {before} before"
+    before, after = len(first.output or b""), len(again.output or b"")
+    return f"asked again in other surroundings: another dump ({after} bytes, {before} before)"

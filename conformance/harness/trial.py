@@ -1,0 +1,220 @@
+"""A trial: everything that is asked of a decoder, and what may be said about it afterwards."""
+
+from __future__ import annotations
+
+import hashlib
+import secrets
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from conformance.harness.canary import canaries
+from conformance.harness.capabilities import Capabilities, CapabilityError, ask_capabilities
+from conformance.harness.diagnosis import Likeness, likenesses, read_fingerprints
+from conformance.harness.families import expand
+from conformance.harness.judging import Result
+from conformance.harness.manifest import Case, Suite, SuiteError, load
+from conformance.harness.process import clean_environment
+from conformance.harness.runner import Options, ask_again, run_cases
+
+__all__ = [
+    "FAILED",
+    "INCOMPLETE",
+    "PASSED",
+    "Choice",
+    "Trial",
+    "draw_seed",
+    "harness_sha256",
+    "hold",
+]
+
+PASSED, FAILED, INCOMPLETE = 0, 1, 3  # exit codes; 2 is a wrong command line
+FRESH_SECONDS = 300
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What is asked: a folder of vectors, parts of it, and how many fresh vectors.
+
+    Attributes:
+        vectors: the folder with manifest.json.
+        families, ids: only these; everything if both are empty. `ids` are patterns.
+        n_fresh: vectors made anew from the seed; None: some, if they can be made.
+    """
+
+    vectors: Path
+    families: Sequence[str] = ()
+    ids: Sequence[str] = ()
+    n_fresh: int | None = None
+
+    def takes(self, case: Case) -> bool:
+        """Whether a case is asked."""
+        vector = case.vector
+        in_families = not self.families or vector.family in self.families
+        return in_families and (
+            not self.ids or any(fnmatchcase(vector.id, pattern) for pattern in self.ids)
+        )
+
+    @property
+    def is_all(self) -> bool:
+        """Whether the suite is asked as a whole."""
+        return not (self.families or self.ids)
+
+
+@dataclass
+class Trial:
+    """What came of it.
+
+    Attributes:
+        options, choice: how and what was asked.
+        suite_sha256: hash of the manifest; `version` and `spec` are what it says.
+        capabilities: what the decoder declares; None: it does not say.
+        results: one per case, those of canaries among them.
+        again: runs that gave another answer when asked again.
+        n_cases: how many cases there were.
+        n_again: how many were asked again.
+        likenesses: wrong decoders that this one looks like.
+        notes: what a reader must know.
+        failures: what is wrong with the decoder beside its answers.
+        incomplete: why nothing may be concluded; empty if something may.
+        seconds: of the whole trial.
+    """
+
+    options: Options
+    choice: Choice
+    suite_sha256: str = ""
+    version: str = ""
+    spec: str = ""
+    capabilities: Capabilities | None = None
+    results: list[Result] = field(default_factory=list)
+    again: list[Result] = field(default_factory=list)
+    n_cases: int = 0
+    n_again: int = 0
+    likenesses: list[Likeness] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    incomplete: list[str] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+
+    @property
+    def failed(self) -> list[Result]:
+        """All that is wrong with the decoder, run by run."""
+        return [result for result in self.results if result.failed] + self.again
+
+    @property
+    def exit(self) -> int:
+        """Exit code: a failure is sure, a pass needs a complete trial."""
+        if self.failed or self.failures:
+            return FAILED
+        return INCOMPLETE if self.incomplete else PASSED
+
+
+def hold(choice: Choice, options: Options, progress: Progress = lambda done, all_: None) -> Trial:
+    """Ask a decoder all that was chosen.
+
+    Nothing is passed in silence: a suite that cannot be read, a missing golden, nothing asked or
+    all of it skipped leave the trial incomplete.
+    """
+    trial, started = Trial(options, choice), time.monotonic()
+    try:
+        with tempfile.TemporaryDirectory(prefix="fresh-") as folder:
+            _hold(trial, Path(folder), progress)
+    except SuiteError as error:
+        trial.incomplete.append(str(error))
+    except CapabilityError as error:
+        trial.failures.append(str(error))
+    trial.seconds = time.monotonic() - started
+    return trial
+
+
+def _hold(trial: Trial, folder: Path, progress: Progress) -> None:
+    options, choice = trial.options, trial.choice
+    suite = load(choice.vectors)
+    trial.suite_sha256, trial.version, trial.spec = suite.sha256, suite.version, suite.spec
+    cases = [case for case in [*suite.cases(), *expand(suite)] if choice.takes(case)]
+    if not cases:
+        raise SuiteError("nothing was asked: no vector is in this selection")
+    cases += canaries(suite, options.seed)
+    fresh = _fresh(trial, folder)
+    goldens = {}
+    if fresh is not None:
+        cases += fresh.cases()
+        goldens = {run.dump: fresh for case in fresh.cases() if (run := case.run).dump}
+    trial.n_cases = len(cases)
+    with tempfile.TemporaryDirectory() as home:
+        environment = clean_environment(Path(home), options.passed)
+        trial.capabilities = ask_capabilities(options.command, environment, options.bounds)
+    if options.batch and not trial.capabilities.batch:
+        trial.notes.append("the decoder has no batch mode: one process per run")
+        trial.options = options = replace(options, batch=False)
+
+    def golden(sha256: str) -> bytes:
+        return goldens.get(sha256, suite).golden(sha256)
+
+    trial.results = run_cases(cases, trial.capabilities, golden, options, progress)
+    _conclude(trial, read_fingerprints(choice.vectors))
+
+
+def _conclude(trial: Trial, fingerprints: dict[str, object]) -> None:
+    options = trial.options
+    trial.again = ask_again(trial.results, options)
+    trial.n_again = min(options.n_again, len(trial.results))
+    trial.likenesses = likenesses(trial.results, fingerprints)
+    n_missing = trial.n_cases - len(trial.results)
+    if n_missing:
+        trial.incomplete.append(f"given up after {options.patience} hangs: {n_missing} runs left")
+    asked = [result for result in trial.results if result.case.vector.family != "canary"]
+    if asked and all(result.kind == "skipped" for result in asked):
+        trial.incomplete.append("all runs were skipped: the decoder declares that it does nothing")
+    if not trial.n_again:
+        trial.incomplete.append("no run was asked again: determinism is not known")
+    if not trial.choice.is_all:
+        trial.notes.append("only a part of the suite was asked: no claim may be made of it")
+
+
+def _fresh(trial: Trial, folder: Path) -> Suite | None:
+    """Vectors that nobody has seen, made by a process of their own (it needs more than we do)."""
+    n, seed = trial.choice.n_fresh, trial.options.seed
+    if n == 0 or (n is None and not trial.choice.is_all):
+        return None
+    try:
+        _make_fresh(seed, 25 if n is None else n, folder)
+        return load(folder)
+    except SuiteError as error:
+        if n is not None:  # asked for
+            raise
+        trial.notes.append(str(error))
+        return None
+
+
+def _make_fresh(seed: int, count: int, folder: Path) -> None:
+    command = [sys.executable, "-m", "conformance.fresh", "--seed", str(seed)]
+    command += ["--count", str(count), "--out", str(folder)]
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=FRESH_SECONDS, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise SuiteError(f"fresh vectors cannot be made: {error}") from None
+    if done.returncode:
+        lines = done.stderr.strip().split("\n")
+        raise SuiteError(f"fresh vectors cannot be made: {lines[-1]}")
+
+
+def draw_seed() -> int:
+    """A seed that nobody can have known."""
+    return secrets.randbelow(1 << 31)
+
+
+def harness_sha256() -> str:
+    """Hash of the harness itself, over names and contents of its modules."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()
