@@ -9,13 +9,14 @@ from conformance.rasterizer import Camera, psnr, render
 from evogs_codec import InputError
 from reference_trainer.views import load_views
 from reference_trainer.views.cache import cache_folder
+from reference_trainer.views.colmap import read_colmap
 from reference_trainer.views.distortion import (
     distort,
     undistort,
     undistorted_camera,
     undistorted_image,
 )
-from tests.trainer.views_folders import LENS, edit_json, folder_of
+from tests.trainer.views_folders import HEIGHT, LENS, WIDTH, edit_json, folder_of
 from tools.photos import main as photos_main
 from tools.scene import make_scene
 
@@ -118,6 +119,22 @@ def test_photographs_through_a_lens_show_the_scene_once_undistorted(tmp_path, ca
         # Wires thinner than a pixel lose some; a pixel off loses far more.
         assert psnr(picture, view.image) > 28
         assert psnr(picture, view.image) > 4 + psnr(np.roll(picture, 1, axis=1), view.image)
+
+
+@pytest.mark.parametrize(
+    ("model", "params", "lens"),
+    [
+        ("SIMPLE_RADIAL", (21.0, 9.0, 6.0, -0.2), (-0.2, 0.0, 0.0, 0.0)),
+        ("RADIAL", (21.0, 9.0, 6.0, -0.2, 0.09), (-0.2, 0.09, 0.0, 0.0)),
+        ("OPENCV", (21.0, 21.0, 9.0, 6.0, -0.2, 0.09, 0.01, 0.03), (-0.2, 0.09, 0.01, 0.03)),
+    ],
+)
+def test_lenses_of_colmap_have_their_coefficients_in_place(tmp_path, model, params, lens):
+    folder = folder_of(tmp_path, "colmap-text", n=1)
+    numbers = " ".join(map(str, params))
+    (folder / "sparse/0/cameras.txt").write_text(f"1 {model} {WIDTH} {HEIGHT} {numbers}\n")
+    (photograph,), *_ = read_colmap(folder, folder / "sparse" / "0")
+    assert photograph.distortion == lens
 
 
 # ------------------------------------------------------------------------------------------- cache

@@ -12,6 +12,7 @@ from PIL import Image
 from conformance.rasterizer import psnr, render
 from reference_trainer.views import load_views
 from reference_trainer.views.colmap_files import read_model
+from reference_trainer.views.points import read_points
 from tests.trainer.views_folders import HEIGHT, WIDTH, cloud_of, edit_json, folder_of, shots_of
 from tools.photos import main as photos_main
 from tools.scene import make_scene
@@ -86,6 +87,28 @@ def test_binary_records_are_those_of_the_documentation_of_colmap(tmp_path):
     assert (model.points.tolist(), model.colours.tolist()) == ([[4, 5, 6]], [[10, 20, 30]])
 
 
+def test_a_binary_model_is_taken_before_one_in_text(tmp_path):
+    folder = folder_of(tmp_path, "colmap", n=2)
+    (folder / "sparse/0/cameras.txt").write_text("1 MAGIC 1 1\n")
+    assert len(load_views(folder).train) == 1
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "shade"), [("uchar", "51", 0.2), ("float", "0.2", 0.2), (None, "", 0.5)]
+)
+def test_colours_of_points_may_be_bytes_or_floats_or_missing(tmp_path, kind, value, shade):
+    names = ("red", "green", "blue") if kind else ()
+    lines = ["ply", "format ascii 1.0", "element vertex 1"]
+    lines += [f"property float {name}" for name in "xyz"]
+    lines += [f"property {kind} {name}" for name in names]
+    lines += ["end_header", "1 2 3 " + " ".join([value] * len(names))]
+    path = tmp_path / "points.ply"
+    path.write_text("\n".join(lines) + "\n")
+    points, colours = read_points(path)
+    assert points.tolist() == [[1, 2, 3]]
+    np.testing.assert_allclose(colours, [[shade] * 3], rtol=1e-6)
+
+
 @pytest.mark.parametrize("place", ["sparse", "."])
 def test_a_model_may_lie_beside_its_photographs_and_have_no_points(tmp_path, place):
     folder = folder_of(tmp_path, "colmap")
@@ -144,6 +167,22 @@ def test_validation_views_are_held_out_where_there_are_no_test_views(tmp_path):
     assert [view.name for view in load_views(folder).test] == ["train/r_0"]
 
 
+def test_test_views_come_before_validation_views(tmp_path):
+    blender = folder_of(tmp_path / "a", "blender")
+    train = (blender / "transforms_train.json").read_text()
+    (blender / "transforms_val.json").write_text(train)
+    assert len(load_views(blender).test) == 3
+    other = folder_of(tmp_path / "b", "nerfstudio")
+    names = [f"images/view_{i:04d}.png" for i in (1, 2)]
+    edit_json(other / "transforms.json", lambda top: top.update(val_filenames=names))
+    assert len(load_views(other).test) == 3
+    edit_json(other / "transforms.json", lambda top: top.update(test_filenames=[]))
+    assert [view.name for view in load_views(other).test] == [
+        "images/view_0001",
+        "images/view_0002",
+    ]
+
+
 def test_a_folder_of_one_photograph_holds_nothing_out(tmp_path):
     dataset = load_views(folder_of(tmp_path, "colmap", n=1))
     assert (len(dataset.train), len(dataset.test)) == (1, 0)
@@ -183,6 +222,45 @@ def test_other_kinds_of_eight_bit_pictures_are_read(tmp_path, mode):
     path.unlink()
     grey.save(path.with_suffix(".jpg" if mode == "CMYK" else ".png"))
     np.testing.assert_allclose(load_views(folder).train[0].image, 1, atol=0.01)
+
+
+def test_transparency_of_a_palette_is_transparency(tmp_path):
+    folder = folder_of(tmp_path, "blender", n=2)
+    pixels = Image.fromarray(np.zeros((HEIGHT, WIDTH), np.uint8)).convert("P")
+    pixels.save(folder / "train" / "r_0.png", transparency=0)
+    assert load_views(folder, background=(0.25, 0.5, 1)).train[0].image[3, 3].tolist() == [
+        0.25,
+        0.5,
+        1,
+    ]
+
+
+def test_an_angle_may_stand_for_a_focal_length_and_one_for_both(tmp_path):
+    folder = folder_of(tmp_path, "nerfstudio", n=2)
+
+    def angle_y(top):
+        for frame in top["frames"]:
+            del frame["fl_x"], frame["fl_y"]
+            frame["camera_angle_y"] = 2 * np.arctan(HEIGHT / 2 / 30)
+
+    edit_json(folder / "transforms.json", angle_y)
+    camera = load_views(folder).train[0].camera
+    assert (camera.fx, camera.fy) == pytest.approx((30, 30))
+
+
+def test_names_stay_below_the_folder_that_results_are_written_to(tmp_path):
+    folder = folder_of(tmp_path / "d" / "inner", "nerfstudio", n=2)
+    (folder / "images").rename(tmp_path / "images")
+
+    def move(top):
+        top["frames"][0]["file_path"] = "../../images/view_0000.png"
+        top["frames"][1]["file_path"] = str(tmp_path / "images" / "view_0001.png")
+        del top["test_filenames"]
+
+    edit_json(folder / "transforms.json", move)
+    dataset = load_views(folder, test_every=0)
+    assert dataset.train[0].name == "images/view_0000"
+    assert dataset.train[1].name == f"{tmp_path}/images/view_0001"[1:]
 
 
 def test_numbers_of_the_lens_may_stand_at_the_top_of_the_file(tmp_path):
