@@ -113,7 +113,8 @@ class _Loss(torch.autograd.Function):
         gradient += np.sign(difference) * a.dtype.type((1.0 - weight) / a.size)
         ctx.gradient = torch.from_numpy(gradient)
         mean = float(np.abs(difference).mean(dtype=np.float64))
-        return image.new_tensor((1.0 - weight) * mean + weight * (1.0 - similarity))
+        value = (1.0 - weight) * mean + weight * (1.0 - similarity)
+        return torch.tensor(value, dtype=image.dtype)
 
     @staticmethod
     def backward(ctx: Context, *grads: Tensor) -> tuple[Tensor | None, ...]:

@@ -1,0 +1,59 @@
+"""The queue: what it runs, in which order, and that nothing runs twice."""
+
+import json
+
+import pytest
+
+from evogs_codec.interchange import read_tree
+from reference_trainer import queue
+from reference_trainer.config import METHODS, PRESETS
+from reference_trainer.queue import jobs, run_job
+from tests.trainer import tiny
+
+
+def test_level_0_comes_first_and_every_method_has_its_runs():
+    found = list(jobs(PRESETS["quick"], list(METHODS), [0, 1], ["equal", "thresholds"]))
+    names = [job.name for job in found]
+    assert names[0] == "level0"
+    assert len(set(names)) == len(names) == 1 + 2 * (len(METHODS) + 3)
+    assert names.index("equal-evogs-0") < names.index("equal-evogs-1")
+    assert all(job.shares == job.name.split("-")[1].startswith(("evogs", "lapis"))
+               for job in found[1:])  # fmt: skip
+    assert found[0].config.n_levels == 1
+
+
+@pytest.fixture
+def small_queue():
+    config = tiny.config()
+    return list(jobs(config, ["evogs", "lapis", "single"], [0], ["equal"]))
+
+
+def test_a_run_leaves_its_tree_and_figures_and_is_not_repeated(tmp_path, small_queue):
+    for job in small_queue:
+        run_job(job, tiny.dataset(), tmp_path, "cpu")
+    for job in small_queue:
+        folder = tmp_path / job.name
+        result = json.loads((folder / "result.json").read_text())
+        scales = range(1 if job.name == "level0" else 2)
+        assert [row["level"] for row in result["levels"]] == list(scales)
+        assert result["config"]["method"] == job.config.method
+        assert result["seconds"] > 0
+        assert {path.name for path in folder.iterdir()} == {
+            *("tree.tree.npz", "result.json", "log.csv", "pictures"),
+        }  # fmt: skip
+    shared = read_tree(tmp_path / "level0" / "tree.tree.npz").leaves(0).channels()
+    evogs = read_tree(tmp_path / "equal-evogs-0" / "tree.tree.npz").leaves(0).channels()
+    assert (shared == evogs).all()
+    before = (tmp_path / "equal-evogs-0" / "result.json").stat().st_mtime_ns
+    run_job(small_queue[1], tiny.dataset(), tmp_path, "cpu")
+    assert (tmp_path / "equal-evogs-0" / "result.json").stat().st_mtime_ns == before
+
+
+def test_the_command_line_lists_what_is_to_do(tmp_path, capsys):
+    (tmp_path / "level0").mkdir()
+    (tmp_path / "level0" / "result.json").write_text("{}")
+    flags = ["--data", "x", "--out", str(tmp_path), "--methods", "evogs", "--seeds", "3", "--list"]
+    queue.main(flags)
+    assert capsys.readouterr().out.splitlines() == [
+        "level0: done", "equal-evogs-3: to do", "thresholds-evogs-3: to do",
+    ]  # fmt: skip
