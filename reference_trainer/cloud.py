@@ -36,8 +36,7 @@ class Cloud:
         opacities: (F,) opacity logits of the foundation, trained, or None where they are frozen.
         growth: how it grows, None for not at all.
         extent: of the cameras, scene units.
-        rng: of the places of new splats.
-        shows_bands: whether SH bands come in one by one.
+        seed: of the places of new splats.
     """
 
     def __init__(
@@ -49,7 +48,6 @@ class Cloud:
         *,
         foundation: SplatTensors | None = None,
         dynamic_opacity: bool = False,
-        shows_bands: bool = True,
     ) -> None:
         self.layer = splat_variables(layer)
         self.foundation = foundation
@@ -57,7 +55,6 @@ class Cloud:
         if foundation is not None and dynamic_opacity:
             self.opacities = Variable.of(foundation.opacity_logits.clone(), "opacity")
         self.growth, self.extent, self.seed = growth, extent, seed
-        self.shows_bands = shows_bands
 
     @property
     def n_foundation(self) -> int:
@@ -72,10 +69,10 @@ class Cloud:
     def splats(self, iteration: int) -> SplatTensors:
         """The N splats, differentiable, the foundation first."""
         layer = splat_tensors(self.layer)
-        if self.shows_bands and self.growth is not None:
-            bands = min(1 + iteration // self.growth.sh_every, 4)
-            layer = layer._replace(sh=layer.sh[:, : bands * bands])
         if self.foundation is None:
+            if self.growth is not None:  # SH bands come in one by one
+                bands = min(1 + iteration // self.growth.sh_every, 4)
+                layer = layer._replace(sh=layer.sh[:, : bands * bands])
             return layer
         below = self.foundation
         if self.opacities is not None:

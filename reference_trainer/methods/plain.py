@@ -27,6 +27,4 @@ def plain_cloud(
         setting.seed(SPLITS),
         foundation=foundation,
         dynamic_opacity=dynamic_opacity,
-        # A foundation has all bands; its layers must not take them away again.
-        shows_bands=foundation is None,
     )

@@ -1,0 +1,111 @@
+"""Plain densification under a cap; a foundation that stays."""
+
+import numpy as np
+import pytest
+import torch
+
+from reference_trainer.cloud import Cloud
+from reference_trainer.config import CloudGrowth
+from reference_trainer.densify import ScreenGradients, largest, useless
+from reference_trainer.seeding import extent, first_splats
+from reference_trainer.tensors import SplatTensors
+from tests.trainer import tiny
+
+GROWTH = CloudGrowth(start=1, every=1, stop=1.0, prune_scale=1e9)
+
+
+def cloud(n=10, below=0, growth=GROWTH):
+    splats = SplatTensors.of(tiny.random_splats(np.random.default_rng(1), n))
+    foundation = None
+    if below:
+        foundation = SplatTensors.of(tiny.random_splats(np.random.default_rng(2), below))
+    return Cloud(splats, growth, 5.0, (0,), foundation=foundation, dynamic_opacity=below > 0)
+
+
+def scores(n, high=()):
+    found = ScreenGradients(n)
+    found.total[list(high)] = 1 + np.arange(len(high))
+    found.count[:] = 1
+    return found
+
+
+@pytest.mark.parametrize("below", [0, 8])
+@pytest.mark.parametrize("cap", [10, 19, 24, 100])
+def test_growth_stays_under_the_cap(below, cap):
+    model = cloud(below=below)
+    n = model.n_splats
+    for step in range(1, 6):
+        model.refine(step, 10, scores(model.n_splats, range(model.n_splats)), cap)
+        assert model.n_splats <= max(cap, n)
+    if cap == 100:
+        assert model.n_splats > 60
+
+
+def test_a_narrow_splat_is_cloned_and_a_wide_one_becomes_two_smaller():
+    model = cloud()
+    with torch.no_grad():
+        model.layer[2].value[3] = -6.0
+        model.layer[2].value[7] = -1.0
+    before = model.layer_splats()
+    assert model.refine(1, 10, scores(10, [3, 7]), 100)
+    after = model.layer_splats()
+    assert len(after) == 12
+    np.testing.assert_array_equal(after.means[9], before.means[3])
+    np.testing.assert_allclose(after.log_scales[10:], -1 - np.log(1.6), rtol=1e-6)
+    assert not (after.means == before.means[7]).all(axis=1).any()
+
+
+def test_a_foundation_is_never_removed():
+    model = cloud(below=6)
+    assert model.foundation is not None
+    with torch.no_grad():
+        assert model.opacities is not None
+        model.opacities.value[:] = -20.0
+        model.layer[3].value[:] = -20.0
+    model.refine(1, 10, scores(16), 16)
+    assert (model.n_foundation, model.n_splats) == (6, 6)
+
+
+def test_a_reset_lowers_every_opacity():
+    model = cloud(below=3, growth=CloudGrowth(start=1, every=100, reset_every=2, stop=1.0))
+    model.refine(2, 10, scores(13), 13)
+    assert torch.sigmoid(model.splats(10**6).opacity_logits).max() < 0.0101
+
+
+def test_bands_come_in_one_by_one():
+    model = cloud(growth=CloudGrowth(sh_every=5))
+    assert [model.splats(i).sh.shape[1] for i in (0, 4, 5, 50)] == [1, 1, 4, 4]
+    assert cloud(below=2).splats(10).sh.shape[1] == 4
+
+
+def test_largest_takes_the_first_of_equals_over_the_threshold():
+    assert list(largest(np.array([1.0, 3, 3, 0, 2]), 0.5, 2)) == [1, 2]
+    assert list(largest(np.array([1.0, 3, 3, 0, 2]), 2.5, 9)) == [1, 2]
+    assert list(largest(np.array([1.0, 3]), 0.0, -1)) == []
+
+
+def test_useless_splats_are_faint_wide_or_not_finite():
+    splats = tiny.random_splats(np.random.default_rng(0), 5)
+    arrays = {name: getattr(splats, name).copy() for name in SplatTensors._fields}
+    arrays["opacity_logits"][0] = -8
+    arrays["log_scales"][1, 2] = 9
+    arrays["sh"][2, 0, 0] = np.nan
+    assert list(useless(type(splats)(**arrays), 0.005, 100.0)) == [True, True, True, False, False]
+
+
+def test_gradients_on_the_screen_are_means_over_pictures_that_show_a_splat():
+    found = ScreenGradients(3)
+    found.add(np.array([[3.0, 4.0], [0, 0], [1, 0]]), 2, 2)
+    found.add(np.array([[0.0, 0.0], [0, 0], [3, 0]]), 2, 2)
+    assert list(found.mean()) == [5, 0, 2]
+
+
+def test_splats_start_at_points_as_wide_as_their_spacing():
+    data = tiny.dataset()
+    splats = first_splats(data, 1000, 2, (0,))
+    assert len(splats) == len(data.points)
+    assert splats.sh.shape[1] == 9
+    d = np.linalg.norm(splats.means[:, None] - splats.means, axis=2)
+    expected = np.sqrt((np.sort(d, axis=1)[:, 1:4] ** 2).mean(axis=1))
+    np.testing.assert_allclose(np.exp(splats.log_scales), expected[:, None].repeat(3, 1), rtol=1e-5)
+    assert extent(data.train) == pytest.approx(1.1 * 4 * np.cos(0.4), rel=0.1)
