@@ -56,7 +56,7 @@ def run_run(args: argparse.Namespace) -> int:
         passed=args.env,
         n_again=args.again,
     )
-    choice = Choice(args.vectors, args.family, args.id, args.fresh)
+    choice = Choice(args.vectors, args.family, args.id, args.fresh, args.quick)
     trial = hold(choice, options, _progress)
     print_report(trial)
     reports = ((args.json, as_json), (args.junit, as_junit), (args.html, as_html))
@@ -120,6 +120,7 @@ def _add_run(commands: Commands) -> None:
     parser.add_argument("--vectors", type=Path, default=VECTORS, metavar="DIR")
     parser.add_argument("--family", action="append", default=[], metavar="F", help="only these")
     parser.add_argument("--id", action="append", default=[], metavar="GLOB", help="only these")
+    parser.add_argument("--quick", action="store_true", help="no prefixes, flips, fresh vectors")
     parser.add_argument("--fresh", type=int, metavar="N", help="vectors made anew (default: 25)")
     parser.add_argument("--seed", type=int, metavar="S", help="default: drawn, and reported")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N")

@@ -51,14 +51,6 @@ class Result:
         """Whether the decoder is not right here."""
         return self.kind not in ("pass", "skipped")
 
-    def outcome(self) -> str:
-        """What fingerprints compare: exit, and the first 12 digits of the dump's hash."""
-        if self.answer.trouble:
-            return self.answer.trouble
-        output = self.answer.output
-        shown = hashlib.sha256(output).hexdigest()[:12] if output else "-"
-        return f"{self.answer.exit}:{shown}"
-
 
 def judge(
     case: Case,

@@ -8,14 +8,14 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
 from conformance.harness.canary import canaries
 from conformance.harness.capabilities import Capabilities, CapabilityError, ask_capabilities
-from conformance.harness.diagnosis import Likeness, likenesses, read_fingerprints
+from conformance.harness.diagnosis import Fingerprint, Likeness, likenesses, read_fingerprints
 from conformance.harness.families import expand
 from conformance.harness.judging import Result
 from conformance.harness.manifest import Case, Suite, SuiteError, load
@@ -46,12 +46,14 @@ class Choice:
         vectors: the folder with manifest.json.
         families, ids: only these; everything if both are empty. `ids` are patterns.
         n_fresh: vectors made anew from the seed; None: some, if they can be made.
+        is_quick: no families that the harness makes itself: no prefixes, no flipped bits.
     """
 
     vectors: Path
     families: Sequence[str] = ()
     ids: Sequence[str] = ()
     n_fresh: int | None = None
+    is_quick: bool = False
 
     def takes(self, case: Case) -> bool:
         """Whether a case is asked."""
@@ -64,7 +66,7 @@ class Choice:
     @property
     def is_all(self) -> bool:
         """Whether the suite is asked as a whole."""
-        return not (self.families or self.ids)
+        return not (self.families or self.ids or self.is_quick)
 
 
 @dataclass
@@ -77,6 +79,7 @@ class Trial:
         capabilities: what the decoder declares; None: it does not say.
         results: one per case, those of canaries among them.
         again: runs that gave another answer when asked again.
+        vector_runs: ids of the cases that are runs of committed vectors.
         n_cases: how many cases there were.
         n_again: how many were asked again.
         likenesses: wrong decoders that this one looks like.
@@ -94,6 +97,7 @@ class Trial:
     capabilities: Capabilities | None = None
     results: list[Result] = field(default_factory=list)
     again: list[Result] = field(default_factory=list)
+    vector_runs: set[str] = field(default_factory=set)
     n_cases: int = 0
     n_again: int = 0
     likenesses: list[Likeness] = field(default_factory=list)
@@ -137,7 +141,10 @@ def _hold(trial: Trial, folder: Path, progress: Progress) -> None:
     options, choice = trial.options, trial.choice
     suite = load(choice.vectors)
     trial.suite_sha256, trial.version, trial.spec = suite.sha256, suite.version, suite.spec
-    cases = [case for case in [*suite.cases(), *expand(suite)] if choice.takes(case)]
+    cases = [case for case in suite.cases() if choice.takes(case)]
+    trial.vector_runs = {case.id for case in cases}
+    if not choice.is_quick:
+        cases += [case for case in expand(suite) if choice.takes(case)]
     if not cases:
         raise SuiteError("nothing was asked: no vector is in this selection")
     cases += canaries(suite, options.seed)
@@ -161,11 +168,13 @@ def _hold(trial: Trial, folder: Path, progress: Progress) -> None:
     _conclude(trial, read_fingerprints(choice.vectors))
 
 
-def _conclude(trial: Trial, fingerprints: dict[str, object]) -> None:
+def _conclude(trial: Trial, fingerprints: Mapping[str, Fingerprint]) -> None:
     options = trial.options
     trial.again = ask_again(trial.results, options)
     trial.n_again = min(options.n_again, len(trial.results))
-    trial.likenesses = likenesses(trial.results, fingerprints)
+    covered = [result for result in trial.results if result.case.id in trial.vector_runs]
+    codes = trial.capabilities is not None and trial.capabilities.codes
+    trial.likenesses = likenesses(covered, fingerprints, codes=codes)
     n_missing = trial.n_cases - len(trial.results)
     if n_missing:
         trial.incomplete.append(f"given up after {options.patience} hangs: {n_missing} runs left")

@@ -1,6 +1,7 @@
 """The harness: its verdicts, what it refuses to conclude, its reports."""
 
 import ast
+import hashlib
 import json
 import shlex
 import subprocess
@@ -13,7 +14,7 @@ from conformance.harness import manifest
 from conformance.harness.answers import Answer, AnswerError, read_entry, read_fault
 from conformance.harness.canary import canaries
 from conformance.harness.cli import main
-from conformance.harness.diagnosis import likenesses
+from conformance.harness.diagnosis import Fingerprint, likenesses
 from conformance.harness.dumps import channel_name, difference
 from conformance.harness.families import expand
 from conformance.harness.judging import KINDS, judge
@@ -328,18 +329,32 @@ def test_a_decoder_is_told_which_known_wrong_one_it_looks_like(made_suite):
     wrong = Answer(0, dump[:-4] + bytes(4))
     answers = {"core-example#0": wrong, "core-example#2": wrong}
     results = results_of(made_suite, answers)
-    outcome = next(result.outcome() for result in results if result.case.id == "core-example#0")
-    both = {"core-example#0": outcome, "core-example#2": outcome}
+    text = "0:" + hashlib.sha256(wrong.output or b"").hexdigest()[:12]
+    both = {"core-example#0": text, "core-example#2": text}
     fingerprints = {
-        "off": {"says": "one thing", "outcomes": both},
-        "near": {"says": "another", "outcomes": {"core-example#0": outcome}},
-        "far": {"says": "a third", "outcomes": {"crc-of-a-packet#0": "0:-"}},
+        "off": Fingerprint("one thing", both, {}),
+        "near": Fingerprint("another", {"core-example#0": text}, {}),
+        "far": Fingerprint("a third", {"crc-of-a-packet#0": "0:-"}, {}),
     }
-    first, second = likenesses(results, fingerprints)
+    first, second = likenesses(results, fingerprints, codes=True)
     assert (first.name, first.share, second.name, second.share) == ("off", 1.0, "near", 0.5)
     assert "this looks like off: one thing (explains all wrong runs)" in first.sentence()
     assert "core-example#2, level 1, tile 0, slot 3" in first.sentence()
-    assert likenesses(results_of(made_suite, {}), fingerprints) == []
+    assert likenesses(results_of(made_suite, {}), fingerprints, codes=True) == []
+
+
+def test_codes_tell_wrong_decoders_apart_if_they_are_reported(made_suite):
+    results = results_of(made_suite, {"crc-of-a-packet#0": Answer(1, code="E_ZSTD", offset=457)})
+    crash = results_of(made_suite, {"core-example#0": Answer(None, trouble="timeout")})
+    fingerprints = {
+        "late": Fingerprint("checks late", {}, {"crc-of-a-packet#0": "E_ZSTD@457"}),
+        "loop": Fingerprint("never ends", {"core-example#0": "crash"}, {}),
+    }
+    (found,) = likenesses(results, fingerprints, codes=True)
+    assert (found.name, found.share) == ("late", 1.0)
+    assert likenesses(results, fingerprints, codes=False) == []
+    (found,) = likenesses(crash, fingerprints, codes=True)
+    assert found.name == "loop"
 
 
 # --- reports --------------------------------------------------------------------------------------
