@@ -10,7 +10,7 @@ import argparse
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -24,14 +24,12 @@ from reference_trainer.views.pyramid import area_average
 from tools.photo_formats import FORMATS, Cloud, Shot
 from tools.scene import SH_C0, make_scene
 
-__all__ = ["cloud_of", "main", "photograph", "shooting_cameras"]
+__all__ = ["Framing", "cloud_of", "main", "photograph", "shooting_cameras"]
 
 F32: TypeAlias = npt.NDArray[np.float32]
 Real: TypeAlias = npt.NDArray[np.floating[Any]]
 Distortion: TypeAlias = tuple[float, float, float, float]
 
-CENTRE = (0.0, 0.0, 0.8)  # of the procedural scene, metres
-RADIUS = 8.0  # outside the things of the scene, inside its sky
 ELEVATIONS = (0.4, 1.0)  # radians; over the wall, which is 3 m high
 FOV_X = 0.85
 TEST_EVERY = 8
@@ -40,8 +38,26 @@ STRIDE = math.sqrt(2)  # of heights, in turns: every subset of views has all hei
 FINE = 2  # samples a side of a pixel, behind a lens that distorts
 
 
-def shooting_cameras(n: int, size: int) -> list[Camera]:
-    """`n` cameras once around the scene at changing heights, square pictures."""
+class Framing(NamedTuple):
+    """Where cameras look, and from how far, in the scene's units; z is up."""
+
+    centre: tuple[float, float, float]
+    radius: float
+
+    @staticmethod
+    def of(splats: SplatParams) -> Framing:
+        """Around the bulk of any scene."""
+        low, high = np.percentile(splats.means.astype(np.float64), (20, 80), axis=0)
+        x, y, z = ((low + high) / 2).tolist()
+        return Framing((x, y, z), 2 * float(np.linalg.norm(high - low)))
+
+
+# Outside the things of the procedural scene, inside its sky.
+PROCEDURAL = Framing((0.0, 0.0, 0.8), 8.0)
+
+
+def shooting_cameras(n: int, size: int, framing: Framing = PROCEDURAL) -> list[Camera]:
+    """`n` cameras once around a scene at changing heights, square pictures."""
     cameras = []
     low, high = ELEVATIONS
     for i in range(n):
@@ -49,8 +65,9 @@ def shooting_cameras(n: int, size: int) -> list[Camera]:
         elevation = low + (high - low) * (i * STRIDE % 1)
         level = math.cos(elevation)
         out = [level * math.cos(turn), level * math.sin(turn), math.sin(elevation)]
-        eye = np.array(CENTRE) + RADIUS * np.array(out)
-        cameras.append(Camera.look_at(eye, CENTRE, width=size, height=size, fov_x=FOV_X))
+        eye = np.array(framing.centre) + framing.radius * np.array(out)
+        camera = Camera.look_at(eye, framing.centre, width=size, height=size, fov_x=FOV_X)
+        cameras.append(camera)
     return cameras
 
 
@@ -68,9 +85,9 @@ def photograph(
     return _bytes(np.concatenate([colors, alpha], axis=2))
 
 
-def cloud_of(splats: SplatParams, seed: int = 0) -> Cloud:
+def cloud_of(splats: SplatParams, framing: Framing = PROCEDURAL, seed: int = 0) -> Cloud:
     """Some centres of opaque splats, as structure from motion would have found them."""
-    near = np.linalg.norm(splats.means - np.array(CENTRE), axis=1) < RADIUS
+    near = np.linalg.norm(splats.means - np.array(framing.centre), axis=1) < framing.radius
     opaque = np.flatnonzero(near & (splats.opacity_logits > 1))
     rng = np.random.Generator(np.random.PCG64(seed))
     chosen = np.sort(rng.permutation(opaque)[:N_POINTS])
@@ -86,7 +103,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         epilog="example: python -m tools.photos build/photos --views 60 --size 200",
     )
     parser.add_argument("out", metavar="OUT_DIR", type=Path)
-    parser.add_argument("--scene", metavar="PLY", type=Path, help="default: tools.scene")
+    parser.add_argument("--scene", metavar="PLY", type=Path, help="z up; default: tools.scene")
     parser.add_argument("--splats", type=int, default=10_000, metavar="N", help="of tools.scene")
     parser.add_argument("--views", type=int, default=60, metavar="N", help="default: 60")
     parser.add_argument("--size", type=int, default=200, metavar="PX", help="default: 200")
@@ -102,9 +119,13 @@ def main(argv: Sequence[str] | None = None) -> None:
         parser.error("the blender format has no lens distortion: choose another --format")
     try:
         splats = make_scene(args.splats) if args.scene is None else read_ply(args.scene)
-        shots = _shoot(splats, args.views, args.size, tuple(args.distortion), args.format)
+        if not len(splats):
+            raise InputError(f"{args.scene}: has no splats to photograph")
+        framing = PROCEDURAL if args.scene is None else Framing.of(splats)
+        cameras = shooting_cameras(args.views, args.size, framing)
+        shots = _shoot(splats, cameras, tuple(args.distortion), args.format)
         args.out.mkdir(parents=True, exist_ok=True)
-        FORMATS[args.format](args.out, shots, cloud_of(splats))
+        FORMATS[args.format](args.out, shots, cloud_of(splats, framing))
     except (InputError, ValueError) as error:
         parser.exit(1, f"{error}\n")
     except OSError as error:
@@ -112,9 +133,11 @@ def main(argv: Sequence[str] | None = None) -> None:
     print(f"{args.out}: {len(shots)} photographs of {len(splats):,} splats, {args.format}")
 
 
-def _shoot(splats: SplatParams, n: int, size: int, distortion: Distortion, kind: str) -> list[Shot]:
+def _shoot(
+    splats: SplatParams, cameras: Sequence[Camera], distortion: Distortion, kind: str
+) -> list[Shot]:
     shots = []
-    for i, camera in enumerate(shooting_cameras(n, size)):
+    for i, camera in enumerate(cameras):
         pixels = photograph(splats, camera, distortion)
         if kind != "blender":  # the others come from cameras, which know no transparency
             pixels = _on_white(pixels)

@@ -2,6 +2,7 @@
 
 import re
 import struct
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 from PIL import Image
 
 from conformance.rasterizer import psnr, render
+from evogs_codec import write_ply
 from reference_trainer.views import load_views
 from reference_trainer.views.colmap_files import read_model
 from reference_trainer.views.points import read_points
@@ -299,6 +301,26 @@ def test_photographs_of_the_procedural_scene_show_it(tmp_path, capsys, kind, lea
     for view in (*dataset.train, *dataset.test):
         picture = np.clip(render(scene, view.camera, dataset.background), 0, 1)
         assert psnr(picture, view.image) > least
+
+
+def test_cameras_frame_a_scene_of_any_size_and_place(tmp_path, capsys):
+    scene = make_scene(500)
+    far = scene.means * 100 + np.array([500, -300, 20], np.float32)
+    scaled = replace(scene, means=far, log_scales=scene.log_scales + np.float32(np.log(100)))
+    write_ply(tmp_path / "far.ply", scaled)
+    arguments = ["--views", "3", "--size", "16", "--format", "colmap"]
+    photos_main([str(tmp_path / "d"), "--scene", str(tmp_path / "far.ply"), *arguments])
+    dataset = load_views(tmp_path / "d")
+    assert dataset.points is not None
+    centre = dataset.points.mean(0)
+    for view in dataset.train:
+        x, y, z = view.camera.rotation @ centre + view.camera.translation
+        assert z > 100
+        assert np.hypot(x, y) < 0.5 * z
+    with pytest.raises(SystemExit) as exit_:
+        photos_main([str(tmp_path / "d"), "--scene", str(tmp_path / "no.ply")])
+    assert exit_.value.code == 1
+    assert "no.ply: cannot be read" in capsys.readouterr().err
 
 
 def test_a_lens_that_distorts_is_refused_where_the_format_cannot_say_it(tmp_path, capsys):
