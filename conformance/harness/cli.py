@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from conformance.harness.explain import explain
 from conformance.harness.junit import as_junit
 from conformance.harness.manifest import SuiteError
 from conformance.harness.page import as_html
@@ -43,6 +44,7 @@ def add_commands(commands: Commands) -> None:
     """Add the commands to a parser."""
     _add_run(commands)
     _add_selftest(commands)
+    _add_explain(commands)
 
 
 def run_run(args: argparse.Namespace) -> int:
@@ -83,6 +85,18 @@ def run_selftest(args: argparse.Namespace) -> int:
     return FAILED if wrong else PASSED
 
 
+def run_explain(args: argparse.Namespace) -> int:
+    """`explain`."""
+    try:
+        print(explain(args.vectors, args.id), flush=True)
+    except SuiteError as error:
+        print(f"explain: {error}", file=sys.stderr)
+        return FAILED
+    except BrokenPipeError:  # the reader has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return PASSED
+
+
 def _progress(done: int, all_: int) -> None:
     if sys.stderr.isatty() and (done % 50 == 0 or done == all_):
         print(f"\r{done} of {all_} runs", end="\n" if done == all_ else "", file=sys.stderr)
@@ -93,6 +107,17 @@ def _command(text: str) -> list[str]:
     words = shlex.split(text)
     # Not resolved: a link to a program may be what makes it find its libraries.
     return [str(Path(word).absolute()) if Path(word).is_file() else word for word in words]
+
+
+def _add_explain(commands: Commands) -> None:
+    parser = commands.add_parser(
+        "explain",
+        help="show a vector byte by byte",
+        description="Show what a vector tests, what is expected, and every byte of it.",
+    )
+    parser.set_defaults(run=run_explain)
+    parser.add_argument("id", metavar="ID", help="a vector, or a case: every-prefix-example@371")
+    parser.add_argument("--vectors", type=Path, default=VECTORS, metavar="DIR")
 
 
 def _add_selftest(commands: Commands) -> None:
