@@ -46,7 +46,13 @@ class Framing(NamedTuple):
 
     @staticmethod
     def of(splats: SplatParams) -> Framing:
-        """Around the bulk of any scene."""
+        """Around the bulk of any scene.
+
+        Raises:
+            ValueError: it has no splats.
+        """
+        if not len(splats):
+            raise ValueError("no splats to photograph")
         low, high = np.percentile(splats.means.astype(np.float64), (20, 80), axis=0)
         x, y, z = ((low + high) / 2).tolist()
         return Framing((x, y, z), 2 * float(np.linalg.norm(high - low)))
@@ -119,8 +125,6 @@ def main(argv: Sequence[str] | None = None) -> None:
         parser.error("the blender format has no lens distortion: choose another --format")
     try:
         splats = make_scene(args.splats) if args.scene is None else read_ply(args.scene)
-        if not len(splats):
-            raise InputError(f"{args.scene}: has no splats to photograph")
         framing = PROCEDURAL if args.scene is None else Framing.of(splats)
         cameras = shooting_cameras(args.views, args.size, framing)
         shots = _shoot(splats, cameras, tuple(args.distortion), args.format)

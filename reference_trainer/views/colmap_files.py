@@ -1,8 +1,8 @@
 """Records of a COLMAP model: cameras, images and points, of `.bin` and `.txt` files.
 
-The official reader (pycolmap) takes 134 MB on disk and, given an `images.bin` cut short, loops
-for minutes and then ends the process. What is needed here is three tables, little-endian, each
-after the number of its rows.
+The official reader (pycolmap) takes 134 MB on disk and, given an `images.bin` cut short, did not
+return within a minute. What is needed here is three tables, little-endian, each after the number
+of its rows.
 """
 
 from __future__ import annotations

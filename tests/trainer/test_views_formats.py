@@ -317,10 +317,12 @@ def test_cameras_frame_a_scene_of_any_size_and_place(tmp_path, capsys):
         x, y, z = view.camera.rotation @ centre + view.camera.translation
         assert z > 100
         assert np.hypot(x, y) < 0.5 * z
-    with pytest.raises(SystemExit) as exit_:
-        photos_main([str(tmp_path / "d"), "--scene", str(tmp_path / "no.ply")])
-    assert exit_.value.code == 1
-    assert "no.ply: cannot be read" in capsys.readouterr().err
+    write_ply(tmp_path / "empty.ply", make_scene(0))
+    for name, words in (("no", "no.ply: cannot be read"), ("empty", "no splats to photograph")):
+        with pytest.raises(SystemExit) as exit_:
+            photos_main([str(tmp_path / "d"), "--scene", str(tmp_path / f"{name}.ply")])
+        assert exit_.value.code == 1
+        assert words in capsys.readouterr().err
 
 
 def test_a_lens_that_distorts_is_refused_where_the_format_cannot_say_it(tmp_path, capsys):
