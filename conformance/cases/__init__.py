@@ -13,6 +13,8 @@ from conformance.cases import (
     invalid_tables,
     invalid_values,
     numeric,
+    order,
+    zstd,
 )
 
 __all__ = ["FAMILIES"]
@@ -26,4 +28,6 @@ FAMILIES: tuple[ModuleType, ...] = (
     invalid_tables,
     invalid_values,
     invalid_directory,
+    zstd,
+    order,
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from conformance.builder import DROP, REFINE, SPLIT, Packet, Stream, Tile
+from conformance.builder import DROP, REFINE, SPLIT, Packet, Stream, Tile, packet_body
 from conformance.cases.case import FILE, PROGRESSIVE, Case, Recipe, case
 from conformance.cases.scenes import numbers
 
@@ -145,14 +145,27 @@ def amplification() -> Iterator[Case]:
             None if code is None else "amplification-least",
             runs=(FILE,),
         )
+    for kind, name in ((SPLIT, "splits"), (REFINE, "refines"), (DROP, "drops")):
+        records = dict.fromkeys(range(592), kind)
+        packets = [Packet(n_adds=592), Packet(n_adds=8), Packet(records=records, n_adds=1)]
+        yield case(
+            f"amplification-by-{name}",
+            rows_of(*packets),
+            "R-5.6-7",
+            f"592 {name} and an add in 37 bytes",
+            "counts adds only, or new slots only",
+            "E_AMPLIFICATION",
+            "amplification-least-of-all-kinds",
+        )
+    mixed = Packet(records={slot: slot % 3 for slot in range(591)}, n_adds=1)
+    most = 16 * len(packet_body(mixed, mixed.counts))
     yield case(
-        "amplification-by-splits",
-        rows_of(Packet(n_adds=592), Packet(records=dict.fromkeys(range(592), SPLIT), n_adds=1)),
+        "amplification-least-of-all-kinds",
+        rows_of(Packet(n_adds=592), replace(mixed, n_adds=most - 591)),
         "R-5.6-7",
-        "592 splits and an add in 37 bytes",
-        "counts adds only",
-        "E_AMPLIFICATION",
-        "amplification-least",
+        f"591 records of all kinds and {most - 591} adds, 16 for each byte",
+        "counts a split twice",
+        runs=(FILE,),
     )
     yield case(
         "amplification-sums-to-2-to-32",
