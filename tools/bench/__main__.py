@@ -2,7 +2,7 @@
 
 Every time is the median of several turns taken one after the other by all contenders of a row, in
 one process, so that a busy machine slows all of them. Results: `docs/figures/*.csv` and
-`docs/figures.md`.
+`docs/figures.md`, of which `--only` leaves the other tables as they are.
 """
 
 from __future__ import annotations
@@ -13,14 +13,18 @@ import os
 import platform
 import sys
 import tempfile
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
-from evogs_codec import read_ply, read_tree
-from tools.bench import pictures, scene, trained
+from evogs_codec import SplatParams, read_ply, read_tree
+from tools.bench import pictures, raster, trained
 from tools.scene import make_scene
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 Rows = list[dict[str, object]]
+Measurement = tuple[str, str, Callable[[], Rows]]  # name, title, what measures it
+PARTS = ("raster", "scene", "levels", "tree")
 
 
 def main() -> int:
@@ -34,44 +38,78 @@ def main() -> int:
     parser.add_argument("--photos", type=Path, help="NeRF-synthetic folder of the tree")
     parser.add_argument("--up", default="z", help="up axis of the scene, as -y (default: z)")
     parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder of the results")
+    parser.add_argument("--only", choices=PARTS, nargs="+", default=PARTS, help="some tables")
     args = parser.parse_args()
     tables: dict[str, tuple[str, Rows]] = {}
     with tempfile.TemporaryDirectory() as folder:
-        splats = read_ply(args.ply) if args.ply else make_scene()
-        for name, (title, run) in scene.TABLES.items():
+        for name, title, measure in _measurements(args, Path(folder)):
             print(f"{name} ...", file=sys.stderr)
-            tables[name] = (title, run(splats, Path(folder)))
-    title = "Pictures of the levels, against the scene, over 24 views"
-    tables["levels"] = (title, pictures.levels(splats, args.up))
-    if args.tree:
-        tree = read_tree(args.tree)
-        for name, (title, measure) in trained.TABLES.items():
-            print(f"{name} ...", file=sys.stderr)
-            tables[name] = (title, measure(tree))
-        if args.photos:
-            title = "Pictures of a trained tree, on photographs it was not trained on"
-            tables["photographs"] = (title, pictures.photographs(tree, args.photos))
+            tables[name] = (title, measure())
     turned = f" --up={args.up}" if args.up != "z" else ""
-    command = f"python -m tools.bench{turned}" + "".join(
+    some = "" if args.only == PARTS else f" --only {' '.join(args.only)}"
+    command = f"python -m tools.bench{some}{turned}" + "".join(
         f" --{key} {path.name}"
         for key, path in (("ply", args.ply), ("tree", args.tree), ("photos", args.photos))
         if path
     )
-    write(args.out, command, tables)
+    write(args.out, command, tables, keep_others=bool(some))
     return 0
 
 
-def write(out: Path, command: str, tables: dict[str, tuple[str, Rows]]) -> None:
+def _measurements(args: argparse.Namespace, folder: Path) -> Iterator[Measurement]:
+    """What was asked for, in the order of the page."""
+    if "raster" in args.only:  # first, while the process is small
+        for name, (title, run) in raster.TABLES.items():
+            yield name, title, run
+    if {"scene", "levels"} & set(args.only):
+        splats = read_ply(args.ply) if args.ply else make_scene()
+    if "scene" in args.only:
+        from tools.bench import scene  # needs gsply, which nothing else does
+
+        for name, (title, measure) in scene.TABLES.items():
+            yield name, title, partial(measure, splats, folder)
+    if "levels" in args.only:
+        title = "Pictures of the levels, against the scene, over 24 views"
+        yield "levels", title, partial(_levels, args, splats)
+    if "tree" in args.only and args.tree:
+        tree = read_tree(args.tree)
+        for name, (title, of_tree) in trained.TABLES.items():
+            yield name, title, partial(of_tree, tree)
+        if args.photos:
+            title = "Pictures of a trained tree, on photographs it was not trained on"
+            yield "photographs", title, partial(pictures.photographs, tree, args.photos)
+
+
+def _levels(args: argparse.Namespace, splats: SplatParams) -> Rows:
+    """Those of the shipped scene too, if another was named."""
+    rows = pictures.levels(splats, args.ply.stem, args.up) if args.ply else []
+    return rows + pictures.levels(make_scene(), "shipped", "z")
+
+
+def write(
+    out: Path, command: str, tables: dict[str, tuple[str, Rows]], *, keep_others: bool
+) -> None:
     """One CSV file per table, and a page with all of them."""
     (out / "figures").mkdir(parents=True, exist_ok=True)
-    page = ["# Figures", "", f"Made by `{command}` on {machine()}.", ""]
+    path = out / "figures.md"
+    made = f"Made by `{command}` on {machine()}."
+    head, sections = _read_page(path) if keep_others else (f"# Figures\n\n{made}", {})
     for name, (title, rows) in tables.items():
         with (out / "figures" / f"{name}.csv").open("w", encoding="utf-8", newline="") as file:
             writer = csv.DictWriter(file, rows[0], lineterminator="\n")
             writer.writeheader()
             writer.writerows(rows)
-        page += [f"## {title}", "", *markdown(rows), ""]
-    (out / "figures.md").write_text("\n".join(page[:-1]) + "\n", encoding="utf-8")
+        lines = ([made, ""] if keep_others else []) + markdown(rows)
+        sections[title] = "\n".join(lines)
+    body = [f"## {title}\n\n{text}" for title, text in sections.items()]
+    path.write_text("\n\n".join([head, *body]) + "\n", encoding="utf-8")
+
+
+def _read_page(path: Path) -> tuple[str, dict[str, str]]:
+    """What stands before the first section, and the text below each title."""
+    head, *sections = path.read_text(encoding="utf-8").split("\n## ")
+    titled = (section.split("\n", 1) for section in sections)
+    return head.strip(), {title: text.strip() for title, text in titled}
 
 
 def markdown(rows: Rows) -> list[str]:

@@ -22,17 +22,22 @@ from evogs_codec import (
     lift,
     read_directory,
 )
+from tools.bench.free_parents import free_levels
 
 __all__ = ["levels", "photographs"]
 
 Rows = list[dict[str, object]]
 F64 = npt.NDArray[np.float64]
 WHITE = (1.0, 1.0, 1.0)
+N_LEVELS = 5
 PYRAMID = (8, 4, 2, 1)  # pixels of a photograph, to a side, in one of each level
 
 
-def levels(splats: SplatParams, up: str) -> Rows:
-    """PSNR of each decoded level against the scene, and of as many of its splats at random."""
+def levels(splats: SplatParams, scene: str, up: str) -> Rows:
+    """PSNR of each level against the scene, over the cameras of `conformance.cli.around`.
+
+    Beside it, of as many of its splats at random, and of the same pairs with free parents.
+    """
     cameras = around(splats, up, 400)
     pictures = [render(splats, camera, WHITE) for camera in cameras]
 
@@ -43,18 +48,24 @@ def levels(splats: SplatParams, up: str) -> Rows:
         ]
         return f"{np.mean(found):.2f}"
 
-    data = encode(lift(splats, 5), PRESETS["scene"])
+    tree = lift(splats, N_LEVELS)
+    free = free_levels(tree)
+    data = encode(tree, PRESETS["scene"])
     directory = read_directory(memoryview(data))
     rng = np.random.default_rng(0)
     rows: Rows = []
-    for level in range(directory.n_levels):
-        drawn = decode(data, Cut.of_level(directory, level)).leaves()
-        subset = np.sort(rng.choice(len(splats), len(drawn), replace=False))
+    for level in range(N_LEVELS):
+        lifted = tree.leaves(level)
+        subset = np.sort(rng.choice(len(splats), len(lifted), replace=False))
         rows.append(
             {
+                "scene": scene,
                 "level": level,
-                "splats": len(drawn),
-                "PSNR, dB": decibels(drawn),
+                "splats": len(lifted),
+                "share": f"{len(lifted) / max(len(splats), 1):.3f}",
+                "decoded, dB": decibels(decode(data, Cut.of_level(directory, level)).leaves()),
+                "lifted, dB": decibels(lifted),
+                "free parents, dB": decibels(free[level]),
                 "random subset, dB": decibels(splats.take(subset)),
             }
         )
@@ -65,11 +76,13 @@ def photographs(tree: EvolutionTree, folder: Path) -> Rows:
     """PSNR of the levels of a tree on every 8th photograph of a NeRF-synthetic folder."""
     scene = json.loads((folder / "transforms_train.json").read_text(encoding="utf-8"))
     frames = scene["frames"][::8]
+    raw = sum(step.psi.nbytes + step.alpha.nbytes + step.adds.nbytes for step in tree.steps)
     pixels = [_on_white(folder / f"{frame['file_path']}.png") for frame in frames]
 
     def row(name: str, n_bytes: int | None, leaves: Callable[[int], SplatParams]) -> None:
         found: dict[str, object] = {"tree": name}
         found["bytes a leaf"] = "" if n_bytes is None else f"{n_bytes / tree.n_leaves:.2f}"
+        found["raw float32 to it"] = "" if n_bytes is None else f"{raw / n_bytes:.1f}"
         for level, part in enumerate(PYRAMID):
             results = []
             for image, frame in zip(pixels, frames, strict=True):

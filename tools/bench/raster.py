@@ -1,19 +1,17 @@
-"""`python -m tools.bench.raster`: time and memory of the rasterizer, and of torch in the same run.
+"""The rasterizer: time of its stages, of the calls a trainer makes, against torch; its memory.
 
-800 x 800 pixels, 100,000 random ellipsoids of SH degree 3. Times are medians; torch, which is
-optional, takes turns with ours.
+100,000 random ellipsoids of SH degree 3 on 800 x 800 pixels, unless a table says otherwise. All
+contenders of a table take turns in one process. torch is optional.
 """
 
 from __future__ import annotations
 
-import argparse
 import importlib.util
-import resource
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from functools import partial
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -24,15 +22,23 @@ from conformance.rasterizer.blending import blend
 from conformance.rasterizer.blending_gradient import ENTRY, add_up, blend_gradient
 from conformance.rasterizer.compiled import n_threads
 from conformance.rasterizer.projection_gradient import project_gradient
+from conformance.rasterizer.render import Real
 from conformance.rasterizer.tiles import Tiles, depth_order
 from evogs_codec import SplatParams
 from evogs_codec.splats import F32
+from tools.bench.measure import peak_memory, take_turns
 from tools.bench.raster_torch import render_torch, render_torch_gradients
 
-__all__ = ["Scene", "compare", "memory", "stages"]
+__all__ = ["TABLES", "Scene", "draw_often"]
 
+Rows = list[dict[str, object]]
 Result = TypeVar("Result")
 
+N_SPLATS, SIZE = 100_000, 800
+TURNS, TORCH_TURNS = 15, 3
+# Pixels to a side, splats and turns of what a trainer repeats ten thousands of times.
+CALLS = ((50, 2_000, 300), (100, 5_000, 200), (200, 20_000, 60), (400, 100_000, 20))
+FORWARD = ("project", "sort", "count", "fill", "blend")
 OPTIONS = Options()
 BLACK = (0.0, 0.0, 0.0)
 
@@ -68,10 +74,21 @@ def f32(values: npt.ArrayLike) -> F32:
     return np.asarray(values, np.float32)
 
 
-def stages(scene: Scene, turns: int) -> dict[str, float]:
-    """Median seconds of every stage of a drawing and its gradients."""
-    times = [_one_turn(scene) for _ in range(turns + 1)][1:]
-    return {name: float(np.median([t[name] for t in times])) for name in times[0]}
+def stages() -> Rows:
+    """Every stage of a drawing and its gradients."""
+    scene = Scene.of(N_SPLATS, SIZE)
+    turns = [_one_turn(scene) for _ in range(TURNS + 1)][1:]
+    median = {name: float(np.median([turn[name] for turn in turns])) for name in turns[0]}
+    forward = sum(median[name] for name in FORWARD)
+    return [
+        {
+            "stage": name,
+            "ms": f"{1000 * seconds:.1f}",
+            "least ms": f"{1000 * min(turn[name] for turn in turns):.1f}",
+            "to forward": f"{seconds / forward:.2f}",
+        }
+        for name, seconds in median.items()
+    ]
 
 
 def _one_turn(scene: Scene) -> dict[str, float]:
@@ -122,86 +139,114 @@ def _one_turn(scene: Scene) -> dict[str, float]:
     return seconds
 
 
-def _forward(scene: Scene) -> object:
-    return render(scene.splats, scene.camera)
-
-
-def _both(scene: Scene) -> object:
-    drawing = draw(scene.splats, scene.camera)
-    return gradients(drawing, scene.splats, scene.image_gradient)
-
-
-def compare(scene: Scene, turns: int, torch_turns: int) -> dict[str, tuple[float, float | None]]:
-    """Median seconds of ours and of torch's (None without torch), forward and with gradients."""
+def against_torch() -> Rows:
+    """Ours and torch's turns alternate; the ratios are of medians and of the least times."""
+    scene = Scene.of(N_SPLATS, SIZE)
     arguments = (scene.splats, scene.camera, BLACK, OPTIONS)
-    contenders: dict[str, tuple[Callable[[], Any], Callable[[], Any]]] = {
-        "forward": (lambda: _forward(scene), lambda: render_torch(*arguments)),
-        "forward and backward": (
-            lambda: _both(scene),
+    return [
+        _against(
+            "forward",
+            lambda: render(scene.splats, scene.camera),
+            lambda: render_torch(*arguments),
+        ),
+        _against(
+            "forward and backward",
+            lambda: _draw_and_gradients(scene),
             lambda: render_torch_gradients(*arguments, scene.image_gradient),
         ),
-    }
+    ]
+
+
+def _against(
+    name: str, ours: Callable[[], object], theirs: Callable[[], object]
+) -> dict[str, object]:
+    ours()
     has_torch = importlib.util.find_spec("torch") is not None
-    results: dict[str, tuple[float, float | None]] = {}
-    tiny = Scene.of(100, 32)
-    for name, (ours, theirs) in contenders.items():
-        ours()
-        if has_torch:
-            render_torch(tiny.splats, tiny.camera, BLACK, OPTIONS)
-        # Turns of both alternate, so that a busy machine slows both.
-        times: list[float] = []
-        torch_times: list[float] = []
-        for _ in range(torch_turns):
-            times += [_seconds(ours) for _ in range(-(-turns // torch_turns))]
-            torch_times += [_seconds(theirs)] if has_torch else []
-        results[name] = (
-            float(np.median(times)),
-            float(np.median(torch_times)) if torch_times else None,
+    if has_torch:
+        theirs()
+    times: list[float] = []
+    torch_times: list[float] = []
+    for _ in range(TORCH_TURNS):
+        times += [_seconds(ours) for _ in range(TURNS // TORCH_TURNS)]
+        torch_times += [_seconds(theirs)] if has_torch else []
+    median = float(np.median(times))
+    row: dict[str, object] = {"what": name, "ms": f"{1000 * median:.1f}"}
+    if has_torch:
+        row["torch, ms"] = f"{1000 * float(np.median(torch_times)):.0f}"
+        row["torch to ours"] = f"{float(np.median(torch_times)) / median:.1f}"
+        row["least to least"] = f"{min(torch_times) / min(times):.1f}"
+    else:
+        row["torch, ms"] = "torch is not installed"
+    return row
+
+
+def calls() -> Rows:
+    """Drawing, SSIM and all gradients, as often and as small as in training."""
+    rows: Rows = []
+    for size, n, turns in CALLS:
+        scene = Scene.of(n, size)
+        target = render(scene.splats, scene.camera)[::-1].copy()
+        seconds = take_turns(
+            {
+                "forward": partial(render, scene.splats, scene.camera),
+                "all": partial(_train_once, scene, target),
+            },
+            turns,
         )
-    return results
+        rows.append(
+            {
+                "pixels": f"{size} x {size}",
+                "splats": n,
+                "forward, ms": f"{1000 * seconds['forward']:.2f}",
+                "forward, SSIM, backward, ms": f"{1000 * seconds['all']:.2f}",
+            }
+        )
+    return rows
 
 
-def _seconds(run: Callable[[], Any]) -> float:
+def memory() -> Rows:
+    """Peak memory of processes of their own that draw and differentiate few times or many."""
+    base, _ = peak_memory("import tools.bench.raster")
+    rows: Rows = []
+    for turns in (1, 5, 50):
+        peak, _ = peak_memory(f"from tools.bench.raster import draw_often\ndraw_often({turns})")
+        rows.append(
+            {
+                "pictures and gradients": turns,
+                "peak MiB": f"{peak / 2**20:.0f}",
+                "above imports, MiB": f"{(peak - base) / 2**20:.0f}",
+            }
+        )
+    return rows
+
+
+def draw_often(turns: int) -> None:
+    """What `memory` measures."""
+    scene = Scene.of(N_SPLATS, SIZE)
+    for _ in range(turns):
+        _draw_and_gradients(scene)
+
+
+def _draw_and_gradients(scene: Scene) -> object:
+    return gradients(draw(scene.splats, scene.camera), scene.splats, scene.image_gradient)
+
+
+def _train_once(scene: Scene, target: Real) -> object:
+    drawing = draw(scene.splats, scene.camera)
+    _, image_gradient = ssim_gradient(drawing.image, target)
+    return gradients(drawing, scene.splats, image_gradient)
+
+
+def _seconds(run: Callable[[], object]) -> float:
     start = time.perf_counter()
     run()
     return time.perf_counter() - start
 
 
-def memory(scene: Scene, turns: int) -> tuple[float, float]:
-    """MB of resident memory at their highest, after the first turns and after all of them."""
-    peaks = []
-    for turn in range(turns):
-        _both(scene)
-        if turn in (4, turns - 1):
-            peaks.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
-    return peaks[0], peaks[-1]
-
-
-def main() -> int:
-    """Print all tables; returns the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--splats", type=int, default=100_000)
-    parser.add_argument("--size", type=int, default=800)
-    parser.add_argument("--turns", type=int, default=9)
-    parser.add_argument("--torch-turns", type=int, default=1)
-    args = parser.parse_args()
-    scene = Scene.of(args.splats, args.size)
-    drawing = draw(scene.splats, scene.camera)
-    print(f"{args.splats} splats, {args.size} x {args.size} pixels, {n_threads()} threads")
-    print(drawing.counts)
-    for name, seconds in stages(scene, args.turns).items():
-        print(f"{name:24s}{seconds * 1e3:9.1f} ms")
-    before, after = memory(scene, 50)
-    print(f"peak memory after 5 and 50 turns: {before:.0f} MB, {after:.0f} MB")
-    for name, (ours, theirs) in compare(scene, args.turns, args.torch_turns).items():
-        against = (
-            "no torch to compare with"
-            if theirs is None
-            else f"torch {theirs * 1e3:9.1f} ms, ratio {theirs / ours:.1f}"
-        )
-        print(f"{name:24s}{ours * 1e3:9.1f} ms, {against}")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+_OF = f"{N_SPLATS:,} splats, {SIZE} x {SIZE} pixels"
+TABLES: dict[str, tuple[str, Callable[[], Rows]]] = {
+    "raster": (f"Rasterizer: time of every stage, {_OF}", stages),
+    "raster-torch": (f"Rasterizer, to the same in vectorised torch, {_OF}", against_torch),
+    "raster-calls": ("Rasterizer: time of a call", calls),
+    "raster-memory": (f"Rasterizer: memory, {_OF}", memory),
+}
