@@ -30,6 +30,8 @@ __all__ = ["Job", "jobs", "main", "run_job"]
 
 UNBOUNDED = 400_000  # splats of a level that grows by thresholds; memory has an end
 SEEDED = ("evogs", "evogs-sym", "lapis")  # methods that run with every seed
+LAYERED = ("evogs", "lapis", "l3gs")  # methods whose growth by thresholds is compared
+THRESHOLD = 2e-4  # of 3DGS
 BUDGETS = ("equal", "thresholds")
 
 
@@ -78,20 +80,31 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def jobs(config: Config, methods: list[str], seeds: list[int], budgets: list[str]) -> Iterator[Job]:
-    """The shared level 0, then methods by importance: first seeds before second ones."""
+    """The shared level 0, then every method once, then some with the other seeds."""
     first = replace(config, iterations=config.iterations[:1], max_splats=config.max_splats[:1])
     yield Job("level0", replace(first, method="mono"), config.n_levels, shares=False)
-    for budget in budgets:
-        for number, seed in enumerate(seeds):
+    for number, seed in enumerate(seeds):
+        for budget in budgets:
             for method in methods:
-                if number and method not in SEEDED:
+                if method not in (LAYERED if budget == "thresholds" else METHODS):
+                    continue
+                if number and (method not in SEEDED or budget == "thresholds"):
                     continue
                 changed = replace(config, method=method, seed=seed)
                 if budget == "thresholds":
-                    caps = tuple(UNBOUNDED for _ in config.max_splats)
-                    changed = replace(changed, max_splats=caps, equal_buckets=True)
+                    changed = _by_thresholds(changed)
                 shares = method.startswith(("evogs", "lapis"))
                 yield Job(f"{budget}-{method}-{seed}", changed, config.n_levels, shares)
+
+
+def _by_thresholds(config: Config) -> Config:
+    """Growth as published, where `config` fills a budget."""
+    return replace(
+        config,
+        max_splats=tuple(UNBOUNDED for _ in config.max_splats),
+        frontier=replace(config.frontier, threshold=THRESHOLD),
+        equal_buckets=True,
+    )
 
 
 def run_job(job: Job, data: Dataset, out: Path, device: str) -> None:
