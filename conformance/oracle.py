@@ -338,7 +338,7 @@ def read_packets(scene: Scene, body: bytes, own: dict[str, int]) -> None:
             require((p.size == 0) == no_counts, "E_COUNT", "R-5.6-5")
             level[t] = p.level
         require(p.n_records <= live[t], "E_COUNT", "R-5.6-6")
-        require(n_new <= 16 * p.size, "E_AMPLIFICATION", "R-5.6-7")
+        require(p.n_adds + p.n_records <= 16 * p.size, "E_AMPLIFICATION", "R-5.6-7")
         require(p.size > 0 or p.crc == 0, "E_CRC", "R-5.6-8")
         p.step, p.start = rows[t][p.component], HEADER.size + h.chunks_size + data_size
         scene.packets.append(p)
@@ -524,6 +524,7 @@ def read_frame(frame: bytes, content_size: int) -> bytes:
         block = int.from_bytes(frame[at : at + 3], "little")
         last, kind, size = block & 1, block >> 1 & 3, block >> 3
         require(kind != 3 and size <= min(128 << 10, stated), "E_FRAME", "R-5.10-5")
+        require(size > 0 or (kind == 0 and last == 1), "E_FRAME", "R-5.10-5")
         at += 3 + (1 if kind == 1 else size)  # an RLE block stores a byte
     require(at == len(frame), "E_FRAME", "R-5.10-5")
     try:

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 __all__ = ["apply_compiled", "kernels_for"]
 
 MIN_COMPILED = 50_000  # slots below which numpy is as fast as loading compiled code
-MAX_RECORDS = 8  # per slot: refines of psi 0 cost no bytes, so a small stream may have any number
 MAX_PLANES = 16 << 20  # bytes of planes that are decompressed at a time, if packets allow
 
 
@@ -60,8 +59,6 @@ def apply_compiled(kernels: ModuleType, state: TileState, data: memoryview, pack
     core_counts = np.stack([core[name].astype(np.int64) for name in names], 1)
     counts, levels = core_counts[steps], core["level"].astype(np.int64)[steps]
     n_records, n_splits = int(core_counts[:, 1:].sum()), int(core_counts[:, 1].sum())
-    if n_records > MAX_RECORDS * (len(state.live) + 1):
-        return False
     plans = kernels.Plans.empty(len(core), n_records, n_splits)
     tables = _tables(kernels, directory, state.tile)
     for part in _parts(components, counts):

@@ -142,6 +142,8 @@ def check_frame(frame: memoryview, size: int, offset: int) -> None:
         last, kind, block = bool(header & 1), header >> 1 & 3, header >> 3
         if kind == 3 or block > min(content, MAX_BLOCK):
             raise refuse("a block is reserved or too large")
+        if block == 0 and not (kind == 0 and last):
+            raise refuse("an empty block")
         at += 3 + (1 if kind == 1 else block)
     if at != len(frame):
         raise refuse(f"the last block ends at {at} of {len(frame)} bytes")

@@ -144,7 +144,7 @@ def _is_frame(frame: U8, content: int) -> bool:
             return False
         header = np.int64(frame[at]) | np.int64(frame[at + 1]) << 8 | np.int64(frame[at + 2]) << 16
         last, kind, block = header & 1 == 1, (header >> 1) & 3, header >> 3
-        if kind == 3 or block > min(content, MAX_BLOCK):
+        if kind == 3 or block > min(content, MAX_BLOCK) or (block == 0 and (kind or not last)):
             return False
         at += 3 + (1 if kind == 1 else block)
     return at == len(frame)

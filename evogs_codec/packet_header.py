@@ -19,7 +19,7 @@ N_CORE = 14  # channels of core: geometry and SH band 0
 CORE_SH = slice(11, 14)
 N_SIDES = 2 + N_GROUPS  # lists of core before psi: slots, kinds, alpha
 FLAG_PSI_YCOCG, FLAG_ADDS_YCOCG = 1, 2
-MAX_NEW_PER_BYTE = 16  # R-5.6-7
+MAX_RECORDS_PER_BYTE = 16  # R-5.6-7
 
 
 @dataclass(frozen=True)

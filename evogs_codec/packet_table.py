@@ -13,7 +13,7 @@ import numpy.typing as npt
 from evogs_codec import layout
 from evogs_codec.errors import Fault, StreamError
 from evogs_codec.limits import LIMITS
-from evogs_codec.packet_header import MAX_NEW_PER_BYTE
+from evogs_codec.packet_header import MAX_RECORDS_PER_BYTE
 from evogs_codec.splats import I64
 from evogs_codec.tables import read_rows
 
@@ -76,8 +76,8 @@ class _PacketTable:
         yield Fault.E_COUNT, core & (some != (size > 0)), "size and counts contradict each other"
         live = _running(tile, adds - self.counts["n_drops"] + splits)
         yield Fault.E_COUNT, n_records > live, "more records than live splats"
-        many = adds + splits > MAX_NEW_PER_BYTE * size
-        yield Fault.E_AMPLIFICATION, many, "too many new slots for its size"
+        many = adds + n_records > MAX_RECORDS_PER_BYTE * size
+        yield Fault.E_AMPLIFICATION, many, "too many records for its size"
         yield Fault.E_CRC, (size == 0) & (rows["crc"] != 0), "the CRC-32 of no bytes is 0"
         new = adds + splits
         columns = {

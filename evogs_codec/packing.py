@@ -16,7 +16,7 @@ from evogs_codec import frames, layout
 from evogs_codec.packet_header import (
     FLAG_ADDS_YCOCG,
     FLAG_PSI_YCOCG,
-    MAX_NEW_PER_BYTE,
+    MAX_RECORDS_PER_BYTE,
     Counts,
     sh_channels,
 )
@@ -85,7 +85,7 @@ def pack(
     if component and all(coding == ABSENT for coding, _ in sides):
         return b""
     body = _join(flags, sides, effort)
-    if component == 0 and counts.n_adds + n_splits > MAX_NEW_PER_BYTE * len(body):
+    if component == 0 and counts.n_adds + counts.n_records > MAX_RECORDS_PER_BYTE * len(body):
         body = _pad(flags, sides, counts)
     return body
 
@@ -137,11 +137,11 @@ def _join(flags: int, parts: Sequence[Coded], effort: int) -> bytes:
 
 
 def _pad(flags: int, parts: Sequence[Coded], counts: Counts) -> bytes:
-    """A packet that R-5.6-7 allows: planes stored raw, a byte per new slot at least."""
+    """A packet that R-5.6-7 allows: planes stored raw, a byte per record at least."""
     whole_bytes = list(parts)
-    for place, n in ((2, counts.n_splits), (len(parts) - 1, counts.n_adds)):
+    for place, n in ((0, counts.n_records), (len(parts) - 1, counts.n_adds)):
         coding, values = whole_bytes[place]
-        if n and not coding.high:  # alpha of positions, and the last channel of the adds
+        if n and not coding.high:  # the gaps, and the last channel of the adds
             whole_bytes[place] = Coding(0, 1, coding.delta), values
     planes = [plane for coding, values in whole_bytes for plane in split_planes(values, coding)]
     codings = bytes(coding.byte() for coding, _ in whole_bytes)

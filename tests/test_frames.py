@@ -53,8 +53,8 @@ def test_two_bytes_of_content_size_count_from_256():
     assert content_of(frame(300, [(RLE, 300, b"x")], width=2), 300) == 300 * b"x"
 
 
-def test_raw_and_run_length_blocks_may_mix_and_be_empty():
-    blocks = [(RAW, 2, b"ab"), (RAW, 0, b""), (RLE, 5, b"c"), (RLE, 0, b"d"), (RAW, 1, b"e")]
+def test_raw_and_run_length_blocks_may_mix_and_a_raw_last_one_may_be_empty():
+    blocks = [(RAW, 2, b"ab"), (RLE, 5, b"c"), (RAW, 1, b"e"), (RAW, 0, b"")]
     assert content_of(frame(8, blocks), 8) == b"abccccce"
 
 
@@ -130,9 +130,12 @@ def test_more_than_16_mib_are_refused_before_a_block_is_looked_at():
         [(RLE, 4, b"a")],
         [(RLE, (1 << 21) - 1, b"a")],
         [(COMPRESSED, 4, b"abcd")],
+        [(COMPRESSED, 0, b"")],
+        [(RAW, 0, b""), (RAW, 3, b"abc")],
+        [(RAW, 3, b"abc"), (RLE, 0, b"a")],
     ],
 )
-def test_reserved_and_too_large_blocks_are_refused(blocks):
+def test_reserved_empty_and_too_large_blocks_are_refused(blocks):
     assert fault(frame(3, blocks), 3) is Fault.E_FRAME
 
 
@@ -162,7 +165,6 @@ def test_a_frame_cut_short_anywhere_is_refused(make):
         ([(RAW, 3, b"abc"), (RAW, 1, b"d")], 3),
         ([(RLE, 2, b"a"), (RLE, 2, b"a")], 3),
         ([(COMPRESSED, 3, b"abc")], 3),
-        ([(COMPRESSED, 0, b"")], 3),
         ([(COMPRESSED, 50, bytes(50))], 100),
         ([(COMPRESSED, 50, b"\xff" * 50)], 100),
     ],

@@ -333,7 +333,7 @@ def test_a_wrong_packet_is_a_fault_at_its_start(
 
 
 def test_a_block_that_does_not_decompress_is_a_fault_of_the_library() -> None:
-    frame = frame_of(bytes(2))[:6] + b"\x05\x00\x00"  # a last block of type 2, with size 0
+    frame = frame_of(bytes(2))[:6] + b"\x0d\x00\x00\xff"  # a last block of type 2, with size 1
     data = stream([ROWS[0], (0, 0, (0, 0, 1, 0), payload(14, psi={0: [1]}, frame=frame))])
     assert fault(data)[0] == "E_ZSTD"
 

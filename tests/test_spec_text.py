@@ -186,10 +186,7 @@ def decode_with_pseudo_code(data: bytes) -> bytes:
         if p.component == 0:
             spec.core_step(tile, core.slots, core.kinds, psi, core.alpha, adds)
         else:
-            for k, channel in enumerate(channels):
-                spec.apply_channel(
-                    tile.x[channel], channel, core.slots, core.kinds, psi[k], core.alpha, adds[k]
-                )
+            spec.band_step(tile, p.component, core, psi, adds)
     return dump(spec, scene)
 
 
@@ -247,15 +244,7 @@ def read_records(spec, scene, core, lists: list[list[int]]) -> None:
 def dump(spec, scene) -> bytes:
     """7.7, with the SH as shown (7.5)."""
     for tile in scene.tiles:
-        tile.channels = []
-        for x in tile.x:
-            shown = [spec.shown_slot(u, len(x), tile.born_from) for u in range(tile.n_slots)]
-            tile.channels.append(
-                [
-                    x[s] if s is not None and is_live else 0
-                    for s, is_live in zip(shown, tile.live, strict=True)
-                ]
-            )
+        tile.channels = spec.dumped_channels(tile)
     out: bytes = scene.dump()
     return out
 
