@@ -1,0 +1,273 @@
+"""Differential fuzzing: `python -m conformance.fuzz --count N [--seed S] [--jobs J] [--keep DIR]`.
+
+Random streams, and copies of them with damage behind right checksums, are decoded by the reference
+decoder and by the oracle: whole, by level, under limits, and in pieces that come in any order. The
+two must agree on verdict, fault code, offset and dump; the reference may raise nothing but
+`StreamError`, must end in time, and must keep to the memory of spec 8.3. What breaks this is made
+smaller and kept as a file.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import signal
+import sys
+import time
+import tracemalloc
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from random import Random
+from types import FrameType
+
+from conformance.outcomes import Outcome, Run, by_codec, by_oracle
+from conformance.random_streams import random_stream
+from conformance.tampering import Parts, tampered
+
+__all__ = ["Finding", "check", "fuzz", "main", "smaller"]
+
+VARIANTS = 10  # streams from one: itself, and damaged
+BATCH = 50  # random streams of a task of a worker
+SECONDS = 20  # that a decoder may take for a stream of a few kilobytes
+MEASURED = 16  # of so many streams, the memory of one is measured
+MEMORY = 2 << 20  # besides what spec 8.3 allows: tables, threads, compiled code
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A stream and a run in which something is wrong: `says` tells what."""
+
+    data: bytes
+    run: Run
+    says: str
+
+
+class TooLong(BaseException):
+    """A decoder did not end in time; no Exception, so that nothing catches it."""
+
+
+def fuzz(seed: int, first: int, count: int) -> tuple[Counter[str], list[Finding]]:
+    """Verdicts of streams number `first` and following, and what is wrong."""
+    verdicts, findings = Counter[str](), list[Finding]()
+    for number in range(first, first + count):
+        rng = Random(f"{seed}/{number // VARIANTS}")
+        if number % VARIANTS == 0 or number == first:
+            base = random_stream(rng)
+        rng = Random(f"{seed}/{number}/damage")
+        data = base if number % VARIANTS == 0 else tampered(rng, base)
+        for run in runs_of(rng, data):
+            verdict, says = check(data, run, measure=number % MEASURED == 0)
+            verdicts[f"{run.mode} {verdict}"] += 1
+            if says:
+                findings.append(Finding(data, run, says))
+    return verdicts, findings
+
+
+def runs_of(rng: Random, data: bytes) -> Iterator[Run]:
+    """The runs of a stream: whole with digests, a level or limits, and in pieces."""
+    yield Run(verify=True)
+    level = rng.randrange(max(1, data[12])) if len(data) > 12 else 0
+    names = ("n_tiles", "n_packets", "n_levels", "chunks_size", "tile_steps", "tile_slots", "slots")
+    limits = {rng.choice(names): rng.choice((0, 1, 2, 3, 10, 300, 1000))}
+    yield rng.choice((Run(level=level), Run(level=level, verify=True), Run(limits=limits)))
+    arrival = rng.choice((None, _pieces(rng, len(data)), _pieces(rng, len(data), whole=True)))
+    yield Run("progressive", arrival=arrival, limits=rng.choice((None, None, limits)))
+
+
+def _pieces(rng: Random, size: int, *, whole: bool = False) -> tuple[tuple[int, int], ...]:
+    """Ranges in random order, some overlapping; unless `whole`, some do not come."""
+    cuts = sorted({0, size, *(rng.randrange(size + 1) for _ in range(rng.choice((0, 2, 5, 20))))})
+    ranges = [
+        (max(0, a - rng.choice((0, 0, 5))), b + rng.choice((0, 0, 5))) for a, b in pairwise(cuts)
+    ]
+    rng.shuffle(ranges)
+    if not whole:
+        del ranges[: rng.choice((0, 1, 1, 2))]
+    if rng.random() < 0.5:  # mostly the head comes first, or little is decoded
+        ranges.insert(0, (0, min(size, 64 + rng.randrange(1000))))
+    return tuple((a, min(b, size) - a) for a, b in ranges)
+
+
+def check(
+    data: bytes,
+    run: Run,
+    *,
+    measure: bool = False,
+    decode: Callable[[bytes, Run], Outcome] = by_codec,
+) -> tuple[str, str]:
+    """(verdict of the oracle, what is wrong with the reference, or "")."""
+    right = by_oracle(data, run)
+    verdict = f"{right.exit} {right.code or ''}".strip()
+    try:
+        with _alarm(SECONDS):
+            came = decode(data, run)
+            peak = _peak(partial(decode, data, run)) if measure else 0
+    except TooLong:
+        return verdict, f"no end within {SECONDS} s"
+    except Exception as error:
+        return verdict, f"{type(error).__name__}: {error}"
+    if came != right:
+        return verdict, f"reference: {_said(came)}; oracle: {_said(right)}"
+    if peak > (bound := _memory(data, right)):
+        return verdict, f"{peak:,} bytes of memory, more than {bound:,}"
+    return verdict, ""
+
+
+def _peak(call: Callable[[], object]) -> int:
+    """Bytes of memory that a call takes; it was made before, so that nothing is imported."""
+    tracemalloc.start()
+    try:
+        call()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def _memory(data: bytes, outcome: Outcome) -> int:
+    """Bytes that decoding may take (spec 8.3): of the state, of planes, of arrays per record."""
+    state = len(outcome.dump or b"")
+    return MEMORY + 16 * len(data) + 4 * state
+
+
+def _said(outcome: Outcome) -> str:
+    dump = "" if outcome.dump is None else f", a dump of {len(outcome.dump)} bytes"
+    return f"exit {outcome.exit} {outcome.code} at {outcome.offset}{dump}"
+
+
+class _alarm:  # noqa: N801 - a context manager
+    """Raise `TooLong` in the main thread after some seconds."""
+
+    def __init__(self, seconds: float) -> None:
+        self.seconds = seconds
+
+    def __enter__(self) -> None:
+        self.before = signal.signal(signal.SIGALRM, self.ring)
+        signal.setitimer(signal.ITIMER_REAL, self.seconds)
+
+    def __exit__(self, *_: object) -> None:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, self.before)
+
+    @staticmethod
+    def ring(signum: int, frame: FrameType | None) -> None:
+        raise TooLong
+
+
+# ---- findings ----
+
+
+def smaller(finding: Finding, *, decode: Callable[[bytes, Run], Outcome] = by_codec) -> Finding:
+    """The finding with as much left out as leaves something of the kind wrong."""
+    kind = _kind(finding.says)
+
+    def is_wrong(candidate: Finding) -> bool:
+        try:
+            _, says = check(candidate.data, candidate.run, decode=decode)
+        except Exception:  # too damaged for the oracle
+            return False
+        return bool(says) and _kind(says) == kind
+
+    changed = True
+    while changed:
+        changed = False
+        for candidate in _less(finding):
+            if is_wrong(candidate):
+                _, says = check(candidate.data, candidate.run, decode=decode)
+                finding, changed = replace(candidate, says=says), True
+                break
+    return finding
+
+
+def _kind(says: str) -> str:
+    """Findings of one kind have the same cause, most likely."""
+    return says.split(":")[0]
+
+
+def _less(finding: Finding) -> Iterator[Finding]:
+    """The finding without one thing: an option, a piece, a packet, a chunk, the end."""
+    data, run = finding.data, finding.run
+    for plain in (replace(run, verify=False), replace(run, limits=None), replace(run, level=None)):
+        if plain != run:
+            yield replace(finding, run=plain)
+    if run.arrival is not None:
+        yield replace(finding, run=replace(run, arrival=None))
+        for k in range(len(run.arrival)):
+            kept = run.arrival[:k] + run.arrival[k + 1 :]
+            yield replace(finding, run=replace(run, arrival=kept))
+        return  # offsets of pieces would not fit another stream
+    for cut in (2, 4, 16):
+        yield replace(finding, data=data[: len(data) - len(data) // cut])
+    try:
+        n_packets, n_chunks = len(Parts.of(data).packets), len(Parts.of(data).chunks)
+    except (IndexError, ValueError):
+        return
+    for k in reversed(range(n_packets)):
+        parts = Parts.of(data)
+        rows = parts.table()
+        del parts.packets[k], rows[36 * k : 36 * k + 36]
+        parts.header[24 + 4 : 24 + 8] = len(parts.packets).to_bytes(4, "little")
+        parts.fit()
+        yield replace(finding, data=parts.join())
+    for k in range(n_chunks):
+        parts = Parts.of(data)
+        del parts.chunks[k]
+        yield replace(finding, data=parts.join())
+
+
+def keep(finding: Finding, folder: Path) -> Path:
+    """Write a finding: the stream, and beside it the run and what is wrong."""
+    folder.mkdir(parents=True, exist_ok=True)
+    name = f"{abs(hash((finding.data, finding.says))) % (1 << 40):010x}"
+    path = folder / f"{name}.evogs"
+    path.write_bytes(finding.data)
+    about = {"says": finding.says, "run": asdict(finding.run)}
+    path.with_suffix(".json").write_text(json.dumps(about, indent=1))
+    return path
+
+
+# ---- command ----
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Fuzz and print a summary; 1 if something is wrong."""
+    parser = argparse.ArgumentParser(prog="python -m conformance.fuzz", description=__doc__)
+    parser.add_argument("--count", type=int, default=10_000, help="streams (default 10,000)")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="write findings here")
+    args = parser.parse_args(arguments)
+    started, verdicts, findings = time.monotonic(), Counter[str](), list[Finding]()
+    size = BATCH * VARIANTS
+    tasks = [(at, min(size, args.count - at)) for at in range(0, args.count, size)]
+    with multiprocessing.get_context("spawn").Pool(args.jobs) as pool:
+        for k, (seen, found) in enumerate(pool.imap(partial(_task, args.seed), tasks)):
+            verdicts, findings = verdicts + seen, findings + found
+            if k % 20 == 19:
+                done, seconds = (k + 1) * size, time.monotonic() - started
+                print(f"{done:,} streams, {done / seconds:.0f} per second", flush=True)
+    seconds = time.monotonic() - started
+    print(f"{args.count:,} streams in {seconds:.0f} s, {args.count / seconds:.0f} per second")
+    print("\n".join(_summary(verdicts)))
+    for finding in findings[:20]:
+        small = smaller(finding)
+        path = f" ({keep(small, args.keep)})" if args.keep else ""
+        print(f"{len(small.data)} bytes, {small.run}: {small.says}{path}")
+    print(f"{len(findings)} findings")
+    return bool(findings)
+
+
+def _task(seed: int, task: tuple[int, int]) -> tuple[Counter[str], list[Finding]]:
+    return fuzz(seed, *task)
+
+
+def _summary(verdicts: Mapping[str, int]) -> list[str]:
+    return [f"{n:9,}  {name}" for name, n in sorted(verdicts.items(), key=lambda i: -i[1])]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
