@@ -39,7 +39,7 @@ class OneShot:
         ended = run(
             [*self.command, *parcel.arguments()],
             parcel.home,
-            environment,
+            {**environment, "HOME": str(parcel.home), "TMPDIR": str(parcel.home)},
             self.bounds,
             stdout=stdout,
             stderr=stderr,

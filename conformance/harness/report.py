@@ -93,6 +93,7 @@ def _header(trial: Trial) -> Entry:
             "memory": options.bounds.memory,
             "families": list(trial.choice.families),
             "ids": list(trial.choice.ids),
+            "quick": trial.choice.is_quick,
             "again": trial.n_again,
         },
     }
@@ -106,7 +107,7 @@ def _result(result: Result) -> Entry:
         "asked": case.run.options(),
         "kind": result.kind,
         "says": result.says,
-        "expected": {"exit": case.run.exit, "code": case.run.code, "offset": case.run.offset},
+        "expected": {key: getattr(case.run, key) for key in ("exit", "code", "offset", "dump")},
         "observed": {
             "exit": answer.exit,
             "code": answer.code,

@@ -127,15 +127,23 @@ def run_cases(
         ]
         for thread in workers:
             thread.start()
-        for thread in workers:
-            thread.join()
+        try:
+            for thread in workers:
+                thread.join()
+        except BaseException as error:  # an interrupt: the workers end what they started
+            errors.append(error)
+            for thread in workers:
+                thread.join()
     if errors:
         raise errors[0]
     return [results[number] for number in sorted(results)]
 
 
-def ask_again(results: Sequence[Result], options: Options) -> list[Result]:
-    """Ask a sample again, a process per run, in two other surroundings; what differed.
+def ask_again(results: Sequence[Result], options: Options) -> tuple[int, list[Result]]:
+    """Ask a sample again, a process per run, in two other surroundings.
+
+    Returns:
+        How many runs were asked again, and those that differed.
 
     With the batch protocol, this also holds the two ways of asking against each other.
     """
@@ -153,7 +161,7 @@ def ask_again(results: Sequence[Result], options: Options) -> list[Result]:
                     found.append(Result(result.case, again, "nondeterministic", says))
                     break
     asker.close()
-    return found
+    return len(sample), found
 
 
 def _ask(asker: Asker, case: Case, root: Path, environment: dict[str, str]) -> Answer:

@@ -170,8 +170,7 @@ def _hold(trial: Trial, folder: Path, progress: Progress) -> None:
 
 def _conclude(trial: Trial, fingerprints: Mapping[str, Fingerprint]) -> None:
     options = trial.options
-    trial.again = ask_again(trial.results, options)
-    trial.n_again = min(options.n_again, len(trial.results))
+    trial.n_again, trial.again = ask_again(trial.results, options)
     covered = [result for result in trial.results if result.case.id in trial.vector_runs]
     codes = trial.capabilities is not None and trial.capabilities.codes
     trial.likenesses = likenesses(covered, fingerprints, codes=codes)

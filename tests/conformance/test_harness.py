@@ -1,9 +1,12 @@
 """The harness: its verdicts, what it refuses to conclude, its reports."""
 
 import ast
+import fnmatch
 import hashlib
 import json
+import re
 import shlex
+import shutil
 import subprocess
 import sys
 from xml.etree import ElementTree
@@ -13,6 +16,7 @@ import pytest
 from conformance.harness import manifest
 from conformance.harness.answers import Answer, AnswerError, read_entry, read_fault
 from conformance.harness.canary import canaries
+from conformance.harness.capabilities import Capabilities
 from conformance.harness.cli import main
 from conformance.harness.diagnosis import Fingerprint, likenesses
 from conformance.harness.dumps import channel_name, difference
@@ -20,14 +24,18 @@ from conformance.harness.families import expand
 from conformance.harness.judging import KINDS, judge
 from conformance.harness.selftest import BAD
 from tests.conformance import tiny
+from tests.conformance.schemas import errors
 from tests.conformance.tiny import EXAMPLE, ROOT
 
+SCHEMA = json.loads((ROOT / "conformance/harness/report.schema.json").read_text())
+VECTORS = ROOT / "conformance" / "vectors" / "manifest.json"
 HARNESS = ROOT / "conformance" / "harness"
 PROVEN = sys.stdlib_module_names
 
 
 def bad(name, folder):
     """The command of a bad decoder."""
+    name = name.partition(" ")[0]
     return shlex.join([sys.executable, "-I", "-S", str(BAD / "__main__.py"), name, str(folder)])
 
 
@@ -375,6 +383,7 @@ def test_reports_say_the_same_in_all_forms(made_suite, tmp_path, capsys):
     assert report["requirements"]["R-6.3-1"] == "fail"
     assert report["requirements"]["R-8.1-1"] == "pass"
     assert (report["claim"], report["footer"]["complete"]) == (None, False)
+    assert errors(report, SCHEMA) == []
     root = ElementTree.fromstring(paths["junit"].read_text())
     failed = [
         test.get("name") for test in root.iter("testcase") if test.find("failure") is not None
@@ -384,6 +393,32 @@ def test_reports_say_the_same_in_all_forms(made_suite, tmp_path, capsys):
     page = paths["html"].read_text()
     assert "core-example#0" in page
     assert "http" not in page.replace("http-equiv", "")
+
+
+def test_a_report_of_a_trial_that_could_not_begin_is_a_report(tmp_path):
+    path = tmp_path / "r.json"
+    options = ["--vectors", str(tmp_path), "--json", str(path), "--html", str(tmp_path / "r.html")]
+    options += ["--junit", str(tmp_path / "r.xml")]
+    assert main(["run", "--decoder", "true", *options]) == 3
+    report = json.loads(path.read_text())
+    assert errors(report, SCHEMA) == []
+    assert report["footer"] == report["footer"] | {"exit": 3, "complete": False}
+    assert errors(report | {"more": 1}, SCHEMA) == ["$: unknown key more"]
+    assert ElementTree.parse(tmp_path / "r.xml").getroot().get("errors") == "1"
+
+
+def test_a_claim_is_made_only_of_a_whole_suite(made_suite, tmp_path):
+    path = tmp_path / "r.json"
+    folder = shutil.copytree(made_suite, tmp_path / "suite")
+    change(folder, lambda told: told.update(families=[]))
+    assert run(folder, "right in batches", "--json", str(path)) == 0
+    report = json.loads(path.read_text())
+    assert report["footer"]["complete"]
+    assert report["claim"].startswith(
+        "right 0 decodes EvoGS 1.0-draft (file, progressive) to tier 3"
+    )
+    assert run(folder, "right", "--quick", "--json", str(path)) == 0
+    assert json.loads(path.read_text())["claim"] is None
 
 
 def test_what_a_decoder_says_does_not_get_into_the_page_as_markup(made_suite, tmp_path):
@@ -399,3 +434,26 @@ def test_parts_of_the_suite_are_selected_by_family_and_pattern(made_suite, tmp_p
     assert ids == {"crc-of-a-packet#0", "crc-of-a-packet#1", "canary-critical#0"} | {
         "canary-ancillary#0"
     }
+
+
+# --- the texts ------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(not VECTORS.is_file(), reason="no vectors are there")
+@pytest.mark.parametrize("name", ["conformance/README.md", "docs/implementers-guide.md"])
+def test_selections_in_the_texts_select_something(name):
+    text = (ROOT / name).read_text(encoding="utf-8")
+    told = json.loads(VECTORS.read_text())
+    ids = [entry["id"] for entry in told["vectors"]]
+    families = {entry["family"] for entry in told["vectors"]}
+    patterns = re.findall(r"--id '([^']+)'", text)
+    assert all(fnmatch.filter(ids, pattern) for pattern in patterns), patterns
+    named = re.findall(r"--family ([a-z-]+)", text)
+    assert set(named) <= families, named
+
+
+def test_the_texts_name_every_verdict_and_the_capabilities():
+    text = (ROOT / "conformance" / "README.md").read_text(encoding="utf-8")
+    assert all(f"`{kind}`" in text for kind in KINDS)
+    (block,) = re.findall(r"```json\n(.*?)```", text, re.DOTALL)
+    assert set(json.loads(block)) == set(Capabilities.__dataclass_fields__)
