@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+from tqdm import tqdm
 
 from evogs_codec import Cut, InputError, SplatParams, decode, read_directory, read_ply
 from evogs_codec.cut import tiles_meeting
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["around", "register"]
 
 Commands = Any  # argparse's sub-parsers have no public type
+Item = TypeVar("Item")
 N_ORBIT = 24
 BACKGROUNDS = {"white": (1.0, 1.0, 1.0), "black": (0.0, 0.0, 0.0)}
 
@@ -65,7 +67,10 @@ def run_render(args: argparse.Namespace) -> None:
         raise ValueError(f"view {args.view} is not one of 0..{len(cameras) - 1}")
     chosen = cameras[:: max(1, len(cameras) // 3)][:3] if args.sheet else [cameras[args.view]]
     background = BACKGROUNDS[args.background]
-    rows = [[render(scene, camera, background) for camera in chosen] for scene in scenes]
+    rows = [
+        [render(scene, camera, background) for camera in chosen]
+        for scene in _with_bar(scenes, "render")
+    ]
     write_png(args.output, contact_sheet(rows))
     print(f"{args.output}: {len(scenes[-1]):,} splats, {len(chosen)} views")
 
@@ -80,10 +85,16 @@ def run_psnr(args: argparse.Namespace) -> None:
     background = BACKGROUNDS[args.background]
     found = [
         psnr(render(scene, camera, background), render(reference, camera, background))
-        for camera in _cameras(args, reference)
+        for camera in _with_bar(_cameras(args, reference), "psnr")
     ]
     mean, least = float(np.mean(found)), min(found)
     print(f"{mean:.2f} dB on average, {least:.2f} dB at least, over {len(found)} views")
+
+
+def _with_bar(items: list[Item], what: str) -> Iterator[Item]:
+    """The items, with a bar on standard error for over two seconds of them, if a terminal."""
+    bar: Iterator[Item] = iter(tqdm(items, desc=what, delay=2, disable=None, leave=False))
+    return bar
 
 
 def _need_numba() -> None:
