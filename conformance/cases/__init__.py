@@ -14,6 +14,8 @@ from conformance.cases import (
     invalid_values,
     numeric,
     order,
+    progressive,
+    shapes,
     zstd,
 )
 
@@ -30,4 +32,6 @@ FAMILIES: tuple[ModuleType, ...] = (
     invalid_directory,
     zstd,
     order,
+    shapes,
+    progressive,
 )
