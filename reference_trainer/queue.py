@@ -136,3 +136,7 @@ def run_job(job: Job, data: Dataset, out: Path, device: str) -> None:
     }
     write_atomic(result, (json.dumps(report, indent=1) + "\n").encode())
     (folder / FILE).unlink(missing_ok=True)
+
+
+if __name__ == "__main__":
+    main()

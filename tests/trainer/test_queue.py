@@ -1,6 +1,9 @@
 """The queue: what it runs, in which order, and that nothing runs twice."""
 
 import json
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -9,6 +12,8 @@ from reference_trainer import queue
 from reference_trainer.config import METHODS, PRESETS
 from reference_trainer.queue import jobs, run_job
 from tests.trainer import tiny
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_level_0_comes_first_and_every_method_has_its_runs():
@@ -57,3 +62,11 @@ def test_the_command_line_lists_what_is_to_do(tmp_path, capsys):
     assert capsys.readouterr().out.splitlines() == [
         "level0: done", "equal-evogs-3: to do", "thresholds-evogs-3: to do",
     ]  # fmt: skip
+
+
+def test_it_is_a_program(tmp_path):
+    command = [sys.executable, "-m", "reference_trainer.queue", "--data", "x", "--list"]
+    done = subprocess.run(
+        [*command, "--out", str(tmp_path)], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.startswith("level0: to do\nequal-evogs-0: to do\n")
