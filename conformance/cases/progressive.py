@@ -417,11 +417,12 @@ def outside_the_cut() -> Iterator[Case]:
             "names a slot that is none",
         ),
     ]
+    rule_of = {"E_CRC": "R-6.3-1", "E_RESERVED": "R-4.4-1", "E_SLOT": "R-7.2-1"}
     for name, packet, code, tests in bad:
         yield case(
             f"level-without-fault-of-{name}",
             Stream([ADD, packet], n_levels=2),
-            f"R-6.2-3 {'R-6.3-1' if code == 'E_CRC' else 'R-7.2-1' if code == 'E_SLOT' else 'R-4.4-1'}",
+            f"R-6.2-3 {rule_of[code]}",
             f"the packet of level 1 {tests}: that matters to level 1 only",
             "examines packets that it was not asked for",
             code,
