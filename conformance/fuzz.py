@@ -101,7 +101,11 @@ def check(
     decode: Callable[[bytes, Run], Outcome] = by_codec,
 ) -> tuple[str, str]:
     """(verdict of the oracle, what is wrong with the reference, or "")."""
-    right = by_oracle(data, run)
+    try:
+        with _alarm(SECONDS):
+            right = by_oracle(data, run)
+    except (Exception, TooLong) as error:
+        return "oracle", f"oracle: {type(error).__name__}: {error}"
     verdict = f"{right.exit} {right.code or ''}".strip()
     try:
         with _alarm(SECONDS):

@@ -288,7 +288,8 @@ def _repacked(rng: Random, frame: bytes) -> bytes:
 
 def _decompressed(frame: bytes) -> bytes:
     try:
-        return bytes(zstandard.ZstdDecompressor().decompress(frame, max_output_size=1 << 16))
+        with zstandard.ZstdDecompressor(max_window_size=1 << 20).stream_reader(frame) as reader:
+            return bytes(reader.read(1 << 16))
     except zstandard.ZstdError:
         return b""
 
