@@ -74,10 +74,13 @@ class Cloud:
                 bands = min(1 + iteration // self.growth.sh_every, 4)
                 layer = layer._replace(sh=layer.sh[:, : bands * bands])
             return layer
-        below = self.foundation
-        if self.opacities is not None:
-            below = below._replace(opacity_logits=self.opacities.value)
-        return below.joined(layer)
+        return self._below(self.foundation).joined(layer)
+
+    def _below(self, foundation: SplatTensors) -> SplatTensors:
+        """The foundation with the opacities that it has here."""
+        if self.opacities is None:
+            return foundation
+        return foundation._replace(opacity_logits=self.opacities.value)
 
     def layer_splats(self) -> SplatParams:
         """The n free splats, with all bands."""
@@ -106,7 +109,9 @@ class Cloud:
         with torch.no_grad():
             # All bands: what is split keeps the coefficients that are not shown yet.
             layer = splat_tensors(self.layer)
-            everything = layer if self.foundation is None else self.foundation.joined(layer)
+            everything = layer
+            if self.foundation is not None:
+                everything = self._below(self.foundation).joined(layer)
         below = self.n_foundation
         rows = largest(scores, growth.threshold, round(growth.most * self.n_splats))
         chosen = everything.rows(torch.from_numpy(rows).to(layer.means.device)).params()

@@ -78,7 +78,7 @@ class Frontier:
         n = self.n_splats
         left = len(due) - due.index(iteration)
         room = round(n * (cap / n) ** (1 / left)) - n if 0 < n < cap else 0
-        rows = largest(np.where(dead, 0.0, scores.mean()), self.growth.threshold, room)
+        rows = largest(np.where(dead, -np.inf, scores.mean()), self.growth.threshold, room)
         if len(rows):
             self._split(slots[rows], leaves.take(rows))
         return True
