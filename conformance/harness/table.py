@@ -99,8 +99,9 @@ def _requirements(results: list[Result]) -> Iterable[str]:
 
 
 def _conclusion(trial: Trial) -> Iterable[str]:
-    for likeness in trial.likenesses:
-        yield likeness.sentence()
+    for likeness in trial.likenesses:  # the others are in the reports
+        if likeness.share == trial.likenesses[0].share:
+            yield likeness.sentence()
     for text in trial.failures:
         yield f"FAIL: {text}"
     for text in trial.incomplete:

@@ -99,7 +99,7 @@ def huge_output(table: Table, question: Question) -> Reply:
 
 def changes_its_input(table: Table, question: Question) -> Reply:
     reply = table.answer(question)
-    question.source.write_bytes(b"")
+    question.source.write_bytes(question.source.read_bytes() + b"\0")
     return reply
 
 
