@@ -30,6 +30,7 @@ I64 = npt.NDArray[np.int64]
 SIDE = 16
 CHUNK = 1 << 22  # entries of one chunk: 16 MB of lists, 150 MB of gradients
 _MIN_BLOCK = 2048  # splats that are worth a thread
+_MAX_BLOCKS = 16  # each counts all tiles: 2 MB of a picture of 8192 x 8192 pixels
 _DIGIT = 11  # bits of one pass of the radix sort
 _DIGITS = 1 << _DIGIT
 
@@ -76,7 +77,7 @@ class Tiles:
     def of(records: Array, rows: I32, order: I64, width: int, height: int) -> Tiles:
         """Count the entries of every tile."""
         columns, tile_rows = -(-width // SIDE), -(-height // SIDE)
-        n_blocks = max(1, min(n_threads(), len(order) // _MIN_BLOCK))
+        n_blocks = max(1, min(n_threads(), _MAX_BLOCKS, len(order) // _MIN_BLOCK))
         block_ends = np.zeros((n_blocks, tile_rows, columns + 1), np.int64)
         _count(records, rows, order, width, block_ends)
         # Until here marks of where runs of tiles begin and end along rows, whose last is no tile.

@@ -126,6 +126,20 @@ def test_gradients_in_any_number_of_chunks_are_the_same(monkeypatch):
     assert_equal(whole, of(splats, camera))
 
 
+@pytest.mark.parametrize("n_blocks", [2, 3, 7])
+def test_pictures_and_gradients_in_any_number_of_blocks_are_the_same(monkeypatch, n_blocks):
+    splats, camera = scenes.ball(500, 3, size=0.2), scenes.camera(90)
+    image, whole = render(splats, camera, BACKGROUND), of(splats, camera)
+    monkeypatch.setattr(tiles_module, "_MIN_BLOCK", 1)
+    monkeypatch.setattr(tiles_module, "n_threads", lambda: n_blocks)
+    drawing = draw(splats, camera, BACKGROUND)
+    assert len(drawing.tiles.block_ends) == n_blocks
+    np.testing.assert_array_equal(drawing.image, image)
+    assert_equal(whole, of(splats, camera))
+    monkeypatch.setattr(tiles_module, "CHUNK", 1000)
+    assert_equal(whole, of(splats, camera))
+
+
 @pytest.mark.parametrize("antialiased", [False, True])
 @pytest.mark.parametrize("name", LONELY)
 def test_gradients_of_an_extreme_splat_are_finite(name, antialiased):
