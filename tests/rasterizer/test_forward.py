@@ -6,8 +6,8 @@ import pytest
 
 from conformance.rasterizer import Options, draw, render, render_counted
 from conformance.rasterizer import tiles as tiles_module
-from conformance.rasterizer.options import DEFAULT
-from conformance.rasterizer.oracle import render_exactly
+from conformance.rasterizer.options import ALPHA_MIN, DEFAULT, T_MIN
+from conformance.rasterizer.oracle import project_one, render_exactly
 from tests.rasterizer import scenes
 from tests.rasterizer.scenes import BACKGROUND
 
@@ -28,9 +28,25 @@ def assert_agrees(splats, camera, options=DEFAULT, dtype=np.float32):
     difference = (np.abs(image - picture.image) / scale).max(axis=2)
     assert difference[~picture.doubtful].max(initial=0) <= TOLERANCE[dtype]
     assert np.mean(difference > TOLERANCE[dtype]) <= 1e-4
+    assert np.abs(image - picture.image).max() <= largest_flip(splats, camera, options)
     assert counts.n_non_finite == picture.n_non_finite
     assert counts.n_drawn + counts.n_invisible + counts.n_non_finite == len(splats.means)
     return picture
+
+
+def largest_flip(splats, camera, options):
+    """What one decision that goes the other way can change: a splat at 1/255, or the last one."""
+    projected = (projected_or_none(splats, i, camera, options) for i in range(len(splats.means)))
+    colors = [splat.color.max() for splat in projected if splat is not None]
+    most = max([*colors, *BACKGROUND])
+    return most * max(ALPHA_MIN, T_MIN / (1 - options.alpha_max)) * (1 + 1e-4)
+
+
+def projected_or_none(splats, i, camera, options):
+    try:
+        return project_one(splats, i, camera, options)
+    except ArithmeticError:
+        return None
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
