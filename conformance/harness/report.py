@@ -21,8 +21,14 @@ Entry = dict[str, Any]
 
 
 def as_json(trial: Trial) -> str:
-    """The report as text."""
-    return json.dumps(as_dict(trial), indent=1) + "\n"
+    """The report as text, a line for each run."""
+    parts = []
+    for key, value in as_dict(trial).items():
+        text = json.dumps(value)
+        if key in ("results", "again"):
+            text = "[" + ",".join(f"\n  {json.dumps(entry)}" for entry in value) + "\n ]"
+        parts.append(f" {json.dumps(key)}: {text}")
+    return "{\n" + ",\n".join(parts) + "\n}\n"
 
 
 def as_dict(trial: Trial) -> Entry:
