@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import warnings
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -112,7 +113,12 @@ def _load(
     """The splats of a .ply, or of a cut of a stream: one level inside a box, another outside."""
     with path.open("rb") as file:
         if file.read(3) == b"ply":
-            return read_ply(path)
+            splats = read_ply(path)
+            n_bad = len(splats) - int(np.count_nonzero(splats.finite()))
+            if n_bad:
+                text = f"{path}: {n_bad:,} splats with NaN or infinite numbers are not drawn"
+                warnings.warn(text, stacklevel=1)
+            return splats
     data = path.read_bytes()
     directory = read_directory(memoryview(data))
     cut = Cut.full(directory) if level is None else Cut.of_level(directory, level)
@@ -129,8 +135,6 @@ def _cameras(args: argparse.Namespace, scene: SplatParams) -> list[Camera]:
 
     if args.camera is not None:
         return [camera.resized(args.size, args.size) for camera in load_cameras(args.camera)]
-    if not len(scene):
-        raise ValueError("the scene is empty: name cameras with --camera")
     return around(scene, args.up, args.size)
 
 
@@ -138,7 +142,10 @@ def around(scene: SplatParams, up: str, size: int) -> list[Camera]:
     """`N_ORBIT` cameras around the bulk of a scene; `up` is an axis, perhaps with a sign."""
     from conformance.rasterizer import orbit
 
-    low, high = np.percentile(scene.means.astype(np.float64), (20, 80), axis=0)
+    means = scene.means[np.isfinite(scene.means).all(axis=1)].astype(np.float64)
+    if not len(means):
+        raise ValueError("the scene is empty: name cameras with --camera")
+    low, high = np.percentile(means, (20, 80), axis=0)
     sign = -1.0 if up.startswith("-") else 1.0
     return orbit(
         N_ORBIT,

@@ -1,7 +1,9 @@
 """`evogs render` and `evogs psnr`."""
 
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from evogs_codec import PRESETS, encode, lift, write_ply
@@ -72,3 +74,20 @@ def test_a_view_that_there_is_not_is_an_error_of_one_line(files, capsys):
     assert main(["render", str(files / "s.ply"), str(files / "x.png"), "--view", "99"]) == 1
     assert capsys.readouterr().err.count("\n") == 1
     assert not (files / "x.png").exists()
+
+
+def test_splats_that_are_not_finite_are_reported_and_not_drawn(files, capsys):
+    splats = make_scene(3000)
+    means = splats.means.copy()
+    means[[3, 77], 1] = np.nan
+    write_ply(files / "nan.ply", replace(splats, means=means))
+    keep = replace(splats, means=means).finite()
+    write_ply(files / "clean.ply", splats.take(keep))
+    arguments = ["psnr", str(files / "nan.ply"), str(files / "clean.ply"), "--size", "40"]
+    assert main(arguments) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("inf dB")
+    assert "2 splats with NaN or infinite numbers are not drawn" in err
+    assert main(["render", str(files / "nan.ply"), str(files / "nan.png"), "--size", "40"]) == 0
+    assert main(["render", str(files / "clean.ply"), str(files / "clean.png"), "--size", "40"]) == 0
+    assert (files / "nan.png").read_bytes() == (files / "clean.png").read_bytes()

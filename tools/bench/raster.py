@@ -37,7 +37,7 @@ Result = TypeVar("Result")
 N_SPLATS, SIZE = 100_000, 800
 TURNS, TORCH_TURNS = 15, 3
 # Pixels to a side, splats and turns of what a trainer repeats ten thousands of times.
-CALLS = ((50, 2_000, 300), (100, 5_000, 200), (200, 20_000, 60), (400, 100_000, 20))
+CALLS = ((16, 20, 1000), (50, 2_000, 300), (100, 5_000, 200), (200, 20_000, 60), (400, 100_000, 20))
 FORWARD = ("project", "sort", "count", "fill", "blend")
 OPTIONS = Options()
 BLACK = (0.0, 0.0, 0.0)
