@@ -87,7 +87,8 @@ def render_exactly(
 
         doubtful |= is_open & (_close(reached, ALPHA_MIN) | (counts & _close(rest, T_MIN)))
         doubtful |= counts & _close(reached, options.alpha_max)
-        doubtful |= counts & (splat.depth - depth_before <= CLOSE * splat.depth)
+        behind = splat.depth - depth_before  # 0: index decides, in every arithmetic
+        doubtful |= counts & (behind > 0) & (behind <= CLOSE * splat.depth)
         depth_before = np.where(counts, splat.depth, depth_before)
 
         image += np.where(takes, alpha * transmittance, 0.0)[..., None] * splat.color
