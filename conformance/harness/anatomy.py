@@ -9,9 +9,12 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-__all__ = ["Piece", "anatomy"]
+from conformance.harness.packet_anatomy import packet_anatomy
+from conformance.harness.pieces import Piece, Reader
+
+__all__ = ["anatomy"]
 
 HEADER = (
     *(("signature", "8s"), ("version_major", "B"), ("version_minor", "B"), ("tier", "B")),
@@ -33,37 +36,7 @@ ROWS = {
     ),
     b"dGST": (("tile", "I"), ("component", "B"), ("step", "I"), ("digest", "32s")),
 }
-GROUPS = ("position", "rotation", "scale", "opacity", "SH")
 CLASSES = ("position", "rotation", "scale", "opacity", *(f"SH band {band}" for band in range(4)))
-CORE_CHANNELS = (
-    *(f"position {axis}" for axis in "xyz"),
-    *(f"rotation {axis}" for axis in "wxyz"),
-    *(f"scale {axis}" for axis in "xyz"),
-    "opacity",
-    *(f"SH 0 {colour}" for colour in "RGB"),
-)
-Fields = tuple[tuple[str, str], ...]
-
-
-@dataclass(frozen=True)
-class Piece:
-    """Bytes with a meaning.
-
-    Attributes:
-        at: offset in the file.
-        raw: the bytes.
-        name: the field, by the words of the spec.
-        value: what it says.
-        remark: what is wrong with it, or is not obvious.
-        starts: the structure that begins here, by which faults are placed; "" in its middle.
-    """
-
-    at: int
-    raw: bytes
-    name: str
-    value: str = ""
-    remark: str = ""
-    starts: str = ""
 
 
 def anatomy(data: bytes) -> list[Piece]:
@@ -74,12 +47,11 @@ def anatomy(data: bytes) -> list[Piece]:
     return pieces
 
 
-class _Reader:
-    """Reads on as long as there are bytes."""
+class _Reader(Reader):
+    """Reads header and chunks, and remembers what the packets need."""
 
     def __init__(self, data: bytes) -> None:
-        self.data = data
-        self.at = 0
+        super().__init__(data)
         self.head: dict[str, tuple[int, ...]] = {}
         self.packets: list[dict[str, int]] = []
 
@@ -89,15 +61,11 @@ class _Reader:
         while self.at < end:
             yield from self.chunk(end)
         counts: dict[tuple[int, int], int] = {}
-        core: dict[tuple[int, int], dict[str, int]] = {}
         for number, row in enumerate(self.packets):
             key = row["tile"], row["component"]
             step = counts[key] = counts.get(key, -1) + 1
-            if row["component"] == 0:
-                core[row["tile"], step] = row
-            of_core = core.get((row["tile"], step), row)
             name = f"packet {number} (tile {key[0]}, step {step}, component {key[1]})"
-            yield from self.packet(name, row, of_core)
+            yield from packet_anatomy(self, name, row)
         if self.at < len(self.data):
             remark = "bytes follow the last packet (R-6.2-1)"
             yield self.take(len(self.data), "rest", "", remark, "what follows the packets")
@@ -105,29 +73,6 @@ class _Reader:
     def number(self, name: str) -> int:
         """A field of the header; 0 if it is not there."""
         return self.head.get(name, (0,))[0]
-
-    def take(
-        self, end: int, name: str, value: str = "", remark: str = "", starts: str = ""
-    ) -> Piece:
-        """The bytes up to `end`, as far as there are any."""
-        end = min(end, len(self.data))
-        piece = Piece(self.at, self.data[self.at : end], name, value, remark, starts)
-        self.at = end
-        return piece
-
-    def fields(
-        self, fields: Fields, prefix: str, end: int, found: dict[str, tuple[int, ...]]
-    ) -> Iterator[Piece]:
-        """The fields of a structure, one piece each, as far as they are there; kept in `found`."""
-        for name, form in fields:
-            stop = self.at + struct.calcsize(f"<{form}")
-            if stop > min(end, len(self.data)):
-                if self.at < min(end, len(self.data)):
-                    yield self.take(end, prefix + name, "", "cut short")
-                return
-            values = struct.unpack_from(f"<{form}", self.data, self.at)
-            found[name] = values
-            yield self.take(stop, prefix + name, _show(values))
 
     def header(self) -> Iterator[Piece]:
         pieces = list(self.fields(HEADER, "", 64, self.head))
@@ -214,93 +159,8 @@ class _Reader:
                 text = self.data[self.at : min(self.at + size, end)].decode("utf-8", "replace")
                 yield self.take(min(self.at + size, end), name, ascii(text))
 
-    def packet(self, name: str, row: dict[str, int], core: dict[str, int]) -> Iterator[Piece]:
-        begin, end = self.at, self.at + row["size"]
-        if self.at >= len(self.data) or row["size"] == 0:
-            return
-        raw = self.data[begin:end]
-        pieces = list(self.packet_pieces(name, row["component"], core, min(end, len(self.data))))
-        remark = "cut short (R-6.2-2)" if len(raw) < row["size"] else ""
-        if not remark and zlib.crc32(raw) != row["crc"]:
-            remark = f"CRC-32 {zlib.crc32(raw):#010x}, stored {row['crc']:#010x} (R-6.3-1)"
-        for number, piece in enumerate(pieces):
-            both = "; ".join(filter(None, (remark, piece.remark)))
-            yield replace(piece, remark=both, starts=name) if number == 0 else piece
 
-    def packet_pieces(
-        self, name: str, component: int, core: dict[str, int], end: int
-    ) -> Iterator[Piece]:
-        short = name.partition(" (")[0]
-        flags = self.data[self.at]
-        remark = "reserved bits are set (R-4.4-1)" if flags >> 2 else ""
-        yield self.take(self.at + 1, f"{short}: flags", str(flags), remark)
-        if self.at == end:
-            return
-        n_frames = self.data[self.at]
-        yield self.take(self.at + 1, f"{short}: n_frames", str(n_frames))
-        for title, n_lists in _coding_rows(component):
-            if self.at < end:
-                codings = self.data[self.at : min(self.at + n_lists, end)]
-                yield self.take(min(self.at + n_lists, end), title, _codings(codings))
-        sizes = []
-        for number in range(n_frames):
-            if end - self.at < 5:
-                break
-            n_planes, size = struct.unpack_from("<BI", self.data, self.at)
-            sizes.append(size)
-            yield self.take(self.at + 5, f"frame {number}: n_planes, size", f"{n_planes}, {size}")
-        for number, size in enumerate(sizes):
-            if self.at < end:
-                yield from self.frame(number, min(self.at + size, end))
-        if self.at < end:
-            yield self.take(end, "rest of the packet", "", "belongs to no frame (R-5.9-8)")
-
-    def frame(self, number: int, end: int) -> Iterator[Piece]:
-        name = f"frame {number}"
-        remark = "" if self.data[self.at : self.at + 4] == MAGIC else "not the magic (R-5.10-1)"
-        if end - self.at < 6 or remark:
-            yield self.take(end, name, "", remark or "too short for a frame header")
-            return
-        yield self.take(self.at + 4, f"{name}: Magic_Number")
-        descriptor = self.data[self.at]
-        remark = "" if descriptor & 0x3F == 0x20 else "outside the subset (R-5.10-2)"
-        yield self.take(self.at + 1, f"{name}: descriptor", f"{descriptor:#04x}", remark)
-        width = (1, 2, 4, 8)[descriptor >> 6]
-        content = int.from_bytes(self.data[self.at : self.at + width], "little")
-        content += 256 if width == 2 else 0
-        yield self.take(min(self.at + width, end), f"{name}: Frame_Content_Size", str(content))
-        while end - self.at >= 3:
-            word = int.from_bytes(self.data[self.at : self.at + 3], "little")
-            kind, size = ("raw", "RLE", "compressed", "reserved")[word >> 1 & 3], word >> 3
-            last = ", last" if word & 1 else ""
-            yield self.take(self.at + 3, f"{name}: block header", f"{kind}, size {size}{last}")
-            stop = min(self.at + (1 if kind == "RLE" else size), end)
-            if self.at < stop:
-                yield self.take(stop, f"{name}: block")
-            if word & 1:
-                break
-        if self.at < end:
-            yield self.take(end, f"{name}: rest", "", "behind the last block (R-5.10-5)")
-
-
-MAGIC = b"\x28\xb5\x2f\xfd"
 CHUNKS = {*ROWS, b"ALFA", b"mETa"}
-
-
-def _coding_rows(component: int) -> list[tuple[str, int]]:
-    """What the coding bytes of a packet are of, and how many (spec 5.9)."""
-    n = 14 if component == 0 else 3 * (2 * component + 1)
-    sides = [("coding bytes of gaps, kinds, alpha", 7)] if component == 0 else []
-    return [*sides, ("coding bytes of psi", n), ("coding bytes of adds", n)]
-
-
-def _codings(codings: bytes) -> str:
-    """Coding bytes as low+8*high, d for delta; . for a list of zeros."""
-    texts = []
-    for c in codings:
-        bits = f"{c & 15}+{8 * (c >> 4 & 3)}" + ("d" if c & 64 else "") + ("!" if c & 128 else "")
-        texts.append(bits if c else ".")
-    return " ".join(texts)
 
 
 def _unknown(kind: bytes) -> str:
@@ -312,10 +172,3 @@ def _unknown(kind: bytes) -> str:
 def _crc_remark(raw: bytes, covered: bytes) -> str:
     right = zlib.crc32(covered)
     return "" if int.from_bytes(raw, "little") == right else f"should be {right:#010x} (R-6.3-1)"
-
-
-def _show(values: tuple[object, ...]) -> str:
-    if isinstance(values[0], bytes):
-        text = values[0]
-        return repr(text.decode("latin-1")) if len(text) == 4 else ""
-    return ", ".join(map(str, values))

@@ -7,11 +7,12 @@ from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 
-from conformance.harness.anatomy import Piece, anatomy
+from conformance.harness.anatomy import anatomy
 from conformance.harness.diagnosis import read_fingerprints
 from conformance.harness.families import expand
 from conformance.harness.judging import VERDICTS
 from conformance.harness.manifest import Case, Suite, SuiteError, load
+from conformance.harness.pieces import Piece
 
 __all__ = ["explain"]
 

@@ -46,7 +46,8 @@ class Ended:
         over: what it used too much of and was killed for: "timeout", "memory", "output";
             "killed": without a reason; "": it ended by itself.
         seconds: wall time.
-        peak: bytes of memory at most, as far as seen.
+        peak: bytes of memory at most, as far as seen: of a short run that took less than the
+            harness itself, what a look at it showed.
     """
 
     status: int
@@ -73,6 +74,8 @@ class Watched:
         self.bounds = bounds
         self.peak = 0
         self._written = written
+        # A process begins as a copy of this one, and the system counts that.
+        self._ours = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         self.started = time.monotonic()
         self.process = subprocess.Popen(
             list(command),
@@ -134,7 +137,8 @@ class Watched:
             return None
         self.process.returncode = code = os.waitstatus_to_exitcode(status)
         self._kill()  # what it started and left behind
-        self.peak = max(self.peak, usage.ru_maxrss * RSS_UNIT)
+        if usage.ru_maxrss > self._ours:
+            self.peak = max(self.peak, usage.ru_maxrss * RSS_UNIT)
         over = "output" if self._wrote_too_much() else ""
         return Ended(code, over, time.monotonic() - self.started, self.peak)
 
