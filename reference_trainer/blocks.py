@@ -1,8 +1,9 @@
-"""Blocks: leaves that were split together, and how their children follow from them.
+"""Blocks: leaves that were split, or refined, together, and what follows from them.
 
 A `Collinear` block is the paper's C1 = P + psi, C2 = P - alpha * psi, with alpha learned (option
 D) or one (option C). A `Free` block has two independent children: C1 = P + psi, C2 = P + psi'
-(option B), or without P (option A). C1 takes the slot of P, C2 the next free one.
+(option B), or without P (option A). C1 takes the slot of P, C2 the next free one. A `Refined`
+block has one child, C = P + psi.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from reference_trainer import kernels
 from reference_trainer.optim import GROUPS, Arrays, Variable, splat_variables
 from reference_trainer.tensors import SplatTensors
 
-__all__ = ["Block", "Collinear", "Free", "restored"]
+__all__ = ["Block", "Collinear", "Free", "Refined", "restored"]
 
 Array = npt.NDArray[Any]
 I64 = npt.NDArray[np.int64]
@@ -32,10 +33,15 @@ class Block(Protocol):
     Attributes:
         slots: (m,) rising, slots of the parents and then of the C1s.
         first: slot of the first C2.
+        n_new: slots that it makes: m, or none.
     """
 
     slots: I64
     first: int
+
+    @property
+    def n_new(self) -> int:
+        """Slots that it makes."""
 
     @property
     def variables(self) -> tuple[Variable, ...]:
@@ -90,6 +96,11 @@ class Collinear:
         factors.value.requires_grad_(learns_alpha)
         psis = splat_variables(SplatTensors.of(psi, device))
         return Collinear(slots, first, psis, factors, learns_alpha)
+
+    @property
+    def n_new(self) -> int:
+        """A C2 each."""
+        return len(self.slots)
 
     @property
     def variables(self) -> tuple[Variable, ...]:
@@ -159,6 +170,11 @@ class Free:
         both = [splat_variables(SplatTensors.of(psi, device)) for psi in (psi1, psi2)]
         return Free(slots, first, (*both[0], *both[1]), keep)
 
+    @property
+    def n_new(self) -> int:
+        """A C2 each."""
+        return len(self.slots)
+
     def tensors(self) -> list[Tensor]:
         """Psi of the five groups, then psi'."""
         return [variable.value for variable in self.variables]
@@ -193,6 +209,53 @@ class Free:
         }
 
 
+@dataclass
+class Refined:
+    """C = P + psi.
+
+    Attributes:
+        variables: psi of the five groups.
+    """
+
+    slots: I64
+    first: int
+    variables: tuple[Variable, ...]
+    n_new = 0
+
+    @staticmethod
+    def of(slots: I64, first: int, like: SplatTensors) -> Refined:
+        """A new block that changes nothing yet; the values of `like` do not matter."""
+        psi = SplatTensors(*(torch.zeros_like(x[: len(slots)]) for x in like))
+        return Refined(slots, first, splat_variables(psi))
+
+    def tensors(self) -> list[Tensor]:
+        """Psi of the five groups."""
+        return [variable.value for variable in self.variables]
+
+    def evolve(self, group: int, values: Array) -> None:
+        """Parents become children."""
+        values[self.slots] += _array(self.variables[group])
+
+    def pull_back(self, group: int, g: Array, grads: list[Array]) -> None:
+        """The gradient is the same before and after."""
+        _flat(grads[group])[:] = g[self.slots]
+
+    def evolve_plain(self, group: int, values: Tensor) -> Tensor:
+        """`evolve` in torch's own operations."""
+        slots = torch.from_numpy(self.slots).to(values.device)
+        psi = self.variables[group].value.reshape(len(slots), -1)
+        return values.index_copy(0, slots, values[slots] + psi)
+
+    def changes(self, parents: Array) -> tuple[Array, Array]:
+        """C - P, twice."""
+        psi = np.concatenate([_array(variable) for variable in self.variables], axis=1)
+        return psi, psi
+
+    def arrays(self, prefix: str) -> Arrays:
+        """For a checkpoint."""
+        return _saved(prefix, self, self.variables) | {f"{prefix}.kind": np.array("refined")}
+
+
 def restored(arrays: Arrays, prefix: str, device: torch.device) -> Block:
     """The block that `arrays` saved."""
     slots, first = arrays[f"{prefix}.slots"], int(arrays[f"{prefix}.first"])
@@ -206,6 +269,8 @@ def restored(arrays: Arrays, prefix: str, device: torch.device) -> Block:
         alpha = variable(5, "alpha")
         alpha.value.requires_grad_(kind == "learned")
         return Collinear(slots, first, psi, alpha, kind == "learned")
+    if kind == "refined":
+        return Refined(slots, first, psi)
     other = tuple(variable(5 + i, group) for i, group in enumerate(GROUPS))
     return Free(slots, first, (*psi, *other), kind == "residuals")
 

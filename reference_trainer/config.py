@@ -78,6 +78,10 @@ class FrontierGrowth:
         start: iteration of the first round; gradients are collected until then.
         stop: part of the level at which the last round is.
         rounds: how often leaves are split.
+        haste: below 1, the first rounds split more leaves than the last; leaves that are never
+            split do not learn.
+        refines_rest: after the last round, leaves that were not split get a psi of their own: a
+            refine each. The paper leaves them as they are.
         threshold: least mean gradient to the centre on the screen, in NDC.
         distance: children sit this many standard deviations from their parent.
         prune_opacity, prune_scale: as in `CloudGrowth`.
@@ -86,6 +90,8 @@ class FrontierGrowth:
     start: int = 100
     stop: float = 0.45
     rounds: int = 5
+    haste: float = 1.0
+    refines_rest: bool = False
     threshold: float = 2e-4
     distance: float = 0.3
     prune_opacity: float = 0.005

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from evogs_codec import EvolutionTree, SplatParams
 from evogs_codec.splats import F32
 from evogs_codec.tree import N_GROUPS, Kind, Step
-from reference_trainer.blocks import Block, Collinear
+from reference_trainer.blocks import Block, Collinear, Refined
 from reference_trainer.frontier import Frontier
 
 __all__ = ["drops", "frontier_steps", "opacity_refines", "roots"]
@@ -77,14 +77,17 @@ def frontier_steps(tree: EvolutionTree, frontier: Frontier, level: int) -> tuple
         made, new = _steps_of(block, lives, changes, name, n_slots, level)
         steps += made
         n_slots += new
-        second = block.first + np.arange(len(block.slots))
-        values[block.slots], values[second] = parents + changes[0], parents + changes[1]
+        values[block.slots] = parents + changes[0]
+        if block.n_new:
+            values[block.first : block.first + block.n_new] = parents + changes[1]
     return tuple(steps) or (Step.of_adds(level, np.empty((d, 0), np.float32)),)
 
 
 def _living(block: Block, alive: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
     """(m,) which children have live leaves; `alive` after the block becomes that before it."""
-    second = block.first + np.arange(len(block.slots))
+    if not block.n_new:
+        return (FIRST * alive[block.slots]).astype(np.uint8)
+    second = block.first + np.arange(block.n_new)
     lives = FIRST * alive[block.slots] + SECOND * alive[second]
     alive[block.slots] = lives != NONE
     return lives.astype(np.uint8)
@@ -111,6 +114,8 @@ def _steps_of(
     name[second[splits]] = new
     kinds = np.where(lives[rows] == BOTH, Kind.SPLIT, Kind.REFINE).astype(np.uint8)
     psi = np.where(lives[rows, None] == SECOND, changes[1][rows], changes[0][rows])
+    if isinstance(block, Refined):
+        return [_step(level, slots, kinds, psi.T, np.empty((N_GROUPS, 0)))], 0
     if isinstance(block, Collinear):
         alpha = block.alpha.value.detach().cpu().numpy()[splits]
         return [_step(level, slots, kinds, psi.T, alpha.T)], len(splits)

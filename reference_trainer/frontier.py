@@ -7,6 +7,7 @@ children were split again. Letters: S slots, N live leaves.
 
 from __future__ import annotations
 
+import math
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -15,7 +16,7 @@ import torch
 from torch import Tensor
 
 from evogs_codec import SplatParams
-from reference_trainer.blocks import Block, Collinear, Free, restored
+from reference_trainer.blocks import Block, Collinear, Free, Refined, restored
 from reference_trainer.config import FrontierGrowth
 from reference_trainer.densify import ScreenGradients, largest, useless
 from reference_trainer.optim import Arrays, Variable
@@ -76,12 +77,27 @@ class Frontier:
         dead = useless(leaves, self.growth.prune_opacity, self.growth.prune_scale * self.extent)
         self.live[slots[dead]] = False
         n = self.n_splats
-        left = len(due) - due.index(iteration)
-        room = round(n * (cap / n) ** (1 / left)) - n if 0 < n < cap else 0
+        room = self._target(due.index(iteration), len(due), cap) - n
         rows = largest(np.where(dead, -np.inf, scores.mean()), self.growth.threshold, room)
         if len(rows):
             self._split(slots[rows], leaves.take(rows))
+        if iteration == due[-1] and self.growth.refines_rest:
+            self._refine_rest()
         return True
+
+    def _refine_rest(self) -> None:
+        """Let the leaves learn that no round of this level has split."""
+        split = [block.slots for block in self.blocks]
+        rest = np.flatnonzero(self.live[: len(self.base.means)])
+        rest = np.setdiff1d(rest, np.concatenate([*split, rest[:0]]))
+        if len(rest):
+            self.blocks.append(Refined.of(rest, len(self.live), self.base))
+
+    def _target(self, index: int, n_rounds: int, cap: int) -> int:
+        """Leaves after a round: from those of the base to the cap, by factors that fall."""
+        n = len(self.base.means)
+        part: float = ((index + 1) / n_rounds) ** self.growth.haste
+        return round(n * math.pow(cap / n, part))
 
     def _rounds(self, n_iterations: int) -> list[int]:
         """Iterations after which there is a round."""
@@ -152,7 +168,7 @@ class _Evolve(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Context, *args: Argument) -> tuple[Tensor, ...]:
         base, blocks, live, *_ = args
-        n_slots = len(base.means) + sum(len(block.slots) for block in blocks)
+        n_slots = len(base.means) + sum(block.n_new for block in blocks)
         ctx.blocks, ctx.live, ctx.n_slots = blocks, live, n_slots
         out = []
         for group, constants in enumerate(base):

@@ -1,5 +1,7 @@
 """The tree's arithmetic: compiled against plain, gradients, split continuity, export."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -17,26 +19,28 @@ from tests.trainer import tiny
 GROWTH = FrontierGrowth(start=1, rounds=3, stop=0.3, threshold=0.0)
 
 
-def grown(option="D", n=20, prune=(), seed=0):
+def grown(option="D", n=20, prune=(), seed=0, rest=False):
     """A frontier after three rounds, its variables shaken, some leaves dead; and its tree."""
     rng = np.random.default_rng(seed)
     tree = EvolutionTree(1, (roots(tiny.random_splats(rng, n)),))
-    frontier = Frontier(SplatTensors.of(tree.leaves()), option, GROWTH, 100.0)
+    growth = replace(GROWTH, refines_rest=rest)
+    frontier = Frontier(SplatTensors.of(tree.leaves()), option, growth, 100.0)
     for iteration in (1, 2, 3):
         scores = ScreenGradients(frontier.n_splats)
         scores.total += rng.random(frontier.n_splats)
         scores.count += 1
         assert frontier.refine(iteration, 10, scores, 3 * n)
-        for variable in frontier.blocks[-1].variables:
-            with torch.no_grad():
-                variable.value += 0.1 * torch.from_numpy(rng.normal(size=variable.value.shape))
+    for variable in frontier.variables():
+        with torch.no_grad():
+            variable.value += 0.1 * torch.from_numpy(rng.normal(size=variable.value.shape))
     frontier.live[list(prune)] = False
     return tree, frontier
 
 
+@pytest.mark.parametrize("rest", [False, True])
 @pytest.mark.parametrize("option", OPTIONS)
-def test_compiled_leaves_and_gradients_are_those_of_plain_torch(option):
-    _, frontier = grown(option, prune=(3, 25))
+def test_compiled_leaves_and_gradients_are_those_of_plain_torch(option, rest):
+    _, frontier = grown(option, prune=(3, 25), rest=rest)
     live = np.flatnonzero(frontier.live)
     found = []
     for function in (evolve, evolve_plain):
@@ -58,7 +62,7 @@ def test_compiled_leaves_and_gradients_are_those_of_plain_torch(option):
 @pytest.mark.parametrize("seed", range(4))
 def test_the_tree_decodes_to_the_trained_leaves(option, seed):
     rng = np.random.default_rng(seed)
-    tree, frontier = grown(option, prune=rng.permutation(60)[: 15 * seed], seed=seed)
+    tree, frontier = grown(option, prune=rng.permutation(60)[: 15 * seed], seed=seed, rest=seed > 1)
     whole = EvolutionTree(1, (*tree.steps, *frontier_steps(tree, frontier, 1)))
     ours, theirs = frontier.splats(0).params().channels(), whole.leaves(1).channels()
     # Only the order differs: slots of the dead are used again.
@@ -93,6 +97,16 @@ def test_a_split_does_not_show():
     assert worst("D", 0.3) > worst("C", 0.3) + 5
 
 
+def test_what_no_round_split_is_refined_if_that_is_asked_for():
+    def moved(rest):
+        _, frontier = grown(rest=rest)
+        leaves = frontier.splats(0)
+        same = (leaves.means[:20] == frontier.base.means).all(dim=1)
+        return int((~same).sum())
+
+    assert moved(rest=False) < moved(rest=True) == 20
+
+
 def test_base_leaves_are_never_changed():
     _, frontier = grown()
     before = [x.clone() for x in frontier.base]
@@ -104,7 +118,7 @@ def test_base_leaves_are_never_changed():
 
 def test_a_checkpointed_frontier_is_the_same():
     for option in OPTIONS:
-        _, frontier = grown(option, prune=(1,))
+        _, frontier = grown(option, prune=(1,), rest=True)
         other = Frontier(frontier.base, option, GROWTH, 100.0)
         other.restore(frontier.arrays())
         for one, two in zip(frontier.splats(0), other.splats(0), strict=True):
