@@ -117,7 +117,7 @@ class Config:
     method: str = "evogs"
     seed: int = 0
     sh_degree: int = 2
-    iterations: tuple[int, ...] = (7000, 3000, 3000, 4000)
+    iterations: tuple[int, ...] = (7000, 4000, 4000, 5000)
     max_splats: tuple[int, ...] = (4_000, 12_000, 36_000, 100_000)
     ssim_weight: float = 0.2
     rates: Rates = field(default_factory=Rates)
@@ -160,10 +160,19 @@ class Config:
 
 
 # 3DGS trains a level for 30,000 iterations; a tenth of that wants larger steps.
-_FAST = Rates(scale=0.01, sh=0.01, sh_rest=5e-3, alpha=0.05)
+_FAST = Rates(
+    position=5e-4,
+    position_final=5e-6,
+    rotation=4e-3,
+    scale=0.01,
+    sh=0.01,
+    sh_rest=5e-3,
+    alpha=0.05,
+)
 _TWO_CORES = Config(
     rates=_FAST,
-    frontier=FrontierGrowth(threshold=0.0),  # fills the budget, whatever the gradients
+    # Fills the budget whatever the gradients, and early: what is not split does not learn.
+    frontier=FrontierGrowth(threshold=0.0, rounds=3, stop=0.25, haste=0.25),
 )
 PRESETS = {
     # The paper's schedule, on a GPU: rounds every 3,000 iterations up to 15,000.
@@ -185,7 +194,7 @@ PRESETS = {
         iterations=(500, 300, 300, 300),
         max_splats=(500, 1_500, 4_000, 10_000),
         cloud=CloudGrowth(start=100, every=50, n_random=1000, sh_every=200),
-        frontier=FrontierGrowth(start=50, rounds=3, threshold=0.0),
+        frontier=FrontierGrowth(start=50, rounds=3, stop=0.3, threshold=0.0, haste=0.25),
         checkpoint_every=100,
     ),
 }

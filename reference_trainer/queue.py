@@ -58,6 +58,8 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--data", type=Path, required=True, help="folder of photographs")
     parser.add_argument("--out", type=Path, required=True, help="folder for the runs")
     parser.add_argument("--preset", choices=list(PRESETS), default="two-cores")
+    parser.add_argument("--iterations", nargs="+", type=int, help="of each level")
+    parser.add_argument("--max-splats", nargs="+", type=int, help="of each level")
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
     parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1])
     parser.add_argument("--budgets", nargs="+", choices=BUDGETS, default=list(BUDGETS))
@@ -65,7 +67,13 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--list", action="store_true", help="only say what would run")
     args = parser.parse_args(argv)
-    queue = list(jobs(PRESETS[args.preset], args.methods, args.seeds, args.budgets))
+    config = PRESETS[args.preset]
+    config = replace(
+        config,
+        iterations=tuple(args.iterations or config.iterations),
+        max_splats=tuple(args.max_splats or config.max_splats),
+    )
+    queue = list(jobs(config, args.methods, args.seeds, args.budgets))
     if args.list:
         for job in queue:
             state = "done" if (args.out / job.name / "result.json").exists() else "to do"
