@@ -80,10 +80,13 @@ def _failures(trial: Trial) -> Iterable[str]:
         yield f"    {result.says}"
         yield f"    tests: {vector.tests}"
         yield f"    requirements: {', '.join(vector.requirements)}"
+        if vector.near_miss_of and result.kind == "wrong verdict":
+            yield f"    legal but for the fault: {vector.near_miss_of}"
     left = len(trial.failed) - MOST_FAILURES
     if left > 0:
         yield f"... and {left} more wrong runs (--html or --json shows all)"
     if trial.failed:
+        yield f"a vector byte by byte: evogs conformance explain {trial.failed[0].case.vector.id}"
         yield ""
 
 
