@@ -1,0 +1,1 @@
+"""Render conformance: golden pictures of small streams, and who draws them right."""

@@ -1,0 +1,126 @@
+"""`python -m conformance.renders run | generate | mutants | reference`."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+import sys
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+from conformance.harness.manifest import SuiteError
+from conformance.harness.process import Bounds
+from conformance.harness.trial import FAILED, INCOMPLETE, PASSED
+from conformance.renders import reference
+from conformance.renders.candidate import Renderer, ask_all
+from conformance.renders.manifest import FOLDER, load
+from conformance.renders.report import Run, as_html, as_json, as_text, write_pictures
+
+__all__ = ["add_run", "main"]
+
+Commands = Any  # argparse's sub-parsers have no public type
+MIB = 1 << 20
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit code."""
+    parser = argparse.ArgumentParser(
+        prog="python -m conformance.renders",
+        description="Tells any renderer of EvoGS streams whether its pictures are right.",
+    )
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    add_run(commands, "run")
+    _add_generate(commands)
+    help_ = "the reference renderer behind the command of a renderer under test"
+    child = commands.add_parser("reference", help=help_, description=help_)
+    child.set_defaults(run=reference.run_reference)
+    reference.add_options(child)
+    args = parser.parse_args(arguments)
+    return int(args.run(args))
+
+
+def add_run(commands: Commands, name: str) -> None:
+    """Add the command that judges a renderer; `name`: what it is called there."""
+    parser = commands.add_parser(
+        name,
+        help="ask a renderer all pictures",
+        description="Ask a renderer all pictures and judge them (docs/render-conformance.md).",
+        epilog="exit codes: 0 it is right; 1 it is not; 2 usage; 3 incomplete: nothing can be said",
+    )
+    parser.set_defaults(run=run_run)
+    parser.add_argument("--renderer", required=True, metavar='"CMD"', help="the renderer")
+    parser.add_argument("--suite", type=Path, default=FOLDER, metavar="DIR")
+    parser.add_argument("--id", action="append", default=[], metavar="GLOB", help="only these")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N")
+    parser.add_argument("--timeout", type=float, default=60.0, metavar="S", help="per image")
+    parser.add_argument("--memory", type=int, default=4096, metavar="MiB", help="per process")
+    parser.add_argument(
+        "--env", action="append", default=[], metavar="NAME", help="pass this variable on"
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write a report")
+    parser.add_argument("--html", type=Path, metavar="FILE", help="write a report")
+    parser.add_argument(
+        "--report",
+        type=Path,
+        default=Path("render-report"),
+        metavar="DIR",
+        help="where pictures of differences go, if any (default: render-report)",
+    )
+
+
+def run_run(args: argparse.Namespace) -> int:
+    """`run`."""
+    try:
+        suite = load(args.suite)
+    except SuiteError as error:
+        print(f"INCOMPLETE: {error}")
+        return INCOMPLETE
+    globs = args.id or ["*"]
+    images = [i for i in suite.images if any(fnmatchcase(i.id, glob) for glob in globs)]
+    renderer = Renderer(
+        _command(args.renderer), Bounds(args.timeout, args.memory * MIB), tuple(args.env)
+    )
+    results = []
+    for result in ask_all(suite, images, renderer, jobs=args.jobs):
+        results.append(result)
+        if sys.stderr.isatty():
+            end = "\n" if len(results) == len(images) else ""
+            print(f"\r{len(results)} of {len(images)} images", end=end, file=sys.stderr)
+    run = Run(suite, renderer.command, results, len(images) == len(suite.images))
+    print(as_text(run))
+    for path in write_pictures(run, args.report):
+        print(f"    {path}")
+    for path, text_of in ((args.json, as_json), (args.html, as_html)):
+        if path is not None:
+            path.write_text(text_of(run), encoding="utf-8")
+    return run.exit
+
+
+def run_generate(args: argparse.Namespace) -> int:
+    """`generate`."""
+    # The recipes need the encoder and numba; judging needs neither.
+    from conformance.renders.generate import check, write
+
+    different = check(args.suite) if args.check else write(args.suite)
+    for name in different:
+        print(name)
+    print(f"{len(different)} files {'differ' if args.check else 'written or removed'}")
+    return FAILED if args.check and different else PASSED
+
+
+def _command(text: str) -> tuple[str, ...]:
+    """The words of a command; files named relative to here are found from everywhere."""
+    words = shlex.split(text)
+    # Not resolved: a link to a program may be what makes it find its libraries.
+    return tuple(str(Path(word).absolute()) if Path(word).is_file() else word for word in words)
+
+
+def _add_generate(commands: Commands) -> None:
+    help_ = "make streams, goldens and manifest anew"
+    parser = commands.add_parser("generate", help=help_, description=help_)
+    parser.set_defaults(run=run_generate)
+    parser.add_argument("--check", action="store_true", help="only say what would change")
+    parser.add_argument("--suite", type=Path, default=FOLDER, metavar="DIR")

@@ -1,0 +1,137 @@
+"""Make streams, goldens and `renders.json` anew from the recipes; or check that they are the same.
+
+A golden is the picture of the float64 oracle, in 8 bits: what a screen shows, an eighth of the
+size of exact numbers, and finer than the tolerance. Its alpha is 0 at doubtful pixels.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from conformance.rasterizer import Camera, Options, psnr, render
+from conformance.rasterizer.oracle import render_exactly
+from conformance.renders.manifest import FOLDER, Image, Thresholds
+from conformance.renders.manifest import Scene as SceneEntry
+from conformance.renders.png import encode_png
+from conformance.renders.reference import to_pixels
+from conformance.renders.scenes import SCENES, Scene
+from evogs_codec import Cut, decode, read_directory
+
+__all__ = ["check", "make_all", "write"]
+
+Entry = dict[str, Any]
+MAX_ERROR = 1 / 255  # what one decision at the threshold of alpha may change
+MARGIN = 10  # thresholds are at least so many times what two right renderers differ by
+MAX_OVER = 3  # pixels: decisions that rounding in float32 may turn, beyond the doubt of the oracle
+MIN_PSNR = 50.0  # rounding down instead of to the nearest gives 51 dB, a step everywhere 48 dB
+LEVEL_PSNR = 0.5
+MAX_DOUBTFUL = 0.12  # of the pixels of an image
+
+
+def write(folder: Path = FOLDER) -> list[str]:
+    """Write what differs and remove what is no longer made; returns the names."""
+    made, there = make_all(), _files(folder)
+    for name in there.keys() - made.keys():
+        (folder / name).unlink()
+    changed = [name for name, data in made.items() if there.get(name) != data]
+    for name in changed:
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_bytes(made[name])
+    return sorted({*changed, *(there.keys() - made.keys())})
+
+
+def check(folder: Path = FOLDER) -> list[str]:
+    """Names of the files that would be written otherwise."""
+    made, there = make_all(), _files(folder)
+    return sorted(name for name in made.keys() | there.keys() if made.get(name) != there.get(name))
+
+
+def make_all(scenes: tuple[Scene, ...] = SCENES) -> dict[str, bytes]:
+    """Every file of the folder by its name."""
+    files: dict[str, bytes] = {}
+    entries: dict[str, list[Entry]] = {"scenes": [], "images": []}
+    for scene in scenes:
+        data = scene.stream()
+        name = f"streams/{scene.id}.evogs"
+        files[name] = data
+        directory = read_directory(memoryview(data))
+        entries["scenes"].append(
+            asdict(
+                SceneEntry(
+                    scene.id, scene.tests, scene.faulty, name, _sha256(data), len(data),
+                    directory.n_levels, directory.sh_degree, scene.antialiased,
+                    f"conformance.renders.recipes:{_name(scene)}",
+                )
+            )
+        )  # fmt: skip
+        for image, golden in _images(scene, data):
+            files[image.golden] = golden
+            entries["images"].append(asdict(image))
+    files["renders.json"] = (json.dumps(entries, indent=1) + "\n").encode()
+    return files
+
+
+def _images(scene: Scene, data: bytes) -> Iterator[tuple[Image, bytes]]:
+    """The entries of a scene with their golden files, the finest level first."""
+    directory = read_directory(memoryview(data))
+    options = Options(antialiased=scene.antialiased)
+    for view in scene.views:
+        finest = None
+        for level in reversed(range(directory.n_levels)):
+            splats = decode(data, Cut.of_level(directory, level)).leaves()
+            exact = render_exactly(splats, view.camera, view.background, options=options)
+            fast = render(splats, view.camera, view.background, options=options)
+            pixels, stable = to_pixels(exact.image), ~exact.doubtful
+            name = f"{scene.id}.{view.name}.L{level}"
+            if not stable.mean() > 1 - MAX_DOUBTFUL:
+                raise ValueError(f"{name}: {exact.doubtful.mean():.1%} of the pixels are doubtful")
+            deviation = np.abs(np.clip(fast, 0, 1) - np.clip(exact.image, 0, 1)).max(2)
+            measured = float(deviation[stable].max())
+            golden = encode_png(np.dstack([pixels, np.where(stable, 255, 0).astype(np.uint8)]))
+            steps = pixels.astype(np.float64) / 255
+            yield (
+                Image(
+                    name, scene.id, view.name, level, _camera(view.camera), view.background,
+                    f"goldens/{name}.png", _sha256(golden), len(splats),
+                    int(exact.doubtful.sum()), float(f"{measured:.1e}"),
+                    None if finest is None else round(psnr(steps, finest), 3),
+                    Thresholds(max(MAX_ERROR, MARGIN * measured), MAX_OVER, MIN_PSNR, LEVEL_PSNR),
+                ),
+                golden,
+            )  # fmt: skip
+            finest = steps if finest is None else finest
+
+
+def _camera(camera: Camera) -> Entry:
+    """As in a file of cameras."""
+    return {
+        **{name: int(getattr(camera, name)) for name in ("width", "height")},
+        **{name: float(getattr(camera, name)) for name in ("fx", "fy", "cx", "cy")},
+        "rotation": camera.rotation.tolist(),
+        "translation": camera.translation.tolist(),
+    }
+
+
+def _name(scene: Scene) -> str:
+    """What the recipe of a scene is called, with its arguments."""
+    if isinstance(scene.recipe, partial):
+        return f"{scene.recipe.func.__name__}{scene.recipe.args}"
+    return scene.recipe.__name__
+
+
+def _files(folder: Path) -> dict[str, bytes]:
+    """The generated files that are there."""
+    paths = [*folder.glob("streams/*"), *folder.glob("goldens/*"), *folder.glob("renders.json")]
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
