@@ -13,14 +13,12 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 from conformance.builder import places
-from conformance.outcomes import Outcome, Run, by_codec, by_oracle
+from conformance.outcomes import Run
+from conformance.suite import Disagreement, Entry, agreed
 
 __all__ = ["PREFIXES", "generated"]
-
-Entry = dict[str, Any]
 
 PREFIXES = ("core-bands-degree-1", "core-two-tiles", "core-digests-of-every-packet")
 FLIPS = ("core-kinds-of-one-step", "core-bands-degree-1")
@@ -33,7 +31,7 @@ def generated(data: Mapping[str, bytes]) -> tuple[list[Entry], list[bytes]]:
         data: the vectors by id.
 
     Raises:
-        ValueError: oracle and codec do not agree, or a rule does not hold.
+        Disagreement: of oracle and codec, or a rule does not hold.
     """
     entries, dumps = list[Entry](), list[bytes]()
     for name in PREFIXES:
@@ -75,11 +73,11 @@ def prefix_dumps(data: bytes) -> list[bytes]:
         outcome = agreed(data[:size], Run("progressive"))
         is_whole = size == len(data)
         if outcome.exit != (0 if is_whole else 3) or (outcome.dump is None) != (size < head):
-            raise ValueError(f"prefix of {size}: {outcome.exit} {outcome.code}")
+            raise Disagreement(f"prefix of {size}: {outcome.exit} {outcome.code}")
         if outcome.dump is not None and dumps.setdefault(n_packets, outcome.dump) != outcome.dump:
-            raise ValueError(f"prefix of {size}: another dump of {n_packets} packets")
+            raise Disagreement(f"prefix of {size}: another dump of {n_packets} packets")
         if not is_whole and agreed(data[:size], Run()).code != "E_TRUNCATED":
-            raise ValueError(f"prefix of {size} is not truncated")
+            raise Disagreement(f"prefix of {size} is not truncated")
     return [dumps[n] for n in range(len(packets) + 1)]
 
 
@@ -92,7 +90,7 @@ def accepted_flips(data: bytes) -> list[int]:
         if outcome == whole:
             found.append(bit)
         elif outcome.exit != 1:
-            raise ValueError(f"bit {bit}: {outcome.exit} {outcome.code}")
+            raise Disagreement(f"bit {bit}: {outcome.exit} {outcome.code}")
     return found
 
 
@@ -102,11 +100,3 @@ def flips(data: bytes) -> Iterator[tuple[int, bytes]]:
         flipped = bytearray(data)
         flipped[bit >> 3] ^= 1 << (bit & 7)
         yield bit, bytes(flipped)
-
-
-def agreed(data: bytes, run: Run) -> Outcome:
-    """The outcome that both producers give."""
-    outcome = by_oracle(data, run)
-    if outcome != by_codec(data, run):
-        raise ValueError(f"oracle and codec differ: {run}: {outcome.exit} {outcome.code}")
-    return outcome

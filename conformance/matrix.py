@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 __all__ = ["matrix"]
@@ -21,11 +21,13 @@ Requirements without a vector stand in
 """
 
 
-def matrix(manifest: Mapping[str, Any], requirements: Mapping[str, tuple[str, str]]) -> str:
-    """The page."""
+def matrix(
+    entries: Sequence[Mapping[str, Any]], requirements: Mapping[str, tuple[str, str]]
+) -> str:
+    """The page, of the vectors of the manifest and of role and text of each requirement."""
     lines = []
     for name, (role, _) in requirements.items():
-        vectors = [v for v in manifest["vectors"] if name in v["requirements"]]
+        vectors = [v for v in entries if name in v["requirements"]]
         accepted = sum(v["runs"][0]["exit"] == 0 for v in vectors)
         # The most precise first: those that exercise few other requirements.
         named = sorted(vectors, key=lambda v: (len(v["requirements"]), v["id"]))[:SHOWN]

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from conformance.builder import Chunk, Packet, Stream
 from conformance.cases.case import FILE, Case, Recipe, case
+from conformance.cases.edits import behind
 from conformance.cases.scenes import SMALL
 
 FAMILY = "extension"
@@ -29,7 +30,7 @@ def chunk_types() -> Iterator[Case]:
         name = kind.decode()
         yield case(
             f"chunk-{name}-{''.join('c' if letter.isupper() else 's' for letter in name)}",
-            replace(SMALL, chunks=lambda c, kind=kind: [*c, Chunk(kind, b"\0\xff body")]),
+            replace(SMALL, chunks=behind(Chunk(kind, b"\0\xff body"))),
             "R-8.1-2 8.1",
             f"an unknown ancillary chunk: {tests}",
             "refuses it, or takes it for the chunk whose letters it has",

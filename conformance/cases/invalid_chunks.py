@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 
 from conformance.builder import SPLIT, Chunk, Packet, Stream
 from conformance.cases.case import FILE, PROGRESSIVE, Case, Recipe, case
+from conformance.cases.edits import Edit, behind, changed, picked
 from conformance.cases.scenes import numbers
 
 FAMILY = "invalid-chunks"
@@ -20,7 +22,7 @@ ALL = Stream(
 STEP, ALFA, TILE, PACK, META, DIGESTS = range(6)  # in the list that is edited
 
 
-def edited(edit: Callable[[list[Chunk]], list[Chunk]]) -> Stream:
+def edited(edit: Edit) -> Stream:
     """ALL with another list of chunks."""
     return replace(ALL, chunks=edit)
 
@@ -42,7 +44,7 @@ def extents() -> Iterator[Case]:
     for n in (1, 11):
         yield case(
             f"header-of-{n}-bytes",
-            edited(lambda chunks, n=n: [*chunks, _Raw(bytes(n))]),
+            edited(behind(_Raw(bytes(n)))),
             "R-5.2-1",
             f"{n} bytes of 0 follow the last chunk within `chunks_size`",
             "ends when a chunk header does not fit, or reads it from the packets",
@@ -57,7 +59,7 @@ def extents() -> Iterator[Case]:
     for name, at, size, tests in rows:
         yield case(
             name,
-            edited(lambda c, at=at, size=size: [*c[:at], replace(c[at], size=size), *c[at + 1 :]]),
+            edited(changed(at, partial(replace, size=size))),
             "R-5.2-1",
             tests,
             "reads into the packets or past the file, or adds in 32 bits",
@@ -81,7 +83,7 @@ def checksums() -> Iterator[Case]:
     for at, name in ((STEP, "step"), (PACK, "pack"), (META, "meta")):
         yield case(
             f"crc-of-{name}",
-            edited(lambda c, at=at: [*c[:at], replace(c[at], crc=0x12345678), *c[at + 1 :]]),
+            edited(changed(at, partial(replace, crc=0x12345678))),
             "R-6.3-1 5.2",
             f"the checksum of {c_name(at)} is wrong",
             "checks the checksums of other chunks only",
@@ -90,7 +92,7 @@ def checksums() -> Iterator[Case]:
         )
     yield case(
         "crc-of-unknown",
-        edited(lambda c: [*c, Chunk(b"zzZz", b"abc", crc=0)]),
+        edited(behind(Chunk(b"zzZz", b"abc", crc=0))),
         "R-6.3-1 R-8.1-2",
         "the checksum of an unknown ancillary chunk is wrong",
         "skips unknown chunks without a look at them",
@@ -99,7 +101,7 @@ def checksums() -> Iterator[Case]:
     )
     yield case(
         "unknown-with-crc",
-        edited(lambda c: [*c, Chunk(b"zzZz", b"abc")]),
+        edited(behind(Chunk(b"zzZz", b"abc"))),
         "R-6.3-1 R-8.1-2",
         "an unknown ancillary chunk",
         "refuses it",
@@ -127,7 +129,7 @@ def types() -> Iterator[Case]:
     for kind, tests, name in rows:
         yield case(
             f"type-{name}",
-            edited(lambda c, kind=kind: [*c, Chunk(kind)]),
+            edited(behind(Chunk(kind))),
             "R-5.2-2",
             f"a chunk type with {tests}",
             "looks only at the case bits, or asks a locale what a letter is",
@@ -141,7 +143,7 @@ def presence() -> Iterator[Case]:
     for at in (STEP, TILE, PACK):
         yield case(
             f"without-{c_name(at).lower()}",
-            edited(lambda c, at=at: c[:at] + c[at + 1 :]),
+            edited(picked(*(k for k in range(6) if k != at))),
             "R-5.2-3",
             f"{c_name(at)} is missing",
             "takes a table for it that is empty, or fails without a verdict",
@@ -152,7 +154,7 @@ def presence() -> Iterator[Case]:
         rule = "R-5.2-3" if at <= PACK else "R-5.2-4"
         yield case(
             f"two-{c_name(at).lower()}",
-            edited(lambda c, at=at: [*c[:at], c[at], *c[at:]]),
+            edited(picked(*range(at), at, *range(at, 6))),
             rule,
             f"{c_name(at)} twice",
             "uses the first or the last of the two",
@@ -168,7 +170,7 @@ def presence() -> Iterator[Case]:
     for name, order in orders:
         yield case(
             name,
-            edited(lambda c, order=order: [c[at] for at in order]),
+            edited(picked(*order)),
             "R-5.2-3",
             "critical chunks in the order " + " ".join(map(c_name, order)),
             "finds chunks by type and does not mind their order",
@@ -177,7 +179,7 @@ def presence() -> Iterator[Case]:
         )
     yield case(
         "alfa-again-at-the-end",
-        edited(lambda c: [*c, c[ALFA]]),
+        edited(picked(*range(6), ALFA)),
         "R-5.2-3",
         "ALFA a second time, behind PACK",
         "minds only chunks that stand side by side",
@@ -186,7 +188,7 @@ def presence() -> Iterator[Case]:
     )
     yield case(
         "meta-again-far-away",
-        edited(lambda c: [c[META], *c]),
+        edited(picked(META, *range(6))),
         "R-5.2-4",
         "mETa at the beginning and at the end",
         "minds only chunks that stand side by side",
@@ -204,7 +206,7 @@ def unknown_critical() -> Iterator[Case]:
     for kind, name in rows:
         yield case(
             f"critical-{name}",
-            edited(lambda c, kind=kind: [*c, Chunk(kind, b"?")]),
+            edited(behind(Chunk(kind, b"?"))),
             "R-8.1-1 8.1",
             f"a critical chunk {kind.decode()}",
             "skips it like an ancillary one, or compares types without regard to case",
@@ -216,7 +218,7 @@ def unknown_critical() -> Iterator[Case]:
 
 def sizes() -> Iterator[Case]:
     """Tables that are not as long as their rows."""
-    rows = [
+    rows: list[tuple[str, int, Callable[[bytes], bytes], str]] = [
         ("step-longer", STEP, lambda body: body + b"\x01\0\0", "STEP has an entry too many"),
         ("step-shorter", STEP, lambda body: body[:-1], "STEP lacks its last byte"),
         ("tile-longer", TILE, lambda body: body * 2, "TILE has two rows for one tile"),
@@ -229,15 +231,17 @@ def sizes() -> Iterator[Case]:
     for name, at, change, tests in rows:
         yield case(
             name,
-            edited(
-                lambda c, at=at, f=change: [*c[:at], Chunk(c[at].kind, f(c[at].body)), *c[at + 1 :]]
-            ),
+            edited(changed(at, partial(_with, change))),
             "R-5.2-5",
             tests,
             "takes the number of rows from the size, or reads what is there",
             "E_CHUNK",
             TWIN,
         )
+
+
+def _with(change: Callable[[bytes], bytes], chunk: Chunk) -> Chunk:
+    return Chunk(chunk.kind, change(chunk.body))
 
 
 class _Raw(Chunk):

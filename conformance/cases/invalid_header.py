@@ -15,7 +15,7 @@ TWIN = "core-kinds-of-one-step"  # SMALL
 
 def fields() -> Iterator[Case]:
     """A field outside its domain, the checksum right."""
-    rows = [
+    rows: list[tuple[str, dict[str, int | bytes], str, str, str, str]] = [
         ("tier-0", {"tier": 0}, "R-5.1-4", "E_HEADER", "tier 0", "takes no limits from tier 0"),
         ("tier-4", {"tier": 4}, "R-5.1-4", "E_HEADER", "tier 4", "reads past the table of limits"),
         ("degree-4", {"sh_degree": 4}, "R-5.1-5", "E_HEADER", "SH degree 4", "makes 86 channels"),

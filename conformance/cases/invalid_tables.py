@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from conformance.builder import MAX_X, SPLIT, Chunk, Packet, Stream, Tile
 from conformance.cases.case import FILE, VERIFY, Case, Recipe, case
+from conformance.cases.edits import with_body
 from conformance.cases.scenes import banded, numbers
 
 FAMILY = "invalid-tables"
@@ -93,7 +94,7 @@ def alphas() -> Iterator[Case]:
     for name, body, code, rule, tests in bodies:
         yield case(
             f"alpha-{name}",
-            replace(BASE, chunks=lambda c, body=body: [c[0], Chunk(b"ALFA", body), *c[2:]]),
+            replace(BASE, chunks=with_body(1, body)),
             f"{rule} 5.4",
             tests,
             "reads past the chunk, or drops a table that is not whole",
@@ -208,7 +209,7 @@ def metadata() -> Iterator[Case]:
     for name, body, rule, tests in bodies:
         yield case(
             f"meta-{name}",
-            replace(BASE, chunks=lambda c, body=body: [*c[:-1], Chunk(b"mETa", body)]),
+            replace(BASE, chunks=with_body(4, body)),
             rule,
             tests,
             "does not look into metadata, or sorts and accepts what it finds",
@@ -234,8 +235,15 @@ def metadata() -> Iterator[Case]:
             "E_META",
             "meta-edges",
         )
-    edges = {"-": "\0", ".": "\x7f\x80", "0": "\u07ff\u0800", "_": "\ud7ff\ue000\uffff", "a": "",
-             "a.": "\U00010000\U0010ffff", "z" * 255: "\ufeff"}  # fmt: skip
+    edges: dict[str | bytes, str | bytes] = {
+        "-": "\0",
+        ".": "\x7f\x80",
+        "0": "\u07ff\u0800",
+        "_": "\ud7ff\ue000\uffff",
+        "a": "",
+        "a.": "\U00010000\U0010ffff",
+        "z" * 255: "\ufeff",
+    }
     yield case(
         "meta-edges",
         replace(BASE, metadata=edges),

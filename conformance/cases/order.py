@@ -23,6 +23,7 @@ from conformance.builder import (
     raw,
 )
 from conformance.cases.case import FILE, VERIFY, Case, Recipe, case
+from conformance.cases.edits import Edit
 from conformance.cases.scenes import numbers
 from conformance.outcomes import Run
 
@@ -38,6 +39,36 @@ BASE = Stream(
 )
 BAD_META, BAD_DIGESTS = Chunk(b"mETa", b"\0\0\0"), Chunk(b"dGST", b"\0")
 Row = tuple[str, Stream | bytes, str, str]
+
+
+def with_header(**fields: int | bytes) -> Stream:
+    """BASE with other fields of the header."""
+    return replace(BASE, header=fields)
+
+
+def with_chunks(edit: Edit) -> Stream:
+    """BASE with other chunks: STEP, ALFA, TILE, PACK, mETa, dGST."""
+    return replace(BASE, chunks=edit)
+
+
+def with_packets(*packets: Packet) -> Stream:
+    """BASE with other packets, without digests."""
+    return replace(BASE, packets=packets, digests=None)
+
+
+def zero_step(chunks: list[Chunk]) -> Chunk:
+    """STEP of zeros."""
+    return Chunk(b"STEP", bytes(len(chunks[0].body)))
+
+
+def bad_frame(content: bytes) -> bytes:
+    """A frame with a block of the reserved type."""
+    return frame(len(content), [(RESERVED, 0, b"")])
+
+
+def short(content: bytes) -> bytes:
+    """A frame that gives a byte too little."""
+    return frame(len(content), [(RLE, len(content) - 1, b"\0")])
 
 
 def cases_of(rows: list[Row], section: str, run: Run = FILE) -> Iterator[Case]:
@@ -63,45 +94,59 @@ def legal() -> Iterator[Case]:
 def headers() -> Iterator[Case]:
     """Step 1."""
     data = build(BASE)
-    h = lambda **fields: replace(BASE, header=fields)  # noqa: E731
     rows: list[Row] = [
         (
             "signature-and-version",
-            h(signature=b"\x89EVH\r\n\x1a\n", version_major=2),
+            with_header(signature=b"\x89EVH\r\n\x1a\n", version_major=2),
             "E_SIGNATURE",
             "signature and version are wrong",
         ),
         (
             "truncated-and-version",
-            build(h(version_major=2))[:63],
+            build(with_header(version_major=2))[:63],
             "E_TRUNCATED",
             "63 bytes of a header of another version",
         ),
-        ("version-and-crc", h(version_major=2, crc=0), "E_VERSION", "version and crc are wrong"),
-        ("crc-and-reserved", h(crc=0, flags=0x8000), "E_CRC", "crc wrong, a reserved flag set"),
-        ("crc-and-tier", h(crc=0, tier=9), "E_CRC", "crc and tier are wrong"),
+        (
+            "version-and-crc",
+            with_header(version_major=2, crc=0),
+            "E_VERSION",
+            "version and crc are wrong",
+        ),
+        (
+            "crc-and-reserved",
+            with_header(crc=0, flags=0x8000),
+            "E_CRC",
+            "crc wrong, a reserved flag set",
+        ),
+        ("crc-and-tier", with_header(crc=0, tier=9), "E_CRC", "crc and tier are wrong"),
         (
             "reserved-and-tier",
-            h(tier=0, reserved=b"\1" * 16),
+            with_header(tier=0, reserved=b"\1" * 16),
             "E_RESERVED",
             "reserved bytes set, tier 0",
         ),
-        ("levels-0-and-tiles", h(n_levels=0, n_tiles=65), "E_HEADER", "no level, 65 tiles"),
+        (
+            "levels-0-and-tiles",
+            with_header(n_levels=0, n_tiles=65),
+            "E_HEADER",
+            "no level, 65 tiles",
+        ),
         (
             "grid-and-tiles",
-            h(grid_exponents=b"\x7f" * 5, n_tiles=65),
+            with_header(grid_exponents=b"\x7f" * 5, n_tiles=65),
             "E_HEADER",
             "grid exponents of 127, 65 tiles",
         ),
         (
             "tier-and-data-size",
-            h(n_packets=16385, data_size=0),
+            with_header(n_packets=16385, data_size=0),
             "E_TIER",
             "16385 packets, `data_size` 0",
         ),
         (
             "tier-and-truncated-chunks",
-            build(h(n_tiles=65))[:100],
+            build(with_header(n_tiles=65))[:100],
             "E_TIER",
             "65 tiles, the chunks are cut",
         ),
@@ -116,13 +161,13 @@ def headers() -> Iterator[Case]:
     limited: list[Row] = [
         (
             "own-levels-and-tiles",
-            h(n_tiles=65),
+            with_header(n_tiles=65),
             "E_LIMIT",
             "levels over the decoder's own limit, 65 tiles",
         ),
         (
             "tier-levels-and-own",
-            h(n_levels=65),
+            with_header(n_levels=65),
             "E_TIER",
             "65 levels, also over the decoder's own limit",
         ),
@@ -132,96 +177,94 @@ def headers() -> Iterator[Case]:
 
 def chunks() -> Iterator[Case]:
     """Steps 2 and 3."""
-    c = lambda edit: replace(BASE, chunks=edit)  # noqa: E731
-    zero_step = lambda x: Chunk(b"STEP", bytes(len(x[0].body)))  # noqa: E731
     rows: list[Row] = [
         (
             "fit-and-crc",
-            c(lambda x: [*x[:-1], replace(x[-1], size=999, crc=0)]),
+            with_chunks(lambda x: [*x[:-1], replace(x[-1], size=999, crc=0)]),
             "E_CHUNK",
             "a chunk does not fit, its crc is wrong",
         ),
         (
             "crc-and-type",
-            c(lambda x: [*x, Chunk(b"1234", crc=1)]),
+            with_chunks(lambda x: [*x, Chunk(b"1234", crc=1)]),
             "E_CRC",
             "a type of digits, its crc wrong",
         ),
         (
             "crc-and-repeated",
-            c(lambda x: [x[0], replace(x[0], crc=1), *x[1:]]),
+            with_chunks(lambda x: [x[0], replace(x[0], crc=1), *x[1:]]),
             "E_CRC",
             "a second STEP, its crc wrong",
         ),
         (
             "type-and-unsupported",
-            c(lambda x: [*x, Chunk(b"QUuX")]),
+            with_chunks(lambda x: [*x, Chunk(b"QUuX")]),
             "E_CHUNK",
             "a critical type with a small third letter",
         ),
         (
             "unsupported-and-later-crc",
-            c(lambda x: [Chunk(b"QUUX"), replace(x[0], crc=1), *x[1:]]),
+            with_chunks(lambda x: [Chunk(b"QUUX"), replace(x[0], crc=1), *x[1:]]),
             "E_UNSUPPORTED",
             "an unknown critical chunk, then a wrong crc",
         ),
         (
             "crc-and-later-unsupported",
-            c(lambda x: [replace(x[0], crc=1), Chunk(b"QUUX"), *x[1:]]),
+            with_chunks(lambda x: [replace(x[0], crc=1), Chunk(b"QUUX"), *x[1:]]),
             "E_CRC",
             "a wrong crc, then an unknown critical chunk",
         ),
         (
             "unsupported-and-missing",
-            c(lambda x: [*x[:3], Chunk(b"QUUX")]),
+            with_chunks(lambda x: [*x[:3], Chunk(b"QUUX")]),
             "E_UNSUPPORTED",
             "an unknown critical chunk, PACK is missing",
         ),
         (
             "missing-and-step",
-            c(lambda x: [zero_step(x), *x[1:3]]),
+            with_chunks(lambda x: [zero_step(x), *x[1:3]]),
             "E_CHUNK",
             "M of 0, PACK is missing",
         ),
         (
             "order-and-step",
-            c(lambda x: [x[1], zero_step(x), *x[2:]]),
+            with_chunks(lambda x: [x[1], zero_step(x), *x[2:]]),
             "E_CHUNK",
             "M of 0, STEP behind ALFA",
         ),
         (
             "meta-in-front-and-step",
-            c(lambda x: [BAD_META, zero_step(x), *x[1:4]]),
+            with_chunks(lambda x: [BAD_META, zero_step(x), *x[1:4]]),
             "E_STEP",
             "an empty key in mETa, which is first in the file, and M of 0",
         ),
         (
             "digests-in-front-and-pack",
-            c(lambda x: [BAD_DIGESTS, *x[:3], Chunk(b"PACK", b"\xff" * 72)]),
+            with_chunks(lambda x: [BAD_DIGESTS, *x[:3], Chunk(b"PACK", b"\xff" * 72)]),
             "E_RESERVED",
             "dGST, first in the file, of a wrong size, and reserved bytes in PACK",
         ),
         (
             "meta-before-digests",
-            c(lambda x: [*x[:4], BAD_META, BAD_DIGESTS]),
+            with_chunks(lambda x: [*x[:4], BAD_META, BAD_DIGESTS]),
             "E_CHUNK",
             "mETa and, behind it, dGST faulty",
         ),
         (
             "step-size-and-step",
-            c(lambda x: [Chunk(b"STEP", bytes(3)), *x[1:]]),
+            with_chunks(lambda x: [Chunk(b"STEP", bytes(3)), *x[1:]]),
             "E_CHUNK",
             "STEP of one entry, which has M of 0",
         ),
         (
             "step-and-alpha",
-            c(lambda x: [zero_step(x), Chunk(b"ALFA", b"\0"), *x[2:]]),
+            with_chunks(lambda x: [zero_step(x), Chunk(b"ALFA", b"\0"), *x[2:]]),
             "E_STEP",
             "M of 0, ALFA of one byte",
         ),
         (
             "alpha-and-tile",
-            c(lambda x: [x[0], Chunk(b"ALFA", b"\0\7\0\0\0\0"), Chunk(b"TILE"), *x[3:]]),
+            with_chunks(lambda x: [x[0], Chunk(b"ALFA", b"\0\7\0\0\0\0"), Chunk(b"TILE"), *x[3:]]),
             "E_ALPHA",
             "group 7, TILE is empty",
         ),
@@ -235,13 +278,13 @@ def chunks() -> Iterator[Case]:
         ),
         (
             "alpha-domain-and-entries",
-            c(lambda x: [x[0], Chunk(b"ALFA", b"\0\0\x0d\xff"), *x[2:]]),
+            with_chunks(lambda x: [x[0], Chunk(b"ALFA", b"\0\0\x0d\xff"), *x[2:]]),
             "E_ALPHA",
             "K of 13, and no entries",
         ),
         (
             "meta-size-and-key",
-            c(lambda x: [*x[:4], Chunk(b"mETa", b"\0\5\0")]),
+            with_chunks(lambda x: [*x[:4], Chunk(b"mETa", b"\0\5\0")]),
             "E_META",
             "an empty key, and a value past the chunk",
         ),
@@ -253,7 +296,7 @@ def chunks() -> Iterator[Case]:
         ),
         (
             "data-size-and-digests",
-            replace(c(lambda x: [*x[:4], BAD_DIGESTS]), header={"data_size": 1}),
+            replace(with_chunks(lambda x: [*x[:4], BAD_DIGESTS]), header={"data_size": 1}),
             "E_HEADER",
             "`data_size` is wrong, dGST too",
         ),
@@ -285,67 +328,66 @@ def chunks() -> Iterator[Case]:
 
 def rows_of_pack() -> Iterator[Case]:
     """Step 3, PACK."""
-    p = lambda *packets: replace(BASE, packets=packets, digests=None)  # noqa: E731
     band = Packet(component=1, adds=numbers(3, 9))
     empty = [Packet()] * 1024
     rows: list[Row] = [
         (
             "row-0-count-row-1-chain",
-            p(Packet(records={0: DROP}), replace(ADD, tile=9)),
+            with_packets(Packet(records={0: DROP}), replace(ADD, tile=9)),
             "E_COUNT",
             "a drop of nothing, then a tile that is none",
         ),
         (
             "row-0-chain-row-1-reserved",
-            p(replace(ADD, level=7), replace(ADD, row={"reserved": 1})),
+            with_packets(replace(ADD, level=7), replace(ADD, row={"reserved": 1})),
             "E_CHAIN",
             "a level that is none, then a reserved bit",
         ),
         (
             "reserved-and-chain",
-            p(replace(ADD, tile=9, row={"reserved": 1})),
+            with_packets(replace(ADD, tile=9, row={"reserved": 1})),
             "E_RESERVED",
             "a reserved bit and a tile that is none",
         ),
         (
             "chain-and-count",
-            p(replace(ADD, level=7, edit=lambda _: b"")),
+            with_packets(replace(ADD, level=7, edit=lambda _: b"")),
             "E_CHAIN",
             "a level that is none, and adds without bytes",
         ),
         (
             "band-chain-and-count",
-            replace(p(replace(band, row={"n_adds": 1})), degree=1),
+            replace(with_packets(replace(band, row={"n_adds": 1})), degree=1),
             "E_CHAIN",
             "a band before core, and its row counts adds",
         ),
         (
             "count-and-amplification",
-            p(Packet(records={0: DROP}, n_adds=9999)),
+            with_packets(Packet(records={0: DROP}, n_adds=9999)),
             "E_COUNT",
             "a drop of nothing, and more adds than bytes allow",
         ),
         (
             "count-and-crc",
-            p(replace(ADD, edit=lambda _: b"", row={"crc": 1})),
+            with_packets(replace(ADD, edit=lambda _: b"", row={"crc": 1})),
             "E_COUNT",
             "adds without bytes, and a crc of no bytes that is not 0",
         ),
         (
             "amplification-and-slots",
-            p(replace(ADD, row={"n_adds": 0xFFFFFFFF})),
+            with_packets(replace(ADD, row={"n_adds": 0xFFFFFFFF})),
             "E_AMPLIFICATION",
             "4294967295 adds: more than bytes, and more than the tier allows",
         ),
         (
             "crc-and-steps",
-            p(*empty, Packet(row={"crc": 1})),
+            with_packets(*empty, Packet(row={"crc": 1})),
             "E_CRC",
             "the crc of an empty step is not 0, and it is one step too many",
         ),
         (
             "steps-and-chain",
-            p(*empty, Packet(), replace(ADD, tile=9)),
+            with_packets(*empty, Packet(), replace(ADD, tile=9)),
             "E_TIER",
             "a step too many, then a tile that is none",
         ),
@@ -355,19 +397,19 @@ def rows_of_pack() -> Iterator[Case]:
         [
             (
                 "own-steps-and-chain",
-                p(ADD, MIXED, replace(ADD, tile=9)),
+                with_packets(ADD, MIXED, replace(ADD, tile=9)),
                 "E_LIMIT",
                 "steps over the decoder's own limit, then a tile that is none",
             ),
             (
                 "chain-and-own-steps",
-                p(ADD, replace(MIXED, level=7)),
+                with_packets(ADD, replace(MIXED, level=7)),
                 "E_CHAIN",
                 "a level that is none, and steps over the decoder's own limit",
             ),
             (
                 "own-steps-and-packet",
-                p(replace(ADD, row={"crc": 1}), MIXED),
+                with_packets(replace(ADD, row={"crc": 1}), MIXED),
                 "E_LIMIT",
                 "steps over the decoder's own limit, and a packet with a wrong crc",
             ),
@@ -379,50 +421,47 @@ def rows_of_pack() -> Iterator[Case]:
 
 def packets() -> Iterator[Case]:
     """Steps 4 to 6."""
-    p = lambda *packets: replace(BASE, packets=packets, digests=None)  # noqa: E731
-    bad_frame = lambda c: frame(len(c), [(RESERVED, 0, b"")])  # noqa: E731
-    short = lambda c: frame(len(c), [(RLE, len(c) - 1, b"\0")])  # noqa: E731
     far = replace(MIXED, records={0: SPLIT, 1: REFINE, 7: DROP})
     rows: list[Row] = [
         (
             "crc-and-header",
-            p(replace(ADD, flags=0xFF, row={"crc": 1})),
+            with_packets(replace(ADD, flags=0xFF, row={"crc": 1})),
             "E_CRC",
             "the crc and the flags of a packet are wrong",
         ),
         (
             "codings-cut-and-reserved",
-            p(replace(ADD, flags=0xFF, edit=lambda b: b[:30])),
+            with_packets(replace(ADD, flags=0xFF, edit=lambda b: b[:30])),
             "E_PACKET",
             "coding bytes are missing, and reserved flags set",
         ),
         (
             "reserved-and-coding",
-            p(replace(ADD, flags=4, coding_bytes={"adds 0": 9})),
+            with_packets(replace(ADD, flags=4, coding_bytes={"adds 0": 9})),
             "E_RESERVED",
             "a reserved flag, and a coding byte that is none",
         ),
         (
             "reserved-in-last-coding",
-            p(replace(ADD, coding_bytes={"gaps": 9, "adds 13": 0x81})),
+            with_packets(replace(ADD, coding_bytes={"gaps": 9, "adds 13": 0x81})),
             "E_RESERVED",
             "the first coding byte is none, the last has its reserved bit set",
         ),
         (
             "coding-and-frame",
-            p(replace(ADD, coding_bytes={"kinds": 1}, style=bad_frame)),
+            with_packets(replace(ADD, coding_bytes={"kinds": 1}, style=bad_frame)),
             "E_PACKET",
             "a coding byte of an empty list, and a faulty frame",
         ),
         (
             "planes-and-frame",
-            p(replace(ADD, entries=lambda e: [(9, e[0][1])], style=bad_frame)),
+            with_packets(replace(ADD, entries=lambda e: [(9, e[0][1])], style=bad_frame)),
             "E_PACKET",
             "too few planes, and a faulty frame",
         ),
         (
             "zstd-and-later-frame",
-            p(
+            with_packets(
                 Packet(
                     adds={X: [1, 2], Y: [300, 2]},
                     frames=(1, 2),
@@ -435,13 +474,13 @@ def packets() -> Iterator[Case]:
         ),
         (
             "magic-and-block",
-            p(replace(ADD, style=lambda c: b"\0" + bad_frame(c)[1:])),
+            with_packets(replace(ADD, style=lambda c: b"\0" + bad_frame(c)[1:])),
             "E_FRAME",
             "magic number and block are wrong",
         ),
         (
             "frame-and-low-plane",
-            p(
+            with_packets(
                 Packet(
                     n_adds=3,
                     stored={"adds 0": [1] * 3, "adds 1": [300] * 3},
@@ -455,7 +494,7 @@ def packets() -> Iterator[Case]:
         ),
         (
             "low-plane-and-slot",
-            p(
+            with_packets(
                 ADD,
                 Packet(
                     records={7: REFINE},
@@ -470,20 +509,20 @@ def packets() -> Iterator[Case]:
         ),
         (
             "slot-and-kind",
-            p(ADD, replace(far, stored={"kinds": [3, 3, 3]})),
+            with_packets(ADD, replace(far, stored={"kinds": [3, 3, 3]})),
             "E_SLOT",
             "a slot that is none, and kinds that are none",
         ),
         (
             "kind-and-index",
-            p(ADD, replace(MIXED, stored={"kinds": [0, 0, 2], "alpha 1": [200]})),
+            with_packets(ADD, replace(MIXED, stored={"kinds": [0, 0, 2], "alpha 1": [200]})),
             "E_KIND",
             "kinds that contradict the row, and an index past its table",
         ),
         (
             "index-and-range",
             replace(
-                p(ADD, replace(MIXED, alpha={3: [1]}, psi={X: [9, 9]})),
+                with_packets(ADD, replace(MIXED, alpha={3: [1]}, psi={X: [9, 9]})),
                 quantisers={(2, 0): (65535, 24)},
             ),
             "E_INDEX",
@@ -491,7 +530,7 @@ def packets() -> Iterator[Case]:
         ),
         (
             "slot-and-sum",
-            p(
+            with_packets(
                 ADD,
                 replace(
                     far,
@@ -505,7 +544,8 @@ def packets() -> Iterator[Case]:
         (
             "range-and-next-packet",
             replace(
-                p(ADD, replace(MIXED, row={"crc": 1})), tiles=[Tile(high=(0, 0, 0), low=(0, 0, 0))]
+                with_packets(ADD, replace(MIXED, row={"crc": 1})),
+                tiles=[Tile(high=(0, 0, 0), low=(0, 0, 0))],
             ),
             "E_RANGE",
             "a packet leaves the box, the next has a wrong crc",
@@ -513,7 +553,7 @@ def packets() -> Iterator[Case]:
         (
             "tile-1-before-tile-0",
             replace(
-                p(replace(ADD, tile=1, row={"crc": 1}), replace(ADD, flags=4)),
+                with_packets(replace(ADD, tile=1, row={"crc": 1}), replace(ADD, flags=4)),
                 tiles=[Tile(), Tile()],
             ),
             "E_CRC",
@@ -521,19 +561,19 @@ def packets() -> Iterator[Case]:
         ),
         (
             "crc-and-truncated",
-            build(p(replace(ADD, row={"crc": 1}), MIXED))[:-1],
+            build(with_packets(replace(ADD, row={"crc": 1}), MIXED))[:-1],
             "E_CRC",
             "a wrong crc, and the next packet is cut",
         ),
         (
             "truncated-and-crc",
-            build(p(ADD, replace(MIXED, row={"crc": 1})))[:-1],
+            build(with_packets(ADD, replace(MIXED, row={"crc": 1})))[:-1],
             "E_TRUNCATED",
             "a packet is cut, and its crc is wrong",
         ),
         (
             "packet-and-trailing",
-            replace(p(ADD, replace(MIXED, flags=4)), tail=b"\0"),
+            replace(with_packets(ADD, replace(MIXED, flags=4)), tail=b"\0"),
             "E_RESERVED",
             "a reserved flag, and a byte behind the last packet",
         ),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterator
+from functools import partial
 
 from conformance.builder import (
     COMPRESSED,
@@ -60,7 +61,7 @@ def legal_blocks() -> Iterator[Case]:
     for width, n in ((1, 255), (2, 256), (2, 300), (4, 255), (8, 12)):
         yield case(
             f"content-size-in-{width}-bytes-of-{n}",
-            framed(lambda c, width=width: raw(c, width=width), n),
+            framed(partial(raw, width=width), n),
             "R-5.10-3",
             f"Frame_Content_Size {n} in {width} bytes",
             "knows one width, or forgets the 256 of two bytes",
