@@ -16,9 +16,11 @@ from pathlib import Path
 from conformance.harness.judging import Result
 from conformance.harness.manifest import SuiteError
 
-__all__ = ["Fingerprint", "Likeness", "likenesses", "read_fingerprints"]
+__all__ = ["Diagnosis", "Fingerprint", "Likeness", "diagnose", "read_fingerprints"]
 
 LEAST_SHARE = 0.5  # below it, to name a mutant would mislead
+LEAST_OWN = 0.75  # of the wrong runs of one among several: some are hidden by another's
+MOST, MOST_TOGETHER = 3, 5
 
 
 @dataclass(frozen=True)
@@ -56,11 +58,36 @@ class Likeness:
 
     def sentence(self) -> str:
         """For people."""
-        how = "all" if self.share == 1 else f"{self.n_same} of {self.n_runs}"
-        return (
-            f"this looks like {self.name}: {self.says} (explains {how} wrong runs);"
-            f" first seen: {self.first}"
-        )
+        return f"{self.name}: {self.says}; first seen: {self.first}"
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What a decoder looks like.
+
+    Attributes:
+        alike: single mutants, best first.
+        together: mutants that explain more between them, if none explains all alone.
+        n_explained, n_wrong: wrong runs that these explain, of all.
+    """
+
+    alike: tuple[Likeness, ...] = ()
+    together: tuple[Likeness, ...] = ()
+    n_explained: int = 0
+    n_wrong: int = 0
+
+    def sentences(self) -> list[str]:
+        """For people."""
+        best = [one for one in self.alike if one.share == self.alike[0].share]
+        said = []
+        for one in best:
+            how = "all" if one.share == 1 else f"{one.n_same} of {one.n_runs}"
+            said.append(f"this looks like {one.sentence()} (explains {how} wrong runs)")
+        if len(self.together) > 1:
+            how = f"{self.n_explained} of {self.n_wrong}"
+            said.append(f"or like several at once, which explain {how} wrong runs:")
+            said += [f"    {one.sentence()}" for one in self.together]
+        return said
 
 
 def read_fingerprints(folder: Path) -> dict[str, Fingerprint]:
@@ -82,35 +109,73 @@ def read_fingerprints(folder: Path) -> dict[str, Fingerprint]:
         raise SuiteError(f"fingerprints.json: {error!r}") from None
 
 
-def likenesses(
-    results: Sequence[Result],
-    fingerprints: Mapping[str, Fingerprint],
-    *,
-    codes: bool,
-    most: int = 3,
-) -> list[Likeness]:
-    """The mutants most like the decoder, best first; none if it is right or like no mutant.
+def diagnose(
+    results: Sequence[Result], fingerprints: Mapping[str, Fingerprint], *, codes: bool
+) -> Diagnosis:
+    """What a decoder looks like.
 
     Args:
         results: of the runs that fingerprints cover.
         fingerprints: of the mutants.
         codes: the decoder reports fault codes, so these tell mutants apart too.
-        most: how many are named.
     """
     runs = {result.case.id: result for result in results if result.kind != "skipped"}
     symptoms = {case: _symptom(result) for case, result in runs.items() if result.failed}
-    found = []
+    compared = []
     for name, fingerprint in fingerprints.items():
         mutant = {**fingerprint.outcomes, **(fingerprint.codes if codes else {})}
         expected = {case: symptom for case, symptom in mutant.items() if case in runs}
-        either = set(symptoms) | set(expected)
-        same = [case for case in symptoms if symptoms[case] == expected.get(case)]
-        if same and len(same) >= LEAST_SHARE * len(either):
-            first = runs[min(same, key=lambda case: _clearness(runs[case]))]
-            says = f"{first.case.id}, {first.says}"
-            share = len(same) / len(either)
-            found.append(Likeness(name, fingerprint.says, share, len(same), len(either), says))
-    return sorted(found, key=lambda likeness: (-likeness.share, likeness.name))[:most]
+        same = {case for case in symptoms if symptoms[case] == expected.get(case)}
+        if same:
+            compared.append(_Compared(name, fingerprint.says, same, set(expected)))
+    alike = [
+        one.likeness(runs, one.expected | set(symptoms))
+        for one in compared
+        if len(one.same) >= LEAST_SHARE * len(one.expected | set(symptoms))
+    ]
+    alike = sorted(alike, key=lambda likeness: (-likeness.share, likeness.name))[:MOST]
+    if alike and alike[0].share == 1:
+        return Diagnosis(tuple(alike))
+    together, explained = _together(compared)
+    return Diagnosis(
+        tuple(alike),
+        tuple(one.likeness(runs, one.expected) for one in together),
+        len(explained),
+        len(symptoms),
+    )
+
+
+@dataclass(frozen=True)
+class _Compared:
+    """A mutant: wrong runs with the same outcome, and all runs that it fails."""
+
+    name: str
+    says: str
+    same: set[str]
+    expected: set[str]
+
+    def likeness(self, runs: Mapping[str, Result], among: set[str]) -> Likeness:
+        first = runs[min(self.same, key=lambda case: _clearness(runs[case]))]
+        share = len(self.same) / len(among)
+        says = f"{first.case.id}, {first.says}"
+        return Likeness(self.name, self.says, share, len(self.same), len(among), says)
+
+
+def _together(compared: Sequence[_Compared]) -> tuple[list[_Compared], set[str]]:
+    """Mutants that explain many wrong runs between them, most first; and the runs explained.
+
+    Only mutants most of whose own wrong runs came: the others are not at work here.
+    """
+    left = [one for one in compared if len(one.same) >= LEAST_OWN * len(one.expected)]
+    chosen, explained = list[_Compared](), set[str]()
+    while left and len(chosen) < MOST_TOGETHER:
+        best = max(left, key=lambda one: (len(one.same - explained), -len(one.expected), one.name))
+        if not best.same - explained:
+            break
+        chosen.append(best)
+        explained |= best.same
+        left.remove(best)
+    return chosen, explained
 
 
 def _symptom(result: Result) -> str:

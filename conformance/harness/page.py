@@ -38,7 +38,7 @@ def as_html(trial: Trial) -> str:
 
 
 def _messages(trial: Trial, report: dict[str, Any]) -> str:
-    lines = [("like", likeness.sentence()) for likeness in trial.likenesses]
+    lines = [("like", text) for text in trial.diagnosis.sentences()]
     lines += [("bad", text) for text in trial.failures]
     lines += [("bad", f"incomplete: {text}") for text in trial.incomplete]
     lines += [("", note) for note in trial.notes]

@@ -9,6 +9,7 @@ import platform
 import sys
 import time
 from collections import Counter
+from dataclasses import asdict
 from typing import Any
 
 from conformance.harness.judging import Result
@@ -41,17 +42,12 @@ def as_dict(trial: Trial) -> Entry:
         "again": again,
         "summary": _summary(trial),
         "requirements": requirements(trial.results),
-        "likenesses": [
-            {
-                "name": likeness.name,
-                "says": likeness.says,
-                "share": round(likeness.share, 4),
-                "n_same": likeness.n_same,
-                "n_runs": likeness.n_runs,
-                "first": likeness.first,
-            }
-            for likeness in trial.likenesses
-        ],
+        "diagnosis": {
+            "alike": [asdict(likeness) for likeness in trial.diagnosis.alike],
+            "together": [asdict(likeness) for likeness in trial.diagnosis.together],
+            "n_explained": trial.diagnosis.n_explained,
+            "n_wrong": trial.diagnosis.n_wrong,
+        },
         "notes": trial.notes,
         "failures": trial.failures,
         "incomplete": trial.incomplete,
@@ -73,7 +69,7 @@ def claim(trial: Trial) -> str | None:
         f"{capabilities.name} {capabilities.version} decodes EvoGS {trial.spec}"
         f" ({', '.join(capabilities.modes)}) to tier {capabilities.max_tier}"
         f" and SH degree {capabilities.max_sh_degree}: suite {trial.version}"
-        f" {trial.suite_sha256[:12]}, seed {trial.options.seed}"
+        f" {trial.suite_sha256[:12]}, {trial.n_fresh} fresh vectors of seed {trial.options.seed}"
     )
 
 
@@ -101,6 +97,7 @@ def _header(trial: Trial) -> Entry:
             "ids": list(trial.choice.ids),
             "quick": trial.choice.is_quick,
             "again": trial.n_again,
+            "fresh": trial.n_fresh,
         },
     }
 

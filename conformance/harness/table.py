@@ -102,9 +102,7 @@ def _requirements(results: list[Result]) -> Iterable[str]:
 
 
 def _conclusion(trial: Trial) -> Iterable[str]:
-    for likeness in trial.likenesses:  # the others are in the reports
-        if likeness.share == trial.likenesses[0].share:
-            yield likeness.sentence()
+    yield from trial.diagnosis.sentences()
     for text in trial.failures:
         yield f"FAIL: {text}"
     for text in trial.incomplete:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from conformance.harness.canary import canaries
 from conformance.harness.capabilities import Capabilities, CapabilityError, ask_capabilities
-from conformance.harness.diagnosis import Fingerprint, Likeness, likenesses, read_fingerprints
+from conformance.harness.diagnosis import Diagnosis, Fingerprint, diagnose, read_fingerprints
 from conformance.harness.families import expand
 from conformance.harness.judging import Result
 from conformance.harness.manifest import Case, Suite, SuiteError, load
@@ -35,6 +35,7 @@ __all__ = [
 
 PASSED, FAILED, INCOMPLETE = 0, 1, 3  # exit codes; 2 is a wrong command line
 FRESH_SECONDS = 300
+ROOT = Path(__file__).resolve().parents[2]
 Progress = Callable[[int, int], None]
 
 
@@ -82,7 +83,8 @@ class Trial:
         vector_runs: ids of the cases that are runs of committed vectors.
         n_cases: how many cases there were.
         n_again: how many were asked again.
-        likenesses: wrong decoders that this one looks like.
+        n_fresh: how many vectors were made anew.
+        diagnosis: wrong decoders that this one looks like.
         notes: what a reader must know.
         failures: what is wrong with the decoder beside its answers.
         incomplete: why nothing may be concluded; empty if something may.
@@ -100,7 +102,8 @@ class Trial:
     vector_runs: set[str] = field(default_factory=set)
     n_cases: int = 0
     n_again: int = 0
-    likenesses: list[Likeness] = field(default_factory=list)
+    n_fresh: int = 0
+    diagnosis: Diagnosis = field(default_factory=Diagnosis)
     notes: list[str] = field(default_factory=list)
     incomplete: list[str] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
@@ -149,6 +152,7 @@ def _hold(trial: Trial, folder: Path, progress: Progress) -> None:
         raise SuiteError("nothing was asked: no vector is in this selection")
     cases += canaries(suite, options.seed)
     fresh = _fresh(trial, folder)
+    trial.n_fresh = 0 if fresh is None else len(fresh.vectors)
     goldens = {}
     if fresh is not None:
         cases += fresh.cases()
@@ -173,7 +177,7 @@ def _conclude(trial: Trial, fingerprints: Mapping[str, Fingerprint]) -> None:
     trial.n_again, trial.again = ask_again(trial.results, options)
     covered = [result for result in trial.results if result.case.id in trial.vector_runs]
     codes = trial.capabilities is not None and trial.capabilities.codes
-    trial.likenesses = likenesses(covered, fingerprints, codes=codes)
+    trial.diagnosis = diagnose(covered, fingerprints, codes=codes)
     n_missing = trial.n_cases - len(trial.results)
     if n_missing:
         trial.incomplete.append(f"given up after {options.patience} hangs: {n_missing} runs left")
@@ -206,7 +210,12 @@ def _make_fresh(seed: int, count: int, folder: Path) -> None:
     command += ["--count", str(count), "--out", str(folder)]
     try:
         done = subprocess.run(
-            command, capture_output=True, text=True, timeout=FRESH_SECONDS, check=False
+            command,
+            cwd=ROOT,  # where `conformance` is found without an installation
+            capture_output=True,
+            text=True,
+            timeout=FRESH_SECONDS,
+            check=False,
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise SuiteError(f"fresh vectors cannot be made: {error}") from None

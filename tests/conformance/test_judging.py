@@ -7,7 +7,7 @@ import pytest
 from conformance.harness import manifest
 from conformance.harness.answers import Answer, AnswerError, read_entry, read_fault
 from conformance.harness.canary import canaries
-from conformance.harness.diagnosis import Fingerprint, likenesses
+from conformance.harness.diagnosis import Fingerprint, diagnose
 from conformance.harness.dumps import channel_name, difference
 from conformance.harness.families import expand
 from conformance.harness.judging import KINDS, judge
@@ -188,11 +188,14 @@ def test_a_decoder_is_told_which_known_wrong_one_it_looks_like(made_suite):
         "near": Fingerprint("another", {"core-example#0": text}, {}),
         "far": Fingerprint("a third", {"crc-of-a-packet#0": "0:-"}, {}),
     }
-    first, second = likenesses(results, fingerprints, codes=True)
+    found = diagnose(results, fingerprints, codes=True)
+    first, second = found.alike
     assert (first.name, first.share, second.name, second.share) == ("off", 1.0, "near", 0.5)
-    assert "this looks like off: one thing (explains all wrong runs)" in first.sentence()
-    assert "core-example#2, level 1, tile 0, slot 3" in first.sentence()
-    assert likenesses(results_of(made_suite, {}), fingerprints, codes=True) == []
+    (sentence,) = found.sentences()
+    assert sentence.startswith("this looks like off: one thing; first seen: core-example#2, level")
+    assert "level 1, tile 0, slot 3" in sentence
+    assert sentence.endswith("(explains all wrong runs)")
+    assert diagnose(results_of(made_suite, {}), fingerprints, codes=True).sentences() == []
 
 
 def test_codes_tell_wrong_decoders_apart_if_they_are_reported(made_suite):
@@ -202,8 +205,27 @@ def test_codes_tell_wrong_decoders_apart_if_they_are_reported(made_suite):
         "late": Fingerprint("checks late", {}, {"crc-of-a-packet#0": "E_ZSTD@457"}),
         "loop": Fingerprint("never ends", {"core-example#0": "crash"}, {}),
     }
-    (found,) = likenesses(results, fingerprints, codes=True)
+    (found,) = diagnose(results, fingerprints, codes=True).alike
     assert (found.name, found.share) == ("late", 1.0)
-    assert likenesses(results, fingerprints, codes=False) == []
-    (found,) = likenesses(crash, fingerprints, codes=True)
+    assert diagnose(results, fingerprints, codes=False).alike == ()
+    (found,) = diagnose(crash, fingerprints, codes=True).alike
     assert found.name == "loop"
+
+
+def test_several_things_wrong_at_once_are_told_together(made_suite):
+    crash, accepted = Answer(None, trouble="crash"), Answer(0)
+    wrong = {"core-example#0": crash, "core-example#1": crash, "core-example#3": crash}
+    wrong |= {"trailing-byte#0": accepted, "crc-of-a-packet#0": Answer(4)}
+    crashes = dict.fromkeys(("core-example#0", "core-example#1", "core-example#3"), "crash")
+    fingerprints = {
+        "dies": Fingerprint("dies of it", crashes | {"crc-of-a-packet#1": "crash"}, {}),
+        "dies-once": Fingerprint("dies once", {"core-example#0": "crash"}, {}),
+        "more": Fingerprint("takes more", {"trailing-byte#0": "0:-"}, {}),
+        "other": Fingerprint("other", {"trailing-byte#0": "0:-", "critical-chunk#0": "0:-"}, {}),
+    }
+    found = diagnose(results_of(made_suite, wrong), fingerprints, codes=True)
+    assert [one.name for one in found.together] == ["dies", "more"]
+    assert (found.n_explained, found.n_wrong) == (4, 5)
+    text = found.sentences()
+    assert "explain 4 of 5 wrong runs" in text[-3]
+    assert text[-1].startswith("    more: takes more; first seen: trailing-byte#0")

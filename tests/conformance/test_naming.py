@@ -31,6 +31,6 @@ def test_mutants_behind_the_contract_are_named(suite_folder, tmp_path, capsys, m
         report = tmp_path / "report.json"
         reports = ["--env", "PYTHONPATH", "--json", str(report)]
         assert main(["run", "--decoder", command, *options, *reports]) == 1
-        first = json.loads(report.read_text())["likenesses"][0]
+        first = json.loads(report.read_text())["diagnosis"]["alike"][0]
         assert (first["name"], first["share"]) == (name, 1.0)
         assert f"this looks like {name}: {found[name]['says']}" in capsys.readouterr().out
