@@ -135,7 +135,7 @@ def memory(splats: SplatParams, folder: Path) -> Rows:
         (
             "decode",
             "from pathlib import Path\nimport evogs_codec.cli\n"
-            "from evogs_codec import decode\n"
+            "from evogs_codec import decode_leaves\n"
             f"decode_leaves(Path({str(folder / 'scene.evogs')!r}).read_bytes())",
         ),
     ):
