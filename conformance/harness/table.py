@@ -111,8 +111,11 @@ def _conclusion(trial: Trial) -> Iterable[str]:
         kinds = Counter(result.kind for result in trial.failed)
         yield "FAIL: " + ", ".join(f"{n} {kind}" for kind, n in kinds.most_common())
     if trial.exit == PASSED:
-        yield "PASS: the decoder is right in all runs" + (
-            "" if trial.choice.is_all else " of this selection"
+        n_skipped = sum(result.kind == "skipped" for result in trial.results)
+        yield (
+            "PASS: the decoder is right in all runs"
+            + ("" if trial.choice.is_all else " of this selection")
+            + (f" but {n_skipped} that need what it does not have" if n_skipped else "")
         )
     assert trial.exit in (PASSED, FAILED, INCOMPLETE)
     assert set(KINDS) >= {result.kind for result in trial.failed}

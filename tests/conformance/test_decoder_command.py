@@ -1,5 +1,6 @@
 """The reference decoder keeps the contract of conformance/README.md, as a process."""
 
+import argparse
 import json
 import subprocess
 import sys
@@ -7,6 +8,7 @@ import sys
 import pytest
 
 from conformance import decoder, oracle
+from conformance.commands import register
 from tests.conformance.tiny import EXAMPLE, ROOT
 
 COMMAND = [sys.executable, "-m", "conformance.decoder"]
@@ -53,6 +55,20 @@ def test_limits_and_arrival_are_files(tmp_path):
     exit_code, said, dump = call(tmp_path, "--limits", str(limits))
     assert (exit_code, json.loads(said)["code"], dump) == (4, "E_LIMIT", None)
     assert call(tmp_path, "--arrival", str(arrival), mode="progressive") == (0, "", WHOLE)
+
+
+def test_the_commands_register_with_the_command_line(made_suite, capsys):
+    parser = argparse.ArgumentParser()
+    register(parser.add_subparsers())
+    args = parser.parse_args(["conformance", "decoder", "--capabilities"])
+    assert args.run(args) == 0
+    assert json.loads(capsys.readouterr().out) == decoder.CAPABILITIES
+    args = parser.parse_args(["conformance", "decoder", "--mode", "file"])
+    assert args.run(args) == 2
+    options = ["explain", "core-example", "--vectors", str(made_suite)]
+    args = parser.parse_args(["conformance", *options])
+    assert args.run(args) == 0
+    assert "core-example (519 bytes" in capsys.readouterr().out
 
 
 def test_capabilities_say_that_it_does_everything():
