@@ -133,7 +133,8 @@ def spec_tables() -> dict[str, str]:
     tables = {
         name: markdown(
             ["Offset", "Field", "Type", "Meaning"],
-            [[str(o), f"`{f}`", t, doc] for o, f, t, doc in layout.describe(struct)],
+            [[str(o), f"`{f}`", t, doc] for o, f, t, doc in layout.describe(struct)]
+            + [[str(layout.size_of(struct)), "", "", "*end*"]],
         )
         for name, struct in layout.STRUCTURES.items()
     }
