@@ -6,6 +6,7 @@ that the annex cannot say anything else than the bytes do.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
@@ -121,6 +122,10 @@ def annex(data: bytes) -> str:
         ),
         f"The digest of core after step {n_steps - 1}, as in `dGST`:"
         f" `{decoded.tiles[0].digest(0).hex()}`.",
+        f"The dump of the whole file has {len(decoded.dump())} bytes and the SHA-256"
+        f" `{hashlib.sha256(decoded.dump()).hexdigest()}`.",
+        "`evogs conformance explain` shows any vector of the suite like this one: with SH bands,"
+        " late SH, packets of size 0, several frames and tiles.",
     ]
     return "\n\n".join(parts)
 

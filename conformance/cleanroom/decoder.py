@@ -1,0 +1,650 @@
+#!/usr/bin/env python3
+"""A decoder of EvoGS 1.0 streams, written from the text of the specification alone.
+
+It was written from an earlier version of the text and then brought to this one; nothing else that
+reads or writes such streams was seen. It follows the text: header and chunks (5.1 to 5.8), packets
+and frames (5.9, 5.10), steps (7), cuts and progressive decoding (6), the dump (7.7), the command.
+It decodes what came when no more comes: of 6.4 it needs only the end. Requirement ids stand beside
+the lines that check them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import struct
+import sys
+import traceback
+import zlib
+from array import array
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import accumulate, chain
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+import zstandard
+
+
+class FaultError(Exception):
+    """A fault of section 9, of the structure at `Source.at`; the message is its code."""
+
+
+def require(kept: bool, code: str) -> None:
+    """Raise the fault unless the requirement is kept."""
+    if not kept:
+        raise FaultError(code)
+
+
+class Source:
+    """The bytes that came, all of a file or ranges [offset, size] of it, and where checks are."""
+
+    def __init__(self, data: bytes, arrived: list[list[int]] | None) -> None:
+        self.data = memoryview(data)
+        self.at = 0  # the offset of the structure being checked (9)
+        self.there = bytearray(len(data))
+        for offset, size in [[0, len(data)]] if arrived is None else arrived:
+            start, end = max(offset, 0), min(offset + size, len(data))
+            self.there[start:end] = b"\1" * (end - start)
+
+    def has(self, start: int, size: int) -> bool:
+        """Tell whether size bytes from start on are there; no bytes always are."""
+        end = start + size
+        return size == 0 or (end <= len(self.there) and self.there.find(0, start, end) < 0)
+
+
+# 5.1 to 5.8: header and chunks
+SIGNATURE = bytes.fromhex("89 45 56 47 0D 0A 1A 0A")
+LIMITS = {  # 8.2, by tier
+    "n_tiles": (64, 4096, 65536),
+    "n_packets": (16384, 262144, 4194304),
+    "n_levels": (64, 64, 64),
+    "chunks_size": (1048576, 33554432, 536870912),
+    "tile_steps": (1024, 4096, 65535),
+    "tile_slots": (1048576, 4194304, 16777216),
+    "slots": (2097152, 33554432, 2147483647),
+}
+ORDERED = (b"STEP", b"ALFA", b"TILE", b"PACK")
+ANCILLARY = (b"dGST", b"mETa")
+KEY_BYTES = b"abcdefghijklmnopqrstuvwxyz0123456789_.-"
+BOUND = (1 << 30) - 1
+Numbers = list[int] | None  # of a channel; None stands for zeros
+Limits = Mapping[str, int]
+TileRow = tuple[int, ...]  # origin, box_min, box_max
+
+
+class Row(NamedTuple):
+    """A row of the packet table; level and counts are those of the core row of the step."""
+
+    tile: int
+    component: int
+    step: int
+    start: int
+    size: int
+    crc: int
+    level: int
+    n_adds: int
+    n_splits: int
+    n_refines: int
+    n_drops: int
+
+
+@dataclass(slots=True)
+class Stream:
+    """What the header and the chunks say, and then what was decoded of the packets."""
+
+    tier: int
+    sh_degree: int
+    n_levels: int
+    grid_exponents: bytes
+    n_tiles: int
+    n_packets: int
+    chunks_size: int
+    data_size: int
+    own: Limits  # the limits of this decoder
+    chunks: dict[bytes, tuple[int, memoryview]] = field(default_factory=dict)
+    quantisers: list[list[tuple[int, int]]] = field(default_factory=list)
+    alpha: dict[tuple[int, int], tuple[int, Sequence[int]]] = field(default_factory=dict)
+    tiles: list[TileRow] = field(default_factory=list)
+    rows: list[Row] = field(default_factory=list)
+    digests: dict[tuple[int, int, int], bytes] = field(default_factory=dict)
+    states: dict[int, Tile] = field(default_factory=dict)  # of tiles with packets in the cut
+    missing: int | None = None  # start of the first packet asked for that did not come
+
+    def limit(self, name: str, value: int) -> None:
+        """Check the limit of the tier, then that of this decoder."""
+        require(value <= LIMITS[name][self.tier - 1], "E_TIER")  # R-8.2-1
+        require(value <= self.own.get(name, value), "E_LIMIT")  # R-8.3-1
+
+
+def read_header(source: Source, own: Limits) -> Stream:
+    """6.1 step 1."""
+    there = len(source.there.partition(b"\0")[0])
+    require(there > 0, "E_TRUNCATED")
+    require(source.data[: min(there, 8)] == SIGNATURE[:there], "E_SIGNATURE")  # R-5.1-1
+    require(there >= 64, "E_TRUNCATED")  # R-6.2-2
+    fields = struct.unpack_from("<8x5B5sH4xIIIQ16sI", source.data)
+    major, _, tier, degree, levels, grids, flags, tiles, packets, chunks, size, zero, crc = fields
+    require(major == 1, "E_VERSION")  # R-5.1-2
+    require(zlib.crc32(source.data[:60]) == crc, "E_CRC")  # R-6.3-1
+    require(flags < 256 and not any(zero), "E_RESERVED")  # R-4.4-1
+    require(1 <= tier <= 3 and degree <= 3 and levels >= 1, "E_HEADER")  # R-5.1-4 to R-5.1-6
+    require(within(struct.unpack("5b", grids), -16, 40), "E_HEADER")  # R-5.1-7
+    stream = Stream(tier, degree, levels, grids, tiles, packets, chunks, size, own)
+    for name in ("n_levels", "n_tiles", "n_packets", "chunks_size"):
+        stream.limit(name, getattr(stream, name))
+    return stream
+
+
+def read_chunks(source: Source, stream: Stream) -> None:
+    """6.1 steps 2 and 3."""
+    source.at, end = 64, 64 + stream.chunks_size
+    require(source.has(64, stream.chunks_size), "E_TRUNCATED")  # R-6.2-2
+    found = stream.chunks  # the last of each type; known ones occur once
+    while source.at < end:
+        data = source.data[source.at : end]
+        require(len(data) >= 12, "E_CHUNK")  # R-5.2-1
+        kind, size, crc = struct.unpack_from("<4sII", data)
+        require(len(data) >= 12 + size, "E_CHUNK")  # R-5.2-1
+        body = data[12 : 12 + size]
+        require(zlib.crc32(body, zlib.crc32(data[:8])) == crc, "E_CRC")  # R-6.3-1
+        require(kind.isalpha() and kind[2:3].isupper(), "E_CHUNK")  # R-5.2-2
+        if kind in ORDERED:
+            later = ORDERED[ORDERED.index(kind) :]
+            require(not any(k in found for k in later), "E_CHUNK")  # R-5.2-3
+        elif kind in ANCILLARY:
+            require(kind not in found, "E_CHUNK")  # R-5.2-4
+        else:
+            require(kind[:1].islower(), "E_UNSUPPORTED")  # R-8.1-1, R-8.1-2
+        found[kind] = source.at, body
+        source.at += 12 + size
+    source.at = 64
+    require(all(k in found for k in (b"STEP", b"TILE", b"PACK")), "E_CHUNK")  # R-5.2-3
+    readers = (read_step, read_alfa, read_tile, read_pack, read_dgst, read_meta)
+    for kind, reader in zip(ORDERED + ANCILLARY, readers, strict=True):
+        if kind in found:
+            source.at, body = found[kind]
+            reader(body, stream)
+        if kind == b"PACK":
+            source.at, size = 0, sum(row.size for row in stream.rows)
+            require(stream.data_size == size, "E_HEADER")  # R-5.1-8
+
+
+def read_step(body: memoryview, stream: Stream) -> None:
+    """5.3: rows of (M, E) by class; row 0 for adds, row 1 + level for psi."""
+    width = 5 + stream.sh_degree
+    require(len(body) == 3 * width * (1 + stream.n_levels), "E_CHUNK")  # R-5.2-5
+    entries = list(struct.iter_unpack("<HB", body))
+    require(all(m >= 1 and e <= 24 for m, e in entries), "E_STEP")  # R-5.3-1, R-5.3-2
+    stream.quantisers = [entries[i : i + width] for i in range(0, len(entries), width)]
+
+
+def read_alfa(body: memoryview, stream: Stream) -> None:
+    """5.4: K and the entries a of each table, by (level, group)."""
+    before = (-1, 0)
+    while len(body) > 0:
+        require(len(body) >= 4, "E_CHUNK")  # R-5.4-3
+        level, group, k, last = body[:4]
+        require(level < stream.n_levels and group < 5 and k <= 12, "E_ALPHA")  # R-5.4-1
+        require((level, group) > before, "E_ALPHA")  # R-5.4-2
+        before, end = (level, group), 6 + 2 * last
+        require(end <= len(body), "E_CHUNK")  # R-5.4-3
+        stream.alpha[before] = k, struct.unpack(f"<{last + 1}h", body[4:end])
+        body = body[end:]
+
+
+def read_tile(body: memoryview, stream: Stream) -> None:
+    """5.5: origins and boxes."""
+    require(len(body) == 48 * stream.n_tiles, "E_CHUNK")  # R-5.2-5
+    for row in struct.iter_unpack("<3q3i3i", body):
+        require(within(row[:3], -(1 << 52), 1 << 52), "E_TILE")  # R-5.5-1
+        box = zip(row[3:6], row[6:], strict=True)
+        require(all(-BOUND <= a <= b <= BOUND for a, b in box), "E_TILE")  # R-5.5-2
+        stream.tiles.append(row)
+
+
+def read_pack(body: memoryview, stream: Stream) -> None:
+    """5.6: the packets, with their starts and steps."""
+    require(len(body) == 36 * stream.n_packets, "E_CHUNK")  # R-5.2-5
+    chains: dict[tuple[int, int], list[Row]] = {}
+    splats, slots = [0] * stream.n_tiles, [0] * stream.n_tiles
+    all_slots, start = 0, 64 + stream.chunks_size
+    for entry in struct.iter_unpack("<IBBHIIIIIII", body):
+        tile, component, level, zero, size, *counts, _, crc = entry  # R-5.6-9: the error is a hint
+        adds, splits, refines, drops = counts
+        require(zero == 0, "E_RESERVED")  # R-4.4-1
+        require(tile < stream.n_tiles and component <= stream.sh_degree, "E_CHAIN")  # R-5.6-1
+        core, own = chains.setdefault((tile, 0), []), chains.setdefault((tile, component), [])
+        if component > 0:
+            require(len(core) > len(own), "E_CHAIN")  # R-5.6-2
+            require(level == 0 and not any(counts), "E_COUNT")  # R-5.6-4
+            level, *counts = core[len(own)][-5:]
+        else:
+            least = core[-1].level if core else 0
+            require(least <= level < stream.n_levels, "E_CHAIN")  # R-5.6-3
+            require((size == 0) == (not any(counts)), "E_COUNT")  # R-5.6-5
+            require(splits + refines + drops <= splats[tile], "E_COUNT")  # R-5.6-6
+            require(sum(counts) <= 16 * size, "E_AMPLIFICATION")  # R-5.6-7
+        require(size > 0 or crc == 0, "E_CRC")  # R-5.6-8
+        splats[tile] += adds + splits - drops  # of core: all counts of other rows are 0
+        slots[tile] += adds + splits
+        all_slots += adds + splits
+        stream.limit("tile_steps", len(own) + 1)
+        stream.limit("tile_slots", slots[tile])
+        stream.limit("slots", all_slots)
+        own.append(Row(tile, component, len(own), start, size, crc, level, *counts))
+        stream.rows.append(own[-1])
+        start += size
+
+
+def read_dgst(body: memoryview, stream: Stream) -> None:
+    """5.7: digests, in order."""
+    require(len(body) % 41 == 0, "E_CHUNK")  # R-5.2-5
+    packets = {row[:3] for row in stream.rows} if body else set()
+    before = (-1, 0, 0)
+    for *name, digest in struct.iter_unpack("<IBI32s", body):
+        tile, component, step = name
+        require((tile, component, step) > before, "E_CHUNK")  # R-5.7-1
+        before = tile, component, step
+        require(before in packets, "E_CHUNK")  # R-5.7-2
+        stream.digests[before] = digest
+
+
+def read_meta(body: memoryview, _: Stream) -> None:
+    """5.8: metadata is checked, and not kept."""
+    before = b""
+    while len(body) > 0:
+        require(len(body) >= 3, "E_META")  # R-5.8-1
+        key_size, value_size = struct.unpack_from("<BH", body)
+        value_at, end = 3 + key_size, 3 + key_size + value_size
+        require(len(body) >= end, "E_META")  # R-5.8-1
+        key = bytes(body[3:value_at])
+        require(key_size > 0 and all(c in KEY_BYTES for c in key), "E_META")  # R-5.8-2
+        require(key > before, "E_META")  # R-5.8-3
+        try:
+            str(body[value_at:end], "utf-8")
+        except UnicodeDecodeError:
+            raise FaultError("E_META") from None  # R-5.8-4
+        before, body = key, body[end:]
+
+
+# 5.9, 5.10: packets and frames
+N_CORE = 14
+CORE_CLASSES: tuple[int, ...] = (0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 3, 4, 4, 4)
+PACKED = {  # the 8 / low values of a byte of a packed plane
+    low: [tuple((b >> i) & ((1 << low) - 1) for i in range(0, 8, low)) for b in range(256)]
+    for low in (1, 2, 4)
+}
+
+
+class Stored(NamedTuple):
+    """A list of a packet."""
+
+    n: int
+    code: int
+    planes: list[memoryview]
+
+    def plane_sizes(self) -> list[int]:
+        """Give the bytes of each of its planes."""
+        low = self.code & 15
+        below = [] if low == 0 else [(self.n * low + 7) // 8 if low in PACKED else self.n]
+        return below + [self.n] * ((self.code >> 4) & 3)
+
+    def integers(self) -> list[int]:
+        """`unpack` of 7.1."""
+        low, values = self.code & 15, [0] * self.n
+        if low in PACKED:
+            below = map(PACKED[low].__getitem__, self.planes[0])
+            values = list(chain.from_iterable(below))[: self.n]
+        elif low > 0:
+            values = list(self.planes[0])
+        for k, plane in enumerate(self.planes[low > 0 :]):
+            shift = low + 8 * k
+            values = [v + (above << shift) for v, above in zip(values, plane, strict=True)]
+        return values
+
+    def numbers(self) -> Numbers:
+        """Give the numbers q of psi or adds before YCoCg."""
+        if self.code == 0:
+            return None
+        values = [(z >> 1) ^ -(z & 1) for z in self.integers()]
+        if self.code & 64:
+            values = list(accumulate(values))
+            require(within(values, -(1 << 28), 1 << 28), "E_RANGE")  # R-7.1-1
+        return values
+
+
+def list_counts(row: Row) -> list[int]:
+    """Count the integers of the lists of a packet, in order."""
+    by_kind = [row.n_refines, row.n_splits, row.n_drops]
+    if row.component > 0:
+        c, counts = 3 * (2 * row.component + 1), []
+    else:
+        n_kinds = sum(by_kind) if by_kind.count(0) < 2 else 0
+        c, counts = N_CORE, [sum(by_kind), n_kinds] + [row.n_splits] * 5
+    return counts + [row.n_splits + row.n_refines] * c + [row.n_adds] * c
+
+
+def read_packet(data: memoryview, row: Row) -> tuple[int, list[Stored]]:
+    """Flags and lists of a packet: 6.1 step 4 from the crc up to R-5.9-9."""
+    counts = list_counts(row)
+    if row.size == 0:
+        return 0, [Stored(n, 0, []) for n in counts]
+    require(zlib.crc32(data) == row.crc, "E_CRC")  # R-6.3-1
+    at = 2 + len(counts)
+    require(len(data) >= at, "E_PACKET")  # R-5.9-1
+    flags, n_frames, codes = data[0], data[1], bytes(data[2:at])
+    require(flags < 4 and max(codes) < 128, "E_RESERVED")  # R-4.4-1
+    lists = [Stored(n, code, []) for n, code in zip(counts, codes, strict=True)]
+    first_adds = len(lists) - (N_CORE if row.component == 0 else len(lists) // 2)
+    for i, (n, code, _) in enumerate(lists):
+        require(code & 15 <= 8 and (code >> 4) & 3 <= 2 and code != 64, "E_PACKET")  # R-5.9-2
+        require(code < 64 or i >= first_adds, "E_PACKET")  # R-5.9-3
+        require(n > 0 or code == 0, "E_PACKET")  # R-5.9-4
+    end = at + 5 * n_frames
+    require(len(data) >= end, "E_PACKET")  # R-5.9-1
+    frames = list(struct.iter_unpack("<BI", data[at:end]))
+    places = [(of.planes, size) for of in lists for size in of.plane_sizes()]
+    require(all(n >= 1 for n, _ in frames), "E_PACKET")  # R-5.9-7
+    require(sum(n for n, _ in frames) == len(places), "E_PACKET")  # R-5.9-7
+    require(sum(size for _, size in frames) == len(data) - end, "E_PACKET")  # R-5.9-8
+    for n, size in frames:
+        of_frame, places, at, end = places[:n], places[n:], end, end + size
+        content = memoryview(read_frame(data[at:end], sum(size for _, size in of_frame)))
+        for planes, plane_size in of_frame:
+            planes.append(content[:plane_size])
+            content = content[plane_size:]
+    for n, code, planes in lists:
+        low = code & 15
+        if low in PACKED:
+            used = (n * low - 1) % 8 + 1  # bits of the last byte
+            require(planes[0][-1] >> used == 0, "E_PACKET")  # R-5.9-9
+        elif low > 0:
+            require(max(planes[0]) >> low == 0, "E_PACKET")  # R-5.9-9
+    return flags, lists
+
+
+def read_frame(frame: memoryview, expected: int) -> bytes:
+    """Give the content of a Zstandard frame, which must be of the expected size."""
+    require(bytes(frame[:4]) == b"\x28\xb5\x2f\xfd", "E_FRAME")  # R-5.10-1
+    require(len(frame) >= 5 and frame[4] & 0x3F == 0x20, "E_FRAME")  # R-5.10-2
+    field_size = 1 << (frame[4] >> 6)
+    at = 5 + field_size
+    content_size = int.from_bytes(frame[5:at], "little") + (256 if field_size == 2 else 0)
+    require(len(frame) >= at and content_size == expected, "E_FRAME")  # R-5.10-3
+    require(expected <= 16 << 20, "E_FRAME")  # R-5.10-4
+    last = 0
+    while not last:  # R-5.10-5
+        require(len(frame) >= at + 3, "E_FRAME")
+        block = int.from_bytes(frame[at : at + 3], "little")
+        last, kind, size = block & 1, (block >> 1) & 3, block >> 3
+        require(kind < 3 and size <= min(128 << 10, expected), "E_FRAME")
+        require(size > 0 or (kind == 0 and last == 1), "E_FRAME")
+        at += 3 + (1 if kind == 1 else size)
+    require(at == len(frame), "E_FRAME")  # R-5.10-5
+    try:
+        content = zstandard.ZstdDecompressor().decompress(frame, max_output_size=expected)
+    except zstandard.ZstdError:
+        raise FaultError("E_ZSTD") from None  # R-5.10-6
+    require(len(content) == expected, "E_ZSTD")  # R-5.10-6
+    return content
+
+
+# 7: decoding
+class Step(NamedTuple):
+    """The records of a step, as all components need them."""
+
+    changed: list[int]  # slots of refines and splits
+    split_at: list[int]  # which of them are splits
+    dropped: list[int]
+    alpha: list[tuple[int, list[int]]]  # by group: K, and a of each split
+    n_adds: int
+
+
+class Tile:
+    """The state of a tile; x[component][channel of the component][slot]."""
+
+    def __init__(self, row: TileRow, sh_degree: int) -> None:
+        self.row = row
+        self.live = bytearray()
+        self.born_from = array("i")
+        sizes = [N_CORE] + [3 * (2 * b + 1) for b in range(1, sh_degree + 1)]
+        self.x = [[array("i") for _ in range(size)] for size in sizes]
+        self.steps: dict[int, Step] = {}  # while packets of the cut need them (8.3)
+
+    def state(self, component: int) -> bytes:
+        """Give the state of a component (7.7)."""
+        n_slots = struct.pack("<I", len(self.x[component][0]))
+        of_core = [bytes(self.live), s32(self.born_from)] if component == 0 else []
+        return b"".join([n_slots, *of_core, *map(s32, self.x[component])])
+
+
+def s32(values: Sequence[int]) -> bytes:
+    """Give numbers as s32."""
+    return struct.pack(f"<{len(values)}i", *values)
+
+
+def within(values: Sequence[int], low: int, high: int) -> bool:
+    """Tell whether all values are in low..high."""
+    return not values or (low <= min(values) and max(values) <= high)
+
+
+def inverse_ycocg(triple: list[Numbers], n: int) -> list[Numbers]:
+    """R, G, B of n triples stored as YCoCg-R (7.1)."""
+    y, co, cg = (bytes(n) if q is None else q for q in triple)
+    t = [u - (v >> 1) for u, v in zip(y, cg, strict=True)]
+    green = [u + v for u, v in zip(cg, t, strict=True)]
+    blue = [u - (v >> 1) for u, v in zip(t, co, strict=True)]
+    return [[u + v for u, v in zip(blue, co, strict=True)], green, blue]
+
+
+def deltas(q: Numbers, quantiser: tuple[int, int]) -> Numbers:
+    """`delta_of` for the numbers of a channel."""
+    if q is None:
+        return None
+    m, e = quantiser
+    most = ((1 << 28) >> e) // m
+    require(within(q, -most, most), "E_RANGE")  # R-7.3-1
+    return [v * (m << e) for v in q]
+
+
+def read_records(lists: list[Stored], row: Row, stream: Stream, tile: Tile) -> Step:
+    """Slots, kinds and alpha of a core packet (7.2)."""
+    slots = [s - 1 for s in accumulate(gap + 1 for gap in lists[0].integers())]
+    require(not slots or slots[-1] < len(tile.live), "E_SLOT")  # R-7.2-1
+    require(all(tile.live[s] for s in slots), "E_SLOT")  # R-7.2-1
+    by_kind = [row.n_refines, row.n_splits, row.n_drops]
+    kinds = lists[1].integers()
+    if lists[1].n == 0:
+        kinds = [next((k for k in range(3) if by_kind[k]), 0)] * len(slots)
+    require([kinds.count(k) for k in range(3)] == by_kind, "E_KIND")  # R-7.2-2
+    alpha = []
+    for group in range(5):
+        k, table = stream.alpha.get((row.level, group), (0, (1,)))
+        indices = lists[2 + group].integers()
+        require(within(indices, 0, len(table) - 1), "E_INDEX")  # R-7.2-3
+        alpha.append((k, [table[i] for i in indices]))
+    moved = [(s, kind) for s, kind in zip(slots, kinds, strict=True) if kind < 2]
+    split_at = [i for i, (_, kind) in enumerate(moved) if kind == 1]
+    dropped = [s for s, kind in zip(slots, kinds, strict=True) if kind == 2]
+    return Step([s for s, _ in moved], split_at, dropped, alpha, row.n_adds)
+
+
+def apply_channel(x: array[int], step: Step, psi: Numbers, group: int, adds: Numbers) -> None:
+    """`apply_channel` of 7.4; psi and adds are Delta."""
+    before = [x[s] for s in step.changed]
+    seconds = [before[i] for i in step.split_at]
+    if psi is not None:
+        k, numerators = step.alpha[group]
+        half = (1 << k) >> 1
+        products = [a * psi[i] for i, a in zip(step.split_at, numerators, strict=True)]
+        require(within(products, half - (1 << 30), (1 << 30) - half), "E_RANGE")  # R-7.3-2
+        seconds = [p - ((v + half) >> k) for p, v in zip(seconds, products, strict=True)]
+        firsts = [p + delta for p, delta in zip(before, psi, strict=True)]
+        require(within(firsts + seconds, -BOUND, BOUND), "E_RANGE")  # R-7.3-3
+        for slot, value in zip(step.changed, firsts, strict=True):
+            x[slot] = value
+    for slot in step.dropped:
+        x[slot] = 0
+    x.extend(seconds)
+    x.extend([0] * step.n_adds if adds is None else adds)  # within 2^28: R-7.3-3
+
+
+def apply_packet(data: memoryview, row: Row, stream: Stream, tile: Tile) -> None:
+    """Apply a packet: 6.1 step 4 from the crc on, and its effect on the state (7.4)."""
+    flags, lists = read_packet(data, row)
+    if row.component == 0:
+        tile.steps[row.step] = read_records(lists, row, stream, tile)
+        classes, first, first_sh = CORE_CLASSES, 7, N_CORE - 3
+    else:
+        size = len(tile.x[row.component])
+        classes, first, first_sh = (4 + row.component,) * size, 0, 0
+    step, n = tile.steps[row.step], len(classes)
+    changes = []
+    for flag, rank, base in ((1, 1 + row.level, first), (2, 0, first + n)):
+        q = [of.numbers() for of in lists[base : base + n]]
+        if flags & flag:
+            for i in range(first_sh, n, 3):
+                q[i : i + 3] = inverse_ycocg(q[i : i + 3], lists[base].n)
+        quantisers = stream.quantisers[rank]
+        changes.append([deltas(v, quantisers[c]) for v, c in zip(q, classes, strict=True)])
+    for x, c, psi, adds in zip(tile.x[row.component], classes, *changes, strict=True):
+        apply_channel(x, step, psi, min(c, 4), adds)
+    if row.component == 0:
+        for slot in step.dropped:
+            tile.live[slot] = 0
+        n_before = len(tile.live)
+        tile.live += b"\1" * (len(step.split_at) + step.n_adds)
+        tile.born_from.extend([step.changed[i] for i in step.split_at] + [-1] * step.n_adds)
+        for x, low, high in zip(tile.x[0], tile.row[3:6], tile.row[6:], strict=False):
+            placed = [x[s] for s in step.changed] + x[n_before:].tolist()
+            require(within(placed, low, high), "E_RANGE")  # R-7.3-4
+        step.alpha[:4] = [(0, [])] * 4  # only that of SH is needed again
+
+
+# 6: the order of checks, cuts
+def choose(source: Source, stream: Stream, level: int | None, progressive: bool) -> list[Row]:
+    """Give the packets of the cut; progressively, of the largest cut that came whole."""
+    cut: list[Row] = []
+    taken: set[tuple[int, int, int]] = set()
+    for row in stream.rows:
+        if level is not None and row.level > level:
+            continue  # not asked for: R-6.2-3
+        tile, component, step = row[:3]
+        ready = step == 0 or (tile, component, step - 1) in taken
+        ready = ready and (component == 0 or (tile, 0, step) in taken)
+        if not progressive or (ready and source.has(row.start, row.size)):  # R-6.4-1, R-6.4-3
+            taken.add(row[:3])
+            cut.append(row)
+        elif stream.missing is None:
+            stream.missing = row.start
+    return cut
+
+
+def decode(
+    source: Source, own: Limits, level: int | None, verify: bool, progressive: bool
+) -> Stream:
+    """Decode a cut in the order of 6.1; progressively, as much of it as came (6.4)."""
+    stream = read_header(source, own)
+    read_chunks(source, stream)
+    if level is not None and not 0 <= level < stream.n_levels:
+        raise ValueError(f"the stream has no level {level}")  # the mistake of a caller: 3.6
+    cut = choose(source, stream, level, progressive)
+    last = {(row.tile, row.step): row for row in cut}  # that need the records of a step
+    digests_kept = True
+    for row in cut:
+        source.at = row.start
+        require(source.has(row.start, row.size), "E_TRUNCATED")  # R-6.2-2
+        if row.tile not in stream.states:
+            stream.states[row.tile] = Tile(stream.tiles[row.tile], stream.sh_degree)
+        tile = stream.states[row.tile]
+        apply_packet(source.data[row.start : row.start + row.size], row, stream, tile)
+        if last[row.tile, row.step] is row:
+            del tile.steps[row.step]
+        digest = stream.digests.get(row[:3])
+        if verify and digest is not None:
+            digests_kept &= hashlib.sha256(tile.state(row.component)).digest() == digest
+    source.at = 64 + stream.chunks_size + stream.data_size
+    require(source.there.find(1, source.at) < 0, "E_TRAILING")  # R-6.2-1
+    if not digests_kept:
+        source.at = stream.chunks[b"dGST"][0]
+        raise FaultError("E_DIGEST")  # R-5.7-3, R-5.7-4
+    return stream
+
+
+def write_dump(stream: Stream, out: BinaryIO) -> None:
+    """Write the dump of what was decoded."""
+    fields = (b"EVGD", 1, stream.sh_degree, stream.grid_exponents, 0, stream.n_tiles)
+    out.write(struct.pack("<4sBB5sBI", *fields))
+    for i, row in enumerate(stream.tiles):
+        tile = stream.states.get(i) or Tile(row, stream.sh_degree)
+        live, born_from = tile.live, tile.born_from
+        out.write(struct.pack("<3qI", *row[:3], len(live)) + live)
+        for channels in tile.x:
+            shown = list(range(len(live)))  # the slot whose numbers a slot shows, -1 for 0
+            for u in range(len(channels[0]), len(live)):  # born from a lower slot: shown is known
+                shown[u] = shown[born_from[u]] if born_from[u] >= 0 else -1
+            for x in channels:
+                pairs = zip(shown, live, strict=True)
+                out.write(s32([x[s] if s >= 0 and on else 0 for s, on in pairs]))
+
+
+def perform(request: Mapping[str, Any]) -> dict[str, Any]:
+    """Carry out a request of --batch or of the command line; give exit, code and offset."""
+    out = Path(request["out"])
+    out.unlink(missing_ok=True)
+    progressive = request.get("mode") == "progressive"
+    own = json.loads(Path(request["limits"]).read_bytes()) if request.get("limits") else {}
+    ranges = json.loads(Path(request["arrival"]).read_bytes()) if request.get("arrival") else None
+    source = Source(Path(request["in"]).read_bytes(), ranges if progressive else None)
+    try:
+        stream = decode(source, own, request.get("level"), bool(request.get("verify")), progressive)
+    except FaultError as fault:
+        exits = {"E_UNSUPPORTED": 127, "E_LIMIT": 4, "E_TRUNCATED": 3 if progressive else 1}
+        return {"exit": exits.get(str(fault), 1), "code": str(fault), "offset": source.at}
+    with out.open("wb") as file:
+        write_dump(stream, file)
+    partial = {"exit": 3, "code": "E_TRUNCATED", "offset": stream.missing}
+    return {"exit": 0} if stream.missing is None else partial
+
+
+def attempt(line: str) -> dict[str, Any]:
+    """Answer a request in JSON; exit 2 stands for a mistake of the caller or a failure of ours."""
+    request: dict[str, Any] = {}
+    try:
+        request = json.loads(line)
+        answer = perform(request)
+    except Exception:
+        traceback.print_exc()
+        answer = {"exit": 2}
+    return {"id": request.get("id"), **answer}
+
+
+def main() -> int:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(description="Decodes an EvoGS stream to a dump.")
+    for name in ("--in", "--out", "--limits", "--arrival"):
+        parser.add_argument(name, metavar="FILE")
+    for name in ("--verify", "--capabilities", "--batch"):
+        parser.add_argument(name, action="store_true")
+    parser.add_argument("--mode", choices=("file", "progressive"), default="file")
+    parser.add_argument("--level", type=int, metavar="K")
+    request = vars(parser.parse_args())
+    if request["capabilities"]:
+        able = dict.fromkeys(("codes", "verify", "limits", "arrival", "batch"), True)
+        most = {"modes": ["file", "progressive"], "max_tier": 3, "max_sh_degree": 3}
+        print(json.dumps({"name": "cleanroom", "version": "1.0", **able, **most}))
+        return 0
+    if request["batch"]:
+        for line in filter(str.strip, sys.stdin):
+            print(json.dumps(attempt(line)), flush=True)
+        return 0
+    answer = attempt(json.dumps(request))
+    if "code" in answer:
+        print(json.dumps({"code": answer["code"], "offset": answer["offset"]}))
+    return int(answer["exit"])
+
+
+if __name__ == "__main__":
+    sys.exit(main())
