@@ -25,7 +25,7 @@ KINDS = {
     "crash": "ended in another way than the contract allows",
     "timeout": "no end within the time limit",
     "memory": "over the memory limit",
-    "output": "wrote too much",
+    "output": "wrote too much, or touched files that are not its own",
     "nondeterministic": "another answer when asked again",
 }
 VERDICTS = {

@@ -49,8 +49,7 @@ class OneShot:
         answer = Answer(None, None, None, None, trouble, detail, ended.seconds, ended.peak)
         if trouble:
             return answer
-        with stdout.open("rb") as file:
-            said = file.read(MAX_TEXT + 1)
+        said = read_output(stdout, MAX_TEXT) or b""
         output = read_output(parcel.target, self.bounds.written)
         code, offset, noise = _fault(ended.status, said)
         return Answer(

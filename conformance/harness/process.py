@@ -199,9 +199,7 @@ def tree_memory(pid: int) -> int:
 def folder_size(folder: Path) -> int:
     """Bytes of the files directly in a folder."""
     total = 0
-    for entry in os.scandir(folder):
-        try:
+    with suppress(OSError):  # it is gone, or a file in it
+        for entry in os.scandir(folder):
             total += entry.stat(follow_symlinks=False).st_size
-        except OSError:  # it is gone
-            continue
     return total

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections import Counter
 from collections.abc import Iterable
 
@@ -98,7 +99,8 @@ def _requirements(results: list[Result]) -> Iterable[str]:
         kinds = ", ".join(f"{counts[kind]} {kind}" for kind in ("pass", "fail", "untested"))
         yield f"requirements: {kinds}"
     if broken:
-        yield f"    broken: {', '.join(broken)}"
+        text = f"broken: {', '.join(broken)}"
+        yield textwrap.fill(text, 100, initial_indent="    ", subsequent_indent="      ")
 
 
 def _conclusion(trial: Trial) -> Iterable[str]:

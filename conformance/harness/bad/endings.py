@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -103,6 +104,13 @@ def changes_its_input(table: Table, question: Question) -> Reply:
     return reply
 
 
+def removes_its_folder(table: Table, question: Question) -> Reply:
+    """With all that is in it, what it was asked and what it said."""
+    reply = table.answer(question)
+    shutil.rmtree(question.target.parent)
+    return Reply(reply.exit, reply.code, reply.offset)
+
+
 def links_its_output(table: Table, question: Question) -> Reply:
     """OUT is a link to a dump elsewhere."""
     reply = table.answer(question)
@@ -119,6 +127,6 @@ ENDINGS = {
     for function in (
         *(crash, crash_after_success, exception, unknown_status, hang, sleeps_at_the_end),
         *(burns_processors, leaves_a_process, memory_hog, noise, huge_noise, huge_output),
-        *(changes_its_input, links_its_output),
+        *(changes_its_input, removes_its_folder, links_its_output),
     )
 }
