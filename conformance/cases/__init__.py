@@ -20,6 +20,7 @@ from conformance.cases import (
     order,
     polyglot,
     progressive,
+    real,
     shapes,
     zstd,
 )
@@ -35,6 +36,7 @@ FAMILIES: tuple[ModuleType, ...] = (
     extension,
     metamorphic,
     progressive,
+    real,
     invalid_header,
     invalid_chunks,
     invalid_tables,

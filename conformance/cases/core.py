@@ -65,7 +65,7 @@ def channels() -> Iterator[Case]:
         yield case(
             f"channel-order-degree-{degree}",
             Stream(packets, degree=degree),
-            "R-4.1-2 3.2 3.5 7.7",
+            "R-4.1-2 R-5.1-5 3.2 3.5 7.7",
             f"all numbers of two splats of SH degree {degree} are different",
             "swaps channels, or orders SH by colour before coefficient",
         )
@@ -227,7 +227,7 @@ def quantisers() -> Iterator[Case]:
             f"steps-by-class-and-level-degree-{degree}",
             Stream(list(banded(cores, degree)), degree=degree, n_levels=3, quantisers=steps),
             "R-5.3-1 R-5.3-2 3.2 5.3",
-            "every class and level has a step of its own; adds of level 1 use the row of adds",
+            f"{5 + degree} classes with steps of their own in each level; adds use the row of adds",
             "uses the row of the level for adds, one row too few, or one class for all SH",
         )
     late = [Packet(adds=numbers(1), level=1), Packet(records={0: REFINE}, psi=numbers(1), level=2)]
@@ -344,7 +344,7 @@ def tiles_and_levels() -> Iterator[Case]:
             n_levels=2,
             tiles=(Tile((1000, -1, 5)), Tile((-(1 << 33), 2, 3))),
         ),
-        "R-5.6-1 R-5.6-3 3.5",
+        "R-5.1-8 R-5.6-1 R-5.6-3 3.5",
         "packets of two tiles interleaved, the second tile first",
         "keeps one array of slots for all tiles, or dumps tiles in order of arrival",
         runs=(FILE, *(replace(FILE, level=k) for k in range(1)), PROGRESSIVE),

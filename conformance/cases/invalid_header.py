@@ -168,7 +168,7 @@ def limits_of_tiers() -> Iterator[Case]:
     yield case(
         "tiles-65-of-tier-2",
         Stream([add], tiles=tiles, tier=2),
-        "R-8.2-1 8.2",
+        "R-5.1-4 R-8.2-1 8.2",
         "65 tiles in tier 2",
         "checks the limits of tier 1 whatever the header says",
     )

@@ -26,7 +26,7 @@ from conformance.cases.scenes import banded, numbers
 
 FAMILY = "metamorphic"
 CORES = (
-    Packet(adds=numbers(5, spread=60)),
+    Packet(adds=numbers(60, spread=3)),
     Packet(
         records={0: SPLIT, 2: REFINE, 3: SPLIT, 4: DROP},
         psi=numbers(3, seed=1),
@@ -213,7 +213,7 @@ def chunks() -> Iterator[Case]:
     yield told(
         "tier-3",
         replace(SCENE, tier=3),
-        "R-8.2-1 8.2",
+        "R-5.1-4 R-8.2-1 8.2",
         "tier 3",
         "supports tier 1 only and says so",
     )

@@ -234,7 +234,7 @@ def chains() -> Iterator[Case]:
             f"chain-{name}",
             Stream(packets, n_levels=64, quantisers=step, alphas=table),
             "R-7.3-3 R-7.3-4 3.4 7.3",
-            "64 generations, each 2^24 further, the last of them at the limit of |X|",
+            f"64 {name.replace('-', ' ')}, each 2^24 further, the last at the limit of |X|",
             "lets the error of float32 grow, or bounds the number of generations",
             runs=(FILE, Run(level=0), Run(level=31), Run(level=62)),
         )

@@ -422,7 +422,7 @@ def outside_the_cut() -> Iterator[Case]:
         yield case(
             f"level-without-fault-of-{name}",
             Stream([ADD, packet], n_levels=2),
-            f"R-6.2-3 {rule_of[code]}",
+            f"R-4.1-1 R-6.2-3 {rule_of[code]}",
             f"the packet of level 1 {tests}: that matters to level 1 only",
             "examines packets that it was not asked for",
             code,
