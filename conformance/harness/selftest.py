@@ -25,7 +25,7 @@ from conformance.harness.trial import FAILED, Choice, Trial, hold
 __all__ = ["CLASSES", "Judged", "class_of", "self_test", "small_suite"]
 
 BAD = Path(__file__).resolve().parent / "bad"
-BOUNDS = Bounds(seconds=3.0, memory=256 << 20, written=8 << 20)
+BOUNDS = Bounds(seconds=4.0, memory=256 << 20, written=8 << 20)
 PATIENCE = 1
 CLASSES = {  # how many runs of each the small suite has
     "accepted": 4,

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import secrets
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -17,6 +15,7 @@ from conformance.harness.canary import canaries
 from conformance.harness.capabilities import Capabilities, CapabilityError, ask_capabilities
 from conformance.harness.diagnosis import Diagnosis, Fingerprint, diagnose, read_fingerprints
 from conformance.harness.families import expand
+from conformance.harness.fresh import LackingError, make_fresh
 from conformance.harness.judging import Result
 from conformance.harness.manifest import Case, Suite, SuiteError, load
 from conformance.harness.process import clean_environment
@@ -34,8 +33,7 @@ __all__ = [
 ]
 
 PASSED, FAILED, INCOMPLETE = 0, 1, 3  # exit codes; 2 is a wrong command line
-FRESH_SECONDS = 300
-ROOT = Path(__file__).resolve().parents[2]
+N_FRESH = 25
 Progress = Callable[[int, int], None]
 
 
@@ -172,6 +170,20 @@ def _hold(trial: Trial, folder: Path, progress: Progress) -> None:
     _conclude(trial, read_fingerprints(choice.vectors))
 
 
+def _fresh(trial: Trial, folder: Path) -> Suite | None:
+    """Vectors that nobody has seen, if they can be made here; they must, if they were asked for."""
+    n, seed = trial.choice.n_fresh, trial.options.seed
+    if n == 0 or (n is None and not trial.choice.is_all):
+        return None
+    try:
+        return make_fresh(seed, N_FRESH if n is None else n, folder)
+    except LackingError as error:
+        if n is not None:
+            raise SuiteError(str(error)) from None
+        trial.notes.append(f"{error}: answers learned by heart are found by the canaries alone")
+        return None
+
+
 def _conclude(trial: Trial, fingerprints: Mapping[str, Fingerprint]) -> None:
     options = trial.options
     trial.n_again, trial.again = ask_again(trial.results, options)
@@ -188,40 +200,6 @@ def _conclude(trial: Trial, fingerprints: Mapping[str, Fingerprint]) -> None:
         trial.incomplete.append("no run was asked again: determinism is not known")
     if not trial.choice.is_all:
         trial.notes.append("only a part of the suite was asked: no claim may be made of it")
-
-
-def _fresh(trial: Trial, folder: Path) -> Suite | None:
-    """Vectors that nobody has seen, made by a process of their own (it needs more than we do)."""
-    n, seed = trial.choice.n_fresh, trial.options.seed
-    if n == 0 or (n is None and not trial.choice.is_all):
-        return None
-    try:
-        _make_fresh(seed, 25 if n is None else n, folder)
-        return load(folder)
-    except SuiteError as error:
-        if n is not None:  # asked for
-            raise
-        trial.notes.append(str(error))
-        return None
-
-
-def _make_fresh(seed: int, count: int, folder: Path) -> None:
-    command = [sys.executable, "-m", "conformance.fresh", "--seed", str(seed)]
-    command += ["--count", str(count), "--out", str(folder)]
-    try:
-        done = subprocess.run(
-            command,
-            cwd=ROOT,  # where `conformance` is found without an installation
-            capture_output=True,
-            text=True,
-            timeout=FRESH_SECONDS,
-            check=False,
-        )
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise SuiteError(f"fresh vectors cannot be made: {error}") from None
-    if done.returncode:
-        lines = done.stderr.strip().split("\n")
-        raise SuiteError(f"fresh vectors cannot be made: {lines[-1]}")
 
 
 def draw_seed() -> int:
