@@ -16,6 +16,7 @@ from conformance.harness.process import Bounds
 from conformance.harness.trial import FAILED, INCOMPLETE, PASSED
 from conformance.renders import reference
 from conformance.renders.candidate import Renderer, ask_all
+from conformance.renders.fingerprints import likenesses, read_fingerprints
 from conformance.renders.manifest import FOLDER, load
 from conformance.renders.report import Run, as_html, as_json, as_text, write_pictures
 
@@ -34,6 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     add_run(commands, "run")
     _add_generate(commands)
+    _add_mutants(commands)
     help_ = "the reference renderer behind the command of a renderer under test"
     child = commands.add_parser("reference", help=help_, description=help_)
     child.set_defaults(run=reference.run_reference)
@@ -89,7 +91,8 @@ def run_run(args: argparse.Namespace) -> int:
         if sys.stderr.isatty():
             end = "\n" if len(results) == len(images) else ""
             print(f"\r{len(results)} of {len(images)} images", end=end, file=sys.stderr)
-    run = Run(suite, renderer.command, results, len(images) == len(suite.images))
+    alike = likenesses(results, read_fingerprints(suite, args.suite))
+    run = Run(suite, renderer.command, results, alike, len(images) == len(suite.images))
     print(as_text(run))
     for path in write_pictures(run, args.report):
         print(f"    {path}")
@@ -111,6 +114,17 @@ def run_generate(args: argparse.Namespace) -> int:
     return FAILED if args.check and different else PASSED
 
 
+def run_mutants(args: argparse.Namespace) -> int:
+    """`mutants`."""
+    from conformance.renders.trial import try_all
+
+    code = PASSED
+    for line in try_all(load(), args.names):
+        print(line, flush=True)
+        code = FAILED
+    return code
+
+
 def _command(text: str) -> tuple[str, ...]:
     """The words of a command; files named relative to here are found from everywhere."""
     words = shlex.split(text)
@@ -124,3 +138,10 @@ def _add_generate(commands: Commands) -> None:
     parser.set_defaults(run=run_generate)
     parser.add_argument("--check", action="store_true", help="only say what would change")
     parser.add_argument("--suite", type=Path, default=FOLDER, metavar="DIR")
+
+
+def _add_mutants(commands: Commands) -> None:
+    help_ = "judge wrong renderers; write their fingerprints and their table (minutes)"
+    parser = commands.add_parser("mutants", help=help_, description=help_)
+    parser.set_defaults(run=run_mutants)
+    parser.add_argument("names", nargs="*", metavar="NAME", help="only these")

@@ -107,10 +107,13 @@ def off_screen() -> SplatParams:
 
 
 def near() -> SplatParams:
-    """Small splats on planes along z: 0 and -1, just before and behind them, and far behind."""
+    """Small splats on planes along z: at 0, a thousandth before and behind 0 and -1, and others.
+
+    None is at -1: -1 + 1.2 > 0.2 in float32, and not in float64.
+    """
     rng = _rng(4)
     step = 2.0**-10
-    planes = np.array([-3, -1 - step, -1, -1 + step, -0.5, -step, 0, step, 0.25, 1, 3])
+    planes = np.array([-3, -1 - step, -1 + step, -0.5, -step, 0, step, 0.25, 1, 3])
     z = np.repeat(planes, 14)
     n = len(z)
     return _splats(
@@ -123,17 +126,24 @@ def near() -> SplatParams:
 
 
 def opacity() -> SplatParams:
-    """Rows of splats from transparent to opaque, before a wall of the same."""
+    """Rows of splats from transparent to opaque, before a wall of the same.
+
+    Before the rows are a few opaque ones that each hide one ten times as bright as white.
+    """
     rng = _rng(5)
     logits = np.array([-1000, -100, -20, -5.75, -5.5, -4, -2, 0, 2, 4, 5, 20, 100, 1000])
     x, y = np.meshgrid(np.linspace(-1.3, 1.3, len(logits)), np.linspace(-0.9, 0.9, 6))
     front = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
     back = np.column_stack([y.ravel() * 1.4, x.ravel() * 0.7, np.ones(x.size)])
+    few = np.column_stack([rng.uniform(-1, 1, (8, 2)), np.full(8, -0.5)])
+    hidden = few + np.array([0, 0, 0.25])
     return _splats(
-        np.concatenate([front, back]),
-        log_scales=rng.uniform(-2.7, -1.7, (2 * x.size, 3)),
-        logits=np.tile(logits, 2 * len(x)),
-        colors=rng.random((2 * x.size, 3)),
+        np.concatenate([front, back, few, hidden]),
+        log_scales=np.concatenate(
+            [rng.uniform(-2.7, -1.7, (2 * x.size, 3)), np.full((8, 3), -1.5), np.full((8, 3), -2.5)]
+        ),
+        logits=np.concatenate([np.tile(logits, 2 * len(x)), np.full(16, 20.0)]),
+        colors=np.concatenate([rng.random((2 * x.size + 8, 3)), np.full((8, 3), 10.0)]),
     )
 
 

@@ -22,11 +22,20 @@ __all__ = ["Run", "as_html", "as_json", "as_text", "write_pictures"]
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """Everything that was asked of a renderer and what came of it; `is_all`: no selection."""
+    """Everything that was asked of a renderer and what came of it.
+
+    Attributes:
+        suite: the images.
+        command: of the renderer.
+        results: one per image.
+        alike: sentences about known mistakes that fail in the same way.
+        is_all: all images of the suite were asked for.
+    """
 
     suite: Suite
     command: Sequence[str]
     results: Sequence[Result]
+    alike: Sequence[str]
     is_all: bool
 
     @property
@@ -83,7 +92,7 @@ def as_text(run: Run) -> str:
                 f"    tests: {scene_.tests}",
                 f"    a wrong renderer: {scene_.faulty}",
             ]
-    return "\n".join([*lines, run.conclusion])
+    return "\n".join([*lines, *run.alike, run.conclusion])
 
 
 def as_json(run: Run) -> str:
@@ -99,6 +108,7 @@ def as_html(run: Run) -> str:
         state=state,
         conclusion=html.escape(run.conclusion),
         command=html.escape(" ".join(run.command)),
+        alike="".join(f'<p class="like">{html.escape(text)}</p>\n' for text in run.alike),
         rows="\n".join(_row(run.suite, result) for result in run.results),
     )
 
@@ -127,6 +137,7 @@ def _as_dict(run: Run) -> dict[str, Any]:
         "renderer": list(run.command),
         "exit": run.exit,
         "conclusion": run.conclusion,
+        "alike": list(run.alike),
         "complete": run.is_all,
         "results": [_result(result) for result in run.results],
     }
@@ -187,7 +198,7 @@ PAGE = """<!DOCTYPE html>
 <style>{style}</style>
 <h1 class="{state}">{conclusion}</h1>
 <p><code>{command}</code></p>
-<p>Pictures: golden, candidate, 16 times their difference (doubtful pixels grey).</p>
+{alike}<p>Pictures: golden, candidate, 16 times their difference (doubtful pixels grey).</p>
 <table><tr><th>verdict<th>image<th>worst error, 1/255<th>pixels over<th>PSNR, dB<th>what came</tr>
 {rows}
 </table>
@@ -200,11 +211,12 @@ body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 75rem
 table { border-collapse: collapse; width: 100% }
 td, th { text-align: left; vertical-align: top; padding: .2rem .6rem;
   border-bottom: 1px solid #ddd }
+.like { background: #fff4d6; padding: .5rem .8rem; border-left: 4px solid #d4a72c }
 img { image-rendering: pixelated; max-width: 100% } code { font-size: 13px }
 h1.pass, .pass > td:first-child { color: #116329 }
 h1.fail, h1.incomplete, .fail > td:first-child, .no-picture > td:first-child { color: #b02a1d }
 @media (prefers-color-scheme: dark) {
   body { color: #e6e9ed; background: #14171a } td, th { border-color: #333 }
-  h1.pass, .pass > td:first-child { color: #57c07a }
+  h1.pass, .pass > td:first-child { color: #57c07a } .like { background: #3a3013 }
   h1.fail, h1.incomplete, .fail > td:first-child, .no-picture > td:first-child { color: #ff8d80 } }
 """

@@ -19,7 +19,7 @@ ORIGIN = (0.0, 0.0, 0.0)
 Color = tuple[float, float, float]
 BLACK: Color = (0.0, 0.0, 0.0)
 WHITE: Color = (1.0, 1.0, 1.0)
-BLUE: Color = (0.125, 0.25, 0.75)
+BLUE: Color = (0.2, 0.4, 0.8)  # whole numbers in 8 bits
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,10 @@ def _looking(
     fov: float = 0.8,
     up: tuple[float, float, float] = (0.0, 0.0, 1.0),
 ) -> View:
-    """A view from `eye` to `target`; `fov` in radians."""
+    """A view from `eye` to `target`; `fov` in radians.
+
+    Eyes are no round numbers: depths of splats on a grid would be equal by chance.
+    """
     camera = Camera.look_at(eye, target, up, width=WIDTH, height=HEIGHT, fov_x=fov)
     return View(name, camera, background)
 
@@ -91,9 +94,9 @@ def _along_z(
 
 
 ABOUT = (
-    _looking("front", (0.3, -3.0, 0.6)),
-    _looking("side", (2.6, 1.2, -1.4), background=WHITE),
-    _looking("top", (-0.4, 0.5, 3.2), background=BLUE, up=(0.0, 1.0, 0.0)),
+    _looking("front", (0.3127, -3.0391, 0.6173)),
+    _looking("side", (2.5837, 1.2291, -1.4113), background=WHITE),
+    _looking("top", (-0.4219, 0.5347, 3.1873), background=BLUE, up=(0.0, 1.0, 0.0)),
 )
 BEHIND = (-1.0, 1.0, -1.0)
 BASE = (1_000_000.0, -800_000.0, 600_000.0)
@@ -113,7 +116,7 @@ SCENES = (
         (
             _along_z("before", 3.0),
             _along_z("behind", 3.0, WHITE, turn=BEHIND),
-            _looking("oblique", (1.5, 1.0, -2.4), background=BLUE),
+            _looking("oblique", (1.5373, 1.0391, -2.3919), background=BLUE),
         ),
     ),
     Scene(
@@ -145,7 +148,9 @@ SCENES = (
         (
             _along_z("at-zero", 0.2),
             _along_z("at-minus-one", 1.2, WHITE),
-            _looking("inside", (0.2, 0.1, -0.6), (0.0, 0.0, 1.0), BLUE, fov=1.2, up=(0, -1, 0)),
+            _looking(
+                "inside", (0.2131, 0.1173, -0.6219), (0.0, 0.0, 1.0), BLUE, fov=1.2, up=(0, -1, 0)
+            ),
         ),
     ),
     Scene(
@@ -156,7 +161,7 @@ SCENES = (
         (
             _along_z("front", 3.0),
             _along_z("back", 3.5, WHITE, turn=BEHIND),
-            _looking("oblique", (1.2, -0.9, -2.6), background=BLUE, up=(0, -1, 0)),
+            _looking("oblique", (1.2173, -0.9391, -2.6337), background=BLUE, up=(0, -1, 0)),
         ),
     ),
     Scene(
@@ -172,9 +177,9 @@ SCENES = (
         "Divides by a determinant that cancelled; shows holes or spikes.",
         recipes.pancakes,
         (
-            _looking("edge-on", (0.0, -3.0, 0.0)),
-            _looking("grazing", (2.9, 0.3, 0.12), background=WHITE),
-            _looking("above", (0.3, 0.4, 3.0), background=BLUE),
+            _looking("edge-on", (0.1391, -3.0173, 0.0)),
+            _looking("grazing", (2.9173, 0.3391, 0.1219), background=WHITE),
+            _looking("above", (0.3173, 0.4219, 3.0391), background=BLUE),
         ),
     ),
     Scene(
@@ -183,9 +188,9 @@ SCENES = (
         "Cuts splats off at a multiple of their deviation, or at a size in pixels or tiles.",
         recipes.huge,
         (
-            _looking("outside", (0.0, -6.0, 1.0)),
-            _looking("inside", (0.3, 0.2, 0.1), (1.0, 0.5, 0.2), WHITE, fov=1.4),
-            _looking("wide", (3.0, 3.0, -1.0), background=BLUE, fov=1.9),
+            _looking("outside", (0.1219, -6.0391, 1.0173)),
+            _looking("inside", (0.3173, 0.2219, 0.1391), (1.0, 0.5, 0.2), WHITE, fov=1.4),
+            _looking("wide", (3.0173, 2.9391, -1.0219), background=BLUE, fov=1.9),
         ),
     ),
     Scene(
@@ -194,9 +199,9 @@ SCENES = (
         "Multiplies positions by a view matrix in float32: splats jump by whole pixels.",
         recipes.far,
         (
-            _looking("front", _from_base(5, -70, 12), BASE),
-            _looking("side", _from_base(55, 30, -25), BASE, WHITE),
-            _looking("top", _from_base(-8, 10, 75), BASE, BLUE, up=(0.0, 1.0, 0.0)),
+            _looking("front", _from_base(5.0173, -70.0391, 12.0219), BASE),
+            _looking("side", _from_base(55.0391, 30.0219, -25.0173), BASE, WHITE),
+            _looking("top", _from_base(-8.0219, 10.0173, 75.0391), BASE, BLUE, up=(0.0, 1.0, 0.0)),
         ),
     ),
     Scene(
@@ -207,7 +212,7 @@ SCENES = (
         recipes.overlap,
         (
             _along_z("front", 2.0),
-            _looking("oblique", (0.9, -0.7, -2.2), (0.0, 0.0, 0.5), WHITE, up=(0, -1, 0)),
+            _looking("oblique", (0.9173, -0.7219, -2.2391), (0.0, 0.0, 0.5), WHITE, up=(0, -1, 0)),
             _along_z("close", 1.0, BLUE, focal=(70.0, 70.0)),
         ),
     ),
