@@ -190,6 +190,13 @@ def colours() -> Iterator[Case]:
         "a flag that has nothing to act on is allowed",
         "refuses the flag of psi in a packet without psi",
     )
+    yield case(
+        "ycocg-of-zeros",
+        Stream([Packet(n_adds=1, flags=ADDS_YCOCG | PSI_YCOCG)]),
+        "R-4.1-2 5.9",
+        "both flags in a packet without planes",
+        "refuses a flag where nothing is stored",
+    )
 
 
 def deltas() -> Iterator[Case]:

@@ -158,6 +158,26 @@ def tiles_and_levels() -> Iterator[Case]:
         "a tile without a step of level 1 stands still there",
         "counts steps over all tiles, or cuts both tiles at the same step",
     )
+    refined = Packet(records={2: REFINE}, psi=numbers(1, seed=2), level=2)
+    few = [*banded([Packet(adds=numbers(2)), replace(more, records={0: DROP}, psi={}, level=2)], 1)]
+    many = [
+        Packet(adds=numbers(2)),
+        replace(more, level=0),
+        replace(more, records={2: SPLIT}),
+        refined,
+    ]
+    yield case(
+        "levels-of-bands-in-two-tiles",
+        Stream(
+            [*few, *banded([replace(core, tile=1) for core in many], 1, seed=3)],
+            degree=1,
+            n_levels=3,
+            tiles=(Tile(), Tile()),
+        ),
+        "R-5.6-3 3.6",
+        "tile 1 has more steps in each level than tile 0, and as many packets of a band",
+        "cuts the bands of all tiles where those of tile 0 end",
+    )
 
 
 def bands() -> Iterator[Case]:
@@ -216,6 +236,27 @@ def bands() -> Iterator[Case]:
         "R-4.1-2 7.5 7.7",
         "the header says SH degree 3, no packet of a band is there: their SH are 0",
         "leaves the channels out of the dump",
+    )
+    refine = Packet(records={3: REFINE}, psi=numbers(1, seed=8), level=1)
+    last = Packet(component=1, psi=numbers(1, 9, seed=8))
+    yield case(
+        "band-of-size-0-whose-slots-are-named-later",
+        Stream(
+            [
+                cores[0],
+                Packet(component=1, adds=numbers(3, 9)),
+                cores[1],
+                Packet(component=1),
+                refine,
+                last,
+            ],
+            degree=1,
+            n_levels=2,
+            alphas=table,
+        ),
+        "R-5.6-5 5.6 7.4",
+        "a packet of a band refines a slot that a step made whose packet of the band has no bytes",
+        "does not make the slots of the band, and finds none",
     )
 
 

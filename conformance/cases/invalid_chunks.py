@@ -41,7 +41,7 @@ def legal() -> Iterator[Case]:
 
 def extents() -> Iterator[Case]:
     """Chunks that do not fill their bytes."""
-    for n in (1, 11):
+    for n in (11,):
         yield case(
             f"header-of-{n}-bytes",
             edited(behind(_Raw(bytes(n)))),
@@ -53,7 +53,6 @@ def extents() -> Iterator[Case]:
         )
     rows = [
         ("last-reaches-too-far", DIGESTS, 42, "the last chunk says a byte more than is left"),
-        ("size-of-2-to-32", META, 0xFFFFFFFF, "a chunk of 4294967295 bytes"),
         ("size-wraps", STEP, 0xFFFFFFF4, "size and header of a chunk sum to 2^32"),
     ]
     for name, at, size, tests in rows:
@@ -75,6 +74,16 @@ def extents() -> Iterator[Case]:
         "E_CHUNK",
         TWIN,
         runs=(FILE, PROGRESSIVE),
+    )
+    bare = replace(ALL, packets=[], digests=None, chunks=behind(_Raw(b"teXt\0\0\0\0\0\0\0")))
+    yield case(
+        "header-cut-where-the-file-ends",
+        bare,
+        "R-5.2-1",
+        "the file ends with eleven of the twelve bytes of a chunk header",
+        "reads past the end of the file",
+        "E_CHUNK",
+        TWIN,
     )
 
 
@@ -117,14 +126,11 @@ def c_name(at: int) -> str:
 def types() -> Iterator[Case]:
     """Chunk types that are none."""
     rows = [
-        (b"zz3z", "a digit", "digit"),
+        (b"z3Zz", "a digit for its second letter", "digit"),
+        (b"zz3z", "a digit for its third letter", "digit-third"),
         (b"zzzz", "a small third letter", "third-small"),
-        (b"@zZz", "a character just below A", "below-A"),
         (b"z[Zz", "a character just above Z", "above-Z"),
-        (b"`zZz", "a character just below a", "below-a"),
-        (b"zzZ{", "a character just above z", "above-z"),
         (b"z\xe4Zz", "a letter that is not of ASCII", "latin-letter"),
-        (b"zzZ\0", "a byte 0", "zero"),
     ]
     for kind, tests, name in rows:
         yield case(
@@ -150,7 +156,7 @@ def presence() -> Iterator[Case]:
             "E_CHUNK",
             TWIN,
         )
-    for at in range(6):
+    for at in (ALFA, PACK, META, DIGESTS):
         rule = "R-5.2-3" if at <= PACK else "R-5.2-4"
         yield case(
             f"two-{c_name(at).lower()}",
@@ -163,7 +169,6 @@ def presence() -> Iterator[Case]:
         )
     orders = [
         ("alfa-before-step", (ALFA, STEP, TILE, PACK, META, DIGESTS)),
-        ("tile-before-alfa", (STEP, TILE, ALFA, PACK, META, DIGESTS)),
         ("pack-before-tile", (STEP, ALFA, PACK, TILE, META, DIGESTS)),
         ("step-last", (META, ALFA, TILE, PACK, DIGESTS, STEP)),
     ]
@@ -200,8 +205,8 @@ def presence() -> Iterator[Case]:
 def unknown_critical() -> Iterator[Case]:
     """Critical chunks that no decoder of 1.0 knows."""
     rows = [
-        (b"QUUX", "registered"), (b"QuUX", "private"), (b"QUUx", "safe-to-copy"),
-        (b"DGST", "like-dgst"), (b"STEp", "like-step"),
+        (b"QUUX", "registered"), (b"QuUX", "private"),
+        (b"STEp", "like-step"),
     ]  # fmt: skip
     for kind, name in rows:
         yield case(
@@ -222,10 +227,7 @@ def sizes() -> Iterator[Case]:
         ("step-longer", STEP, lambda body: body + b"\x01\0\0", "STEP has an entry too many"),
         ("step-shorter", STEP, lambda body: body[:-1], "STEP lacks its last byte"),
         ("tile-longer", TILE, lambda body: body * 2, "TILE has two rows for one tile"),
-        ("tile-empty", TILE, lambda _: b"", "TILE has no row for one tile"),
-        ("pack-longer", PACK, lambda body: body + b"\0", "PACK has a byte too many"),
         ("pack-shorter", PACK, lambda body: body[:-36], "PACK lacks its last row"),
-        ("dgst-longer", DIGESTS, lambda body: body + b"\0", "dGST has a byte too many"),
         ("dgst-shorter", DIGESTS, lambda body: body[:-1], "dGST lacks its last byte"),
     ]
     for name, at, change, tests in rows:

@@ -19,8 +19,6 @@ def fields() -> Iterator[Case]:
         ("tier-0", {"tier": 0}, "R-5.1-4", "E_HEADER", "tier 0", "takes no limits from tier 0"),
         ("tier-4", {"tier": 4}, "R-5.1-4", "E_HEADER", "tier 4", "reads past the table of limits"),
         ("degree-4", {"sh_degree": 4}, "R-5.1-5", "E_HEADER", "SH degree 4", "makes 86 channels"),
-        ("degree-255", {"sh_degree": 255}, "R-5.1-5", "E_HEADER", "SH degree 255",
-         "makes 196619 channels"),
         ("levels-0", {"n_levels": 0}, "R-5.1-6", "E_HEADER", "no level", "accepts a row of STEP"),
         ("grid-17-below", {"grid_exponents": b"\xef\0\0\0\0"}, "R-5.1-7", "E_HEADER",
          "the grid exponent of position is -17", "checks the upper bound only"),
@@ -28,8 +26,6 @@ def fields() -> Iterator[Case]:
          "the grid exponent of SH is 41", "checks the exponent of position only"),
         ("grid-128-below", {"grid_exponents": b"\0\x80\0\0\0"}, "R-5.1-7", "E_HEADER",
          "the grid exponent of rotation is -128", "takes exponents for unsigned bytes"),
-        ("grid-127", {"grid_exponents": b"\0\0\x7f\0\0"}, "R-5.1-7", "E_HEADER",
-         "the grid exponent of scale is 127", "scales to infinity"),
         ("version-0", {"version_major": 0}, "R-5.1-2", "E_VERSION", "major version 0",
          "refuses only versions above its own"),
         ("version-2", {"version_major": 2}, "R-5.1-2", "E_VERSION", "major version 2",
@@ -44,8 +40,6 @@ def fields() -> Iterator[Case]:
          "the last reserved byte is 128", "checks the first reserved bytes only"),
         ("data-size-more", {"data_size": 300}, "R-5.1-8", "E_HEADER",
          "`data_size` is more than the packets", "takes the packets from the file's end"),
-        ("data-size-0", {"data_size": 0}, "R-5.1-8", "E_HEADER", "`data_size` is 0",
-         "ignores `data_size`"),
         ("data-size-plus-2-to-32", {"data_size": (1 << 32) + 186}, "R-5.1-8", "E_HEADER",
          "the low 32 bits of `data_size` are right", "keeps `data_size` in 32 bits"),
     ]  # fmt: skip
@@ -63,12 +57,8 @@ def signatures() -> Iterator[Case]:
     """Bytes that are not the signature."""
     data = build(SMALL)
     rows = [
-        ("signature-without-bit-7", b"\x09", 0, "the first byte lost its highest bit",
-         "compares the letters only"),
         ("signature-other-letter", b"H", 3, "the name is EVH", "compares the first byte only"),
-        ("signature-last-byte", b"\x0d", 7, "the last byte is CR instead of LF",
-         "compares seven bytes, or a string that ends at a control character"),
-    ]  # fmt: skip
+        ]  # fmt: skip
     for name, new, at, tests, faulty in rows:
         stream = replace(SMALL, header={"signature": patched(data[:8], at, new)})
         yield case(name, stream, "R-5.1-1", tests, faulty, "E_SIGNATURE", TWIN)
@@ -87,8 +77,7 @@ def signatures() -> Iterator[Case]:
 def truncated() -> Iterator[Case]:
     """Files that end within the header."""
     data = build(SMALL)
-    rows = [(0, "no byte at all"), (1, "the first byte"), (8, "a signature and no more"),
-            (63, "a header that lacks its last byte")]  # fmt: skip
+    rows = [(0, "no byte at all"), (63, "a header that lacks its last byte")]
     for size, tests in rows:
         yield case(
             f"truncated-{size}",
@@ -111,15 +100,6 @@ def checksums() -> Iterator[Case]:
         "R-6.3-1 6.3",
         "the highest bit of the checksum of the header is wrong",
         "does not check it, or compares 31 bits",
-        "E_CRC",
-        TWIN,
-    )
-    yield case(
-        "crc-of-zero",
-        replace(SMALL, header={"crc": 0}),
-        "R-6.3-1 6.3",
-        "the checksum of the header is 0",
-        "takes 0 for `not computed`",
         "E_CRC",
         TWIN,
     )

@@ -79,7 +79,6 @@ def deltas() -> Iterator[Case]:
         "numeric-x-largest-of-bands",
     )  # fmt: skip
     big = [8388607 * k for k in range(1, 33)] + [1 << 28]
-    wide = {f"adds {c}": 0x28 | DELTA for c in (X, RED, GREEN)}
     yield case(
         "sum-above",
         Stream([Packet(adds={X: [*big, (1 << 28) + 1]}, codings={"adds 0": 0x28 | DELTA})]),
@@ -99,16 +98,21 @@ def deltas() -> Iterator[Case]:
         "E_RANGE",
         "numeric-sums-to-the-limits",
     )  # fmt: skip
-    yield case(
-        "sum-above-that-ycocg-would-cancel",
-        Stream([Packet(adds={RED: [v // 2 for v in [*big, 1 << 28]], GREEN: [*big, (1 << 28) + 1]},
-                       codings=wide | {"adds 0": 0}, flags=ADDS_YCOCG)]),
-        "R-7.1-1 R-7.3-5",
-        "a running sum of chroma of 2^28 + 1",
-        "bounds what comes out of YCoCg-R only",
-        "E_RANGE",
-        "numeric-ycocg-whose-parts-cancel",
-    )  # fmt: skip
+    beyond, chroma = (1 << 28) + 1, {"adds 12": 0x28 | DELTA}
+    for name, sums, tests in (
+        ("above-but-halved", [*big, beyond], "of 2^28 + 1 at the end"),
+        ("below-but-halved", [*(-v for v in big), -beyond], "of -2^28 - 1 at the end"),
+        ("above-on-the-way-but-halved", [*big, beyond, beyond - 9], "of 2^28 + 1, then less"),
+    ):
+        yield case(
+            f"sum-{name}",
+            Stream([Packet(adds={GREEN: sums}, flags=ADDS_YCOCG, codings=chroma)]),
+            "R-7.1-1 R-7.3-5",
+            f"a running sum of Co {tests}; R and B are half as large, and in range",
+            "bounds what comes out of YCoCg-R only, or the last sum",
+            "E_RANGE",
+            "numeric-ycocg-whose-parts-cancel",
+        )
     yield case(
         "colour-above",
         Stream([Packet(adds={RED: big, GREEN: [2] * 33}, flags=ADDS_YCOCG,
@@ -201,9 +205,9 @@ def ranges() -> Iterator[Case]:
         )
     yield case(
         "x-above-of-second-child",
-        second_child_at(2),
+        second_child_at(2, OPACITY),
         "R-7.3-3 R-7.3-5",
-        "second children come to 2^30 and -2^30, the first stay small",
+        "opacities of second children come to 2^30 and -2^30, the first stay small",
         "checks the splats that keep their slots only",
         "E_RANGE",
         "numeric-x-largest-of-second-child",

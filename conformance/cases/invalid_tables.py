@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from conformance.builder import MAX_X, SPLIT, Chunk, Packet, Stream, Tile
+from conformance.builder import MAX_X, SPLIT, Chunk, Packet, Stream, Tile, build, places
 from conformance.cases.case import FILE, VERIFY, Case, Recipe, case
 from conformance.cases.edits import with_body
 from conformance.cases.scenes import banded, numbers
@@ -35,7 +35,6 @@ def legal() -> Iterator[Case]:
 def steps() -> Iterator[Case]:
     """STEP."""
     rows = [
-        ("mantissa-0-of-adds", (0, 0), (0, 3), "R-5.3-1", "M of position of adds is 0"),
         ("mantissa-0-last", (2, 5), (0, 0), "R-5.3-1", "M of the last entry is 0"),
         ("shift-25", (1, 1), (1, 25), "R-5.3-2", "E is 25"),
         ("shift-255-last", (2, 5), (1, 255), "R-5.3-2", "E of the last entry is 255"),
@@ -86,8 +85,6 @@ def alphas() -> Iterator[Case]:
          "three bytes follow the last table"),
         ("entries-cut", b"\0\0\0\1\1\0\1", "E_CHUNK", "R-5.4-3",
          "the last byte of the last entry is missing"),
-        ("entries-missing", b"\0\0\0\xff\1\0", "E_CHUNK", "R-5.4-3",
-         "a table says 256 entries and has one"),
         ("order-before-entries", b"\0\1\0\0\1\0" + b"\0\0\0\xff\1\0", "E_ALPHA", "R-5.4-2 R-6.1-1",
          "a table out of order whose entries are missing, too"),
     ]  # fmt: skip
@@ -113,7 +110,6 @@ def tiles() -> Iterator[Case]:
         ("box-turned", Tile(low=(0, 0, 1), high=(0, 0, 0)), "R-5.5-2", "z of the box is turned"),
         ("box-below", Tile(low=(-top, -top - 1, -top)), "R-5.5-2", "`box_min` is -2^30"),
         ("box-beyond", Tile(high=(top + 1, top, top)), "R-5.5-2", "`box_max` is 2^30"),
-        ("box-least-s32", Tile(low=(-(1 << 31),) * 3), "R-5.5-2", "`box_min` is -2^31"),
         ("box-largest-s32", Tile(high=((1 << 31) - 1,) * 3), "R-5.5-2", "`box_max` is 2^31 - 1"),
     ]
     for name, tile, rule, tests in rows:
@@ -142,9 +138,7 @@ def digests() -> Iterator[Case]:
         ("steps-decrease", [(0, 0, 1), (0, 0, 0)], "R-5.7-1", "step 0 after step 1"),
         ("components-decrease", [(0, 1, 0), (0, 0, 1)], "R-5.7-1", "core after a band"),
         ("tile-that-is-none", [(1, 0, 0)], "R-5.7-2", "a digest of a tile that is none"),
-        ("component-that-is-none", [(0, 2, 0)], "R-5.7-2", "a digest of a band above the degree"),
         ("step-that-is-none", [(0, 1, 2)], "R-5.7-2", "a digest of a step that is not there"),
-        ("step-of-2-to-32", [(0, 0, 0xFFFFFFFF)], "R-5.7-2", "a digest of step 4294967295"),
     ]
     for name, keys, rule, tests in rows:
         yield case(
@@ -186,6 +180,18 @@ def digests() -> Iterator[Case]:
             "digests-right",
             runs=(VERIFY, FILE, replace(VERIFY, level=0)),
         )
+    data = build(replace(BASE, digests={(0, 0, 0): None}))
+    digest = data[places(data).chunks[b"dGST"] + 21 :][:32]
+    yield case(
+        "digest-wrong-in-its-last-byte",
+        replace(BASE, digests={(0, 0, 0): digest[:-1] + bytes([digest[-1] ^ 1])}),
+        "R-5.7-3 R-5.7-4",
+        "the last bit of a digest is wrong",
+        "compares a part of the digest",
+        "E_DIGEST",
+        "digests-right",
+        runs=(VERIFY,),
+    )
 
 
 def metadata() -> Iterator[Case]:
@@ -194,15 +200,12 @@ def metadata() -> Iterator[Case]:
         ("header-cut", b"\1\0", "R-5.8-1", "two bytes, where an entry has three before its key"),
         ("key-cut", b"\5\0\0abc", "R-5.8-1", "a key reaches past the chunk"),
         ("value-cut", b"\1\3\0abc", "R-5.8-1", "a value reaches past the chunk by a byte"),
-        ("value-of-65535", b"\1\xff\xffa", "R-5.8-1", "a value of 65535 bytes that are not there"),
         ("key-empty", b"\0\1\0x", "R-5.8-2", "a key without characters"),
         ("key-capital", b"\1\0\0A", "R-5.8-2", "a key with a capital letter"),
         ("key-space", b"\3\0\0a b", "R-5.8-2", "a key with a space"),
-        ("key-zero", b"\2\0\0a\0", "R-5.8-2", "a key that ends with a byte 0"),
         ("key-slash", b"\1\0\0/", "R-5.8-2", "a key with the character between `.` and `0`"),
         ("key-latin", b"\1\0\0\xe9", "R-5.8-2", "a key with a byte above 127"),
         ("keys-equal", b"\1\0\0a\1\0\0a", "R-5.8-3", "a key twice"),
-        ("keys-decrease", b"\1\0\0b\1\0\0a", "R-5.8-3", "keys that decrease"),
         ("keys-prefix-last", b"\2\0\0ab\1\0\0a", "R-5.8-3", "a key after one that it begins"),
         ("keys-by-value-of-bytes", b"\1\0\0a\1\0\0_", "R-5.8-3", "`_` after `a`"),
     ]
@@ -219,11 +222,9 @@ def metadata() -> Iterator[Case]:
     values = [
         ("lone-continuation", b"\x80"),
         ("overlong-slash", b"\xc0\xaf"),
-        ("overlong-of-three", b"\xe0\x9f\xbf"),
         ("surrogate", b"\xed\xa0\x80"),
         ("above-10ffff", b"\xf4\x90\x80\x80"),
         ("cut-in-a-character", b"abc\xe2\x98"),
-        ("byte-255", b"\xff"),
     ]
     for name, value in values:
         yield case(

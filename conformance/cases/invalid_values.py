@@ -32,8 +32,6 @@ def slots() -> Iterator[Case]:
          "a drop of a splat that the same step adds", "makes adds before it drops"),
         ("dropped-before", [THREE, Packet(records={1: DROP}), Packet(records={1: REFINE}, psi=ONE)],
          "a refine of a slot that a drop left empty", "refines an empty slot"),
-        ("dropped-twice", [THREE, Packet(records={1: DROP}), Packet(records={1: DROP})],
-         "a drop of a slot that is empty", "counts one splat less than there is"),
         ("far-away", [THREE, Packet(records={0: REFINE}, psi=ONE, stored={"gaps": [0xFFFFFF]})],
          "a gap of 2^24 - 1", "allocates slots up to there"),
         ("last-of-many",

@@ -11,6 +11,7 @@ from conformance.builder import (
     SPLIT,
     Packet,
     Stream,
+    Tile,
     build,
     places,
 )
@@ -182,6 +183,18 @@ def outside_the_cut() -> Iterator[Case]:
         "E_TRAILING",
         "arrival-head-last",
         runs=(FILE, Run(level=0)),
+    )
+    behind = [ADD, GROW, Packet(tile=1)]
+    cut_off = build(Stream(behind, n_levels=2, tiles=(Tile(), Tile())))
+    yield case(
+        "level-whose-empty-packet-is-behind-the-end",
+        cut_off[: places(cut_off).packets[0][1]],
+        "R-6.2-2 R-6.2-3 6.2",
+        "the packet of level 1 is missing; behind it stands a packet of level 0 without bytes",
+        "takes a packet of no bytes for missing where the file ends before it",
+        "E_TRUNCATED",
+        "arrival-head-last",
+        runs=(Run(level=1), Run(level=0)),
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from conformance.builder import RLE, Chunk, Packet, Stream, Tile, frame
+from conformance.builder import DROP, RLE, SPLIT, Chunk, Packet, Stream, Tile, frame
 from conformance.cases.case import FILE, PROGRESSIVE, Case, Recipe, case
 from conformance.cases.scenes import banded, numbers
 from conformance.outcomes import Run
@@ -65,6 +65,23 @@ def own_limits() -> Iterator[Case]:
         "E_TIER",
         "within-all",
         runs=(Run(limits={"n_tiles": 1000000}), Run(limits={"n_tiles": 10})),
+    )
+    churn = Stream(
+        [
+            Packet(adds=numbers(2)),
+            Packet(records={0: DROP, 1: SPLIT}, psi=numbers(1)),
+            Packet(records={1: DROP, 2: DROP}, adds=numbers(1, seed=1)),
+        ]
+    )
+    yield case(
+        "own-slots-of-splits-and-the-dropped",
+        churn,
+        "R-8.3-1 8.2 8.3",
+        "four slots: two adds, a split, an add; never more than two live splats",
+        "counts live splats or adds instead of slots",
+        "E_LIMIT",
+        "within-all",
+        runs=tuple(Run(limits={name: n}) for name in ("tile_slots", "slots") for n in (3, 4)),
     )
 
 
@@ -228,12 +245,6 @@ def bombs() -> Iterator[Case]:
             lambda c: frame(len(c), [(RLE, len(c), b"\0")] * 4000, width=4),
             "4000 runs as long as the content",
             "E_ZSTD",
-        ),
-        (
-            "bomb-of-2-to-64",
-            lambda c: frame((1 << 64) - 1, [(RLE, 131072, b"\0")], width=8),
-            "Frame_Content_Size of 2^64 - 1",
-            "E_FRAME",
         ),
     ):
         yield case(

@@ -69,11 +69,6 @@ def orders() -> Iterator[Case]:
     bands = [p for p in (*a, *b) if p.component > 0]
     rows = [
         ("tiles-swapped", [*b, *a], "tile 1 before tile 0"),
-        (
-            "tiles-interleaved",
-            [p for pair in zip(a, [*b, None, None, None], strict=True) for p in pair if p],
-            "tiles in turn",
-        ),
         ("core-first", [*core, *bands], "core of all tiles before all bands"),
         (
             "bands-descending",
@@ -112,7 +107,6 @@ def frames() -> Iterator[Case]:
         ("runs", runs, "in run-length blocks"),
         ("raw-of-7", lambda c: raw(c, 7), "in raw blocks of 7 bytes"),
         ("zstd-1", compressed(1), "compressed at level 1"),
-        ("zstd-9", compressed(9), "compressed at level 9"),
         ("zstd-22", compressed(22), "compressed at level 22"),
         ("wide-content-size", lambda c: raw(c, width=8), "with Frame_Content_Size in 8 bytes"),
     ):

@@ -18,7 +18,7 @@ from conformance.builder import (
 )
 from conformance.cases.case import FILE, Case, Recipe, case
 from conformance.cases.numeric import CLASSES
-from conformance.cases.scenes import numbers, same
+from conformance.cases.scenes import class_of, numbers, same
 from conformance.outcomes import Run
 
 FAMILY = "numeric"
@@ -252,18 +252,19 @@ def at_limit(sign: int, degree: int = 0, excess: bool = False) -> Stream:
     return Stream(packets, degree=degree, n_levels=2, quantisers=quantisers)
 
 
-def second_child_at(excess: int) -> Stream:
+def second_child_at(excess: int, channel: int = X) -> Stream:
     """Second children at 2^30 - 2 + excess and its negative, by alpha = 1."""
     # C2 = 3 * 2^28 + Delta, Delta = 2^28 - 1 or 2^28.
     m_e, q = ((16383, 0), 16385) if excess == 1 else ((16, 24), 1)
-    big, both = {X: [1, -1]}, {0: REFINE, 1: REFINE}
+    big, both = {channel: [1, -1]}, {0: REFINE, 1: REFINE}
     packets = [
         Packet(adds=big),
         Packet(records=both, psi=big),
         Packet(records=both, psi=big),
-        Packet(records={0: SPLIT, 1: SPLIT}, psi={X: [-q, q]}, level=1),
+        Packet(records={0: SPLIT, 1: SPLIT}, psi={channel: [-q, q]}, level=1),
     ]
-    quantisers = {(0, 0): (16, 24), (1, 0): (16, 24), (2, 0): m_e}
+    kind = class_of(channel)
+    quantisers = {(0, kind): (16, 24), (1, kind): (16, 24), (2, kind): m_e}
     return Stream(packets, n_levels=2, quantisers=quantisers)
 
 

@@ -185,6 +185,19 @@ def packets() -> Iterator[Case]:
             "the first frame gives too little, the second has a reserved block",
         ),
         (
+            "zstd-and-later-magic",
+            with_packets(
+                Packet(
+                    adds={X: [1, 2], Y: [300, 2]},
+                    frames=(1, 2),
+                    codings={"adds 0": 8, "adds 1": 0x18},
+                    style=lambda c: short(c) if len(c) == 2 else b"?" + raw(c)[1:],
+                )
+            ),
+            "E_ZSTD",
+            "the first frame gives too little, the second has no magic number",
+        ),
+        (
             "magic-and-block",
             with_packets(replace(ADD, style=lambda c: b"\0" + bad_frame(c)[1:])),
             "E_FRAME",

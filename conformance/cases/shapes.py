@@ -37,13 +37,6 @@ def trees() -> Iterator[Case]:
             "takes the children of the first step for those of the last",
         ),
         (
-            "comb",
-            [ONE, *(one(k - k % 2, k) for k in range(30))],
-            0,
-            "each splat splits twice, then its first child's sibling",
-            "loses count of slots",
-        ),
-        (
             "chain-with-a-band",
             list(banded([ONE, *(one(k, k) for k in range(9))], 1)),
             1,
