@@ -164,7 +164,7 @@ def _trial(name: str, entry: Mapping[str, Any], folder: Path, jobs: int) -> Tria
         batch=bool(entry.get("batch")),
         seed=sum(name.encode()),
         patience=PATIENCE,
-        n_again=4,
+        n_again=3,
     )
     return hold(Choice(folder, n_fresh=0), options)
 
