@@ -11,12 +11,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from conformance.renders.candidate import Result
 from conformance.renders.manifest import FOLDER, Suite
 
 __all__ = ["Fingerprint", "as_json", "likenesses", "of_results", "read_fingerprints"]
 
-SAME_PSNR = 0.3  # dB; rounding to 8 or 16 bits, up or down, stays within
+ROUNDING = 0.7 / 255  # of errors: pictures rounded down differ by so much from those rounded
+SAME = 0.04  # of an error, besides
 LEAST_SHARE = 0.8
 MOST = 3
 
@@ -42,13 +45,21 @@ def likenesses(results: Sequence[Result], known: Sequence[Fingerprint]) -> list[
     alike = []
     for other in known:
         either = (found.keys() | other.psnr.keys()) & asked
-        both = found.keys() & other.psnr.keys()
-        n_same = sum(abs(found[id_] - other.psnr[id_]) <= SAME_PSNR for id_ in both)
-        if n_same and n_same >= LEAST_SHARE * len(either):
+        errors = np.array([(_rms(found, id_), _rms(other.psnr, id_)) for id_ in either])
+        if not found or not errors.any():
+            continue
+        apart = np.abs(errors[:, 0] - errors[:, 1])
+        n_same = int(np.count_nonzero(apart <= ROUNDING + SAME * errors.max(1)))
+        if n_same >= LEAST_SHARE * len(either):
             sentence = f"this looks like a renderer in which {other.says}"
-            alike.append((n_same / len(either), f"{sentence} ({n_same} of {len(either)} pictures)"))
-    alike.sort(key=lambda pair: -pair[0])
-    return [sentence for _, sentence in alike[:MOST]]
+            likest = float(apart.sum() / errors.max(1).sum())
+            alike.append((likest, f"{sentence} ({n_same} of {len(either)} pictures)"))
+    return [sentence for _, sentence in sorted(alike)[:MOST]]
+
+
+def _rms(psnr: Mapping[str, float], id_: str) -> float:
+    """Root of the mean square error, white is 1; 0 of an image that passes."""
+    return float(10 ** (-psnr[id_] / 20)) if id_ in psnr else 0.0
 
 
 def of_results(name: str, says: str, results: Sequence[Result]) -> Fingerprint:

@@ -11,10 +11,9 @@ from conformance.renders.manifest import FOLDER, Suite
 from conformance.renders.mutants import RIGHT, WRONG
 from conformance.renders.rendering import Rendering, picture
 
-__all__ = ["results_of", "table", "try_all"]
+__all__ = ["between", "results_of", "scene_table", "table", "try_all"]
 
 PAGE = FOLDER.parents[1] / "docs" / "render-conformance.md"
-BEGIN, END = "<!-- wrong renderers -->\n", "<!-- end of wrong renderers -->\n"
 
 
 def try_all(
@@ -44,14 +43,37 @@ def try_all(
         if not found[-1].psnr:
             yield f"{rendering.name} passes: {rendering.says}"
     (folder / "fingerprints.json").write_text(as_json(suite, found), encoding="utf-8")
-    before, rest = page.read_text(encoding="utf-8").split(BEGIN)
-    after = rest.split(END)[1]
-    page.write_text(f"{before}{BEGIN}{table(suite, found)}{END}{after}", encoding="utf-8")
+    text = page.read_text(encoding="utf-8")
+    for part, made in (("scenes", scene_table(suite)), ("wrong renderers", table(suite, found))):
+        old = f"<!-- {part} -->\n{between(text, part)}<!-- end"
+        text = text.replace(old, f"<!-- {part} -->\n{made}<!-- end")
+    page.write_text(text, encoding="utf-8")
 
 
 def results_of(rendering: Rendering, suite: Suite) -> list[Result]:
     """What is said of its pictures."""
     return [judged(suite, image, picture(rendering, suite, image)) for image in suite.images]
+
+
+def between(text: str, part: str) -> str:
+    """What stands between the two marks of a part of the page."""
+    return text.split(f"<!-- {part} -->\n")[1].split(f"<!-- end of {part} -->\n")[0]
+
+
+def scene_table(suite: Suite) -> str:
+    """A row per scene: images, splats, what is doubtful, how close two right renderers are."""
+    lines = ["| | images | splats | doubtful pixels | fast renderer and oracle differ by | tests |"]
+    lines.append("|---|---|---|---|---|---|")
+    for scene in suite.scenes.values():
+        images = [image for image in suite.images if image.scene == scene.id]
+        pixels = images[0].camera["width"] * images[0].camera["height"]
+        doubtful = max(image.n_doubtful for image in images) / pixels
+        lines.append(
+            f"| {scene.id} | {len(images)} | {max(image.n_splats for image in images)}"
+            f" | {f'{doubtful:.2%}' if doubtful else 'none'}"
+            f" | {max(image.measured for image in images):.0e} | {scene.tests} |"
+        )
+    return "\n".join(lines) + "\n"
 
 
 def table(suite: Suite, known: Sequence[Fingerprint]) -> str:

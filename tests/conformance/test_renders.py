@@ -28,7 +28,7 @@ from conformance.renders.png import PngError, decode_png, encode_png
 from conformance.renders.reference import to_pixels
 from conformance.renders.rendering import picture
 from conformance.renders.scenes import SCENES
-from conformance.renders.trial import BEGIN, END, PAGE, table
+from conformance.renders.trial import PAGE, between, scene_table, table
 from evogs_codec import Cut, decode, read_directory
 
 SUITE = load()
@@ -144,7 +144,8 @@ def test_a_wrong_renderer_fails_as_its_fingerprint_says(rendering):
 def test_fingerprints_and_the_table_of_the_documentation_are_of_these_renderers():
     assert [(r.name, r.says) for r in WRONG] == [(one.name, one.says) for one in KNOWN.values()]
     text = PAGE.read_text(encoding="utf-8")
-    assert text.split(BEGIN)[1].split(END)[0] == table(SUITE, list(KNOWN.values()))
+    assert between(text, "wrong renderers") == table(SUITE, list(KNOWN.values()))
+    assert between(text, "scenes") == scene_table(SUITE)
 
 
 @pytest.mark.parametrize("name", ["xyzw", "no-dilation", "sh-opposite", "half-pixel", "at-near"])
@@ -152,7 +153,7 @@ def test_a_mistake_is_named(name):
     (rendering,) = (r for r in WRONG if r.name == name)
     ids = sorted(KNOWN[name].psnr)[:4]
     results = [judged(SUITE, BY_ID[i], picture(rendering, SUITE, BY_ID[i])) for i in ids]
-    assert rendering.says in likenesses(results, list(KNOWN.values()))[0]
+    assert any(rendering.says in says for says in likenesses(results, list(KNOWN.values())))
     # A renderer that is wrong in another way is not said to be this one.
     other = [dataclasses.replace(KNOWN[name], psnr={i: KNOWN[name].psnr[i] - 1 for i in ids})]
     assert not likenesses(results, other)
