@@ -77,7 +77,8 @@ check: $(DEV)
 	$(PY) -m mypy
 	$(PY) -m pytest -m "not slow"
 	$(PY) -m tools.spec_tables --check
-	if [ -f conformance/generate.py ]; then $(PY) -m conformance.generate --check; fi
+	$(PY) -m conformance.generate --check
+	$(PY) -m conformance.renders generate --check
 
 format: $(DEV)
 	$(PY) -m ruff format .

@@ -1,4 +1,4 @@
-"""`evogs conformance run | selftest | explain | decoder`, for the command line of the codec."""
+"""`evogs conformance run | selftest | explain | decoder | render`, for the command line."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import argparse
 from typing import Any
 
 from conformance.harness.cli import add_commands
+from conformance.renders.cli import add_run
 
 __all__ = ["register"]
 
@@ -22,6 +23,7 @@ def register(commands: Commands) -> None:
     parts = parser.add_subparsers(metavar="COMMAND", required=True)
     add_commands(parts)
     _add_decoder(parts)
+    add_run(parts, "render")
 
 
 def _add_decoder(commands: Commands) -> None:
