@@ -1,0 +1,83 @@
+"""Table 5: trees and layers as they are, with the paper's compression, and in our streams."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+from evogs_codec import PRESETS, Cut, decode, encode, extract, read_directory
+from reference_trainer.bench.measured import Bench
+from reference_trainer.bench.report import Rows, Section, Table
+from reference_trainer.bench.runs import BUDGETS, TITLES, Run
+from reference_trainer.bench.streaming import CODINGS
+
+__all__ = ["compressed", "rows", "section"]
+
+METHODS = ("lapis", "l3gs", "evogs-sym", "evogs")
+
+
+def section(bench: Bench) -> Section:
+    """A row for every run, level and coding."""
+    found = rows(bench)
+    text = (
+        "First seed of each. Coded bytes of a level are those of `evogs extract --level`; PSNR is "
+        "of what it decodes to, on all held-out views. `--preset paper` is 8 bits by range and "
+        "Zstandard; our codec is the default of `evogs encode`."
+    )
+    title = "Compressibility"
+    if not found:
+        return Section(title, f"{text}\n\nNo run of a layered method yet.")
+    last = max(row["level"] for row in found)
+    shown = [row for row in found if row["level"] == last]
+    return Section(
+        title, text, [Table("compression", f"All levels; on the page L{last}", found, shown)]
+    )
+
+
+def rows(bench: Bench) -> Rows:
+    """A row for every budget, method, coding and level."""
+    out: Rows = []
+    for budget in BUDGETS:
+        for method in METHODS:
+            run = bench.first(budget, method)
+            if run is None:
+                continue
+            name = {"budget": budget, "method": TITLES[method]}
+            by_coding: dict[str, list[dict[str, Any]]] = {
+                "raw": [{"bytes": row["storage_bytes"], "psnr": row["psnr"]} for row in run.levels]
+            }
+            for preset in ("paper", "trained"):
+                by_coding[preset] = bench.measure(
+                    run,
+                    f"compression-{preset}",
+                    partial(compressed, bench, preset),
+                )
+            for coding, levels in by_coding.items():
+                for level, row in enumerate(levels):
+                    raw = run.levels[level]
+                    out.append(
+                        name
+                        | {
+                            "coding": CODINGS[coding],
+                            "level": level,
+                            "size, MB": row["bytes"] / 1e6,
+                            "bytes a leaf": row["bytes"] / max(raw["splats"], 1),
+                            "PSNR, dB": row["psnr"],
+                            "smaller, times": raw["storage_bytes"] / row["bytes"],
+                            "lost, dB": raw["psnr"] - row["psnr"],
+                        }
+                    )
+    return out
+
+
+def compressed(bench: Bench, preset: str, run: Run) -> list[dict[str, Any]]:
+    """Bytes and PSNR of each level of a stream."""
+    data = encode(run.tree(), PRESETS[preset])
+    directory = read_directory(memoryview(data))
+    found = []
+    for level in range(len(bench.views.pyramid)):
+        cut = Cut.of_level(directory, min(level, directory.n_levels - 1))
+        leaves = decode(data, cut).leaves(sh_degree=directory.sh_degree)
+        n_bytes = len(extract(data, cut))
+        found.append({"bytes": n_bytes, "psnr": bench.views.psnr(leaves, level)})
+    return found

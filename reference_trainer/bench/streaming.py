@@ -1,0 +1,196 @@
+"""Quality against bytes: a stream cut at 20 places, in several orders and codings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
+
+from evogs_codec import (
+    PRESETS,
+    EvolutionTree,
+    SplatParams,
+    choose_cut,
+    decode,
+    encode,
+    extract,
+    read_directory,
+)
+from evogs_codec.arrange import arrange
+from evogs_codec.splats import I64
+from reference_trainer.bench import plots
+from reference_trainer.bench.measured import Bench
+from reference_trainer.bench.orders import Records, by_energy, by_opacity, reordered
+from reference_trainer.bench.report import Figure, Rows, Section, Table
+from reference_trainer.bench.runs import BUDGETS, TITLES, Run
+
+__all__ = ["CODINGS", "ORDERS", "curve", "raw_cuts", "section", "summary"]
+
+N_CUTS = 20
+ORDERS = {
+    "energy": ("evogs", "by the norm of psi"),
+    "packets": ("evogs", "in our packet order"),
+    "opacity": ("lapis", "by opacity"),
+}
+CODINGS = {"raw": "raw", "paper": "--preset paper", "trained": "our codec"}
+Cut = tuple[int, SplatParams]
+
+
+def section(bench: Bench) -> Section:
+    """Curves of every budget that has runs."""
+    rows: Rows = []
+    for budget in BUDGETS:
+        for order, (method, _) in ORDERS.items():
+            run = bench.first(budget, method)
+            for coding in CODINGS if run else ():
+                assert run is not None
+                rows += _measured(bench, run, order, coding)
+    text = (
+        f"A stream of level 0 to the last, cut at each {100 // N_CUTS} % of its bytes, drawn at "
+        f"full size on {bench.views.most} held-out views or fewer. Levels come one after the "
+        "other; in a level EvoGS sends the records of the largest psi first, no child before its "
+        "parent, or packets as our encoder orders them; LapisGS sends what makes the most opaque "
+        "splats first. Raw streams are cut between records, coded ones between packets as `evogs "
+        "extract --max-bytes` does, whose bytes are those of the smaller file. A coded stream in "
+        "the paper's orders has a step for every part of it, which costs some bytes."
+    )
+    if not rows:
+        return Section("Quality against bytes", f"{text}\n\nNo run of EvoGS or LapisGS yet.")
+    figures = [
+        Figure(
+            f"streaming-{budget}",
+            f"Quality against bytes, {budget}",
+            partial(plots.curves, [row for row in rows if row["budget"] == budget]),
+        )
+        for budget in BUDGETS
+        if any(row["budget"] == budget for row in rows)
+    ]
+    tables = [
+        Table("streaming-summary", "Of the curves", summary(rows)),
+        Table("streaming", f"All {len(rows)} cuts; on the page their last ones", rows, _last(rows)),
+    ]
+    return Section("Quality against bytes", text, tables, figures)
+
+
+def curve(
+    tree: EvolutionTree, order: str, coding: str, decibels: Callable[[SplatParams], float]
+) -> list[dict[str, int | float]]:
+    """Bytes, splats and dB at the cuts of a stream of an order and a coding."""
+    cuts = raw_cuts(tree, order) if coding == "raw" else _coded_cuts(tree, order, coding)
+    return [
+        {"bytes": n_bytes, "splats": len(splats), "PSNR, dB": decibels(splats)}
+        for n_bytes, splats in cuts
+    ]
+
+
+def raw_cuts(tree: EvolutionTree, order: str) -> Iterator[Cut]:
+    """Bytes and leaves at each cut of the uncompressed records."""
+    arranged, records, sequence = _in_order(tree, order)
+    ends, n_bytes = _ends(records, sequence)
+    cut, counts = reordered(arranged, records, sequence, ends)
+    states = cut.states()
+    applied = 0
+    splats = SplatParams.from_channels(np.zeros((len(tree.steps[0].psi), 0)))
+    for count, size in zip(counts, n_bytes, strict=True):
+        for _ in range(count - applied):
+            splats = next(states).splats()
+        applied = count
+        yield size, splats
+
+
+def summary(rows: Rows) -> Rows:
+    """What the curves are worth: one row each.
+
+    Those of a budget and coding are averaged over the bytes that all of them have cuts at; a stream
+    that is complete stays as it is.
+    """
+    out: Rows = []
+    for budget, coding in dict.fromkeys((row["budget"], row["coding"]) for row in rows):
+        group = [row for row in rows if (row["budget"], row["coding"]) == (budget, coding)]
+        curves = {
+            s: [r for r in group if r["stream"] == s] for s in {r["stream"]: 0 for r in group}
+        }
+        low = max(found[0]["bytes"] for found in curves.values())
+        high = max(found[-1]["bytes"] for found in curves.values())
+        for stream, found in curves.items():
+            quality = np.array([row["PSNR, dB"] for row in found])
+            rises = np.diff(quality)
+            out.append(
+                {
+                    "budget": budget,
+                    "coding": coding,
+                    "stream": stream,
+                    "total MB": found[-1]["bytes"] / 1e6,
+                    "last, dB": float(quality[-1]),
+                    "largest jump, dB": float(rises.max(initial=0.0)),
+                    "deepest fall, dB": float((-rises).max(initial=0.0)),
+                    "cuts that do not fall, %": 100
+                    * float((rises >= 0).mean() if len(rises) else 1),
+                    "mean over bytes, dB": _mean_over(found, low, high),
+                }
+            )
+    return out
+
+
+def _measured(bench: Bench, run: Run, order: str, coding: str) -> Rows:
+    """The rows of a curve."""
+    last = len(bench.views.pyramid) - 1
+
+    def measure(run: Run) -> list[dict[str, int | float]]:
+        def decibels(splats: SplatParams) -> float:
+            return bench.views.psnr(splats, last, bench.views.most)
+
+        return curve(run.tree(), order, coding, decibels)
+
+    found = bench.measure(run, f"streaming-{order}-{coding}", measure)
+    names = {
+        "budget": run.budget,
+        "stream": f"{TITLES[run.method]} {ORDERS[order][1]}",
+        "coding": CODINGS[coding],
+    }
+    return [names | {"cut": k + 1} | row for k, row in enumerate(found)]
+
+
+def _in_order(tree: EvolutionTree, order: str) -> tuple[EvolutionTree, Records, I64]:
+    """A tree with its records and the order in which they are sent."""
+    if order == "packets":
+        (tree,) = arrange(tree, 1)
+        records = Records.of(tree)
+        return tree, records, np.arange(len(records.step))
+    records = Records.of(tree)
+    return tree, records, by_energy(records) if order == "energy" else by_opacity(records)
+
+
+def _ends(records: Records, sequence: I64) -> tuple[list[int], list[int]]:
+    """Where the cuts are in the sequence, and the bytes before each."""
+    sizes = np.cumsum(records.n_bytes[sequence])
+    total = int(sizes[-1])
+    wanted = [total * k // N_CUTS for k in range(1, N_CUTS)]
+    ends = [*np.searchsorted(sizes, wanted, side="right").tolist(), len(sequence)]
+    return ends, [int(sizes[end - 1]) if end else 0 for end in ends]
+
+
+def _coded_cuts(tree: EvolutionTree, order: str, coding: str) -> Iterator[Cut]:
+    """Bytes and leaves at each cut of a stream of a preset, first packets at least."""
+    if order != "packets":
+        arranged, records, sequence = _in_order(tree, order)
+        tree, _ = reordered(arranged, records, sequence, _ends(records, sequence)[0])
+    data = encode(tree, PRESETS[coding])
+    directory = read_directory(memoryview(data))
+    for k in range(1, N_CUTS + 1):
+        try:
+            cut = choose_cut(directory, max_bytes=len(data) * k // N_CUTS)
+        except ValueError:  # not even one packet fits
+            continue
+        yield len(extract(data, cut)), decode(data, cut).leaves()
+
+
+def _mean_over(found: Rows, low: int, high: int) -> float:
+    """Mean dB over the bytes from `low` to `high`, straight between cuts."""
+    x = np.linspace(low, high, 1001)
+    return float(np.interp(x, [r["bytes"] for r in found], [r["PSNR, dB"] for r in found]).mean())
+
+
+def _last(rows: Rows) -> Rows:
+    return [a for a, b in zip(rows, [*rows[1:], None], strict=True) if b is None or b["cut"] == 1]
