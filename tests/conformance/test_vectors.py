@@ -27,6 +27,7 @@ from tests.conformance.schemas import errors
 ROOT = Path(__file__).resolve().parents[2]
 MANIFEST = json.loads((VECTORS / "manifest.json").read_text(encoding="utf-8"))
 SCHEMA = json.loads((VECTORS / "manifest.schema.json").read_text(encoding="utf-8"))
+FINGERPRINTS = json.loads((VECTORS / "fingerprints.json").read_text(encoding="utf-8"))
 BY_ID = {entry["id"]: entry for entry in MANIFEST["vectors"]}
 MAX_FOLDER, MAX_VECTOR = 6 << 20, 1 << 17
 
@@ -102,6 +103,21 @@ def test_no_two_vectors_are_the_same_file_asked_the_same():
 def test_no_two_vectors_say_that_they_test_the_same():
     says = Counter((e["family"], e["tests"]) for e in MANIFEST["vectors"])
     assert [pair for pair, n in says.items() if n > 1] == []
+
+
+def test_at_least_500_vectors_differ_in_requirements_or_in_mutants_killed():
+    """The others differ in what they test, though no mutant of the library tells them apart."""
+    keys = {(frozenset(e["requirements"]), frozenset(e["kills"])) for e in MANIFEST["vectors"]}
+    assert len(keys) >= 500
+    assert len(keys) > 0.85 * len(BY_ID)
+
+
+def test_kills_follow_from_the_fingerprints():
+    told: dict[str, set[str]] = {name: set() for name in BY_ID}
+    for name, found in FINGERPRINTS.items():
+        for run in (*found["outcomes"], *found["codes"]):
+            told[run.partition("#")[0]].add(name)
+    assert told == {entry["id"]: set(entry["kills"]) for entry in MANIFEST["vectors"]}
 
 
 def test_every_refused_vector_has_a_legal_twin():
