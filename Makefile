@@ -15,12 +15,13 @@ DEMO_SPLATS := 40000
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv demo test test-slow check format bench clean
+.PHONY: help venv demo test test-slow check conformance format bench clean
 
 help:
 	@echo "make demo       encode, decode, extract and draw the scene that ships with the project"
 	@echo "make test       the quick tests (make test-slow: the others)"
 	@echo "make check      formatting, lint, types, tests, generated files"
+	@echo "make conformance  the suite on the reference decoder, on the one written from the text, on itself"
 	@echo "make format     reformat and fix what ruff can fix"
 	@echo "make bench      the figures of docs/figures.md; BENCH='--ply SCENE.ply' for another scene"
 	@echo "make venv       only set up .venv"
@@ -77,8 +78,16 @@ check: $(DEV)
 	$(PY) -m mypy
 	$(PY) -m pytest -m "not slow"
 	$(PY) -m tools.spec_tables --check
-	$(PY) -m conformance.generate --check
+	$(PY) -m conformance.generate --check --no-mutants
 	$(PY) -m conformance.renders generate --check
+
+# The suite in full, on the reference decoder and on itself; 15 minutes, most of them for mutants.
+conformance: $(DEV)
+	$(EVOGS) conformance run --decoder "$(PY) -m conformance.decoder" --fresh 25
+	$(EVOGS) conformance run --decoder "$(PY) conformance/cleanroom/decoder.py" --fresh 25
+	$(EVOGS) conformance selftest
+	$(PY) -m conformance.renders run --renderer "$(PY) -m conformance.renders reference"
+	$(PY) -m conformance.generate --check
 
 format: $(DEV)
 	$(PY) -m ruff format .
