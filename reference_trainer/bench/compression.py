@@ -7,7 +7,7 @@ from typing import Any
 
 from evogs_codec import PRESETS, Cut, decode, encode, extract, read_directory
 from reference_trainer.bench.measured import Bench
-from reference_trainer.bench.report import Rows, Section, Table
+from reference_trainer.bench.report import Rows, Section, Table, pivot
 from reference_trainer.bench.runs import BUDGETS, TITLES, Run
 from reference_trainer.bench.streaming import CODINGS
 
@@ -28,10 +28,15 @@ def section(bench: Bench) -> Section:
     if not found:
         return Section(title, f"{text}\n\nNo run of a layered method yet.")
     last = max(row["level"] for row in found)
-    shown = [row for row in found if row["level"] == last]
-    return Section(
-        title, text, [Table("compression", f"All levels; on the page L{last}", found, shown)]
-    )
+    values = ["PSNR, dB", "size, MB"]
+    names = ("budget", "method", "coding", "level")
+    by_level = pivot([{k: row[k] for k in (*names, *values)} for row in found], "level", values)
+    ends = [row for row in found if row["level"] == last]
+    tables = [
+        Table("compression", "All levels", found, by_level),
+        Table("compression-last", f"L{last}", ends),
+    ]
+    return Section(title, text, tables)
 
 
 def rows(bench: Bench) -> Rows:

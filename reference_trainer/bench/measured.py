@@ -14,7 +14,7 @@ from reference_trainer.bench.runs import Run, Views
 __all__ = ["Bench"]
 
 Json = Any
-VERSION = 1  # of what is measured; a change of it forgets all that was kept
+VERSION = 2  # of what is measured; a change of it forgets all that was kept
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from reference_trainer.bench.orders import Records, by_energy, by_opacity, reord
 from reference_trainer.bench.report import Figure, Rows, Section, Table
 from reference_trainer.bench.runs import BUDGETS, TITLES, Run
 
-__all__ = ["CODINGS", "ORDERS", "curve", "raw_cuts", "section", "summary"]
+__all__ = ["CODINGS", "ORDERS", "curve", "raw_cuts", "rows", "section", "stream_name", "summary"]
 
 N_CUTS = 20
 ORDERS = {
@@ -34,18 +35,12 @@ ORDERS = {
     "opacity": ("lapis", "by opacity"),
 }
 CODINGS = {"raw": "raw", "paper": "--preset paper", "trained": "our codec"}
-Cut = tuple[int, SplatParams]
+Cut = tuple[int, int, SplatParams]  # its number, from 1; bytes; leaves
 
 
 def section(bench: Bench) -> Section:
     """Curves of every budget that has runs."""
-    rows: Rows = []
-    for budget in BUDGETS:
-        for order, (method, _) in ORDERS.items():
-            run = bench.first(budget, method)
-            for coding in CODINGS if run else ():
-                assert run is not None
-                rows += _measured(bench, run, order, coding)
+    found = rows(bench)
     text = (
         f"A stream of level 0 to the last, cut at each {100 // N_CUTS} % of its bytes, drawn at "
         f"full size on {bench.views.most} held-out views or fewer. Levels come one after the "
@@ -55,22 +50,40 @@ def section(bench: Bench) -> Section:
         "extract --max-bytes` does, whose bytes are those of the smaller file. A coded stream in "
         "the paper's orders has a step for every part of it, which costs some bytes."
     )
-    if not rows:
+    if not found:
         return Section("Quality against bytes", f"{text}\n\nNo run of EvoGS or LapisGS yet.")
     figures = [
         Figure(
             f"streaming-{budget}",
             f"Quality against bytes, {budget}",
-            partial(plots.curves, [row for row in rows if row["budget"] == budget]),
+            partial(plots.curves, [row for row in found if row["budget"] == budget]),
         )
         for budget in BUDGETS
-        if any(row["budget"] == budget for row in rows)
+        if any(row["budget"] == budget for row in found)
     ]
     tables = [
-        Table("streaming-summary", "Of the curves", summary(rows)),
-        Table("streaming", f"All {len(rows)} cuts; on the page their last ones", rows, _last(rows)),
+        Table("streaming-summary", "Of the curves", summary(found)),
+        Table("streaming", "All cuts; on the page four of each curve", found, _quarters(found)),
     ]
     return Section("Quality against bytes", text, tables, figures)
+
+
+def rows(bench: Bench) -> Rows:
+    """A row for every budget, order, coding and cut."""
+    out: Rows = []
+    for budget in BUDGETS:
+        for order, (method, _) in ORDERS.items():
+            run = bench.first(budget, method)
+            for coding in CODINGS if run else ():
+                assert run is not None
+                out += _measured(bench, run, order, coding)
+    return out
+
+
+def stream_name(order: str) -> str:
+    """The method and how its records are sent."""
+    method, words = ORDERS[order]
+    return f"{TITLES[method]} {words}"
 
 
 def curve(
@@ -79,8 +92,8 @@ def curve(
     """Bytes, splats and dB at the cuts of a stream of an order and a coding."""
     cuts = raw_cuts(tree, order) if coding == "raw" else _coded_cuts(tree, order, coding)
     return [
-        {"bytes": n_bytes, "splats": len(splats), "PSNR, dB": decibels(splats)}
-        for n_bytes, splats in cuts
+        {"cut": k, "bytes": n_bytes, "splats": len(splats), "PSNR, dB": decibels(splats)}
+        for k, n_bytes, splats in cuts
     ]
 
 
@@ -92,22 +105,22 @@ def raw_cuts(tree: EvolutionTree, order: str) -> Iterator[Cut]:
     states = cut.states()
     applied = 0
     splats = SplatParams.from_channels(np.zeros((len(tree.steps[0].psi), 0)))
-    for count, size in zip(counts, n_bytes, strict=True):
+    for k, (count, size) in enumerate(zip(counts, n_bytes, strict=True)):
         for _ in range(count - applied):
             splats = next(states).splats()
         applied = count
-        yield size, splats
+        yield k + 1, size, splats
 
 
-def summary(rows: Rows) -> Rows:
+def summary(cuts: Rows) -> Rows:
     """What the curves are worth: one row each.
 
     Those of a budget and coding are averaged over the bytes that all of them have cuts at; a stream
     that is complete stays as it is.
     """
     out: Rows = []
-    for budget, coding in dict.fromkeys((row["budget"], row["coding"]) for row in rows):
-        group = [row for row in rows if (row["budget"], row["coding"]) == (budget, coding)]
+    for budget, coding in dict.fromkeys((row["budget"], row["coding"]) for row in cuts):
+        group = [row for row in cuts if (row["budget"], row["coding"]) == (budget, coding)]
         curves = {
             s: [r for r in group if r["stream"] == s] for s in {r["stream"]: 0 for r in group}
         }
@@ -146,10 +159,10 @@ def _measured(bench: Bench, run: Run, order: str, coding: str) -> Rows:
     found = bench.measure(run, f"streaming-{order}-{coding}", measure)
     names = {
         "budget": run.budget,
-        "stream": f"{TITLES[run.method]} {ORDERS[order][1]}",
+        "stream": stream_name(order),
         "coding": CODINGS[coding],
     }
-    return [names | {"cut": k + 1} | row for k, row in enumerate(found)]
+    return [names | row for row in found]
 
 
 def _in_order(tree: EvolutionTree, order: str) -> tuple[EvolutionTree, Records, I64]:
@@ -183,7 +196,7 @@ def _coded_cuts(tree: EvolutionTree, order: str, coding: str) -> Iterator[Cut]:
             cut = choose_cut(directory, max_bytes=len(data) * k // N_CUTS)
         except ValueError:  # not even one packet fits
             continue
-        yield len(extract(data, cut)), decode(data, cut).leaves()
+        yield k, len(extract(data, cut)), decode(data, cut).leaves()
 
 
 def _mean_over(found: Rows, low: int, high: int) -> float:
@@ -192,5 +205,12 @@ def _mean_over(found: Rows, low: int, high: int) -> float:
     return float(np.interp(x, [r["bytes"] for r in found], [r["PSNR, dB"] for r in found]).mean())
 
 
-def _last(rows: Rows) -> Rows:
-    return [a for a, b in zip(rows, [*rows[1:], None], strict=True) if b is None or b["cut"] == 1]
+def _quarters(cuts: Rows) -> Rows:
+    """One row for each curve: dB at a quarter, half, three quarters and all of its bytes."""
+    names = ("budget", "coding", "stream")
+    out: dict[tuple[str, ...], dict[str, Any]] = {}
+    for row in cuts:
+        own = out.setdefault(tuple(row[n] for n in names), {n: row[n] for n in names})
+        if row["cut"] % (N_CUTS // 4) == 0:
+            own[f"at {100 * row['cut'] // N_CUTS} %, dB"] = row["PSNR, dB"]
+    return list(out.values())

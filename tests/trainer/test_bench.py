@@ -6,12 +6,14 @@ import json
 import shutil
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
 
 from evogs_codec import InputError
-from reference_trainer.bench import cli, paper, plots, streaming
+from reference_trainer.bench import cli, lpips, paper, plots, streaming
 from reference_trainer.bench.lpips import Lpips
 from reference_trainer.bench.measured import Bench
 from reference_trainer.bench.paper import sections, write_paper
@@ -67,6 +69,13 @@ def test_a_page_has_every_section_and_its_numbers_are_in_files(page):
         for part in line.split("](")[1:]:
             assert (page / part.split(")")[0]).stat().st_size
     runs = [row["run"] for row in rows_of(page / "page" / "runs.csv")]
+    claims = [row["claim"] for row in rows_of(page / "page" / "claims.csv")]
+    assert claims == [
+        "PSNR over LapisGS at L1, dB", "transparent splats at L1, %",
+        "PSNR over symmetric at L1, dB", "encoded, times smaller than raw at L1",
+        "lost by it at L1, dB", "largest jump of a raw stream, % of LapisGS",
+        "raw PSNR over LapisGS, mean over bytes, dB",
+    ]  # fmt: skip
     assert runs == ["equal-lapis-0", "equal-evogs-sym-0", "equal-evogs-0", "equal-evogs-1"]
 
 
@@ -117,6 +126,38 @@ def test_a_measure_of_lpips_is_a_column(folder, tmp_path):
     rows = means(bench, Lpips("", lambda a, b: float(np.abs(a - b).mean())))
     assert all(0 < row["LPIPS"] < 1 for row in rows)
     assert "LPIPS" not in means(bench)[0]
+
+
+@pytest.fixture
+def network(monkeypatch, tmp_path):
+    """LPIPS and torchvision as packages that are there, with weights in a folder of torch's."""
+    weights = SimpleNamespace(IMAGENET1K_V1=SimpleNamespace(url="https://host/vgg.pth"))
+    modules = {
+        "torchvision.models": SimpleNamespace(VGG16_Weights=weights),
+        "lpips": SimpleNamespace(LPIPS=_Network),
+    }
+    monkeypatch.setattr(lpips, "find_spec", lambda name: name)
+    monkeypatch.setattr(lpips, "import_module", modules.__getitem__)
+    monkeypatch.setenv("TORCH_HOME", str(tmp_path))
+    return tmp_path / "hub" / "checkpoints" / "vgg.pth"
+
+
+class _Network(torch.nn.Module):
+    def __init__(self, net, verbose):
+        super().__init__()
+
+    def forward(self, a, b, normalize):
+        assert a.shape == (1, 3, 4, 5)
+        return (a - b).abs().mean().reshape(1, 1, 1, 1)
+
+
+def test_lpips_is_measured_only_where_its_weights_are(network):
+    assert lpips.find_lpips().says.endswith("the weights vgg.pth are not on this machine.")
+    network.parent.mkdir(parents=True)
+    network.touch()
+    measure = lpips.find_lpips().measure
+    assert measure is not None
+    assert measure(np.zeros((4, 5, 3)), np.full((4, 5, 3), 0.25)) == 0.25
 
 
 def test_runs_of_other_data_are_refused(folder):

@@ -112,11 +112,11 @@ def test_the_bytes_of_records_are_those_of_the_storage(trees, name):
 def test_the_last_cut_of_a_raw_stream_is_all_of_it(trees, order):
     method = ORDERS[order][0]
     cuts = list(raw_cuts(trees[method], order))
-    sizes = [n_bytes for n_bytes, _ in cuts]
+    sizes = [n_bytes for _, n_bytes, _ in cuts]
     assert len(cuts) == N_CUTS
     assert sizes == sorted(sizes)
     assert sizes[-1] == storage(trees[method], method, 1)
-    last = cuts[-1][1]
+    last = cuts[-1][2]
     assert np.array_equal(ordered(last), ordered(trees[method].leaves()))
 
 
@@ -126,6 +126,7 @@ def test_a_stream_ends_with_all_splats_in_every_coding(trees, order, coding):
     tree = trees[ORDERS[order][0]]
     rows = curve(tree, order, coding, lambda splats: float(len(splats)))
     assert rows[-1]["PSNR, dB"] == rows[-1]["splats"] == tree.n_leaves
+    assert rows[-1]["cut"] == N_CUTS
     assert [row["bytes"] for row in rows] == sorted(row["bytes"] for row in rows)
 
 
