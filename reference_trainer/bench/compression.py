@@ -56,6 +56,7 @@ def rows(bench: Bench) -> Rows:
                     run,
                     f"compression-{preset}",
                     partial(compressed, bench, preset),
+                    PRESETS[preset],
                 )
             for coding, levels in by_coding.items():
                 for level, row in enumerate(levels):

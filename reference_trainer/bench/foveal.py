@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from conformance.rasterizer import Camera, render
-from evogs_codec import Cut, Decoded, SplatParams, decode, encode, extract, read_directory
+from evogs_codec import PRESETS, Cut, Decoded, SplatParams, decode, encode, extract, read_directory
 from reference_trainer.bench.measured import Bench
 from reference_trainer.bench.report import Rows, Section, Table
 from reference_trainer.bench.runs import BUDGETS, TITLES, Run, Views
@@ -29,7 +29,7 @@ def section(bench: Bench) -> Section:
         run = bench.first(budget, "evogs")
         if run is None or len(bench.views.pyramid) <= PERIPHERY + 1:
             continue
-        found = bench.measure(run, "foveal", partial(foveal, bench.views))
+        found = bench.measure(run, "foveal", partial(foveal, bench.views), PRESETS["trained"])
         rows += [{"budget": budget, "method": TITLES["evogs"]} | row for row in found]
     text = (
         f"A stream of {N_TILES} tiles (our codec). The fovea is the tile that makes most pixels in "

@@ -41,13 +41,17 @@ class Bench:
         """The first seed of a method, for what is measured once."""
         return next(iter(self.of(budget, method)), None)
 
-    def measure(self, run: Run, what: str, function: Callable[[Run], object]) -> Json:
+    def measure(
+        self, run: Run, what: str, function: Callable[[Run], object], depends: object = None
+    ) -> Json:
         """What `function` gives for a run, as JSON has it.
 
-        It is read from the file of an earlier call if the tree and the views are the same.
+        It is read from the file of an earlier call if the tree, the views and what else it
+        `depends` on are the same. Changes of the code are not seen: delete the file.
         """
         path = self.kept / f"{run.folder.name}.{what}.json"
-        key = {"version": VERSION, "tree": run.sha256, "views": self.views.sha256}
+        key: dict[str, Any] = {"version": VERSION, "tree": run.sha256, "views": self.views.sha256}
+        key["depends"] = repr(depends)
         if path.exists():
             found = json.loads(path.read_text(encoding="utf-8"))
             if found["key"] == key:

@@ -20,6 +20,7 @@ from evogs_codec import (
 )
 from evogs_codec.arrange import arrange
 from evogs_codec.splats import I64
+from evogs_codec.tree import Slots
 from reference_trainer.bench import plots
 from reference_trainer.bench.measured import Bench
 from reference_trainer.bench.orders import Records, by_energy, by_opacity, reordered
@@ -103,13 +104,12 @@ def raw_cuts(tree: EvolutionTree, order: str) -> Iterator[Cut]:
     ends, n_bytes = _ends(records, sequence)
     cut, counts = reordered(arranged, records, sequence, ends)
     states = cut.states()
-    applied = 0
-    splats = SplatParams.from_channels(np.zeros((len(tree.steps[0].psi), 0)))
+    applied, state = 0, Slots(np.zeros((len(tree.steps[0].psi), 0)), np.zeros(0, bool))
     for k, (count, size) in enumerate(zip(counts, n_bytes, strict=True)):
         for _ in range(count - applied):
-            splats = next(states).splats()
+            state = next(states)
         applied = count
-        yield k + 1, size, splats
+        yield k + 1, size, state.splats()
 
 
 def summary(cuts: Rows) -> Rows:
@@ -156,7 +156,7 @@ def _measured(bench: Bench, run: Run, order: str, coding: str) -> Rows:
 
         return curve(run.tree(), order, coding, decibels)
 
-    found = bench.measure(run, f"streaming-{order}-{coding}", measure)
+    found = bench.measure(run, f"streaming-{order}-{coding}", measure, PRESETS.get(coding))
     names = {
         "budget": run.budget,
         "stream": stream_name(order),

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import torch
 
-from evogs_codec import InputError
-from reference_trainer.bench import cli, lpips, paper, plots, streaming
+from evogs_codec import PRESETS, InputError
+from reference_trainer.bench import cli, compression, lpips, paper, plots, streaming
 from reference_trainer.bench.lpips import Lpips
 from reference_trainer.bench.measured import Bench
 from reference_trainer.bench.paper import sections, write_paper
@@ -91,6 +91,15 @@ def test_what_was_measured_is_not_measured_again(page, folder, tmp_path):
     (kept / "equal-evogs-0.energy.json").write_text(json.dumps(of_another))
     assert {t.name: t.rows for s in sections(bench, []) for t in s.tables} == found
     assert said == ["equal-evogs-0: energy"]
+
+
+def test_another_preset_is_measured_again(page, folder, tmp_path, monkeypatch):
+    kept = shutil.copytree(page / "kept", tmp_path / "kept")
+    said: list[str] = []
+    bench = Bench(find_runs(folder)[-2:-1], Views(tiny.pyramid(), 1), kept, said.append)
+    monkeypatch.setitem(PRESETS, "trained", PRESETS["trained"].finer(2))
+    compression.rows(bench)
+    assert said == ["equal-evogs-0: compression-trained"]
 
 
 def test_the_same_numbers_give_the_same_picture(tmp_path):
