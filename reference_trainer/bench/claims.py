@@ -73,7 +73,9 @@ def _of_streams(bench: Bench) -> Iterator[dict[str, Any]]:
             continue
         text = f"encoded, times smaller than raw at L{level}"
         yield _claim(text, budget, row["smaller, times"], LEAST, 8.7, "3.8")
-        yield _claim(f"lost by it at L{level}, dB", budget, row["lost, dB"], MOST, 0.1, "0.10")
+        yield _claim(
+            f"lost by encoding at L{level}, dB", budget, row["lost, dB"], MOST, 0.1, "0.10"
+        )
 
 
 def _of_curves(bench: Bench) -> Iterator[dict[str, Any]]:

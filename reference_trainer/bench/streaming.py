@@ -118,32 +118,35 @@ def summary(cuts: Rows) -> Rows:
     Those of a budget and coding are averaged over the bytes that all of them have cuts at; a stream
     that is complete stays as it is.
     """
+    curves: dict[tuple[str, str], dict[str, Rows]] = {}
+    for row in cuts:
+        together = curves.setdefault((row["budget"], row["coding"]), {})
+        together.setdefault(row["stream"], []).append(row)
     out: Rows = []
-    for budget, coding in dict.fromkeys((row["budget"], row["coding"]) for row in cuts):
-        group = [row for row in cuts if (row["budget"], row["coding"]) == (budget, coding)]
-        curves = {
-            s: [r for r in group if r["stream"] == s] for s in {r["stream"]: 0 for r in group}
-        }
-        low = max(found[0]["bytes"] for found in curves.values())
-        high = max(found[-1]["bytes"] for found in curves.values())
-        for stream, found in curves.items():
-            quality = np.array([row["PSNR, dB"] for row in found])
-            rises = np.diff(quality)
-            out.append(
-                {
-                    "budget": budget,
-                    "coding": coding,
-                    "stream": stream,
-                    "total MB": found[-1]["bytes"] / 1e6,
-                    "last, dB": float(quality[-1]),
-                    "largest jump, dB": float(rises.max(initial=0.0)),
-                    "deepest fall, dB": float((-rises).max(initial=0.0)),
-                    "cuts that do not fall, %": 100
-                    * float((rises >= 0).mean() if len(rises) else 1),
-                    "mean over bytes, dB": _mean_over(found, low, high),
-                }
-            )
+    for (budget, coding), together in curves.items():
+        low = max(found[0]["bytes"] for found in together.values())
+        high = max(found[-1]["bytes"] for found in together.values())
+        out += [
+            {"budget": budget, "coding": coding, "stream": stream} | _worth(found, low, high)
+            for stream, found in together.items()
+        ]
     return out
+
+
+def _worth(found: Rows, low: int, high: int) -> dict[str, float]:
+    """Of one curve; the mean is over the bytes from `low` to `high`, straight between cuts."""
+    n_bytes = [row["bytes"] for row in found]
+    quality = [row["PSNR, dB"] for row in found]
+    rises = np.diff(quality)
+    between = np.interp(np.linspace(low, high, 1001), n_bytes, quality)
+    return {
+        "total MB": n_bytes[-1] / 1e6,
+        "last, dB": quality[-1],
+        "largest jump, dB": float(rises.max(initial=0.0)),
+        "deepest fall, dB": float((-rises).max(initial=0.0)),
+        "cuts that do not fall, %": 100 * float(np.mean([True, *(rises >= 0)])),
+        "mean over bytes, dB": float(between.mean()),
+    }
 
 
 def _measured(bench: Bench, run: Run, order: str, coding: str) -> Rows:
@@ -197,12 +200,6 @@ def _coded_cuts(tree: EvolutionTree, order: str, coding: str) -> Iterator[Cut]:
         except ValueError:  # not even one packet fits
             continue
         yield k, len(extract(data, cut)), decode(data, cut).leaves()
-
-
-def _mean_over(found: Rows, low: int, high: int) -> float:
-    """Mean dB over the bytes from `low` to `high`, straight between cuts."""
-    x = np.linspace(low, high, 1001)
-    return float(np.interp(x, [r["bytes"] for r in found], [r["PSNR, dB"] for r in found]).mean())
 
 
 def _quarters(cuts: Rows) -> Rows:

@@ -73,7 +73,7 @@ def test_a_page_has_every_section_and_its_numbers_are_in_files(page):
     assert claims == [
         "PSNR over LapisGS at L1, dB", "transparent splats at L1, %",
         "PSNR over symmetric at L1, dB", "encoded, times smaller than raw at L1",
-        "lost by it at L1, dB", "largest jump of a raw stream, % of LapisGS",
+        "lost by encoding at L1, dB", "largest jump of a raw stream, % of LapisGS",
         "raw PSNR over LapisGS, mean over bytes, dB",
     ]  # fmt: skip
     assert runs == ["equal-lapis-0", "equal-evogs-sym-0", "equal-evogs-0", "equal-evogs-1"]
