@@ -3,6 +3,9 @@
 Files, goldens and expectations are made anew from the recipes of `cases`. A golden is written only
 where the oracle and the reference decoder agree on verdict, fault code, offset and dump, and where
 the recipe expected that verdict.
+
+A case that tells nothing that another does not, by its requirements and the wrong decoders it
+shows, is no vector: `cases/redundant.json` names it, and the vector that says the same.
 """
 
 from __future__ import annotations
@@ -36,6 +39,7 @@ __all__ = ["collect", "main", "make_all"]
 ROOT = Path(__file__).resolve().parents[1]
 VECTORS = ROOT / "conformance" / "vectors"
 MATRIX = ROOT / "docs" / "conformance-matrix.md"
+REDUNDANT = ROOT / "conformance" / "cases" / "redundant.json"
 KEPT = ("LICENSE", "manifest.schema.json")  # in the folder, and not generated
 
 
@@ -117,13 +121,19 @@ def files_of(vectors: Sequence[Vector], *, mutants: bool) -> dict[Path, bytes]:
     files = {entry["file"]: v.case.data for entry, v in zip(entries, vectors, strict=True)}
     fingerprints = _tried(entries, files) if mutants else _stored("fingerprints.json")
     killers(entries, fingerprints)
+    left_out = redundant(entries) if mutants else _left_out()
+    entries = [entry for entry in entries if entry["id"] not in left_out]
+    vectors = [vector for vector in vectors if vector.id not in left_out]
+    files = {entry["file"]: files[entry["file"]] for entry in entries}
+    fingerprints = {name: _without(found, left_out) for name, found in fingerprints.items()}
     families, dumps = generated({vector.id: vector.case.data for vector in vectors})
     files |= goldens(dumps)
     files |= goldens(o.dump for v in vectors for o in v.outcomes if o.dump is not None)
     files["manifest.json"] = manifest(families, entries)
     files["fingerprints.json"] = json_table(fingerprints)
     page = matrix(entries, requirements_of(ROOT))
-    return {VECTORS / name: data for name, data in files.items()} | {MATRIX: page.encode()}
+    found = {VECTORS / name: data for name, data in files.items()}
+    return found | {MATRIX: page.encode(), REDUNDANT: json_table(left_out)}
 
 
 def _tried(entries: Sequence[Entry], files: Mapping[str, bytes]) -> Entry:
@@ -143,6 +153,30 @@ def killers(entries: Sequence[Entry], fingerprints: Entry) -> None:
         ]
 
 
+def redundant(entries: Sequence[Entry]) -> dict[str, str]:
+    """Vectors that tell nothing that another does not, and which that is.
+
+    Of those alike the first is kept, or the one that others are held against.
+    """
+    twins = {entry["near_miss_of"] for entry in entries}
+    kept, left_out = dict[tuple[str, ...], str](), dict[str, str]()
+    for entry in sorted(entries, key=lambda entry: entry["id"] not in twins):
+        key = (*sorted(entry["requirements"]), *sorted(entry["kills"]))
+        if kept.setdefault(key, entry["id"]) != entry["id"] and entry["id"] not in twins:
+            left_out[entry["id"]] = kept[key]
+    return dict(sorted(left_out.items()))
+
+
+def _without(fingerprint: Entry, left_out: Mapping[str, str]) -> Entry:
+    """A fingerprint without the runs of vectors that are left out."""
+    return {
+        key: {run: found for run, found in value.items() if run.rpartition("#")[0] not in left_out}
+        if isinstance(value, dict)
+        else value
+        for key, value in fingerprint.items()
+    }
+
+
 def differing(wanted: Mapping[Path, bytes]) -> list[str]:
     """Files that are missing, differ, or should not be there."""
     problems = [
@@ -160,7 +194,8 @@ def differing_outcomes(vectors: Sequence[Vector]) -> list[str]:
         {entry["id"]: [[run[key] for key in keys] for run in entry["runs"]] for entry in entries}
         for entries in (_stored("manifest.json")["vectors"], map(entry_of, vectors))
     )
-    return [f"{name} differs" for name in {*stored, *made} if stored.get(name) != made.get(name)]
+    names = {*stored, *made} - _left_out().keys()
+    return [f"{name} differs" for name in sorted(names) if stored.get(name) != made.get(name)]
 
 
 def write(wanted: Mapping[Path, bytes]) -> None:
@@ -177,6 +212,11 @@ def strays(wanted: Mapping[Path, bytes]) -> list[Path]:
     """Files in the folder that nothing generates."""
     there = (path for path in VECTORS.rglob("*") if path.is_file() and path.name not in KEPT)
     return sorted(path for path in there if path not in wanted)
+
+
+def _left_out() -> Entry:
+    found: Entry = json.loads(REDUNDANT.read_text(encoding="utf-8"))
+    return found
 
 
 def _stored(name: str) -> Entry:
