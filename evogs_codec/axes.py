@@ -19,7 +19,26 @@ import numpy.typing as npt
 
 from evogs_codec.splats import F64, I64
 
-__all__ = ["COMPOSE", "N_TURNS", "PERMUTE", "TURNS", "largest_w", "matrices", "multiply", "turned"]
+__all__ = [
+    "COMPOSE",
+    "MAX_G",
+    "N_TURNS",
+    "PERMUTE",
+    "STEP_ROTATION",
+    "STEP_SCALE",
+    "TURNS",
+    "largest_w",
+    "matrices",
+    "multiply",
+    "nearest_turns",
+    "turned",
+]
+
+# Steps of a good coarse quantiser: what a difference is counted in.
+STEP_ROTATION = 0.003
+STEP_SCALE = 0.0624
+MAX_G = 0.85  # no turn may move |g| beyond: far from 0 the same rotation takes more steps of g
+PRICE_OF_G = 3.0  # exponent of 1 + |g|**2, for the same reason
 
 
 def multiply(p: F64, q: F64) -> F64:
@@ -113,3 +132,46 @@ def turned(quats: F64, log_scales: F64, turn: npt.NDArray[np.uint8]) -> tuple[F6
     with np.errstate(divide="ignore", invalid="ignore"):
         g = q[1:] / w
     return w, g, np.take_along_axis(log_scales, PERMUTE[turn].T, axis=0)
+
+
+def nearest_turns(
+    g: F64, log_scales: F64, quats: F64, their_log_scales: F64
+) -> npt.NDArray[np.uint8]:
+    """Turns of some Gaussians that cost fewest bits beside others.
+
+    Args:
+        g: (3, n) rotations of the others, as written.
+        log_scales: (3, n) of the others, as written.
+        quats: (4, n) unit quaternions of the Gaussians to turn.
+        their_log_scales: (3, n) of the Gaussians to turn.
+
+    Returns:
+        (n,) elements of the cube's group, after which |g| is below `MAX_G`.
+    """
+    n = g.shape[1]
+    best = np.full(n, np.inf, np.float32)
+    out = np.zeros(n, np.uint8)
+    # 1 + |d| of every axis of one with every axis of the other; a sum of logarithms is the
+    # logarithm of a product, bounded so that the product stays in float32.
+    factor = 1 + np.abs(log_scales[:, None] - their_log_scales[None]) / (2 * STEP_SCALE)
+    factor = np.minimum(factor, 1e8).astype(np.float32)
+    w, x, y, z = quats.astype(np.float32)
+    gx, gy, gz = g.astype(np.float32)
+    unit = np.float32(1 / (2 * STEP_ROTATION))
+    for k in range(N_TURNS):
+        a, b, c, d = TURNS[k].astype(np.float32)
+        # A w of 0 gives infinities, which the bound on |g| turns away.
+        with np.errstate(all="ignore"):
+            r = 1 / (a * w - b * x - c * y - d * z)
+            hx = (a * x + b * w + d * y - c * z) * r
+            hy = (a * y + c * w + b * z - d * x) * r
+            hz = (a * z + d * w + c * x - b * y) * r
+            norm = hx * hx + hy * hy + hz * hz
+            cost = (1 + np.abs(hx - gx) * unit) * (1 + np.abs(hy - gy) * unit)
+            cost *= (1 + np.abs(hz - gz) * unit) * (1 + norm) ** np.float32(PRICE_OF_G)
+            for axis in range(3):
+                cost *= factor[axis, PERMUTE[k, axis]]
+            better = (norm < MAX_G**2) & (cost < best)
+        best[better] = cost[better]
+        out[better] = k
+    return out

