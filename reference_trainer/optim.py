@@ -51,7 +51,7 @@ class Variable:
 
     def step(self, rates: RateTable) -> None:
         """Follow the gradient, if there is one, and forget it."""
-        if self.value.grad is None:
+        if self.value.grad is None or not self.value.numel():  # all was pruned
             return
         self.t += 1
         n = len(self.value)

@@ -50,7 +50,7 @@ def run(
         progress: told about every iteration.
 
     Raises:
-        InputError: the checkpoint is of another run, or `base` does not fit.
+        InputError: the checkpoint is of another run, `base` does not fit, or no splat is left.
         NotFiniteError: training went wrong; the last checkpoint is from before.
     """
     if len(pyramid) != config.n_levels:
@@ -115,6 +115,11 @@ def _run_stage(
     order = setting.seed(VIEWS)
     stage = Stage(data.train, data.background, setting.extent, plan.iterations, plan.cap, order)
     train(training, stage, config, backend, each)
+    if not model.n_splats:
+        raise InputError(
+            f"level {plan.level} ended without a splat: its photographs may be too small,"
+            " take fewer levels or a larger size"
+        )
     done = method.finish(setting, saved.done, model)
     progress.end(done)
     after = Checkpoint(saved.run, saved.stage + 1, done, 0, {}, {})

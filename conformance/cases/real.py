@@ -1,8 +1,9 @@
-"""Streams as an encoder writes them: lifted scenes and a grown tree.
+"""Streams as an encoder writes them: lifted scenes, trained trees and a drawn one.
 
 The streams were made once, with the encoder of this repository at version 0.1.0, and are kept as
 bytes: a better encoder must not change them. The scenes are those of `tools.scene` (procedural, so
-they have no other author), the tree was drawn: roots, then four levels of splits, refines, drops
+they have no other author); trees were trained on photographs of them (`tools.trained_streams`); the
+tree that is called grown was drawn: roots, then four levels of splits, refines, drops
 and adds whose psi shrink from level to level and have heavy tails.
 """
 
@@ -27,6 +28,13 @@ def streams() -> Iterator[Case]:
         ("lifted-250-near-lossless", "a lifted scene of 250 splats, SH degree 0, near-lossless"),
         ("grown-trained", "a grown tree in two tiles, quantised in a closed loop"),
         ("grown-paper", "a grown tree with 8 bits by range, and an alpha of its own per split"),
+        ("trained-evogs", "a trained tree, SH degree 1, three levels"),
+        ("trained-evogs-degree-3", "a trained tree, SH degree 3, with 8 bits by range"),
+        ("trained-evogs-sym", "a trained symmetric tree: no alpha tables"),
+        ("trained-evogs-a", "a trained tree of independent children"),
+        ("trained-evogs-b", "a trained tree of independent residuals"),
+        ("trained-lapis", "trained layers of LapisGS: adds, and refines of opacity"),
+        ("trained-l3gs", "trained layers of L3GS: adds only"),
     ]
     for name, tests in rows:
         data = (STREAMS / f"{name}.evogs").read_bytes()
