@@ -11,7 +11,7 @@ __all__ = ["Fault", "InputError", "StreamError"]
 
 
 class InputError(ValueError):
-    """A file or folder that cannot be used as input; the message is one line and says what to do."""
+    """A file or folder that cannot be used; the message is one line and says what to do."""
 
 
 class StreamError(Exception):
