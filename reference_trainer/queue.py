@@ -139,7 +139,7 @@ def run_job(job: Job, data: Dataset, out: Path, device: str) -> None:
         "name": job.name,
         "config": job.config.as_dict(),
         "data": {"name": data.name, "train": len(data.train), "test": len(data.test)},
-        "seconds": round(progress.seconds, 1),
+        "seconds": round(progress.seconds, 3),
         "levels": evaluate(tree, job.config.method, pyramid, folder / "pictures"),
     }
     write_atomic(result, (json.dumps(report, indent=1) + "\n").encode())

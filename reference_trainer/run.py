@@ -115,7 +115,7 @@ def _run_stage(
     order = setting.seed(VIEWS)
     stage = Stage(data.train, data.background, setting.extent, plan.iterations, plan.cap, order)
     train(training, stage, config, backend, each)
-    if not model.n_splats:
+    if not model.n_splats and plan is not plans[-1]:
         raise InputError(
             f"level {plan.level} ended without a splat: its photographs may be too small,"
             " take fewer levels or a larger size"
