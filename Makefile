@@ -15,13 +15,14 @@ DEMO_SPLATS := 40000
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv demo test test-slow check conformance format bench clean
+.PHONY: help venv demo test test-slow check conformance fuzz format bench clean
 
 help:
 	@echo "make demo       encode, decode, extract and draw the scene that ships with the project"
 	@echo "make test       the quick tests (make test-slow: the others)"
 	@echo "make check      formatting, lint, types, tests, generated files"
 	@echo "make conformance  the suite on the reference decoder, on the one written from the text, on itself"
+	@echo "make fuzz       100,000 streams, codec against oracle (an hour)"
 	@echo "make format     reformat and fix what ruff can fix"
 	@echo "make bench      the figures of docs/figures.md; BENCH='--ply SCENE.ply' for another scene"
 	@echo "make venv       only set up .venv"
@@ -88,6 +89,9 @@ conformance: $(DEV)
 	$(EVOGS) conformance selftest
 	$(PY) -m conformance.renders run --renderer "$(PY) -m conformance.renders reference"
 	$(PY) -m conformance.generate --check
+
+fuzz: $(DEV)
+	$(PY) -m conformance.fuzz --count 100000 --jobs 2 --keep build/findings
 
 format: $(DEV)
 	$(PY) -m ruff format .

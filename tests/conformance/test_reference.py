@@ -1,4 +1,4 @@
-"""The reference decoder passes the committed suite."""
+"""The reference decoder, and the one written from the text alone, pass the committed suite."""
 
 import json
 import shlex
@@ -19,17 +19,23 @@ pytestmark = pytest.mark.skipif(
 FULL_SECONDS = 180
 
 
-def run(tmp_path, monkeypatch, *options):
-    """(exit code, report) of a trial of the reference decoder."""
+REFERENCE = ["-m", "conformance.decoder"]
+CLEANROOM = [str(ROOT / "conformance" / "cleanroom" / "decoder.py")]
+
+
+def run(tmp_path, monkeypatch, *options, decoder=REFERENCE):
+    """(exit code, report) of a trial of a decoder."""
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     report = tmp_path / "report.json"
-    command = ["--decoder", shlex.join([sys.executable, "-m", "conformance.decoder"])]
+    command = ["--decoder", shlex.join([sys.executable, *decoder])]
     code = main(["run", *command, "--env", "PYTHONPATH", "--json", str(report), *options])
     return code, json.loads(report.read_text())
 
 
-def test_the_reference_decoder_passes_all_committed_vectors(tmp_path, monkeypatch):
-    code, report = run(tmp_path, monkeypatch, "--quick", "--fresh", "0", "--again", "2")
+@pytest.mark.parametrize("decoder", [REFERENCE, CLEANROOM], ids=["reference", "cleanroom"])
+def test_it_passes_all_committed_vectors(tmp_path, monkeypatch, decoder):
+    options = "--quick", "--fresh", "0", "--again", "2"
+    code, report = run(tmp_path, monkeypatch, *options, decoder=decoder)
     assert code == 0, [entry for entry in report["results"] if entry["kind"] != "pass"][:5]
     assert "fail" not in report["requirements"].values()
 
