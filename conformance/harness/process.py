@@ -165,7 +165,11 @@ def run(
         watched = Watched(
             command, folder, environment, bounds, stdout=out, stderr=err, written=written
         )
-        return watched.wait()
+        try:
+            return watched.wait()
+        except BaseException:  # an interrupt
+            watched.end()
+            raise
 
 
 def clean_environment(home: Path, passed: Sequence[str] = ()) -> dict[str, str]:
