@@ -6,6 +6,9 @@ slots stays in the nearest cache. Like `kernel_headers` it knows no faults: wher
 it gives up, and the numpy code finds out which. Sums fit int32 by the bounds of spec 7.3; products
 are bounded before they are made.
 
+Over 400 lines: it is one loop over packets, channels and records, read from the top down; what it
+does with single values is in `kernel_values`.
+
 Letters: P records with psi, S splits, A adds, all of one step; C channels of a component.
 """
 
@@ -18,9 +21,10 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.kernel_headers import MAX_LISTS, N_SIDES, read_headers
+from evogs_codec.kernel_values import float_rows, inverse_ycocg, scale, unpack, unzigzag
 from evogs_codec.planes import MAX_SUM
-from evogs_codec.refine import MAX_DELTA, MAX_PRODUCT, MAX_X
-from evogs_codec.splats import F32, I32, I64, U8
+from evogs_codec.refine import MAX_PRODUCT, MAX_X
+from evogs_codec.splats import I32, I64, U8
 from evogs_codec.tree import Kind
 
 __all__ = [
@@ -211,9 +215,9 @@ def _read_records(
     slot, end_of_run = np.int64(-1), np.int64(-1)
     for begin in range(0, n_records, CHUNK):
         n = min(CHUNK, n_records - begin)
-        _unpack(codes[0], planes, starts[0], n_records, begin, n, gaps)
+        unpack(codes[0], planes, starts[0], n_records, begin, n, gaps)
         if has_kinds:
-            _unpack(codes[1], planes, starts[1], n_records, begin, n, kinds)
+            unpack(codes[1], planes, starts[1], n_records, begin, n, kinds)
         for i in range(n):
             slot += np.int64(gaps[i]) + 1
             if slot >= n_before or not live[slot]:  # R-7.2-1
@@ -251,7 +255,7 @@ def _read_records(
         plans.constants[step, group] = NO_CONSTANT
         for begin in range(0, n_splits, CHUNK):
             n = min(CHUNK, n_splits - begin)
-            _unpack(codes[2 + group], planes, starts[2 + group], n_splits, begin, n, gaps)
+            unpack(codes[2 + group], planes, starts[2 + group], n_splits, begin, n, gaps)
             for i in range(n):
                 if gaps[i] >= n_entries:  # R-7.2-3
                     return False
@@ -301,13 +305,13 @@ def _apply_psi(
                     headers.codes[k, at + channel + j],
                     headers.starts[k, at + channel + j],
                 )
-                _unpack(code, headers.planes, start, n_psi, begin, n, q[j])
-                _unzigzag(q[j], n)
+                unpack(code, headers.planes, start, n_psi, begin, n, q[j])
+                unzigzag(q[j], n)
             if count == 3:
-                _inverse_ycocg(q, n)
+                inverse_ycocg(q, n)
             next_run, next_split = run, split
             for j in range(count):
-                largest = _scale(q[j], n, unit)
+                largest = scale(q[j], n, unit)
                 if largest < 0:
                     return False
                 next_run, next_split = _refine_chunk(
@@ -456,8 +460,8 @@ def _apply_adds(
                     headers.codes[k, at + channel + j],
                     headers.starts[k, at + channel + j],
                 )
-                _unpack(code, headers.planes, start, n_adds, begin, n, q[j])
-                _unzigzag(q[j], n)
+                unpack(code, headers.planes, start, n_adds, begin, n, q[j])
+                unzigzag(q[j], n)
                 if code & 64:
                     for i in range(n):
                         sums[j] += q[j, i]
@@ -465,10 +469,10 @@ def _apply_adds(
                             return False
                         q[j, i] = sums[j]
             if count == 3:
-                _inverse_ycocg(q, n)
+                inverse_ycocg(q, n)
             to = plans.places[step, 0] + n_splits + begin
             for j in range(count):
-                if _scale(q[j], n, tables.units[0, kind]) < 0:
+                if scale(q[j], n, tables.units[0, kind]) < 0:
                     return False
                 least, most, row = (
                     np.int32(MAX_INT),
@@ -482,115 +486,3 @@ def _apply_adds(
                     return False
         channel += count
     return True
-
-
-@_jit
-def _unpack(code: int, planes: U8, start: int, n_all: int, begin: int, n: int, out: I32) -> None:
-    """Stored integers begin .. begin + n of a list of n_all (spec 7.1), each below 2**24."""
-    low, high = np.int64(code) & 15, (np.int64(code) >> 4) & 3
-    at, shift = start + begin, np.int32(low)
-    if low == 1 or low == 2 or low == 4:
-        at += (n_all * low + 7) // 8
-        _unpack_low(planes[start + begin * low // 8 :], low, n, out)
-    elif low:
-        at += n_all
-        part = planes[start + begin : start + begin + n]
-        for i in range(n):
-            out[i] = part[i]
-    elif high:
-        part = planes[at : at + n]
-        for i in range(n):
-            out[i] = part[i]
-        at += n_all
-        shift = np.int32(8)
-        high -= 1
-    else:
-        out[:n] = 0
-    for _ in range(high):
-        part = planes[at : at + n]
-        for i in range(n):
-            out[i] |= np.int32(part[i]) << (shift & np.int32(31))
-        at += n_all
-        shift += np.int32(8)
-
-
-@_jit
-def _unpack_low(part: U8, low: int, n: int, out: I32) -> None:
-    """The low bits of n values; a loop for each packing, so that each is a vector loop."""
-    per_byte, mask = 8 // low, np.int32((1 << low) - 1)
-    whole = n // per_byte
-    if low == 4:
-        for i in range(whole):
-            byte = np.int32(part[i])
-            out[2 * i], out[2 * i + 1] = byte & mask, byte >> np.int32(4)
-    elif low == 2:
-        for i in range(whole):
-            byte = np.int32(part[i])
-            for k in range(4):
-                out[4 * i + k] = (byte >> np.int32(2 * k)) & mask
-    else:
-        for i in range(whole):
-            byte = np.int32(part[i])
-            for k in range(8):
-                out[8 * i + k] = (byte >> np.int32(k)) & mask
-    for i in range(whole * per_byte, n):
-        out[i] = (np.int32(part[whole]) >> np.int32(low * (i - whole * per_byte))) & mask
-
-
-@_jit
-def _unzigzag(q: I32, n: int) -> None:
-    one = np.int32(1)
-    for i in range(n):
-        q[i] = (q[i] >> one) ^ -(q[i] & one)
-
-
-@_jit
-def _inverse_ycocg(q: I32, n: int) -> None:
-    one, first, second, third = np.int32(1), q[0], q[1], q[2]
-    for i in range(n):
-        y, co, cg = first[i], second[i], third[i]
-        t = np.int32(y - (cg >> one))
-        b = np.int32(t - (co >> one))
-        first[i], second[i], third[i] = np.int32(b + co), np.int32(cg + t), b
-
-
-@_jit
-def _scale(q: I32, n: int, unit: int) -> int:
-    """Delta in place of q; the largest |Delta|, or -1 if it is over 2**28 (R-7.3-1)."""
-    least, most = np.int32(0), np.int32(0)
-    for i in range(n):
-        least, most = min(least, q[i]), max(most, q[i])
-    largest = max(np.int64(most), -np.int64(least))
-    if largest > MAX_DELTA // unit:
-        return -1
-    if unit != 1 and largest:
-        factor = np.int32(unit)
-        for i in range(n):
-            q[i] = np.int32(q[i] * factor)
-    return largest * unit
-
-
-@_jit
-def float_rows(
-    x: I32, origins: npt.NDArray[np.int64], scales: npt.NDArray[np.float64], out: F32
-) -> None:
-    """out[i, c] = binary32((origins[c] + x[c, i]) * scales[c]), rounded once (R-7.6-1).
-
-    A block of splats at a time, so that what is written stays in cache while channels take turns.
-    """
-    n, block = x.shape[1], 128
-    exact = True
-    for origin in origins:
-        exact = exact and origin == 0
-    for begin in range(0, n, block):
-        end = min(begin + block, n)
-        for c in range(len(x)):
-            row, to = x[c, begin:end], out[begin:end, c]
-            if exact:  # a scale is a power of 2: the conversion is the only rounding
-                factor = np.float32(scales[c])
-                for i in range(end - begin):
-                    to[i] = np.float32(row[i]) * factor
-            else:
-                origin, scale = np.float64(origins[c]), scales[c]
-                for i in range(end - begin):
-                    to[i] = np.float32((origin + np.float64(row[i])) * scale)

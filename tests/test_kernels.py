@@ -316,22 +316,22 @@ def test_lists_of_every_coding_and_length_are_the_same_integers(coding):
         z[0] = (1 << coding.bits) - 1
         data = np.frombuffer(b"".join(split_planes(z, coding)), np.uint8)
         out = np.full(n, -1, np.int32)
-        kernels._unpack(coding.byte(), data, 0, n, 0, n, out)
+        kernels.unpack(coding.byte(), data, 0, n, 0, n, out)
         np.testing.assert_array_equal(out, z)
         for begin in range(0, n, 8):  # a part of the list
             size = min(16, n - begin)
-            kernels._unpack(coding.byte(), data, 0, n, begin, size, out)
+            kernels.unpack(coding.byte(), data, 0, n, begin, size, out)
             np.testing.assert_array_equal(out[:size], z[begin : begin + size])
 
 
 def test_transforms_are_those_of_numpy():
     z = np.random.default_rng(0).integers(0, MAX_STORED, 1000).astype(np.int32)
     q = z.copy()
-    kernels._unzigzag(q, len(q))
+    kernels.unzigzag(q, len(q))
     np.testing.assert_array_equal(q, unzigzag(z))
     rows = np.random.default_rng(1).integers(-(1 << 28), 1 + (1 << 28), (3, 1000)).astype(np.int32)
     expected = inverse_ycocg(rows)
-    kernels._inverse_ycocg(rows, 1000)
+    kernels.inverse_ycocg(rows, 1000)
     np.testing.assert_array_equal(rows, expected)
 
 

@@ -17,7 +17,7 @@ IMPORTERS = {
     "construct": {"layout"},
     "zstandard": {"frames"},
     "plyfile": {"ply"},
-    "numba": {"kernels", "kernel_headers"},
+    "numba": {"kernels", "kernel_headers", "kernel_values"},
 }
 # What a machine that only decodes never needs.
 ENCODING = {

@@ -615,7 +615,7 @@ def attempt(line: str) -> dict[str, Any]:
     try:
         request = json.loads(line)
         answer = perform(request)
-    except Exception:
+    except Exception:  # whatever it is, the caller gets an answer, and the trace on standard error
         traceback.print_exc()
         answer = {"exit": 2}
     return {"id": request.get("id"), **answer}

@@ -70,6 +70,7 @@ def n_threads() -> int:
 
 def exp2(t: float) -> float:
     """2**t for -126 <= t <= 0, in kernels; float32 to 2e-7 relative, float64 to 1e-14."""
+    # Kernels get the overload below in its place; plain Python never calls it.
     raise NotImplementedError(f"compiled code only: exp2({t})")
 
 
