@@ -15,7 +15,6 @@ import multiprocessing
 import signal
 import sys
 import time
-import tracemalloc
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -25,6 +24,7 @@ from pathlib import Path
 from random import Random
 from types import FrameType
 
+from conformance import memory
 from conformance.outcomes import Outcome, Run, by_codec, by_oracle
 from conformance.random_streams import random_stream
 from conformance.tampering import Parts, tampered
@@ -34,9 +34,8 @@ __all__ = ["Finding", "check", "fuzz", "main", "smaller"]
 VARIANTS = 10  # streams from one: itself, and damaged
 BATCH = 50  # random streams of a task of a worker
 SECONDS = 20  # of processor time that a decoder may take for a stream of a few kilobytes
-MEASURED = 16  # of so many streams, the memory of one is measured
+LARGE, TIMES = 100, 40  # of so many random streams one has so many times the splats
 MOST_SHOWN = 20  # findings; more have the same cause, most likely
-MEMORY = 2 << 20  # besides what spec 8.3 allows: tables, threads, compiled code
 
 
 @dataclass(frozen=True)
@@ -58,11 +57,12 @@ def fuzz(seed: int, first: int, count: int) -> tuple[Counter[str], list[Finding]
     for number in range(first, first + count):
         rng = Random(f"{seed}/{number // VARIANTS}")
         if number % VARIANTS == 0 or number == first:
-            base = random_stream(rng)
+            is_large = number // VARIANTS % LARGE == LARGE - 1
+            base = random_stream(rng, TIMES if is_large else 1)
         rng = Random(f"{seed}/{number}/damage")
         data = base if number % VARIANTS == 0 else tampered(rng, base)
         for run in runs_of(rng, data):
-            verdict, says = check(data, run, measure=number % MEASURED == 0)
+            verdict, says = check(data, run, measures=True)
             if not says and run.mode == "file" and run.level is None:
                 _, says = check(data, run, decode=by_compiled)
             verdicts[f"{run.mode} {verdict}"] += 1
@@ -112,7 +112,7 @@ def check(
     data: bytes,
     run: Run,
     *,
-    measure: bool = False,
+    measures: bool = False,
     decode: Callable[[bytes, Run], Outcome] = by_codec,
 ) -> tuple[str, str]:
     """(verdict of the oracle, what is wrong with the reference, or "")."""
@@ -125,32 +125,22 @@ def check(
     try:
         with _alarm(SECONDS):
             came = decode(data, run)
-            peak = _peak(partial(decode, data, run)) if measure else 0
+            peak = memory.peak(partial(decode, data, run)) if measures else 0
     except TooLong:
         return verdict, f"no end within {SECONDS} s"
     except Exception as error:
         return verdict, f"{type(error).__name__}: {error}"
     if came != right:
         return verdict, f"reference: {_said(came)}; oracle: {_said(right)}"
-    if peak > (bound := _memory(data, right)):
-        return verdict, f"{peak:,} bytes of memory, more than {bound:,}"
+    if peak > (allowed := _allowed(data, run, right) if measures else 0):
+        return verdict, f"{peak:,} bytes of memory, more than {allowed:,}"
     return verdict, ""
 
 
-def _peak(call: Callable[[], object]) -> int:
-    """Bytes of memory that a call takes; it was made before, so that nothing is imported."""
-    tracemalloc.start()
-    try:
-        call()
-        return tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-
-
-def _memory(data: bytes, outcome: Outcome) -> int:
-    """Bytes that decoding may take (spec 8.3): of the state, of planes, of arrays per record."""
-    state = len(outcome.dump or b"")
-    return MEMORY + 16 * len(data) + 4 * state
+def _allowed(data: bytes, run: Run, outcome: Outcome) -> int:
+    """Bytes of memory that a run may take."""
+    dump = len(outcome.dump or b"")
+    return memory.bound(data, grows=run.mode == "progressive", dump=dump)
 
 
 def _said(outcome: Outcome) -> str:

@@ -48,8 +48,8 @@ class Branch:
     bands: list[int]
 
 
-def random_stream(rng: Random) -> bytes:
-    """A stream of a few hundred bytes, now and then some thousand."""
+def random_stream(rng: Random, times: int = 1) -> bytes:
+    """A stream of a few hundred bytes, now and then some thousand; adds come `times` as many."""
     degree = rng.choice((0, 0, 0, 1, 1, 2, 3))
     n_levels, n_tiles = rng.choice((1, 2, 2, 3, 3, 5)), rng.choice((1, 1, 1, 2, 3, 0))
     n_levels = 64 if rng.random() < 0.02 else n_levels
@@ -66,7 +66,7 @@ def random_stream(rng: Random) -> bytes:
         tier=rng.randint(1, 3),
         header={"version_minor": rng.choice((0, 0, 1, 255)), "flags": rng.choice((0, 1, 0xFE))},
     )
-    packets = _packets(rng, stream)
+    packets = _packets(rng, stream, times)
     stream = replace(stream, packets=packets, metadata=_metadata(rng))
     stream = replace(stream, chunks=lambda chunks: _with_ancillary(Random(len(packets)), chunks))
     if rng.random() < 0.5:
@@ -84,7 +84,7 @@ def _built(stream: Stream) -> bytes:
         return build(replace(stream, digests=None))
 
 
-def _packets(rng: Random, stream: Stream) -> list[Packet]:
+def _packets(rng: Random, stream: Stream, times: int) -> list[Packet]:
     """Packets of all tiles and bands in an order that chains allow."""
     n_left, packets = rng.choice((0, 1, 2, 4, 6, 10)) if stream.tiles else 0, list[Packet]()
     branches = [Branch([], 0, 0, [], [0] * 4) for _ in stream.tiles]
@@ -100,11 +100,11 @@ def _packets(rng: Random, stream: Stream) -> list[Packet]:
             branch.bands[band] += 1
             n_left += 1  # bands come on top
         else:
-            packets.append(_core(rng, stream, branch, t))
+            packets.append(_core(rng, stream, branch, t, times))
     return packets
 
 
-def _core(rng: Random, stream: Stream, branch: Branch, tile: int) -> Packet:
+def _core(rng: Random, stream: Stream, branch: Branch, tile: int, times: int) -> Packet:
     """A step of core; the branch grows."""
     if branch.level + 1 < stream.n_levels and rng.random() < 0.5:
         branch.level = rng.randint(branch.level + 1, min(branch.level + 3, stream.n_levels - 1))
@@ -112,7 +112,7 @@ def _core(rng: Random, stream: Stream, branch: Branch, tile: int) -> Packet:
     slots = sorted(rng.sample(branch.live, min(n_records, len(branch.live))))
     weights = rng.choice(((1, 0, 0), (0, 1, 0), (0, 0, 1), (2, 4, 1), (1, 1, 1)))
     kinds = rng.choices((REFINE, SPLIT, DROP), weights, k=len(slots))
-    n_adds = rng.choice((0, 0, 1, 3, 5, 40)) if branch.n_slots else rng.choice((0, 1, 3, 9, 60))
+    n_adds = times * rng.choice((0, 0, 1, 3, 5, 40) if branch.n_slots else (0, 1, 3, 9, 60))
     n_splits = kinds.count(SPLIT)
     alphas = stream.alphas or {}
     packet = Packet(
