@@ -63,6 +63,7 @@ def _runs(bench: Bench, missing: Sequence[str]) -> Section:
         {
             "run": run.folder.name,
             "seconds": round(run.seconds),
+            "on": run.machine,
             "iterations": " ".join(str(n) for n in run.config["iterations"]),
             "most splats": " ".join(str(n) for n in run.config["max_splats"]),
             "SH degree": run.config["sh_degree"],

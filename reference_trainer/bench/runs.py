@@ -52,6 +52,7 @@ class Run:
         config: as `Config.as_dict` gave it.
         levels: a row per level, as `evaluate` gave it.
         seconds: of training.
+        machine: it was trained on, and how many threads.
         n_views: trained on, and held out.
     """
 
@@ -62,6 +63,7 @@ class Run:
     config: dict[str, Any]
     levels: tuple[dict[str, Any], ...]
     seconds: float
+    machine: str
     n_views: tuple[int, int]
 
     def tree(self) -> EvolutionTree:
@@ -101,6 +103,7 @@ def _read(path: Path, budget: str) -> Run:
             config,
             tuple(result["levels"]),
             result["seconds"],
+            f"{result['machine']}, {result['threads']} threads",
             (result["data"]["train"], result["data"]["test"]),
         )
     except (OSError, ValueError, KeyError, TypeError) as error:

@@ -169,7 +169,7 @@ def test_the_fovea_is_a_tile_with_pixels(tmp_path):
     splats = tiny.random_splats(np.random.default_rng(1), 200)
     write_tree(tmp_path / "tree.tree.npz", lift(splats, 3))
     rows = foveal(
-        Views(tiny.pyramid(3), 1), Run(tmp_path, "equal", "evogs", 0, {}, (), 0.0, (1, 1))
+        Views(tiny.pyramid(3), 1), Run(tmp_path, "equal", "evogs", 0, {}, (), 0.0, "", (1, 1))
     )
     sizes = [row["bytes"] for row in rows]
     assert sizes[0] < sizes[1] < sizes[2]

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -42,7 +43,8 @@ def test_a_run_leaves_its_tree_and_figures_and_is_not_repeated(tmp_path, small_q
         scales = range(1 if job.name == "level0" else 2)
         assert [row["level"] for row in result["levels"]] == list(scales)
         assert result["config"]["method"] == job.config.method
-        assert result["seconds"] > 0
+        assert min(result["seconds"], result["threads"]) > 0
+        assert "cores" in result["machine"]
         assert {path.name for path in folder.iterdir()} == {
             *("tree.tree.npz", "result.json", "log.csv", "pictures"),
         }  # fmt: skip
@@ -70,3 +72,13 @@ def test_it_is_a_program(tmp_path):
         [*command, "--out", str(tmp_path)], cwd=ROOT, capture_output=True, text=True, check=True
     )
     assert done.stdout.startswith("level0: to do\nequal-evogs-0: to do\n")
+
+
+def test_growth_by_thresholds_is_as_often_as_published_however_short_the_level():
+    config = tiny.config()
+    long = replace(config, iterations=(30_000,) * config.n_levels)
+    (job,) = (job for job in jobs(long, ["lapis"], [0], ["thresholds"]) if job.name != "level0")
+    assert (job.config.cloud.start, job.config.cloud.every) == (500, 100)
+    short = replace(config, iterations=(5000,) * config.n_levels)
+    (job,) = (job for job in jobs(short, ["lapis"], [0], ["thresholds"]) if job.name != "level0")
+    assert (job.config.cloud.start, job.config.cloud.every) == (83, 17)

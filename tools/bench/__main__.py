@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import os
-import platform
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -18,6 +16,7 @@ from functools import partial
 from pathlib import Path
 
 from evogs_codec import SplatParams, read_ply, read_tree
+from reference_trainer.hardware import machine
 from tools.bench import pictures, raster, trained
 from tools.scene import make_scene
 
@@ -117,16 +116,6 @@ def markdown(rows: Rows) -> list[str]:
     head = list(rows[0])
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     return lines + ["| " + " | ".join(str(row[key]) for key in head) + " |" for row in rows]
-
-
-def machine() -> str:
-    """Processor and cores, without the name of the machine."""
-    model = platform.machine()
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        lines = info.read_text(encoding="utf-8").splitlines()
-        model = next((x.split(":")[1].strip() for x in lines if x.startswith("model name")), model)
-    return f"{model}, {os.cpu_count()} cores, Python {platform.python_version()}"
 
 
 if __name__ == "__main__":
