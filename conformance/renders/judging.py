@@ -15,6 +15,7 @@ __all__ = ["Golden", "Numbers", "judge", "read_golden", "read_picture", "side_by
 
 F64 = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
+ROUNDED = 40.0  # dB; levels this close differ by rounding to 8 bits, or down
 GOLDEN_ROUNDING = 0.5 / 255
 AMPLIFIED = 16  # errors in pictures of differences
 ENLARGED = 3
@@ -84,7 +85,7 @@ def judge(image: Image, golden: Golden, pixels: Pixels) -> Numbers:
         )
     if found < limits.min_psnr:
         failures.append(f"PSNR {found:.2f} dB is below {limits.min_psnr:g} dB")
-    if level is not None and abs(level - (image.level_psnr or 0)) > limits.level_psnr:
+    if level is not None and _apart(level, image.level_psnr or 0) > limits.level_psnr:
         failures.append(
             f"against the finest level it has {level:.2f} dB, not {image.level_psnr} dB"
         )
@@ -132,6 +133,11 @@ def side_by_side(golden: Golden, pixels: Pixels | None) -> npt.NDArray[np.uint8]
     strip = np.concatenate([golden.image, gap, picture, gap, difference], 1)
     large = np.repeat(np.repeat(strip, ENLARGED, 0), ENLARGED, 1)
     return np.asarray(np.rint(large * 255), np.uint8)
+
+
+def _apart(a: float, b: float) -> float:
+    """Difference of two PSNR of a level, dB, as far as rounding to 8 bits does not make it."""
+    return abs(min(a, ROUNDED) - min(b, ROUNDED))
 
 
 def _psnr(difference: F64) -> float:

@@ -6,6 +6,8 @@ machine rounds them differently. Letters: n splats.
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import numpy.typing as npt
 
@@ -30,10 +32,12 @@ __all__ = [
     "procedural",
     "rotations",
     "ties",
+    "trained",
 ]
 
 SH_C0 = 0.28209479177387814  # colour = 0.5 + SH_C0 * coefficient 0
 N_KINDS = 24
+TREES = Path(__file__).resolve().parents[1] / "cases" / "streams"
 
 
 def ties() -> EvolutionTree:
@@ -290,6 +294,11 @@ def lifted() -> EvolutionTree:
         sh=rng.normal(size=(n, 4, 3)) * 0.4,
     )
     return lift(shell, 5)
+
+
+def trained(name: str) -> bytes:
+    """The stream of a tree that the trainer made; a vector of the suite has the same bytes."""
+    return (TREES / f"trained-{name}.evogs").read_bytes()
 
 
 def _splats(

@@ -39,7 +39,7 @@ class Scene:
     Attributes:
         id: name of the stream.
         tests, faulty: one sentence each: what is looked at, what a wrong renderer would show.
-        recipe: makes the splats, or the tree.
+        recipe: makes the splats, or the tree, or has the stream.
         views: three of them.
         settings: how the stream is coded.
         n_tiles: tiles of the stream.
@@ -51,7 +51,7 @@ class Scene:
     id: str
     tests: str
     faulty: str
-    recipe: Callable[[], SplatParams | EvolutionTree]
+    recipe: Callable[[], SplatParams | EvolutionTree | bytes]
     views: tuple[View, View, View]
     settings: Settings = PRESETS["near-lossless"]
     n_tiles: int = 1
@@ -64,6 +64,8 @@ class Scene:
         if self.kept and file.exists():
             return file.read_bytes()
         made = self.recipe()
+        if isinstance(made, bytes):
+            return made
         tree = EvolutionTree.of_splats(made) if isinstance(made, SplatParams) else made
         return encode(tree, self.settings, n_tiles=self.n_tiles, digests=False)
 
@@ -105,6 +107,22 @@ ABOUT = (
     _looking("side", (2.5837, 1.2291, -1.4113), background=WHITE),
     _looking("top", (-0.4219, 0.5347, 3.1873), background=BLUE, up=(0.0, 1.0, 0.0)),
 )
+# Chosen so that no two splats that fill a picture are equally deep but for rounding.
+AROUND = (
+    _looking("right", (9.1718, 3.7425, 5.5846), (0.0, 0.0, 0.8), WHITE, fov=0.85),
+    _looking("left", (-7.8253, 6.0708, 5.5846), (0.0, 0.0, 0.8), fov=0.85),
+    _looking("close", (4.1696, 1.7011, 2.9748), (0.0, 0.0, 0.8), BLUE, fov=0.85),
+)
+# name: as in `tools.trained_streams`
+TRAINED = {
+    "evogs": "EvoGS",
+    "evogs-degree-3": "EvoGS with SH of degree 3, coded as the paper does",
+    "evogs-sym": "the symmetric tree",
+    "evogs-a": "a tree of independent children",
+    "evogs-b": "a tree of independent residuals",
+    "lapis": "layers whose lower ones change their opacity",
+    "l3gs": "frozen layers",
+}
 BEHIND = (-1.0, 1.0, -1.0)
 BASE = (1_000_000.0, -800_000.0, 600_000.0)
 
@@ -279,5 +297,15 @@ SCENES = (
         settings=PRESETS["scene"],
         kept=True,
         n_tiles=4,
+    ),
+    *(
+        Scene(
+            f"trained-{name}",
+            f"Three levels that the trainer made of photographs: {says}.",
+            "Shows another level, or is wrong where splats are as training leaves them.",
+            partial(recipes.trained, name),
+            AROUND,
+        )
+        for name, says in TRAINED.items()
     ),
 )
