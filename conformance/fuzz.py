@@ -125,14 +125,15 @@ def check(
     try:
         with _alarm(SECONDS):
             came = decode(data, run)
-            peak = memory.peak(partial(decode, data, run)) if measures else 0
+            allowed = _allowed(data, run, right)
+            peak = memory.peak(partial(decode, data, run), allowed) if measures else 0
     except TooLong:
         return verdict, f"no end within {SECONDS} s"
     except Exception as error:
         return verdict, f"{type(error).__name__}: {error}"
     if came != right:
         return verdict, f"reference: {_said(came)}; oracle: {_said(right)}"
-    if peak > (allowed := _allowed(data, run, right) if measures else 0):
+    if peak > allowed:
         return verdict, f"{peak:,} bytes of memory, more than {allowed:,}"
     return verdict, ""
 

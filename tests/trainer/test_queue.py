@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -72,13 +71,3 @@ def test_it_is_a_program(tmp_path):
         [*command, "--out", str(tmp_path)], cwd=ROOT, capture_output=True, text=True, check=True
     )
     assert done.stdout.startswith("level0: to do\nequal-evogs-0: to do\n")
-
-
-def test_growth_by_thresholds_is_as_often_as_published_however_short_the_level():
-    config = tiny.config()
-    long = replace(config, iterations=(30_000,) * config.n_levels)
-    (job,) = (job for job in jobs(long, ["lapis"], [0], ["thresholds"]) if job.name != "level0")
-    assert (job.config.cloud.start, job.config.cloud.every) == (500, 100)
-    short = replace(config, iterations=(5000,) * config.n_levels)
-    (job,) = (job for job in jobs(short, ["lapis"], [0], ["thresholds"]) if job.name != "level0")
-    assert (job.config.cloud.start, job.config.cloud.every) == (83, 17)
