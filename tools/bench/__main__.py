@@ -2,7 +2,8 @@
 
 Every time is the median of several turns taken one after the other by all contenders of a row, in
 one process, so that a busy machine slows all of them. Results: `docs/figures/*.csv` and
-`docs/figures.md`, of which `--only` leaves the other tables as they are.
+`docs/figures.md`, of which `--only` leaves the other tables as they are. `extremes` is a page of
+its own, `docs/extremes.md`.
 """
 
 from __future__ import annotations
@@ -18,12 +19,13 @@ from pathlib import Path
 from evogs_codec import SplatParams, read_ply, read_tree
 from reference_trainer.hardware import machine
 from tools.bench import pictures, raster, trained
+from tools.extremes import page as extremes
 from tools.scene import make_scene
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 Rows = list[dict[str, object]]
 Measurement = tuple[str, str, Callable[[], Rows]]  # name, title, what measures it
-PARTS = ("raster", "scene", "levels", "tree")
+PARTS = ("raster", "scene", "levels", "tree", "extremes")
 
 
 def main() -> int:
@@ -51,8 +53,10 @@ def main() -> int:
         for key, path in (("ply", args.ply), ("tree", args.tree), ("photos", args.photos))
         if path
     )
-    write(args.out, command, tables, keep_others=bool(some))
-    return 0
+    if tables:
+        write(args.out, command, tables, keep_others=bool(some))
+    holds = "extremes" not in args.only or extremes.remake(args.out / "extremes.md")
+    return 0 if holds else 1
 
 
 def _measurements(args: argparse.Namespace, folder: Path) -> Iterator[Measurement]:

@@ -1,0 +1,1 @@
+"""The extremes: what codec, rasterizer and trainer promise, against exact arithmetic."""

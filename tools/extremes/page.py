@@ -1,0 +1,54 @@
+"""`docs/extremes.md`: its tables between their marks, the text around them left as it is."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from reference_trainer.hardware import machine
+from tools.extremes import codec, integers
+from tools.extremes.row import Row
+
+__all__ = ["TABLES", "remake"]
+
+Part = tuple[Callable[[int], Iterator[Row]], int]  # what makes rows, and its count
+TABLES: dict[str, tuple[Part, ...]] = {
+    "encoder": ((codec.scenes, 300), (codec.grids, 64)),
+    "records": ((codec.chains, 64), (codec.products, 2)),
+    "decoder": ((integers.chains_at_limits, 64), (integers.float_view, 200)),
+}
+
+
+def remake(path: Path) -> bool:
+    """Measure everything and write the tables of the page; False if a bound is broken."""
+    text = path.read_text(encoding="utf-8")
+    holds = True
+    for name, parts in TABLES.items():
+        rows = []
+        for make, n in parts:
+            print(f"extremes: {name}, {make.__name__} ...", file=sys.stderr)
+            rows += list(make(n))
+        holds = holds and all(row.holds for row in rows)
+        text = _replaced(text, name, "\n".join(_markdown(rows)))
+    made = f"Made by `python -m tools.bench --only extremes` on {machine()}."
+    path.write_text(_replaced(text, "made", made), encoding="utf-8")
+    return holds
+
+
+def _replaced(text: str, name: str, table: str) -> str:
+    begin, end = f"<!-- table {name} -->", f"<!-- end {name} -->"
+    pattern = re.compile(f"{re.escape(begin)}.*?{re.escape(end)}", re.DOTALL)
+    changed, n = pattern.subn(lambda _: f"{begin}\n{table}\n{end}", text)
+    if n != 1:
+        raise ValueError(f"the page has {n} tables {name}, expected one")
+    return changed
+
+
+def _markdown(rows: list[Row]) -> Iterator[str]:
+    cells = [row.cells() for row in rows]
+    yield "| " + " | ".join(cells[0]) + " |"
+    yield "|" + "---|" * len(cells[0])
+    for row in cells:
+        yield "| " + " | ".join(str(cell).replace("|", "\\|") for cell in row.values()) + " |"
