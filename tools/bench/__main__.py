@@ -18,14 +18,14 @@ from pathlib import Path
 
 from evogs_codec import SplatParams, read_ply, read_tree
 from reference_trainer.hardware import machine
-from tools.bench import pictures, raster, trained
+from tools.bench import entropy, pictures, raster, trained
 from tools.extremes import page as extremes
 from tools.scene import make_scene
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 Rows = list[dict[str, object]]
 Measurement = tuple[str, str, Callable[[], Rows]]  # name, title, what measures it
-PARTS = ("raster", "scene", "levels", "tree", "extremes")
+PARTS = ("raster", "scene", "levels", "tree", "entropy", "extremes")
 
 
 def main() -> int:
@@ -81,6 +81,9 @@ def _measurements(args: argparse.Namespace, folder: Path) -> Iterator[Measuremen
         if args.photos:
             title = "Pictures of a trained tree, on photographs it was not trained on"
             yield "photographs", title, partial(pictures.photographs, tree, args.photos)
+    if "entropy" in args.only:
+        for name, (title, of_samples) in entropy.TABLES.items():
+            yield name, title, partial(of_samples, entropy.samples(args.ply, args.tree))
 
 
 def _levels(args: argparse.Namespace, splats: SplatParams) -> Rows:
