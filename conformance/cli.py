@@ -22,12 +22,14 @@ from evogs_codec.cut import tiles_meeting
 
 if TYPE_CHECKING:
     from conformance.rasterizer import Camera
+    from conformance.views import Views
 
-__all__ = ["around", "register"]
+__all__ = ["around", "pictures", "register"]
 
 Commands = Any  # argparse's sub-parsers have no public type
 Item = TypeVar("Item")
 N_ORBIT = 24
+SIZE = 400  # pixels, of a view
 BACKGROUNDS = {"white": (1.0, 1.0, 1.0), "black": (0.0, 0.0, 0.0)}
 
 
@@ -159,6 +161,16 @@ def around(scene: SplatParams, up: str, size: int) -> list[Camera]:
     )
 
 
+def pictures(scene: SplatParams, camera: Path | None, up: str) -> Views | None:
+    """Views by which `evogs encode` aims; None without numba (entry point of `evogs.pictures`)."""
+    if find_spec("numba") is None:
+        return None
+    from conformance.rasterizer import load_cameras
+    from conformance.views import Views
+
+    return Views(scene, around(scene, up, SIZE) if camera is None else load_cameras(camera))
+
+
 def _add(
     commands: Commands,
     name: str,
@@ -191,6 +203,6 @@ def _add(
         parser.add_argument("--outside", type=int, metavar="K", help="level outside the box")
     parser.add_argument("--level", type=int, metavar="K", help="of a stream; all by default")
     parser.add_argument("--camera", type=Path, metavar="FILE.json", help="cameras as JSON")
-    parser.add_argument("--size", type=int, default=400, metavar="PIXELS")
+    parser.add_argument("--size", type=int, default=SIZE, metavar="PIXELS")
     parser.add_argument("--up", choices=["x", "y", "z", "-x", "-y", "-z"], default="z")
     parser.add_argument("--background", choices=list(BACKGROUNDS), default="white")

@@ -21,6 +21,7 @@ import numpy as np
 from tqdm import tqdm
 
 from evogs_codec import options, registry
+from evogs_codec.aiming import Aim
 from evogs_codec.cut import Cut
 from evogs_codec.decode import Decoded, decode, decode_leaves, replay
 from evogs_codec.directory import Directory, SceneInfo, read_directory
@@ -35,6 +36,7 @@ from evogs_codec.reports import comments_of, info_of, level_figures, print_info,
 from evogs_codec.settings import PRESETS, Settings
 from evogs_codec.splats import SplatParams
 from evogs_codec.stats import bytes_by_group
+from evogs_codec.tree import EvolutionTree
 
 __all__ = ["main"]
 
@@ -113,6 +115,8 @@ def _plain_warnings() -> Iterator[None]:
 def run_encode(args: argparse.Namespace) -> None:
     """`evogs encode`."""
     is_scene = _is_ply(args.input)
+    if args.finer and (args.target_psnr or args.target_bytes or args.max_error):
+        raise InputError("--finer does not go with a target: the target decides how fine steps are")
     settings = _settings(args, "scene" if is_scene else "trained")
     info = _scene_info(args)
     with _progress() as progress:
@@ -121,7 +125,7 @@ def run_encode(args: argparse.Namespace) -> None:
             tree = lift(splats, args.levels, progress=lambda part: progress("lift", part))
         else:
             tree = read_tree(args.input)
-        data = encode(tree, settings, n_tiles=args.tiles, info=info, progress=progress)
+        data = _encoded(tree, settings, info, args, progress)
     write_atomic(args.output, data)
     directory = read_directory(memoryview(data))
     n = tree.n_leaves
@@ -262,6 +266,31 @@ def _settings(args: argparse.Namespace, default: str) -> Settings:
     if args.finer:
         settings = settings.finer(args.finer)
     return replace(settings, effort=args.effort)
+
+
+def _encoded(
+    tree: EvolutionTree,
+    settings: Settings,
+    info: SceneInfo,
+    args: argparse.Namespace,
+    progress: Progress,
+) -> bytes:
+    """At a target, if there is one."""
+    aim = Aim(tree, settings, n_tiles=args.tiles, info=info, progress=progress)
+    if args.max_error:
+        errors: dict[str, float] = {}
+        for given in sorted(args.max_error, key=len, reverse=True):  # one for all groups first
+            errors |= given
+        return aim.within(errors)
+    if args.target_psnr is None and args.target_bytes is None:
+        return encode(tree, settings, n_tiles=args.tiles, info=info, progress=progress)
+    for entry in entry_points(group="evogs.pictures"):
+        aim = replace(aim, pictures=entry.load()(tree.leaves(), args.camera, args.up))
+    if args.target_bytes is not None:
+        return aim.at_bytes(args.target_bytes)
+    if aim.pictures is None:
+        raise InputError("--target-psnr draws pictures: pip install 'evogs[render]'")
+    return aim.at_psnr(args.target_psnr)
 
 
 def _scene_info(args: argparse.Namespace) -> SceneInfo:

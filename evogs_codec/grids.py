@@ -100,6 +100,8 @@ def middle_of(tile: EvolutionTree) -> F64:
 def wanted_steps(settings: Settings, ranges: Ranges, n_levels: int) -> F64:
     """(1 + n_levels, classes) steps in scene units: of adds, then of psi per level."""
     classes = len(ranges.psi[0])
+    if settings.table:
+        return np.array(settings.table)
     if settings.range_bits:
         by_level: F64 = np.array([ranges.psi[n_levels], *ranges.psi[:n_levels]])
         by_level[:, 4:] = by_level[:, 4:].max(1, keepdims=True)  # a range per group

@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 
 from evogs_codec import registry
 from evogs_codec.settings import PRESETS
+from evogs_codec.splats import GROUPS
 
 __all__ = ["add_decode", "add_encode", "add_extract", "add_info", "add_lift", "add_validate"]
 
@@ -49,6 +50,9 @@ def add_encode(commands: Commands, run: Run) -> None:
         "  evogs encode scene.ply scene.evogs\n"
         "  evogs encode scene.ply scene.evogs --levels 6 --title Bonsai --licence CC-BY-4.0\n"
         "  evogs encode lego.tree.npz lego.evogs --finer 2\n"
+        "  evogs encode scene.ply scene.evogs --target-psnr 45 --up=-y\n"
+        "  evogs encode scene.ply scene.evogs --target-bytes 5000000\n"
+        "  evogs encode scene.ply scene.evogs --max-error 0.01 position=0.0005\n"
         "  evogs encode lego.tree.npz exact.evogs --near-lossless",
     )
     parser.add_argument("input", type=Path, metavar="IN", help="a 3DGS .ply or a .tree.npz")
@@ -71,6 +75,32 @@ def add_encode(commands: Commands, run: Run) -> None:
         "--near-lossless",
         action="store_true",
         help="every number within a grid unit of a 24-bit grid",
+    )
+    accuracy.add_argument(
+        "--target-psnr",
+        type=_number(float, 5, 120),
+        metavar="DB",
+        help="the smallest stream whose pictures have this PSNR against the scene's, over 24 views",
+    )
+    accuracy.add_argument(
+        "--target-bytes",
+        type=_number(int, 1, 1 << 62),
+        metavar="N",
+        help="the best pictures that N bytes hold",
+    )
+    accuracy.add_argument(
+        "--max-error",
+        type=_error_of_group,
+        nargs="+",
+        metavar="E",
+        help="no number of a splat is further off, in units of the file; GROUP=E for one group:"
+        f" {', '.join(GROUPS)}",
+    )
+    parser.add_argument(
+        "--camera", type=Path, metavar="FILE.json", help="views of a target (default: around)"
+    )
+    parser.add_argument(
+        "--up", choices=("x", "y", "z", "-x", "-y", "-z"), default="z", help="of these views"
     )
     parser.add_argument(
         "--finer", type=_number(float, 1e-3, 1e6), metavar="F", help="divide all steps by F"
@@ -210,6 +240,17 @@ def _add_cut_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sh-degree", type=_number(int, 0, 3), metavar="D", help="no SH bands above D"
     )
+
+
+def _error_of_group(text: str) -> dict[str, float]:
+    """`E`, of all groups, or `GROUP=E`."""
+    name, _, number = text.rpartition("=")
+    if name and name not in GROUPS:
+        raise argparse.ArgumentTypeError(f"{name} is none of {', '.join(GROUPS)}")
+    error = float(number)
+    if not 0 < error < float("inf"):
+        raise argparse.ArgumentTypeError(f"{number} is not above 0")
+    return {name: error} if name else dict.fromkeys(GROUPS, error)
 
 
 def _number(kind: type[int] | type[float], low: float, high: float) -> Callable[[str], int | float]:

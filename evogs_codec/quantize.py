@@ -28,6 +28,7 @@ from evogs_codec.grids import (
     warn_if_coarser,
 )
 from evogs_codec.hints import History
+from evogs_codec.importance import StepWeights
 from evogs_codec.planes import MAX_STORED
 from evogs_codec.refine import (
     MAX_PRODUCT,
@@ -41,6 +42,7 @@ from evogs_codec.refine import (
 )
 from evogs_codec.settings import Settings
 from evogs_codec.splats import F64, GROUP_CHANNELS, I32, I64, U8, n_channels
+from evogs_codec.trading import Worth
 from evogs_codec.tree import N_GROUPS, EvolutionTree, Kind, Step
 
 __all__ = ["quantise"]
@@ -53,10 +55,21 @@ def quantise(
     n_levels: int,
     settings: Settings,
     *,
+    weights: Sequence[Sequence[StepWeights]] | None = None,
+    price: float = 1.0,
     info: SceneInfo | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> CodedTree:
     """The coded tree of arranged tiles.
+
+    Args:
+        tiles: what to quantise.
+        n_levels: of the tree.
+        settings: how.
+        weights: importance of each step of each tile; then bits are saved where they do little.
+        price: mean squared error that a bit is worth.
+        info: metadata.
+        progress: called with the part that is done.
 
     Raises:
         NotRepresentable: values too large for any grid.
@@ -73,7 +86,8 @@ def quantise(
         try:
             for k, tile in enumerate(tiles):
                 report(k / len(tiles))
-                coded.append(_TileCoder(tile, grid, alpha, settings).code())
+                own = None if weights is None else weights[k]
+                coded.append(_TileCoder(tile, grid, alpha, settings, own, price).code())
         except _TooFine as error:
             if exponents[error.group] <= -16:
                 raise NotRepresentable(
@@ -111,7 +125,10 @@ class _TileCoder:
         grid: Grid,
         alpha: dict[tuple[int, int], AlphaTable],
         settings: Settings,
+        weights: Sequence[StepWeights] | None,
+        price: float,
     ) -> None:
+        self.weights, self.price = weights, price
         self.tile = tile
         self.grid = grid
         self.alpha = alpha
@@ -127,8 +144,8 @@ class _TileCoder:
 
     def code(self) -> CodedTile:
         steps: list[CodedStep] = []
-        for step in self.tile.steps:
-            coded, plan = self._code_step(step)
+        for number, step in enumerate(self.tile.steps):
+            coded, plan = self._code_step(number, step)
             steps.append(coded)
             if self.settings.near_lossless:
                 mend = self._mend(step, plan)
@@ -144,7 +161,7 @@ class _TileCoder:
             steps=tuple(steps),
         )
 
-    def _code_step(self, step: Step) -> tuple[CodedStep, StepPlan]:
+    def _code_step(self, number: int, step: Step) -> tuple[CodedStep, StepPlan]:
         grid, n = self.grid, self.n
         plan = StepPlan.of(step.slots, step.kinds, n, step.n_adds)
         new_splits = slice(n, n + plan.n_splits)
@@ -163,22 +180,21 @@ class _TileCoder:
             parents = self.x[part][:, plan.targets].astype(np.float64)
             if aim is None:
                 u = step.psi[part] * grid.scale[part]
-                alpha = step.alpha[group].astype(np.float64)
-                indices[group] = nearest(table, alpha)
+                indices[group] = nearest(table, step.alpha[group].astype(np.float64))
+                q = np.rint(u / step_sizes)
             else:
-                u = aim[part][:, plan.targets] - parents
+                u = (aim[part][:, plan.targets] - parents) / step_sizes
                 s = slice(None) if plan.splits is None else plan.splits
-                v = aim[part][:, new_splits] - parents[:, s]
-                if len(table.entries) > 1:
-                    serving = serving_second if self.settings.near_lossless else serving_both
-                    indices[group] = serving(u[:, s] / step_sizes, v / step_sizes, table)
-                alpha = table.values()[indices[group]]
-                if not self.settings.near_lossless:
+                v = (aim[part][:, new_splits] - parents[:, s]) / step_sizes
+                worth = self._worth(number, part, step_sizes)
+                if worth is None:
                     far = np.any(inherited[part] > step_sizes, axis=0) | (group == 0)
-                    u[:, s] = _joint(u[:, s], v, alpha, far)
-                    if not plan.n_splits and step.psi.any() and not step.psi[part].any():
-                        u[:] = 0  # refines of other groups leave this one, and its errors, as it is
-            q = np.rint(u / step_sizes)
+                    indices[group], u[:, s] = self._serve(u[:, s], v, table, far)
+                else:
+                    indices[group], u[:, s] = worth.serve(u[:, s], v, table, s)
+                if not plan.n_splits and step.psi.any() and not step.psi[part].any():
+                    u[:] = 0  # refines of other groups leave this one, and its errors, as it is
+                q = np.rint(u) if worth is None else worth.integers(u, table, indices[group], s)
             limit = np.array([[min(k.max_q, MAX_STORED // 2 - 1)] for k in quantisers[part]])
             if np.any(np.abs(q) > limit):
                 raise _TooFine(group)
@@ -189,6 +205,23 @@ class _TileCoder:
         coded = CodedStep(step.level, step.slots, step.kinds, indices, psi, adds)
         self.history.note(self.x, self.n)
         return coded, plan
+
+    def _serve(
+        self, u: F64, v: F64, table: AlphaTable, bounded: npt.NDArray[np.bool_]
+    ) -> tuple[U8, F64]:
+        """Indices (S,) of alphas and Delta (C, S) in steps, for children at P + u and P + v."""
+        if self.settings.near_lossless:
+            return serving_second(u, v, table), u
+        indices = serving_both(u, v, table)
+        return indices, _joint(u, v, table.values()[indices], bounded)
+
+    def _worth(self, number: int, part: slice, step_sizes: F64) -> Worth | None:
+        """What errors of a group are worth in this step, if that is known."""
+        if self.weights is None:
+            return None
+        own, kinds = self.weights[number], list(self.grid.classes[part])
+        bits = np.square(step_sizes / self.grid.scale[part]) / self.price
+        return Worth(own.targets[kinds] * bits, own.new[kinds] * bits)
 
     def _advance_target(self, step: Step, plan: StepPlan) -> None:
         """The float tree's state after the step, in grid units from the origin."""

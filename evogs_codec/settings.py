@@ -29,6 +29,8 @@ class Settings:
             2**range_bits - 1, and of adds 256 times finer, instead of `steps`.
         near_lossless: one grid unit per generation; the grids are as fine as 24 bits allow.
         effort: Zstandard level.
+        table: if not empty, the steps of the adds and of psi of each level, per class, in the units
+            of the group: instead of all that make steps above.
     """
 
     steps: tuple[float, ...]
@@ -41,10 +43,12 @@ class Settings:
     range_bits: int = 0
     near_lossless: bool = False
     effort: int = 19
+    table: tuple[tuple[float, ...], ...] = ()
 
     def finer(self, factor: float) -> Settings:
         """The same with all steps divided by `factor`: 2 halves all errors."""
-        return replace(self, steps=tuple(step / factor for step in self.steps))
+        table = tuple(tuple(step / factor for step in row) for row in self.table)
+        return replace(self, steps=tuple(step / factor for step in self.steps), table=table)
 
 
 _SCENE = Settings(

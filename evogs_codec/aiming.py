@@ -1,0 +1,254 @@
+"""Encoding to a target: a PSNR, a number of bytes, or a largest error.
+
+What is searched for is one number. With pictures it is the price of a bit, from which follow all
+steps and roundings (`importance`); without, the factor of the steps of the settings.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from evogs_codec.arrange import arrange, default_tiles
+from evogs_codec.coded import CodedTree
+from evogs_codec.decode import decode
+from evogs_codec.directory import SceneInfo
+from evogs_codec.encode import Progress, write
+from evogs_codec.errors import InputError
+from evogs_codec.grids import AccuracyWarning, Ranges, wanted_steps
+from evogs_codec.importance import Importance, StepWeights
+from evogs_codec.quantize import quantise
+from evogs_codec.settings import Settings
+from evogs_codec.splats import F32, F64, GROUP_CHANNELS, GROUPS, SplatParams
+from evogs_codec.tree import EvolutionTree
+
+__all__ = ["Aim", "Pictures"]
+
+FIRST_PRICE = 1e-11  # mean squared error that a bit is worth: about 45 dB
+PRICES = (1e-18, 1e-5)
+FACTORS = (1e-4, 1e4)
+MOST_TRIES = 14
+NARROW = 1e-6
+PSNR_SLACK, BYTES_SLACK = 0.05, 0.005  # dB, and part of the bytes asked for
+N_ALPHA, ALPHA_BITS = 256, 10  # as many alphas as a table holds; which are used, their bits decide
+
+
+class Pictures(Protocol):
+    """Views of a scene, by which accuracy is judged."""
+
+    def sensitivity(self, splats: SplatParams) -> F32:
+        """(D, N) mean squared change of the pictures to the squared change of each number."""
+
+    def psnr(self, splats: SplatParams) -> float:
+        """Mean PSNR of pictures of `splats` against those of the scene, dB."""
+
+
+@dataclass(frozen=True)
+class Aim:
+    """A tree that is encoded until it meets a target.
+
+    Attributes:
+        tree: any.
+        settings: what is kept of them: the effort, and the steps where there are no pictures.
+        pictures: of the tree's leaves, or None.
+        n_tiles, info, progress: as of `encode`.
+    """
+
+    tree: EvolutionTree
+    settings: Settings
+    pictures: Pictures | None = None
+    n_tiles: int | None = None
+    info: SceneInfo | None = None
+    progress: Progress | None = None
+
+    def at_psnr(self, decibels: float) -> bytes:
+        """The stream whose leaves have this PSNR against the tree's, within 0.1 dB.
+
+        Raises:
+            InputError: no price of a bit gives it.
+            ValueError: there are no pictures.
+        """
+        if self.pictures is None:
+            raise ValueError("a PSNR needs pictures")
+        pictures, coder = self.pictures, _Coder(self)
+
+        def measure(price: float) -> tuple[float, bytes]:
+            data = write(coder.coded(price), effort=self.settings.effort, digests=False)
+            return pictures.psnr(decode(data).leaves(sh_degree=self.tree.sh_degree)), data
+
+        # 3 dB for a price twice as high.
+        found = _search(measure, decibels, -10 / math.log(10), FIRST_PRICE, PRICES, PSNR_SLACK)
+        if abs(found.value - decibels) > 2 * PSNR_SLACK:
+            raise InputError(f"{decibels:g} dB cannot be met: {found.value:.2f} dB is nearest")
+        return self._with_digests(coder.coded(found.at))
+
+    def at_bytes(self, n_bytes: int) -> bytes:
+        """The stream of at most this many bytes, and at least 98 % of them.
+
+        Raises:
+            InputError: no price of a bit gives it.
+        """
+        coder = _Coder(self)
+
+        def measure(price: float) -> tuple[float, bytes]:
+            data = self._with_digests(coder.coded(price))
+            return math.log(len(data)), data
+
+        start, bounds = (FIRST_PRICE, PRICES) if self.pictures else (1.0, FACTORS)
+        aim = math.log(n_bytes) - BYTES_SLACK
+        found = _search(measure, aim, -0.1, start, bounds, BYTES_SLACK)
+        if len(found.data) > n_bytes or len(found.data) < 0.98 * n_bytes:
+            raise InputError(f"{n_bytes:,} bytes cannot be met: {len(found.data):,} is nearest")
+        return found.data
+
+    def within(self, errors: Mapping[str, float]) -> bytes:
+        """The stream no number of whose leaves is further from the tree's than its group allows.
+
+        Args:
+            errors: largest error per name of a group, in its own units; of some or all groups.
+
+        Raises:
+            InputError: float32, or the alphas of the tree, do not allow it.
+        """
+        asked = np.array([errors.get(name, math.inf) for name in GROUPS])
+        coder = _Coder(replace(self, pictures=None))
+        table = coder.first_table()
+        groups = np.minimum(np.arange(table.shape[1]), 4)
+        table = np.where(np.isinf(asked[groups]), table, 2 * asked[groups])
+        data, found = b"", np.full(len(GROUPS), math.inf)
+        for attempt in range(MOST_TRIES):
+            if attempt == MOST_TRIES - 1:
+                settings = replace(self.settings, near_lossless=True, table=())
+            else:
+                settings = replace(self.settings, table=tuple(map(tuple, table.tolist())))
+            data = self._with_digests(coder.quantised(settings))
+            found = _errors(coder.tiles, data, self.tree.sh_degree)
+            if np.all(found <= asked):
+                return data
+            finer = np.where(
+                found > asked, np.minimum(0.9 * asked / np.maximum(found, 1e-300), 0.9), 1
+            )
+            table = table * np.maximum(finer, 0.02)[groups]
+        name = GROUPS[int(np.argmax(found / asked))]
+        raise InputError(f"{name}: an error of {errors[name]:g} cannot be kept: {found.max():.3g}")
+
+    def _with_digests(self, coded: CodedTree) -> bytes:
+        return write(coded, effort=self.settings.effort, progress=self.progress)
+
+
+class _Coder:
+    """A tree arranged once, and quantised as often as it takes."""
+
+    def __init__(self, aim: Aim) -> None:
+        self.aim = aim
+        self.n_levels = max(aim.tree.n_levels, 1)
+        report = aim.progress or (lambda _stage, _part: None)
+        report("arrange", 0.0)
+        self.tiles = arrange(aim.tree, aim.n_tiles or default_tiles(aim.tree.n_leaves))
+        self.importance = None
+        if aim.pictures is not None:
+            report("draw", 0.0)
+            of = Importance.of
+            self.importance = of(self.tiles, self.n_levels, aim.pictures.sensitivity)
+        self.ranges = Ranges.of(self.tiles, self.n_levels)
+
+    def coded(self, at: float) -> CodedTree:
+        """At a price of a bit, or at a factor of the steps."""
+        if self.importance is None:
+            return self.quantised(self.aim.settings.finer(1 / at))
+        table = self.importance.steps(at, self.ranges.extent)
+        settings = replace(
+            self.aim.settings,
+            table=tuple(map(tuple, table.tolist())),
+            n_alpha=N_ALPHA,
+            alpha_bits=ALPHA_BITS,
+        )
+        return self.quantised(settings, self.importance.weights, at)
+
+    def quantised(
+        self,
+        settings: Settings,
+        weights: Sequence[Sequence[StepWeights]] | None = None,
+        price: float = 1.0,
+    ) -> CodedTree:
+        """With these settings."""
+        with warnings.catch_warnings():
+            # Of a search: whoever asks for a target is told whether it was met.
+            warnings.simplefilter("ignore", AccuracyWarning)
+            return quantise(
+                self.tiles,
+                self.n_levels,
+                settings,
+                weights=weights,
+                price=price,
+                info=self.aim.info,
+            )
+
+    def first_table(self) -> F64:
+        """(1 + n_levels, K) steps of the settings."""
+        return wanted_steps(self.aim.settings, self.ranges, self.n_levels)
+
+
+def _errors(tiles: Sequence[EvolutionTree], data: bytes, sh_degree: int) -> F64:
+    """(5,) largest error of the leaves of a stream, per group, in the units of the group."""
+    right = np.concatenate([tile.leaves().channels() for tile in tiles], axis=1)
+    found = decode(data).leaves(sh_degree=sh_degree).channels()
+    off = np.abs(found.astype(np.float64) - right)
+    return np.array([off[part].max(initial=0.0) for part in GROUP_CHANNELS])
+
+
+@dataclass(frozen=True)
+class _Found:
+    """The best of a search: where, its value, its stream."""
+
+    at: float
+    value: float
+    data: bytes
+
+
+def _search(
+    measure: Callable[[float], tuple[float, bytes]],
+    target: float,
+    slope: float,
+    start: float,
+    bounds: tuple[float, float],
+    slack: float,
+) -> _Found:
+    """Where a value that falls is nearest to `target`: secants in the logarithm, kept in brackets.
+
+    Args:
+        measure: value and stream at a place.
+        target: of the value.
+        slope: first guess of the change of the value over that of the logarithm of the place.
+        start: first place.
+        bounds: no place is outside.
+        slack: a value this near is good enough.
+    """
+    low, high = (math.log(bound) for bound in bounds)
+    at, best = math.log(start), None
+    before: tuple[float, float] | None = None
+    for _ in range(MOST_TRIES):
+        value, data = measure(math.exp(at))
+        if best is None or abs(value - target) < abs(best.value - target):
+            best = _Found(math.exp(at), value, data)
+        if abs(value - target) <= slack:
+            break
+        if value > target:
+            low = at
+        else:
+            high = at
+        if before is not None and before[0] != at and (before[1] - value) * (before[0] - at) < 0:
+            slope = (before[1] - value) / (before[0] - at)
+        before = at, value
+        at += (target - value) / slope
+        if not low < at < high:
+            at = (low + high) / 2
+        if high - low < NARROW:
+            break
+    assert best is not None
+    return best

@@ -1,0 +1,207 @@
+"""Encoding to a target, and what it goes by: importance, and integers that cost least."""
+
+import json
+import math
+from functools import cache, partial
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from conformance import oracle
+from conformance.cli import around
+from conformance.views import Views
+from evogs_codec import PRESETS, Cut, EvolutionTree, InputError, decode, encode, lift
+from evogs_codec.aiming import Aim
+from evogs_codec.arrange import arrange
+from evogs_codec.cli import main
+from evogs_codec.importance import Importance
+from evogs_codec.interchange import write_tree
+from evogs_codec.ply import write_ply
+from evogs_codec.splats import GROUP_CHANNELS, GROUPS, SplatParams
+from evogs_codec.trading import cheapest
+from tools.scene import make_scene
+
+
+@cache
+def scene():
+    """A lifted tree of 1,500 splats and views of its leaves."""
+    tree = lift(make_scene(1500), 3)
+    return tree, Views(tree.leaves(), around(tree.leaves(), "z", 96)[::3])
+
+
+def aim(**more):
+    tree, views = scene()
+    return Aim(tree, PRESETS["scene"], views, **more)
+
+
+def psnr(data):
+    tree, views = scene()
+    return views.psnr(decode(data).leaves(sh_degree=tree.sh_degree))
+
+
+# --- targets --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("decibels", [32, 44])
+def test_a_psnr_is_met(decibels):
+    assert psnr(aim().at_psnr(decibels)) == pytest.approx(decibels, abs=0.2)
+
+
+@pytest.mark.parametrize("n_bytes", [9000, 30_000])
+@pytest.mark.parametrize("has_pictures", [True, False])
+def test_a_number_of_bytes_is_met(n_bytes, has_pictures):
+    tree, _ = scene()
+    data = (aim() if has_pictures else Aim(tree, PRESETS["scene"])).at_bytes(n_bytes)
+    assert 0.98 * n_bytes <= len(data) <= n_bytes
+
+
+def test_what_is_aimed_at_pictures_has_better_pictures_for_its_bytes():
+    plain = encode(scene()[0], PRESETS["scene"])
+    assert psnr(aim().at_bytes(len(plain))) > psnr(plain) + 0.5
+
+
+def test_every_level_gains_by_aiming_not_the_last_alone():
+    tree, _ = scene()
+    plain = encode(tree, PRESETS["scene"])
+    aimed = aim().at_bytes(len(plain))
+    for level in range(tree.n_levels):
+        views = Views(tree.leaves(level), around(tree.leaves(), "z", 96)[::3])
+        found = [
+            views.psnr(decode(data, partial(Cut.of_level, level=level)).leaves())
+            for data in (plain, aimed)
+        ]
+        assert found[1] > found[0] - 0.5
+
+
+@pytest.mark.parametrize("errors", [dict.fromkeys(GROUPS, 0.02), {"position": 1e-3, "sh": 0.05}])
+def test_no_error_is_larger_than_asked_by_another_decoder(errors):
+    tree, _ = scene()
+    data = Aim(tree, PRESETS["scene"]).within(errors)
+    found = float_view(oracle.decode(data))
+    tiles = arrange(tree, 1)
+    right = np.concatenate([tile.leaves().channels() for tile in tiles], axis=1)
+    off = np.abs(found - right)
+    for name, part in zip(GROUPS, GROUP_CHANNELS, strict=True):
+        assert off[part].max() <= errors.get(name, math.inf)
+
+
+def float_view(decoded):
+    """(D, N) of what the oracle decodes, in float64 (spec 7.6)."""
+    parts = []
+    for tile in decoded.tiles:
+        x = np.array(tile.channels, np.float64)[:, np.array(tile.live, bool)]
+        x[:3] += np.array(tile.origin)[:, None]
+        for exponent, part in zip(decoded.header.grid_exponents, GROUP_CHANNELS, strict=True):
+            x[part] *= 2.0**-exponent
+        parts.append(x)
+    return np.concatenate(parts, axis=1)
+
+
+def test_targets_that_cannot_be_met_are_refused():
+    with pytest.raises(InputError, match=r"100 bytes cannot be met: [\d,]+ is nearest"):
+        aim().at_bytes(100)
+    with pytest.raises(InputError, match="position: an error of 1e-12 cannot be kept"):
+        Aim(scene()[0], PRESETS["scene"]).within({"position": 1e-12})
+    with pytest.raises(ValueError, match="needs pictures"):
+        Aim(scene()[0], PRESETS["scene"]).at_psnr(40)
+
+
+# --- importance -----------------------------------------------------------------------------------
+
+
+def test_weights_foretell_the_error_of_the_pictures():
+    """The mean squared error of pictures of splats whose SH are shaken, within 1.5 dB."""
+    _, views = scene()
+    splats = views.scene
+    rng = np.random.default_rng(5)
+    shaken = splats.channels()
+    errors = np.zeros_like(shaken)
+    errors[11:] = rng.normal(0, 0.02, errors[11:].shape)
+    foretold = float((views.sensitivity(splats) * errors**2).sum())
+    found = views.psnr(SplatParams.from_channels(shaken + errors))
+    assert -10 * math.log10(foretold) == pytest.approx(found, abs=1.5)
+
+
+def test_a_parent_weighs_as_much_as_the_leaves_below_it():
+    tree, _ = scene()
+
+    def one(splats):
+        return np.ones((len(splats.channels()), len(splats)), np.float32)
+
+    tiles = arrange(tree, 2)
+    importance = Importance.of(tiles, tree.n_levels, one)
+    for tile, steps in zip(tiles, importance.weights, strict=True):
+        assert len(steps) == len(tile.steps)
+        for step, own in zip(tile.steps, steps, strict=True):
+            assert own.targets.shape == (5 + tree.sh_degree, step.psi.shape[1])
+            assert own.new.shape == (5 + tree.sh_degree, step.n_new)
+            assert (own.targets > 0).all()
+            assert (own.new > 0).all()
+    table = importance.steps(1e-6, extent=1.0)
+    assert table.shape == (1 + tree.n_levels, 5 + tree.sh_degree)
+    # Roots have the more leaves below them, the finer.
+    assert (table[0, 1:] < table[-1, 1:]).all()
+
+
+# --- integers -------------------------------------------------------------------------------------
+
+
+@given(st.integers(0, 2**32), st.floats(0.01, 100), st.floats(0.1, 20))
+def test_integers_cost_no_more_than_rounded_ones(seed, weight, spread):
+    rng = np.random.default_rng(seed)
+    u = rng.laplace(0, spread, (2, 300))
+    weights = weight * rng.lognormal(0, 2, u.shape)
+    found = cheapest(u, weights)
+    assert (found == np.rint(found)).all()
+
+    def cost(q):
+        total = float((weights * (q - u) ** 2).sum())
+        for row in q:
+            _, counts = np.unique(row, return_counts=True)
+            total -= float((counts * np.log2(counts / counts.sum())).sum())
+        return total
+
+    assert cost(found) <= cost(np.rint(u)) + 0.05 * u.size
+
+
+def test_integers_are_rounded_ones_where_errors_are_dear_and_few_where_they_are_cheap():
+    u = np.linspace(-40, 40, 501)[None]
+    assert (cheapest(u, np.full_like(u, 1e6)) == np.rint(u)).all()
+    assert len(np.unique(cheapest(u, np.full_like(u, 1e-9)))) < 4
+    assert cheapest(np.empty((3, 0)), np.empty((3, 0))).shape == (3, 0)
+    far = np.array([[1e7, -3e6, 0.2]])
+    assert (cheapest(far, np.full_like(far, 1e-9))[0, :2] == far[0, :2]).all()
+
+
+# --- the command line -----------------------------------------------------------------------------
+
+
+def test_the_command_aims(tmp_path, capsys):
+    tree, _ = scene()
+    write_ply(tmp_path / "in.ply", tree.leaves())
+    out = tmp_path / "out.evogs"
+    encoded = ["encode", str(tmp_path / "in.ply"), str(out), "--json", "--levels", "3"]
+    assert main([*encoded, "--target-bytes", "20000"]) == 0
+    assert 19_600 <= json.loads(capsys.readouterr().out)["bytes"] <= 20_000
+    assert main([*encoded, "--max-error", "position=0.01", "0.5"]) == 0
+    assert main([*encoded, "--target-bytes", "20"]) == 1
+    assert "cannot be met" in capsys.readouterr().err
+    assert main([*encoded, "--target-psnr", "40", "--finer", "2"]) == 1
+    assert "--finer does not go with a target" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["shape=1", "0", "-1", "nan", "position=x"])
+def test_errors_that_are_none_are_refused(tmp_path, text, capsys):
+    write_tree(tmp_path / "in.tree.npz", EvolutionTree.of_splats(make_scene(10)))
+    arguments = [
+        "encode",
+        str(tmp_path / "in.tree.npz"),
+        str(tmp_path / "x"),
+        f"--max-error={text}",
+    ]
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2
+    assert "max-error" in capsys.readouterr().err
