@@ -11,7 +11,7 @@ from tools.bench.contexts import CONTEXTS, SPLITS, choose_model
 from tools.scene import make_scene
 
 bench = pytest.importorskip("tools.bench.entropy", reason="numba is not installed: no kernels")
-from tools.bench import rans  # noqa: E402
+from tools.bench import parts, rans  # noqa: E402
 from tools.bench.costs import Sample  # noqa: E402
 
 
@@ -47,6 +47,21 @@ def test_a_block_of_rans_gives_back_its_lists(values, kind):
     assert all(np.array_equal(a, b) for a, b in zip(found, lists, strict=True))
 
 
+@given(st.lists(st.integers(0, 2**24 - 1), min_size=1, max_size=300), st.integers(1, 9))
+def test_parts_give_back_their_list(values, divisor):
+    z = np.array(values, np.int32)
+    known = {"parent": z // divisor}
+    found = parts.decode(parts.encode([z], [known]), lambda k, context, _: known[context])
+    assert np.array_equal(found[0], z)
+
+
+def test_a_list_that_its_context_explains_is_in_parts():
+    z = np.random.default_rng(1).integers(0, 2, 10_000).astype(np.int32)
+    parted = parts.encode([z * 7], [{"parent": 9 * z}])
+    assert parted.lists[0].context == "parent"
+    assert parted.n_bytes < 200
+
+
 def test_a_block_of_rans_is_near_the_bits_of_its_model():
     z = np.random.default_rng(1).geometric(0.2, 50_000).astype(np.int32)
     model = choose_model(z, {}, ())
@@ -73,7 +88,10 @@ def test_lists_of_a_stream_are_all_that_its_packets_hold(sample):
 
 def test_every_coder_gives_back_the_lists_of_a_stream(sample):
     rows = bench.decoding([sample])
-    assert [row["coder"] for row in rows][:2] == ["planes, Zstandard", "rANS, no contexts"]
+    assert [row["coder"] for row in rows][:2] == [
+        "planes, Zstandard",
+        "planes by context, Zstandard",
+    ]
 
 
 def test_the_bounds_are_in_order(sample):

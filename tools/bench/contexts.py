@@ -19,6 +19,7 @@ from scipy.special import gammaln
 from evogs_codec.splats import F64, I32, I64, U8
 
 __all__ = [
+    "CLASS_OF",
     "CONTEXTS",
     "SPLITS",
     "Model",
@@ -37,6 +38,15 @@ MAX_TABLES = 8
 MAX_TOKENS = 256
 TABLE_BITS = 12
 N_LANES = 8
+
+
+def classes_of(magnitudes: I32) -> U8:
+    """Half octaves of 1 + m."""
+    classes: U8 = np.minimum(2 * np.log2(1.0 + magnitudes), N_CLASSES - 1).astype(np.uint8)
+    return classes
+
+
+CLASS_OF = classes_of(np.arange(6000, dtype=np.int32))  # the last is N_CLASSES - 1
 
 
 @dataclass(frozen=True)
@@ -92,12 +102,6 @@ class Model:
     table_of: U8
     counts: I64
     bits: float
-
-
-def classes_of(magnitudes: I32) -> U8:
-    """Half octaves of 1 + m."""
-    classes: U8 = np.minimum(2 * np.log2(1.0 + magnitudes), N_CLASSES - 1).astype(np.uint8)
-    return classes
 
 
 def choose_model(z: I32, known: Mapping[str, I32], contexts: Sequence[str] = CONTEXTS) -> Model:

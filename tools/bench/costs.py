@@ -16,15 +16,14 @@ from evogs_codec import (
     EvolutionTree,
     Settings,
     encode,
-    frames,
     lift,
     read_directory,
     read_ply,
     read_tree,
 )
-from evogs_codec.planes import choose_coding, entropy, split_planes
+from evogs_codec.planes import entropy, split_planes
 from evogs_codec.splats import I32
-from tools.bench import rans
+from tools.bench import parts, rans
 from tools.bench.contexts import (
     CONTEXTS,
     adaptive_bits,
@@ -46,7 +45,6 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "rANS, contexts of the packet": ("neighbour", "channel", "record"),
     "rANS, all contexts": CONTEXTS,
 }
-TABLE_OVERHEAD = 8 * 40  # bits of a plane more: its coding byte and the tables of its frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,32 +106,28 @@ class Sample:
                 found[name].append(rans.encode(lists, models, known))
         return found
 
-    def planes_by_context(self) -> int:
-        """Bytes of the stream if lists may have planes of their own for each class of a context."""
-        size = self.head
+    @cached_property
+    def parted(self) -> list[parts.Parted]:
+        """The lists of each packet, with planes of their own for each class of a context."""
+        found = []
         for packet in self.packets:
-            planes = []
-            for one, known in with_contexts(packet):
-                parts = _parts(one, known)
-                size += 2 * len(parts) if len(parts) > 1 else 0
-                for z in parts:
-                    planes += split_planes(z, choose_coding(z)[0])
-            # A frame for all, or one for each plane, as `packing` does; 5 bytes for an entry.
-            apart = sum(5 + len(frames.compress(plane, 19)) for plane in planes)
-            whole = b"".join(planes)
-            fits = len(whole) <= frames.MAX_CONTENT
-            size += min(apart, 5 + len(frames.compress(whole, 19))) if fits else apart
-        return size
+            pairs = with_contexts(packet)
+            found.append(
+                parts.encode([one.values for one, _ in pairs], [some for _, some in pairs])
+            )
+        return found
 
 
 @cache
 def samples(ply: Path | None, tree: Path | None) -> tuple[Sample, ...]:
-    """A scene lifted and without a tree; a trained tree, and its leaves without a tree."""
-    splats, scene = (read_ply(ply), ply.stem) if ply else (make_scene(), "shipped")
-    found = [
-        Sample.of(f"{scene}, lifted", lift(splats, 5), PRESETS["scene"]),
-        Sample.of(f"{scene}, no tree", EvolutionTree.of_splats(splats), FLAT),
-    ]
+    """Scenes lifted and without a tree; a trained tree, and its leaves without a tree."""
+    scenes = {"shipped": make_scene()} | ({ply.stem: read_ply(ply)} if ply else {})
+    found = []
+    for scene, splats in scenes.items():
+        found += [
+            Sample.of(f"{scene}, lifted", lift(splats, 5), PRESETS["scene"]),
+            Sample.of(f"{scene}, no tree", EvolutionTree.of_splats(splats), FLAT),
+        ]
     if tree:
         trained, name = read_tree(tree), tree.name.split(".")[0]
         leaves = EvolutionTree.of_splats(trained.leaves())
@@ -185,19 +179,3 @@ def _bits(one: IntegerList, known: Mapping[str, I32]) -> dict[str, float]:
     ]
     found["adaptive, two"] = min([found["adaptive"], *(raw + bits for bits in pairs)])
     return found
-
-
-def _parts(one: IntegerList, known: Mapping[str, I32]) -> list[I32]:
-    """A list in parts by the class of a context, where that is worth it for Zstandard."""
-    z, best = one.values, [one.values]
-    least = choose_coding(z)[1]
-    for context in known:
-        model = choose_model(z, known, (context,))
-        if model.context != context:
-            continue
-        tables = model.table_of[classes_of(known[context])]
-        parts = [z[tables == k] for k in range(len(model.counts))]
-        cost = sum(choose_coding(part)[1] + TABLE_OVERHEAD for part in parts)
-        if cost < least:
-            best, least = parts, cost
-    return best

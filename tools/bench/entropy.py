@@ -13,21 +13,19 @@ import tempfile
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TypeVar, cast
 
-import numba
 import numpy as np
 
 from evogs_codec import decode_leaves, read_directory
-from evogs_codec.kernel_values import unpack
 from evogs_codec.packets import read_planes
-from evogs_codec.splats import I32, I64, U8
+from evogs_codec.splats import I32
 from evogs_codec.stats import bytes_by_group
-from tools.bench import rans
+from tools.bench import parts, rans
 from tools.bench.contexts import CONTEXTS
 from tools.bench.costs import VARIANTS, Sample, samples
 from tools.bench.lists import ListPacket
 from tools.bench.measure import take_turns
+from tools.bench.parts import put_together
 
 __all__ = ["TABLES", "samples"]
 
@@ -43,7 +41,8 @@ def sizes(of: Sequence[Sample]) -> Rows:
         n_bytes = {
             "the format: planes, Zstandard 19": len(sample.data),
             "the format: planes, Zstandard 3": len(sample.fast),
-            "planes by context, Zstandard 19": sample.planes_by_context(),
+            "planes by context, Zstandard 19": sample.head
+            + sum(packet.n_bytes for packet in sample.parted),
             **{name: sample.head + sum(map(len, found)) for name, found in sample.blocks.items()},
             "bound: order 0 of the planes": sample.total("planes"),
             "bound: order 0 of the integers": sample.total("integers"),
@@ -110,17 +109,15 @@ def decoding(of: Sequence[Sample]) -> Rows:
     """Time from bytes to integers, a thread each, and the whole decode of the format beside it."""
     rows: Rows = []
     for sample in of:
-        for blocks in sample.blocks.values():
-            for packet, lists in zip(sample.packets, _of_blocks(sample, blocks), strict=True):
-                _check(packet, lists)
-        for packet, lists in zip(sample.packets, _of_all_frames(sample), strict=True):
-            _check(packet, lists)
-        contenders: dict[str, Callable[[], object]] = {
-            "planes, Zstandard": partial(_of_all_frames, sample),
+        coders: dict[str, Callable[[], list[list[I32]]]] = {
+            "planes, Zstandard": partial(_of_frames, sample),
+            "planes by context, Zstandard": partial(_of_parts, sample),
             **{name: partial(_of_blocks, sample, b) for name, b in sample.blocks.items()},
-            "decode to floats, the format": partial(decode_leaves, sample.data),
         }
-        seconds = take_turns(contenders, TURNS)
+        for run in coders.values():
+            _check(sample, run())
+        whole = {"decode to floats, the format": partial(decode_leaves, sample.data)}
+        seconds = take_turns({**coders, **whole}, TURNS)
         n = sum(len(one.values) for packet in sample.packets for one in packet.lists)
         rows += _speeds(sample, n, seconds)
     return rows
@@ -169,54 +166,40 @@ def _speeds(sample: Sample, n: int, seconds: dict[str, float]) -> Rows:
     ]
 
 
-def _of_all_frames(sample: Sample) -> list[list[I32]]:
-    """The lists of each packet, from its frames."""
-    return [_of_frames(packet) for packet in sample.packets]
+def _of_frames(sample: Sample) -> list[list[I32]]:
+    """The lists of each packet, from its frames, by the compiled code of the codec."""
+    found = []
+    for packet in sample.packets:
+        head, planes = packet.header, read_planes(packet.body, packet.header, 0)
+        stored = [
+            (coding.byte(), at, n)
+            for coding, at, n in zip(head.codings, head.starts, head.lengths, strict=True)
+            if coding.n_planes
+        ]
+        codes, starts, sizes = np.array(stored, np.int64).reshape(-1, 3).T.copy()
+        out = np.empty(sizes.sum(), np.int32)
+        put_together(codes, planes, starts, sizes, out)
+        found.append(np.split(out, np.cumsum(sizes)[:-1]))
+    return found
+
+
+def _of_parts(sample: Sample) -> list[list[I32]]:
+    """The lists of each packet, from planes by context."""
+    pairs = zip(sample.packets, sample.parted, strict=True)
+    return [parts.decode(parted, partial(_known, packet)) for packet, parted in pairs]
 
 
 def _of_blocks(sample: Sample, blocks: list[bytes]) -> list[list[I32]]:
-    """The lists of each packet, from blocks of rANS.
-
-    What the parents of records had is looked up before, so its time is not in here.
-    """
+    """The lists of each packet, from blocks of rANS."""
     return [
-        rans.decode(
-            block,
-            [len(one.values) for one in packet.lists],
-            lambda k, context, before, lists=packet.lists: lists[k].magnitudes(context, before),  # type: ignore[misc]
-        )
+        rans.decode(block, [len(one.values) for one in packet.lists], partial(_known, packet))
         for packet, block in zip(sample.packets, blocks, strict=True)
     ]
 
 
-def _of_frames(packet: ListPacket) -> list[I32]:
-    """The lists of a packet, from its frames, by the compiled code of the codec."""
-    head, planes = packet.header, read_planes(packet.body, packet.header, 0)
-    lists = [
-        (coding.byte(), at, n)
-        for coding, at, n in zip(head.codings, head.starts, head.lengths, strict=True)
-        if coding.n_planes
-    ]
-    codes, starts, lengths = np.array(lists, np.int64).reshape(-1, 3).T.copy()
-    out = np.empty(lengths.sum(), np.int32)
-    _join(codes, planes, starts, lengths, out)
-    return np.split(out, np.cumsum(lengths)[:-1])
-
-
-Function = TypeVar("Function", bound=Callable[..., object])
-
-
-def _jit(function: Function) -> Function:
-    return cast(Function, numba.njit(nogil=True, cache=True)(function))
-
-
-@_jit
-def _join(codes: I64, planes: U8, starts: I64, lengths: I64, out: I32) -> None:
-    at = 0
-    for k in range(len(codes)):
-        n = lengths[k]
-        unpack(codes[k], planes, starts[k], n, 0, n, out[at : at + n])
-        at += n
+def _known(packet: ListPacket, k: int, context: str, before: list[I32]) -> I32:
+    """The magnitudes of a context; those of parents are looked up beforehand, so cost no time."""
+    return packet.lists[k].magnitudes(context, before)
 
 
 def _write_job(sample: Sample, folder: Path) -> None:
@@ -254,7 +237,8 @@ def _write_job(sample: Sample, folder: Path) -> None:
     (folder / "job.bin").write_bytes(data)
 
 
-def _check(packet: ListPacket, lists: Sequence[I32]) -> None:
-    for one, values in zip(packet.lists, lists, strict=True):
-        if not np.array_equal(one.values, values):
-            raise AssertionError(f"a coder does not give back a list of {one.name}")
+def _check(sample: Sample, found: list[list[I32]]) -> None:
+    for packet, lists in zip(sample.packets, found, strict=True):
+        for one, values in zip(packet.lists, lists, strict=True):
+            if not np.array_equal(one.values, values):
+                raise AssertionError(f"a coder does not give back a list of {one.name}")

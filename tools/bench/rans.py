@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from evogs_codec.splats import I32, I64
 from tools.bench.contexts import (
+    CLASS_OF,
     CONTEXTS,
     MAX_TABLES,
     MAX_TOKENS,
@@ -46,7 +47,6 @@ U32: TypeAlias = npt.NDArray[np.uint32]
 Known: TypeAlias = Callable[[int, str, list[I32]], I32]  # list, context, lists before
 TOTAL = 1 << TABLE_BITS
 BASES = [split.bases(MAX_TOKENS) for split in SPLITS]
-CLASS_OF = classes_of(np.arange(6000, dtype=np.int32))  # the last is N_CLASSES - 1
 
 
 def encode(
