@@ -25,7 +25,7 @@ from tools.scene import make_scene
 ROOT = Path(__file__).resolve().parent.parent.parent
 Rows = list[dict[str, object]]
 Measurement = tuple[str, str, Callable[[], Rows]]  # name, title, what measures it
-PARTS = ("raster", "scene", "levels", "tree", "entropy", "extremes")
+PARTS = ("raster", "scene", "rate", "levels", "tree", "entropy", "extremes")
 
 
 def main() -> int:
@@ -64,13 +64,19 @@ def _measurements(args: argparse.Namespace, folder: Path) -> Iterator[Measuremen
     if "raster" in args.only:  # first, while the process is small
         for name, (title, run) in raster.TABLES.items():
             yield name, title, run
-    if {"scene", "levels"} & set(args.only):
+    if {"scene", "levels", "rate"} & set(args.only):
         splats = read_ply(args.ply) if args.ply else make_scene()
     if "scene" in args.only:
         from tools.bench import scene  # needs gsply, which nothing else does
 
         for name, (title, measure) in scene.TABLES.items():
             yield name, title, partial(measure, splats, folder)
+    if "rate" in args.only:
+        from tools.bench import rate
+
+        name = args.ply.stem if args.ply else "shipped"
+        title = "Size against pictures, over 24 views"
+        yield "rate", title, partial(rate.rate, splats, name, args.up, folder)
     if "levels" in args.only:
         title = "Pictures of the levels, against the scene, over 24 views"
         yield "levels", title, partial(_levels, args, splats)

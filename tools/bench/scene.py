@@ -23,6 +23,7 @@ from evogs_codec import (
 )
 from evogs_codec.stats import bytes_by_group
 from tools.bench.measure import errors, leaves_in_stream_order, peak_memory, take_turns
+from tools.bench.peers import from_gsply, write_spz
 
 __all__ = ["TABLES"]
 
@@ -53,8 +54,8 @@ def size(splats: SplatParams, folder: Path) -> Rows:
         sh = sum(part.n_bytes for key, part in groups.items() if key in ("sh 1", "sh 2", "sh 3"))
         decoded = decode(data).leaves(sh_degree=splats.sh_degree)
         rows.append(_size_row(name, len(data), sh, decoded, leaves_in_stream_order(some)))
-    spz = _spz(splats, folder)
-    decoded = _from_gsply(gsply.read_spz(spz), splats)
+    spz = write_spz(splats, folder / "scene.spz")
+    decoded = from_gsply(gsply.read_spz(spz), splats)
     sh_bytes = _spz_sh_bytes(spz)
     rows.append(_size_row("SPZ 4 (no levels)", spz.stat().st_size, sh_bytes, decoded, splats))
     base = rows[1]["bytes"]
@@ -95,7 +96,7 @@ def groups(splats: SplatParams, folder: Path) -> Rows:
 def decoding(splats: SplatParams, folder: Path) -> Rows:
     """Time of decoding to float arrays against a copy of them and against SPZ version 4."""
     data = (folder / "scene.evogs").read_bytes()
-    spz = _spz(splats, folder)
+    spz = write_spz(splats, folder / "scene.spz")
     arrays = decode(data).leaves().channels()
     seconds = take_turns(
         {
@@ -166,27 +167,9 @@ def _tree(splats: SplatParams, folder: Path) -> EvolutionTree:
     return lift(read_ply(ply), 5)
 
 
-def _spz(splats: SplatParams, folder: Path) -> Path:
-    path = folder / "scene.spz"
-    if not path.exists():
-        write_ply(folder / "scene.ply", splats)
-        gsply.write_spz(path, gsply.plyread(folder / "scene.ply"), version=4)
-    return path
-
-
 def _spz_sh_bytes(path: Path) -> int:
     """Compressed bytes of the last stream, SH 1+, from the table of contents of the file."""
     head = path.read_bytes()[:4096]
     n_streams, at = head[15], int.from_bytes(head[16:20], "little")
     sizes = np.frombuffer(head[at : at + 16 * n_streams], "<u8").reshape(n_streams, 2)
     return int(sizes[5, 0]) if n_streams > 5 else 0
-
-
-def _from_gsply(data: gsply.GSData, like: SplatParams) -> SplatParams:
-    """Splats of gsply, which gives back the axes that it was given."""
-    n = len(like)
-    means, quats = np.array(data.means), np.array(data.quats)
-    rest = np.array(data.shN).reshape(n, -1, 3) if like.sh.shape[1] > 1 else np.zeros((n, 0, 3))
-    sh = np.concatenate([np.array(data.sh0).reshape(n, 1, 3), rest], axis=1)
-    opacity = np.array(data.opacities).reshape(n)
-    return SplatParams(means, quats, np.array(data.scales), opacity, sh)
