@@ -12,13 +12,14 @@ from conformance.cli import around
 from conformance.views import Views
 from evogs_codec import PRESETS, SplatParams, decode, encode, lift
 from evogs_codec.aiming import Aim
-from tools.bench.peers import from_gsply, write_compressed_ply, write_spz
+from tools.bench.peers import from_gsply, with_fewer_sh_bits, write_compressed_ply, write_spz
 
 __all__ = ["rate"]
 
 Rows = list[dict[str, object]]
 N_LEVELS = 5
 SIZE = 400  # pixels, of a view
+FEWER = "SPZ 4, SH as its reference encoder rounds"
 TARGETS = (35, 40, 45, 50)  # dB
 
 
@@ -34,8 +35,8 @@ def rate(splats: SplatParams, scene: str, up: str, folder: Path) -> Rows:
     """Bytes a splat and PSNR against the scene, over 24 views; ours have all levels in them."""
     views = Views(splats, around(splats, up, SIZE))
     peers = list(_peers(splats, views, folder))
-    spz = next(point for point in peers if point.name == "SPZ 4")
-    ours = list(_ours(splats, views, (*TARGETS, spz.decibels)))
+    spz, fewer = (next(p for p in peers if p.name == name) for name in ("SPZ 4", FEWER))
+    ours = list(_ours(splats, views, (*TARGETS, fewer.decibels, spz.decibels)))
     return [
         {
             "scene": scene,
@@ -43,6 +44,7 @@ def rate(splats: SplatParams, scene: str, up: str, folder: Path) -> Rows:
             "bytes a splat": f"{point.n_bytes / len(splats):.2f}",
             "PSNR, dB": f"{point.decibels:.2f}",
             "to SPZ 4": f"{point.n_bytes / spz.n_bytes:.2f}",
+            "to that with fewer SH bits": f"{point.n_bytes / fewer.n_bytes:.2f}",
         }
         for point in (*peers, *ours)
     ]
@@ -64,6 +66,7 @@ def _peers(splats: SplatParams, views: Views, folder: Path) -> Iterator[Point]:
     files = {
         "SPZ 3": write_spz(splats, folder / "rate-3.spz", version=3),
         "SPZ 4": write_spz(splats, folder / "rate-4.spz"),
+        FEWER: write_spz(with_fewer_sh_bits(splats), folder / "rate-4-fewer.spz"),
         "compressed PLY": write_compressed_ply(splats, folder / "rate.compressed.ply"),
     }
     for name, path in files.items():
