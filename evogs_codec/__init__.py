@@ -5,6 +5,7 @@ data = encode(tree, PRESETS["scene"])
 splats = decode_leaves(data)
 """
 
+from evogs_codec.aiming import Aim as Aim
 from evogs_codec.cut import Cut as Cut
 from evogs_codec.decode import Decoded as Decoded
 from evogs_codec.decode import decode as decode
@@ -36,6 +37,7 @@ from evogs_codec.tree import Step as Step
 
 __all__ = [
     "PRESETS",
+    "Aim",
     "Cut",
     "Decoded",
     "Decoder",
