@@ -10,8 +10,20 @@ from hypothesis import given
 from hypothesis import settings as budget
 from hypothesis import strategies as st
 
+from conformance.rasterizer.options import DEFAULT
+from conformance.rasterizer.oracle import render_exactly
 from evogs_codec import PRESETS, EvolutionTree, lift
-from tools.extremes import codec, exact, integers, page, scenes
+from tools.extremes import (
+    codec,
+    decimals,
+    exact,
+    integers,
+    page,
+    rasterizer,
+    scenes,
+    training,
+    views,
+)
 from tools.extremes.measured import measure
 from tools.extremes.row import Row, attempted, outcome
 
@@ -23,6 +35,7 @@ BROKEN = (
     "alpha = 7.9997559 on psi = 2, beside others; `trained`",
     "alpha = 10.1 on psi = 8, beside others; `trained`",
     "alpha = 10.1 on psi = 8000, beside others; `trained`",
+    "225 equal splats at their rim, T at 1e-4",
 )
 
 
@@ -70,6 +83,44 @@ def test_what_is_too_large_is_refused_and_what_is_coarser_is_warned_of():
     assert all("warned: " in text for name, text in beyond.items() if name.startswith("one "))
 
 
+def test_projections_keep_their_bounds():
+    assert_holds(rasterizer.projections(40))
+
+
+def test_pictures_keep_their_bounds():
+    assert_holds(rasterizer.pictures(30))
+
+
+def test_piles_in_one_pixel_keep_their_bounds():
+    rows = list(rasterizer.piles(20_000))
+    assert_holds(rows)
+    assert all("max_intersections" in row.beyond for row in rows)
+
+
+def test_piles_seen_at_their_rims_keep_their_bound():
+    assert_holds(rasterizer.rims(50))
+
+
+def test_a_large_picture_keeps_its_bound():
+    assert_holds(rasterizer.large_pictures(400))
+
+
+@pytest.mark.slow
+def test_ten_million_splats_in_one_pixel_keep_their_bounds():
+    assert_holds(rasterizer.piles(10_000_000))
+
+
+@pytest.mark.slow
+def test_a_picture_of_8192_by_8192_pixels_keeps_its_bound():
+    assert_holds(rasterizer.large_pictures(8192))
+
+
+@pytest.mark.filterwarnings("ignore:grad and param do not obey:UserWarning")
+def test_training_from_the_extremes_stays_finite_or_says_why():
+    pytest.importorskip("torch")
+    assert_holds(training.starts(16))
+
+
 @budget(max_examples=25)
 @given(
     st.integers(1, 12),
@@ -106,6 +157,21 @@ def test_the_exact_tree_is_the_tree():
 def test_integers_are_rounded_to_binary32_as_the_processor_does(numerator, exponent):
     wanted = np.float32(np.ldexp(np.float64(numerator), -exponent))
     assert exact.float32_of(numerator, exponent) == wanted
+
+
+@budget(max_examples=20)
+@given(st.integers(0, 1000), st.sampled_from(sorted(views.VIEWS)))
+def test_the_decimals_and_the_oracle_are_one_definition(seed, name):
+    splats, camera = views.VIEWS[name](40)
+    splats = splats.take(np.random.default_rng(seed).permutation(len(splats))[:12])
+    picture = render_exactly(splats, camera, rasterizer.BACKGROUND)
+    footprints = rasterizer.footprints(splats, camera)
+    y, x = seed % camera.height, seed * 7 % camera.width
+    place = x + 0.5, y + 0.5
+    wanted, doubtful = decimals.pixel(footprints, *place, rasterizer.BACKGROUND, DEFAULT)
+    assert doubtful == picture.doubtful[y, x]
+    if not doubtful:
+        np.testing.assert_allclose(picture.image[y, x], wanted, rtol=1e-9)
 
 
 # --- the instrument -------------------------------------------------------------------------------

@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 
 from reference_trainer.hardware import machine
-from tools.extremes import codec, integers
+from tools.extremes import codec, integers, rasterizer, training
 from tools.extremes.row import Row
 
 __all__ = ["TABLES", "remake"]
@@ -18,7 +19,17 @@ TABLES: dict[str, tuple[Part, ...]] = {
     "encoder": ((codec.scenes, 300), (codec.grids, 64)),
     "records": ((codec.chains, 64), (codec.products, 2)),
     "decoder": ((integers.chains_at_limits, 64), (integers.float_view, 200)),
+    "projections": ((rasterizer.projections, 300),),
+    "pictures": (
+        (rasterizer.pictures, 100),
+        (rasterizer.piles, 100_000),
+        (rasterizer.piles, 10_000_000),
+        (rasterizer.rims, 1000),
+        (rasterizer.large_pictures, 8192),
+    ),
+    "training": ((training.starts, 40),),
 }
+NEEDS_TORCH = {"training"}
 
 
 def remake(path: Path) -> bool:
@@ -26,7 +37,10 @@ def remake(path: Path) -> bool:
     text = path.read_text(encoding="utf-8")
     holds = True
     for name, parts in TABLES.items():
-        rows = []
+        if name in NEEDS_TORCH and find_spec("torch") is None:
+            print(f"extremes: {name}: left as it is, since there is no torch", file=sys.stderr)
+            continue
+        rows: list[Row] = []
         for make, n in parts:
             print(f"extremes: {name}, {make.__name__} ...", file=sys.stderr)
             rows += list(make(n))
