@@ -10,7 +10,7 @@ import json
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -31,16 +31,16 @@ __all__ = ["TABLES", "samples"]
 
 Rows = list[dict[str, object]]
 TURNS = 9
+FORMAT = "the format: planes, Zstandard 19"
 IN_JAVASCRIPT = tuple(VARIANTS)[:2]
 
 
 def sizes(of: Sequence[Sample]) -> Rows:
-    """Bytes per splat of whole streams, stored and bounds."""
-    rows: Rows = []
+    """Sizes of whole streams to that of the format; and its bytes a splat."""
+    columns = {}
     for sample in of:
         n_bytes = {
-            "the format: planes, Zstandard 19": len(sample.data),
-            "the format: planes, Zstandard 3": len(sample.fast),
+            "planes, Zstandard 3": len(sample.fast),
             "planes by context, Zstandard 19": sample.head
             + sum(packet.n_bytes for packet in sample.parted),
             **{name: sample.head + sum(map(len, found)) for name, found in sample.blocks.items()},
@@ -50,120 +50,94 @@ def sizes(of: Sequence[Sample]) -> Rows:
             "bound: a context, adaptive": sample.total("adaptive"),
             "bound: two contexts, adaptive": sample.total("adaptive, two"),
         }
-        rows += [
-            {
-                "stream": sample.name,
-                "coder": coder,
-                "bytes a splat": f"{size / sample.n:.3f}",
-                "to the format": f"{size / len(sample.data):.3f}",
-            }
-            for coder, size in n_bytes.items()
-        ]
-    return rows
+        base = len(sample.data)
+        ratios = {coder: f"{size / base:.3f}" for coder, size in n_bytes.items()}
+        columns[sample.name] = {FORMAT: f"{base / sample.n:.2f} B", **ratios}
+    return _table("coder", columns)
 
 
 def contexts(of: Sequence[Sample]) -> Rows:
-    """What each context gains where it is the only one."""
-    rows: Rows = []
-    for sample in of:
-        for context in CONTEXTS:
-            static, adaptive = (
-                sample.total(f"static {context}"),
-                sample.total(f"adaptive {context}"),
-            )
-            rows.append(
-                {
-                    "stream": sample.name,
-                    "context": context,
-                    "static tables, bytes a splat": f"{static / sample.n:.3f}",
-                    "to the format": f"{static / len(sample.data):.3f}",
-                    "adaptive, bytes a splat": f"{adaptive / sample.n:.3f}",
-                    "adaptive to the format": f"{adaptive / len(sample.data):.3f}",
-                }
-            )
-    return rows
+    """Sizes to that of the format where no other context is used."""
+    columns = {
+        sample.name: {
+            f"{context}, {tables}": f"{sample.total(f'{tables} {context}') / len(sample.data):.3f}"
+            for tables in ("static", "adaptive")
+            for context in CONTEXTS
+        }
+        for sample in of
+    }
+    return _table("context, tables", columns)
 
 
 def groups(of: Sequence[Sample]) -> Rows:
-    """Bytes per splat of what the lists hold: stored, and by the bounds."""
-    rows: Rows = []
+    """Bytes a splat of what the lists hold: stored, and by the best context with static tables."""
+    columns = {}
     for sample in of:
-        view = memoryview(sample.data)
+        view, n = memoryview(sample.data), sample.n
         stored = bytes_by_group(read_directory(view), view)
-        for name, costs in sample.costs.items():
-            rows.append(
-                {
-                    "stream": sample.name,
-                    "part": name,
-                    "the format": f"{stored[name].n_bytes / sample.n:.3f}",
-                    "order 0 of the integers": f"{costs['integers'] / sample.n:.3f}",
-                    "static tables": f"{costs['static none'] / sample.n:.3f}",
-                    "a context, static tables": f"{costs['static'] / sample.n:.3f}",
-                    "two contexts, adaptive": f"{costs['adaptive, two'] / sample.n:.3f}",
-                }
-            )
-    return rows
+        columns[sample.name] = {
+            name: f"{stored[name].n_bytes / n:.3f} > {costs['static'] / n:.3f}"
+            for name, costs in sample.costs.items()
+        }
+    return _table("part", columns)
 
 
 def decoding(of: Sequence[Sample]) -> Rows:
-    """Time from bytes to integers, a thread each, and the whole decode of the format beside it."""
-    rows: Rows = []
+    """Time from bytes to integers, in one thread; and the whole decode of the format, in all."""
+    columns = {}
     for sample in of:
         coders: dict[str, Callable[[], list[list[I32]]]] = {
-            "planes, Zstandard": partial(_of_frames, sample),
-            "planes by context, Zstandard": partial(_of_parts, sample),
+            FORMAT: partial(_of_frames, sample),
+            "planes by context, Zstandard 19": partial(_of_parts, sample),
             **{name: partial(_of_blocks, sample, b) for name, b in sample.blocks.items()},
         }
         for run in coders.values():
             _check(sample, run())
-        whole = {"decode to floats, the format": partial(decode_leaves, sample.data)}
-        seconds = take_turns({**coders, **whole}, TURNS)
-        n = sum(len(one.values) for packet in sample.packets for one in packet.lists)
-        rows += _speeds(sample, n, seconds)
-    return rows
+        whole = {"the format, to floats": partial(decode_leaves, sample.data)}
+        columns[sample.name] = _speeds(sample, take_turns({**coders, **whole}, TURNS))
+    return _table("coder", columns)
 
 
 def javascript(of: Sequence[Sample]) -> Rows:
-    """The same in JavaScript; says so where node or a library is not there."""
+    """The same in JavaScript; says so where node is not there, and measures what it finds."""
     node = shutil.which("node")
     if node is None:
-        return [{"stream": "", "coder": "not measured: node is not on this machine"}]
-    rows: Rows = []
+        return [{"coder": "not measured: no node"}]
+    columns = {}
     for sample in of:
         with tempfile.TemporaryDirectory() as folder:
             _write_job(sample, Path(folder))
-            program = Path(__file__).parent / "entropy.cjs"
-            run = subprocess.run(
-                [node, str(program), folder, str(TURNS)],
-                check=True,
-                capture_output=True,
-                text=True,
-            )
-        n = sum(len(one.values) for packet in sample.packets for one in packet.lists)
-        rows += _speeds(sample, n, json.loads(run.stdout))
+            program = Path(__file__).with_suffix(".cjs")
+            command = [node, str(program), folder, str(TURNS)]
+            run = subprocess.run(command, check=True, capture_output=True, text=True)
+        columns[sample.name] = _speeds(sample, json.loads(run.stdout))
+    rows = _table("coder", columns)
+    if not any("Zstandard" in str(row["coder"]) for row in rows):
+        rows.append({**dict.fromkeys(rows[0], ""), "coder": "Zstandard: no library for node"})
     return rows
 
 
 TABLES: dict[str, tuple[str, Callable[[Sequence[Sample]], Rows]]] = {
-    "entropy": ("Entropy coders: bytes of a stream", sizes),
-    "entropy-contexts": ("Entropy coders: what contexts gain", contexts),
-    "entropy-groups": ("Entropy coders: bytes of each part", groups),
-    "entropy-decoding": ("Entropy coders: time from bytes to integers", decoding),
-    "entropy-javascript": ("Entropy coders: time in JavaScript", javascript),
+    "entropy": ("Entropy coders: size, to that of the format", sizes),
+    "entropy-contexts": ("Entropy coders: one context for all lists, to the format", contexts),
+    "entropy-groups": ("Entropy coders: bytes a splat, stored > best context", groups),
+    "entropy-decoding": ("Entropy coders: from bytes to integers, ns an integer", decoding),
+    "entropy-javascript": ("Entropy coders: the same in JavaScript, ns an integer", javascript),
 }
 
 
-def _speeds(sample: Sample, n: int, seconds: dict[str, float]) -> Rows:
-    base = next(iter(seconds.values()))
+def _table(corner: str, columns: Mapping[str, Mapping[str, str]]) -> Rows:
+    """A row for everything that a column has."""
+    names = dict.fromkeys(name for column in columns.values() for name in column)
     return [
-        {
-            "stream": sample.name,
-            "coder": coder,
-            "ns an integer": f"{1e9 * value / n:.2f}",
-            "to the first": f"{value / base:.2f}",
-        }
-        for coder, value in seconds.items()
+        {corner: name, **{stream: column.get(name, "") for stream, column in columns.items()}}
+        for name in names
     ]
+
+
+def _speeds(sample: Sample, seconds: Mapping[str, float]) -> dict[str, str]:
+    n = sum(len(one.values) for packet in sample.packets for one in packet.lists)
+    return {coder: f"{1e9 * value / n:.2f}" for coder, value in seconds.items()}
 
 
 def _of_frames(sample: Sample) -> list[list[I32]]:
