@@ -18,6 +18,7 @@ from tools.extremes import (
     decimals,
     exact,
     integers,
+    lifted,
     page,
     rasterizer,
     scenes,
@@ -61,6 +62,14 @@ def test_chains_keep_their_bounds():
 
 def test_products_keep_their_bounds():
     assert_holds(codec.products(2))
+
+
+def test_errors_asked_for_are_kept_or_refused():
+    assert_holds(codec.targets(10))
+
+
+def test_lifting_keeps_shapes_with_quaternions_of_any_length():
+    assert_holds(lifted.shapes(50))
 
 
 def test_integers_at_their_limits_are_those_of_the_formulas():

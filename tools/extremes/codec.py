@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from evogs_codec import PRESETS, EvolutionTree, Step, encode, lift
-from evogs_codec.splats import n_channels
+from evogs_codec import PRESETS, Aim, EvolutionTree, Step, decode, encode, lift
+from evogs_codec.arrange import arrange
+from evogs_codec.splats import GROUP_CHANNELS, GROUPS, n_channels
 from tools.extremes.measured import measure
 from tools.extremes.row import Row, attempted, outcome
 from tools.extremes.scenes import SCENES, chain, plain
 
-__all__ = ["chains", "grids", "products", "scenes"]
+__all__ = ["chains", "grids", "products", "scenes", "targets"]
 
 ALPHAS = {
     "1": [1.0],
@@ -22,6 +24,7 @@ ALPHAS = {
     "-1": [-1.0],
     "mixed, -3 to 10": [0.5, -1.0, 2.4, 10.0, 1 / 3, -3.0],
 }
+ASKED = {"position": 1e-4, "rotation": 1e-3, "scale": 1e-3, "opacity": 1e-3, "sh": 1e-3}
 ADDS = "s/2"
 RECORDS = "records (section 2)"
 UNIT = "1 unit"
@@ -37,6 +40,21 @@ def scenes(n: int) -> Iterator[Row]:
             yield _row(f"{name}; 4 levels, `{preset}`", lifted, preset, bound, group=group)
     yield _one_long_quaternion(n)
     yield _one_far_splat(n)
+
+
+def targets(n: int) -> Iterator[Row]:
+    """`--max-error` on lifted scenes of n splats: one for each group."""
+    for name, (make, group) in SCENES.items():
+        splats = make(n)
+        asked = dict(ASKED)
+        if group == "position":  # a part of the scene, but no less than half a step of binary32
+            size = float(np.ptp(splats.means.astype(np.float64), axis=0).max())
+            asked["position"] = max(1e-4 * size, 2.0**-25 * float(np.abs(splats.means).max()))
+        yield attempted(name, _words(asked), partial(_target, name, lift(splats, 4), asked))
+    too_little = dict.fromkeys(GROUPS, 1e-13)
+    beyond = outcome(partial(_aimed, Aim(lift(plain(n), 4), PRESETS["scene"]), too_little))
+    part = 0.0 if "`InputError`" in beyond else np.inf
+    yield Row("1e-13 of every group, which binary32 has not", "refused", beyond, part, "")
 
 
 def chains(n: int) -> Iterator[Row]:
@@ -102,6 +120,27 @@ def _row(
         )
 
     return attempted(name, bound, run)
+
+
+def _target(name: str, tree: EvolutionTree, asked: dict[str, float]) -> Row:
+    """The leaves of the stream against the leaves of the tree, both as binary32."""
+    aim = Aim(tree, replace(PRESETS["scene"], effort=1))
+    got = decode(aim.within(asked)).leaves().channels().astype(np.float64)
+    wanted = [tile.leaves().channels() for tile in arrange(tree, 1)]
+    off = np.abs(got - np.concatenate(wanted, axis=1))
+    found = {
+        group: float(off[part].max()) for group, part in zip(GROUPS, GROUP_CHANNELS, strict=True)
+    }
+    part = max(found[group] / error for group, error in asked.items())
+    return Row(name, _words(asked), _words(found), part, "")
+
+
+def _aimed(aim: Aim, errors: dict[str, float]) -> str:
+    return f"{len(aim.within(errors))} bytes"
+
+
+def _words(errors: dict[str, float]) -> str:
+    return ", ".join(f"{group} {error:.3g}" for group, error in errors.items())
 
 
 def _one_long_quaternion(n: int) -> Row:

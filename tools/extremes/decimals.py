@@ -15,7 +15,7 @@ from typing import Any, ParamSpec, TypeVar
 from conformance.rasterizer import Camera, Options
 from conformance.rasterizer.render import Splats
 
-__all__ = ["Footprint", "pixel", "project"]
+__all__ = ["Footprint", "covariance", "pixel", "project"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -95,6 +95,15 @@ def project(splats: Splats, i: int, camera: Camera, options: Options) -> Footpri
     centre = fx * x / z + cx, fy * y / z + cy
     a, b, c = uu + e, _dot(u, v), vv + e
     return Footprint(*centre, u, v, a, b, c, determinant, color, opacity, z)
+
+
+@_precise
+def covariance(splats: Splats, i: int) -> list[Decimal]:
+    """(9,) of splat i in the world, R diag(s**2) R^T, row by row."""
+    turn = _matrix(_decimals(splats.quats[i]))
+    squares = [(2 * s).exp() for s in _decimals(splats.log_scales[i])]
+    scaled = [[t * s for t, s in zip(row, squares, strict=True)] for row in turn]
+    return [_dot(a, b) for a in scaled for b in turn]
 
 
 @_precise

@@ -20,7 +20,8 @@ from tools.extremes.row import Row, outcome
 
 __all__ = ["chains_at_limits", "float_view"]
 
-ENDS = (-32768, 32767, 1, -1)  # of the s16 of an alpha table
+ENTRIES = (-32768, 1, *range(-126, 126), -1, 32767)  # an alpha table of 256
+TAKEN = (0, 255, 1, 254)  # the ends of the s16, and the least, at the ends of the table
 SHIFTS = (12, 0, 7)  # K of levels 1, 2, 3
 MAX_ORIGIN = 1 << 52
 BOX = ((-MAX_X,) * 3, (MAX_X,) * 3)
@@ -32,7 +33,7 @@ def chains_at_limits(n: int) -> Iterator[Row]:
     tree, x = _chain(n)
     stream = write(tree, effort=1)
     got = decode(stream, verify=True).tiles[0].channels()
-    extreme = f"{n} generations at the limits: X to {int(abs(x).max())}, a = +-2^15, K = 12, 0, 7"
+    extreme = f"{n} generations at the limits: X to {int(abs(x).max())}, a from -2^15 to 2^15 - 1"
     beyond = "; ".join(
         f"{what}: {outcome(partial(_decoded, stream))}" for what, stream in _steps_too_far(tree, x)
     )
@@ -78,7 +79,7 @@ def _chain(n: int) -> tuple[CodedTree, exact.Integers]:
         (Quantiser(1, 0),) * 5,
     ]
     alpha = {
-        (level, group): AlphaTable(shift, ENDS)
+        (level, group): AlphaTable(shift, ENTRIES)
         for level, shift in zip((1, 2, 3), SHIFTS, strict=True)
         for group in range(N_GROUPS)
     }
@@ -96,7 +97,7 @@ def _chain(n: int) -> tuple[CodedTree, exact.Integers]:
 def _to_the_limit(tree: CodedTree, x: exact.Integers, level: int, k: int) -> CodedStep:
     """A split of slot 0, a refine of slot 1, a split of slot 2, each as far as it may go."""
     table = tree.alpha_table(level, 0)
-    index = np.array([k % 4, (k // 4) % 4], np.uint8)
+    index = np.array([TAKEN[k % 4], TAKEN[k // 4 % 4]], np.uint8)
     a = (table.entries[index[0]], None, table.entries[index[1]])
     psi = np.zeros((len(x), 3), np.int32)
     for channel in range(len(x)):

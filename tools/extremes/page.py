@@ -9,15 +9,16 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from reference_trainer.hardware import machine
-from tools.extremes import codec, integers, rasterizer, training
+from tools.extremes import codec, integers, lifted, rasterizer, training
 from tools.extremes.row import Row
 
 __all__ = ["TABLES", "remake"]
 
 Part = tuple[Callable[[int], Iterator[Row]], int]  # what makes rows, and its count
 TABLES: dict[str, tuple[Part, ...]] = {
-    "encoder": ((codec.scenes, 300), (codec.grids, 64)),
+    "encoder": ((codec.scenes, 300), (codec.grids, 64), (lifted.shapes, 300)),
     "records": ((codec.chains, 64), (codec.products, 2)),
+    "targets": ((codec.targets, 100),),
     "decoder": ((integers.chains_at_limits, 64), (integers.float_view, 200)),
     "projections": ((rasterizer.projections, 300),),
     "pictures": (
