@@ -55,7 +55,7 @@ def main() -> int:
     )
     if tables:
         write(args.out, command, tables, keep_others=bool(some))
-    holds = "extremes" not in args.only or extremes.remake(args.out / "extremes.md")
+    holds = "extremes" not in args.only or extremes.remake(args.out)
     return 0 if holds else 1
 
 

@@ -12,8 +12,9 @@ from reference_trainer.hardware import machine
 from tools.extremes import codec, integers, lifted, rasterizer, training
 from tools.extremes.row import Row
 
-__all__ = ["TABLES", "remake"]
+__all__ = ["PAGE", "TABLES", "remake"]
 
+PAGE = Path(__file__).resolve().parent.parent.parent / "docs" / "extremes.md"
 Part = tuple[Callable[[int], Iterator[Row]], int]  # what makes rows, and its count
 TABLES: dict[str, tuple[Part, ...]] = {
     "encoder": ((codec.scenes, 300), (codec.grids, 64), (lifted.shapes, 300)),
@@ -33,9 +34,9 @@ TABLES: dict[str, tuple[Part, ...]] = {
 NEEDS_TORCH = {"training"}
 
 
-def remake(path: Path) -> bool:
-    """Measure everything and write the tables of the page; False if a bound is broken."""
-    text = path.read_text(encoding="utf-8")
+def remake(folder: Path) -> bool:
+    """Measure everything and write the page to `folder`; False if a bound is broken."""
+    text = PAGE.read_text(encoding="utf-8")
     holds = True
     for name, parts in TABLES.items():
         if name in NEEDS_TORCH and find_spec("torch") is None:
@@ -48,7 +49,8 @@ def remake(path: Path) -> bool:
         holds = holds and all(row.holds for row in rows)
         text = _replaced(text, name, "\n".join(_markdown(rows)))
     made = f"Made by `python -m tools.bench --only extremes` on {machine()}."
-    path.write_text(_replaced(text, "made", made), encoding="utf-8")
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / PAGE.name).write_text(_replaced(text, "made", made), encoding="utf-8")
     return holds
 
 
