@@ -20,6 +20,7 @@ ALWAYS, PER_PACKET, PER_TILE, PER_LEVEL = 64 << 10, 1 << 10, 10 << 10, 1 << 10
 ARRAYS = 6  # "a few" of 4 bytes per record, of the packet that is applied
 KEPT = 7  # per record: slots, kinds and alpha that SH bands still need
 TIMES = 3
+WAITING = 3  # copies of the file: one with room to grow, one in packets
 UNREAD = 16  # per byte of a file whose directory is at fault: rows of tables, as far as read
 GROWN = 3  # times the state where it grows as packets come: it doubles, and the old one is copied
 
@@ -43,10 +44,10 @@ def bound(data: bytes, *, grows: bool = False, dump: int = 0) -> int:
 
 
 def _tables(directory: Directory, size: int) -> int:
-    """Header, chunks, and bytes that wait for others."""
+    """Header, chunks, and bytes that wait for others: as they came, and packet by packet."""
     n_packets, n_tiles = len(directory.packets), len(directory.tiles)
     counted = PER_PACKET * n_packets + PER_TILE * n_tiles + PER_LEVEL * directory.n_levels
-    return ALWAYS + counted + 2 * size
+    return ALWAYS + counted + WAITING * size
 
 
 def _state(directory: Directory) -> int:

@@ -51,7 +51,6 @@ class Decoder:
         self._done = np.zeros(0, bool)
         self._faults: dict[int, StreamError] = {}
         self._at = 0
-        self._early: list[tuple[int, bytes]] = []
         self._trailing = False
 
     def feed(self, data: bytes | memoryview, at: int | None = None) -> list[StepReady]:
@@ -67,17 +66,16 @@ class Decoder:
         if at < 0:
             raise ValueError(f"offset {at}")
         self._at = at + len(data)
+        pieces: list[tuple[int, bytes | memoryview]] = [(at, data)]
         if self.directory is None:
-            self._early.append((at, bytes(data)))
             self._head.put(at, bytes(data))
             if not self._read_head():
                 return []
-            pieces, self._early = self._early, []
-        else:
-            pieces = [(at, bytes(data))]
+            pieces = self._head.all()
+            self._head = _Ranges()
         ready: list[StepReady] = []
         for begin, piece in pieces:
-            ready += self._take(begin, piece)
+            ready += self._take(begin, memoryview(piece))
         self._raise_first_fault()
         return ready
 
@@ -139,16 +137,15 @@ class Decoder:
     def _read_head(self) -> bool:
         if not self._head.covers(self._head_size):
             return False
-        prefix = memoryview(self._head.prefix())
+        prefix = memoryview(self._head.prefix(max(self._head_size, HEADER_SIZE)))
         if len(prefix) < HEADER_SIZE:
             if prefix[:8] != layout.SIGNATURE[: len(prefix[:8])]:
                 read_header(prefix)
             return False
         self._head_size = HEADER_SIZE + read_header(prefix, self._limits)["chunks_size"]
-        if len(prefix) < self._head_size:
+        if not self._head.covers(self._head_size):
             return False
-        directory = read_directory(prefix, self._limits)
-        self._head = _Ranges()
+        directory = read_directory(memoryview(self._head.prefix(self._head_size)), self._limits)
         self.directory = directory
         rows = directory.packets
         # Slots are made as packets come: a table may promise any number.
@@ -163,7 +160,7 @@ class Decoder:
             self._whole[packet] = b""
         return True
 
-    def _take(self, at: int, data: bytes) -> list[StepReady]:
+    def _take(self, at: int, data: memoryview) -> list[StepReady]:
         """Put bytes into the packets they belong to and apply what became complete."""
         directory = self.directory
         assert directory is not None
@@ -179,14 +176,14 @@ class Decoder:
                 continue
             offset = int(directory.offsets[packet])
             begin, stop = max(at, offset), min(end, offset + size)
-            part = data[begin - at : stop - at]
+            part = bytes(data[begin - at : stop - at])
             if len(part) == size:
                 self._whole[packet] = part
             else:
                 ranges = self._parts.setdefault(packet, _Ranges())
                 ranges.put(begin - offset, part)
                 if ranges.covers(size):
-                    self._whole[packet] = ranges.prefix()
+                    self._whole[packet] = ranges.prefix(size)
                     del self._parts[packet]
             if packet in self._whole:
                 touched.add(int(directory.packets["tile"][packet]))
@@ -246,6 +243,11 @@ class _Ranges:
         """All bytes 0..size are there."""
         return len(self._head) >= size
 
-    def prefix(self) -> bytes:
-        """The bytes from 0 on without a gap."""
-        return bytes(self._head)
+    def prefix(self, size: int | None = None) -> bytes:
+        """The bytes from 0 on without a gap, `size` of them at most."""
+        with memoryview(self._head) as view:
+            return bytes(view[:size])
+
+    def all(self) -> list[tuple[int, bytes | memoryview]]:
+        """Every range, with its offset."""
+        return [(0, memoryview(self._head)), *self._later.items()]
