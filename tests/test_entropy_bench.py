@@ -105,7 +105,7 @@ def test_a_table_has_a_column_for_each_stream(sample):
         assert all(list(row)[1:] == ["small"] for row in measure([sample]))
 
 
-def test_the_bounds_are_in_order(sample):
+def test_the_ideal_coders_are_in_order(sample):
     assert (
         sample.total("adaptive, two") <= sample.total("adaptive") <= sample.total("adaptive none")
     )

@@ -1,4 +1,4 @@
-"""What coders spend on the integers of a stream: stored, bounds, and blocks of rANS."""
+"""What coders spend on the integers of a stream: ideally, by rANS, in parts by context."""
 
 from __future__ import annotations
 

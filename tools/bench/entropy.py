@@ -1,7 +1,7 @@
 """Entropy coders on the integers of streams: what is stored now, what could be, and how fast.
 
-A bound is what an ideal coder spends on the lists. The directory and the packet headers of the
-present stream are added to all but it, so that sizes are those of whole streams.
+Sizes are those of whole streams: the directory and the packet headers are added to what another
+coder spends on the lists.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ def sizes(of: Sequence[Sample]) -> Rows:
             "planes by context, Zstandard 19": sample.head
             + sum(packet.n_bytes for packet in sample.parted),
             **{name: sample.head + sum(map(len, found)) for name, found in sample.blocks.items()},
-            "bound: order 0 of the planes": sample.total("planes"),
-            "bound: order 0 of the integers": sample.total("integers"),
-            "bound: a context, static tables": sample.total("static"),
-            "bound: a context, adaptive": sample.total("adaptive"),
-            "bound: two contexts, adaptive": sample.total("adaptive, two"),
+            "ideal: order 0 of the planes": sample.total("planes"),
+            "ideal: order 0 of the integers": sample.total("integers"),
+            "ideal: a context, static tables": sample.total("static"),
+            "ideal: a context, adaptive": sample.total("adaptive"),
+            "ideal: two contexts, adaptive": sample.total("adaptive, two"),
         }
         base = len(sample.data)
         ratios = {coder: f"{size / base:.3f}" for coder, size in n_bytes.items()}

@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from evogs_codec.splats import I32, I64
 from tools.bench.contexts import (
@@ -43,7 +42,6 @@ from tools.bench.rans_kernels import (
 
 __all__ = ["decode", "encode"]
 
-U32: TypeAlias = npt.NDArray[np.uint32]
 Known: TypeAlias = Callable[[int, str, list[I32]], I32]  # list, context, lists before
 TOTAL = 1 << TABLE_BITS
 BASES = [split.bases(MAX_TOKENS) for split in SPLITS]
