@@ -114,7 +114,10 @@ class Aim:
 
         Raises:
             InputError: float32, or the alphas of the tree, do not allow it.
+            ValueError: an error is not above 0.
         """
+        if not all(error > 0 for error in errors.values()):
+            raise ValueError("largest errors are above 0")
         asked = np.array([errors.get(name, math.inf) for name in GROUPS])
         coder = _Coder(replace(self, pictures=None))
         table = coder.first_table()
@@ -134,8 +137,9 @@ class Aim:
                 found > asked, np.minimum(0.9 * asked / np.maximum(found, 1e-300), 0.9), 1
             )
             table = table * np.maximum(finer, 0.02)[groups]
-        name = GROUPS[int(np.argmax(found / asked))]
-        raise InputError(f"{name}: an error of {errors[name]:g} cannot be kept: {found.max():.3g}")
+        worst = int(np.argmax(found / asked))
+        name, least = GROUPS[worst], found[worst]
+        raise InputError(f"{name}: an error of {errors[name]:g} cannot be kept: {least:.3g}")
 
     def _with_digests(self, coded: CodedTree) -> bytes:
         return write(coded, effort=self.settings.effort, progress=self.progress)

@@ -32,6 +32,7 @@ __all__ = [
 
 FINEST_STEP = 16  # grid units of the finest step: steps are then right to a few per cent
 MAX_STATE = 1 << 27  # |X| aimed at: leaves room for errors and for Delta of adds (R-7.3-1)
+MAX_ORIGIN = 1 << 52  # R-5.5-1
 MAX_EXACT = 1 << 22  # near-lossless: differences of two states fit 24 bits
 
 
@@ -46,11 +47,13 @@ class Ranges:
     Attributes:
         extent: robust extent of the scene: the longest axis of its 1st to 99th percentiles.
         largest: per group the largest magnitude of a state; positions from the tile's middle.
+        furthest: largest coordinate of the middle of a tile.
         psi: [level][class] range of psi; [n_levels] of adds.
     """
 
     extent: float
     largest: tuple[float, ...]
+    furthest: float
     psi: tuple[tuple[float, ...], ...]
 
     @staticmethod
@@ -83,6 +86,7 @@ class Ranges:
         return Ranges(
             extent=float(np.max(spread)) or 1.0,
             largest=tuple(largest),
+            furthest=max(float(np.abs(middle_of(tile)).max()) for tile in tiles),
             psi=tuple(tuple(np.ptp(row, axis=1)) for row in psi),
         )
 
@@ -128,6 +132,8 @@ def grid_exponents(settings: Settings, ranges: Ranges, steps: F64) -> tuple[int,
         limit = MAX_EXACT if settings.near_lossless else MAX_STATE
         room = limit / max(ranges.largest[group], 1e-300)
         wanted = 40 if settings.near_lossless else math.ceil(math.log2(FINEST_STEP / finest))
+        if group == 0:
+            room = min(room, MAX_ORIGIN / max(ranges.furthest, 1e-300))
         exponent = min(wanted, math.floor(math.log2(room)), 40)
         if exponent < -16:
             raise NotRepresentable(

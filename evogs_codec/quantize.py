@@ -41,7 +41,7 @@ from evogs_codec.refine import (
     apply_channel,
 )
 from evogs_codec.settings import Settings
-from evogs_codec.splats import F64, GROUP_CHANNELS, I32, I64, U8, n_channels
+from evogs_codec.splats import F64, GROUP_CHANNELS, GROUPS, I32, I64, U8, n_channels
 from evogs_codec.trading import Worth
 from evogs_codec.tree import N_GROUPS, EvolutionTree, Kind, Step
 
@@ -91,7 +91,7 @@ def quantise(
         except _TooFine as error:
             if exponents[error.group] <= -16:
                 raise NotRepresentable(
-                    f"a value of group {error.group} is too large for any grid"
+                    f"{GROUPS[error.group]}: a value is too large for any grid"
                 ) from None
             exponents = tuple(e - (g == error.group) for g, e in enumerate(exponents))
             continue
@@ -258,6 +258,8 @@ class _TileCoder:
         entries = np.abs(np.array(table.entries, np.int64))
         over = largest * entries[indices[group]] > room
         if over.any():
+            if not self.settings.near_lossless:  # which mends what another alpha does
+                raise _TooFine(group)
             indices[group][over] = int(np.argmin(entries))
             if np.any(largest * int(entries.min()) > room):
                 raise _TooFine(group)

@@ -16,7 +16,7 @@ __all__ = ["project_gradient"]
 
 Array = npt.NDArray[Any]
 
-_LARGEST = 1e30  # what float32 still squares into a float64, and sums
+_LARGEST = 1e18  # what float32 still squares, as an optimiser does
 
 
 @inlined
