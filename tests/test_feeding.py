@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import settings as budget
 from hypothesis import strategies as st
 
-from conformance import oracle
+from conformance import memory, oracle
 from evogs_codec.cut import Cut
 from evogs_codec.decode import Decoded, decode, decode_prefix
 from evogs_codec.directory import read_directory
@@ -367,3 +367,23 @@ def test_encoded_trees_may_come_in_any_order_too(tree, seed):
     decoder.close()
     expected = oracle.decode(data, check_digests=True).dump()
     assert dump_of(decoder) == decode(data, verify=True).dump() == expected
+
+
+def test_bytes_that_come_before_the_directory_are_not_kept_twice():
+    rng = np.random.default_rng(0)
+    adds = rng.normal(size=(n_channels(0), 20_000)).astype(np.float32)
+    data = encode(EvolutionTree(0, (Step.of_adds(0, adds),)), PRESETS["near-lossless"])
+    third = len(data) // 3
+    ranges = [(2 * third, len(data)), (third, 2 * third), (0, third)]
+
+    def feed() -> None:
+        decoder = Decoder()
+        for begin, end in ranges:
+            decoder.feed(data[begin:end], begin)
+        decoder.close()
+
+    feed()
+    whole = memory.peak(lambda: decode(data), 0)
+    # As they came, and packet by packet; the state, which grows by doubling, is small beside them.
+    allowed = whole + int(3.2 * len(data))
+    assert memory.peak(feed, allowed) <= allowed
