@@ -5,7 +5,7 @@ Letters: S splits, C channels of a group.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from evogs_codec.settings import Settings
 from evogs_codec.splats import F64, GROUP_CHANNELS, U8
 from evogs_codec.tree import EvolutionTree, Kind, Step
 
-__all__ = ["alpha_tables", "nearest", "serving_both", "serving_second"]
+__all__ = ["alpha_tables", "cheapest_alphas", "nearest", "serving_both", "serving_second"]
 
 FEW_ALPHA_BITS = 9  # K of a table that has an entry for every alpha of the tree
 ALPHA_RATE = 0.2  # error, in squared steps, that a bit of an alpha index is worth
@@ -119,18 +119,37 @@ def serving_both(u: F64, v: F64, table: AlphaTable) -> U8:
     With the best Delta, the joint squared error of C1 and C2 is |v + alpha u|^2 / (1 + alpha^2);
     rounding adds (1 + alpha^2) / 12 of a squared step per channel. Arguments as `serving_second`.
     """
-    values = table.values()
     uu, uv, vv = (u * u).sum(0), (u * v).sum(0), (v * v).sum(0)
     rounding = len(u) / 12.0
+
+    def cost(a: float) -> F64:
+        total: F64 = (vv + 2 * a * uv + a * a * uu) / (1 + a * a) + (1 + a * a) * rounding
+        return total
+
+    return cheapest_alphas(table, u.shape[1], cost, ALPHA_RATE, passes=2)
+
+
+def cheapest_alphas(
+    table: AlphaTable, n_splits: int, cost: Callable[[float], F64], bit: float, *, passes: int
+) -> U8:
+    """(S,) index of the alpha that costs least, its own bits counted in.
+
+    Args:
+        table: the alphas.
+        n_splits: S.
+        cost: (S,) of an alpha.
+        bit: cost of a bit of an index.
+        passes: the first knows no bits, each other those of an order-0 code for the one before.
+    """
+    values = table.values()
     bits = np.zeros(len(values))
-    index = np.zeros(u.shape[1], np.uint8)
-    for _ in range(2):
-        best = np.full(u.shape[1], np.inf)
+    index = np.zeros(n_splits, np.uint8)
+    for _ in range(passes):
+        best = np.full(n_splits, np.inf)
         for k, a in enumerate(values):
-            cost = (vv + 2 * a * uv + a * a * uu) / (1 + a * a) + (1 + a * a) * rounding
-            cost += ALPHA_RATE * bits[k]
-            better = cost < best
-            best[better] = cost[better]
+            total = cost(a) + bit * bits[k]
+            better = total < best
+            best[better] = total[better]
             index[better] = k
         counts = np.bincount(index, minlength=len(values))
         bits = -np.log2((counts + 0.5) / (counts.sum() + 0.5 * len(values)))

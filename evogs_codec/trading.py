@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.alphas import cheapest_alphas
 from evogs_codec.refine import AlphaTable
 from evogs_codec.splats import F64, I64, U8
 
@@ -53,31 +54,22 @@ class Worth:
 
 
 def _alphas(u: F64, v: F64, first: F64, second: F64, table: AlphaTable) -> U8:
-    """(S,) index of the alpha that costs least, its own bits counted in."""
-    values = table.values()
-    n_splits = u.shape[1]
-    index = np.zeros(n_splits, np.uint8)
-    if len(values) == 1 or not n_splits:
-        return index
+    """(S,) index of the alpha that costs least."""
+    if len(table.entries) == 1 or not u.shape[1]:
+        return np.zeros(u.shape[1], np.uint8)
     # Channels weigh in as they do on the average of the splits.
     shares = (first + second).sum(1, keepdims=True)
     shares *= len(u) / max(float(shares.sum()), TINY)
     w1, w2 = first.mean(0), second.mean(0)
     uu, uv, vv = ((shares * x).sum(0) for x in (u * u, u * v, v * v))
-    bits = np.zeros(len(values))
-    for _ in range(PASSES):
-        best = np.full(n_splits, np.inf)
-        for k, a in enumerate(values):
-            both = np.maximum(w1 + a * a * w2, TINY)
-            # What the best Delta leaves, and what rounding it adds.
-            cost = w1 * w2 / both * (vv + 2 * a * uv + a * a * uu) + both * (len(u) / 12.0)
-            cost += bits[k]
-            better = cost < best
-            best[better] = cost[better]
-            index[better] = k
-        counts = np.bincount(index, minlength=len(values))
-        bits = -np.log2((counts + 0.5) / (counts.sum() + 0.5 * len(values)))
-    return index
+
+    def cost(a: float) -> F64:
+        """What the best Delta leaves, and what rounding it adds."""
+        both = np.maximum(w1 + a * a * w2, TINY)
+        total: F64 = w1 * w2 / both * (vv + 2 * a * uv + a * a * uu) + both * (len(u) / 12.0)
+        return total
+
+    return cheapest_alphas(table, u.shape[1], cost, 1.0, passes=PASSES)
 
 
 def cheapest(u: F64, weights: F64) -> F64:
