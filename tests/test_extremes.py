@@ -27,16 +27,11 @@ from tools.extremes import (
 from tools.extremes.measured import measure
 from tools.extremes.row import Row, attempted, outcome
 
-# What is known to be broken: each fails here as soon as it holds.
-BROKEN = ("225 equal splats at their rim, T at 1e-4",)
-
 
 def assert_holds(rows):
     found = {row.extreme: row for row in rows}
     assert found
-    broken = [row for row in found.values() if not row.holds]
-    assert [row for row in broken if row.extreme not in BROKEN] == []
-    assert {row.extreme for row in broken} == set(BROKEN) & set(found)
+    assert [row for row in found.values() if not row.holds] == []
 
 
 def test_scenes_keep_their_bounds():

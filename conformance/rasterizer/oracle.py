@@ -22,6 +22,7 @@ F64 = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 CLOSE = 1e-5  # relative distance from a threshold, or between two depths
+CLOSE_T = 2e-4  # from the threshold of transmittance, to which the errors of all alphas add up
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +31,7 @@ class Picture:
 
     Attributes:
         image: (H, W, 3).
-        doubtful: (H, W) pixels with a decision within CLOSE of going the other way.
+        doubtful: (H, W) pixels with a decision so close that it may go the other way.
         n_non_finite: splats left out because a number of them is not finite.
     """
 
@@ -85,7 +86,7 @@ def render_exactly(
         rest = transmittance * (1 - alpha)
         takes = counts & (rest >= T_MIN)
 
-        doubtful |= is_open & (_close(reached, ALPHA_MIN) | (counts & _close(rest, T_MIN)))
+        doubtful |= is_open & (_close(reached, ALPHA_MIN) | (counts & _close(rest, T_MIN, CLOSE_T)))
         doubtful |= counts & _close(reached, options.alpha_max)
         behind = splat.depth - depth_before  # 0: index decides, in every arithmetic
         doubtful |= counts & (behind > 0) & (behind <= CLOSE * splat.depth)
@@ -194,6 +195,6 @@ def _sigma(splat: Projected, x: F64, y: F64) -> F64:
     return sigma
 
 
-def _close(value: F64, threshold: float) -> Bools:
-    close: Bools = np.abs(value - threshold) <= CLOSE * threshold
+def _close(value: F64, threshold: float, distance: float = CLOSE) -> Bools:
+    close: Bools = np.abs(value - threshold) <= distance * threshold
     return close

@@ -23,6 +23,7 @@ Vector = Sequence[Decimal]
 DIGITS = 50
 ALPHA_MIN_INVERSE, T_MIN = Decimal(255), Decimal("1e-4")
 CLOSE = Decimal("1e-5")  # relative distance from a threshold that makes a pixel doubtful
+CLOSE_T = Decimal("2e-4")  # that from the threshold of transmittance
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,7 @@ def pixel(
         if alpha * ALPHA_MIN_INVERSE < 1:
             continue
         after = rest * (1 - alpha)
-        doubtful |= _is_close(after, T_MIN) or _is_close(reached, largest)
+        doubtful |= _is_close(after, T_MIN, CLOSE_T) or _is_close(reached, largest)
         doubtful |= 0 < f.depth - depth <= CLOSE * f.depth
         depth = f.depth
         if after < T_MIN:
@@ -195,5 +196,5 @@ def _color(direction: Vector, sh: Any) -> list[Decimal]:  # noqa: ANN401 - as ab
     ]
 
 
-def _is_close(value: Decimal, threshold: Decimal) -> bool:
-    return abs(value - threshold) <= CLOSE * threshold
+def _is_close(value: Decimal, threshold: Decimal, distance: Decimal = CLOSE) -> bool:
+    return abs(value - threshold) <= distance * threshold
