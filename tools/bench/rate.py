@@ -20,7 +20,7 @@ Rows = list[dict[str, object]]
 N_LEVELS = 5
 SIZE = 400  # pixels, of a view
 FEWER = "SPZ 4, SH as its reference encoder rounds"
-TARGETS = (35, 40, 45, 50)  # dB
+TARGETS = (40, 45, 50)  # dB
 
 
 class Point(NamedTuple):
