@@ -157,8 +157,8 @@ class _Coder:
         self.importance = None
         if aim.pictures is not None:
             report("draw", 0.0)
-            of = Importance.of
-            self.importance = of(self.tiles, self.n_levels, aim.pictures.sensitivity)
+            drawn = aim.pictures.sensitivity
+            self.importance = Importance.of(self.tiles, self.n_levels, drawn)
         self.ranges = Ranges.of(self.tiles, self.n_levels)
 
     def coded(self, at: float) -> CodedTree:
@@ -200,7 +200,10 @@ class _Coder:
 
 def _errors(tiles: Sequence[EvolutionTree], data: bytes, sh_degree: int) -> F64:
     """(5,) largest error of the leaves of a stream, per group, in the units of the group."""
-    right = np.concatenate([tile.leaves().channels() for tile in tiles], axis=1)
+    leaves = [tile.leaves().channels() for tile in tiles if tile.steps]
+    if not leaves:
+        return np.zeros(len(GROUPS))
+    right = np.concatenate(leaves, axis=1)
     found = decode(data).leaves(sh_degree=sh_degree).channels()
     off = np.abs(found.astype(np.float64) - right)
     return np.array([off[part].max(initial=0.0) for part in GROUP_CHANNELS])

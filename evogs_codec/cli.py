@@ -284,6 +284,8 @@ def _encoded(
         return aim.within(errors)
     if args.target_psnr is None and args.target_bytes is None:
         return encode(tree, settings, n_tiles=args.tiles, info=info, progress=progress)
+    if not tree.n_leaves:
+        raise InputError("a scene without splats has nothing to aim at")
     for entry in entry_points(group="evogs.pictures"):
         aim = replace(aim, pictures=entry.load()(tree.leaves(), args.camera, args.up))
     if args.target_bytes is not None:

@@ -108,6 +108,16 @@ def test_targets_that_cannot_be_met_are_refused():
         Aim(scene()[0], PRESETS["scene"]).at_psnr(40)
 
 
+def test_a_scene_without_splats_is_within_any_error_and_has_no_other_target(tmp_path, capsys):
+    empty = EvolutionTree.of_splats(make_scene(10).take(np.zeros(0, np.int64)))
+    assert decode(Aim(empty, PRESETS["scene"]).within({"position": 1e-3})).n_leaves == 0
+    write_tree(tmp_path / "in.tree.npz", empty)
+    for target in ("--target-psnr=40", "--target-bytes=5000"):
+        assert main(["encode", str(tmp_path / "in.tree.npz"), str(tmp_path / "x"), target]) == 1
+        assert "without splats" in capsys.readouterr().err
+    assert not (tmp_path / "x").exists()
+
+
 # --- importance -----------------------------------------------------------------------------------
 
 
