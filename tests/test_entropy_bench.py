@@ -9,12 +9,15 @@ from hypothesis import strategies as st
 
 from evogs_codec import PRESETS, EvolutionTree, lift
 from evogs_codec.planes import entropy
-from tools.bench.contexts import CONTEXTS, SPLITS, choose_model
+from tools.bench.entropy.contexts import CONTEXTS, SPLITS, choose_model
 from tools.scene import make_scene
 
-bench = pytest.importorskip("tools.bench.entropy", reason="numba is not installed: no kernels")
-from tools.bench import parts, rans  # noqa: E402
-from tools.bench.costs import Sample  # noqa: E402
+bench = pytest.importorskip(
+    "tools.bench.entropy.tables", reason="numba is not installed: no kernels"
+)
+from tools.bench.entropy import parts, rans  # noqa: E402
+from tools.bench.entropy.costs import Sample  # noqa: E402
+from tools.bench.entropy.javascript import IN_JAVASCRIPT  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +100,7 @@ def test_every_coder_gives_back_the_lists_of_a_stream(sample):
 @pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
 def test_javascript_gives_back_the_lists_of_a_stream(sample):
     rows = bench.javascript([sample])  # the program compares its coders
-    assert set(bench.IN_JAVASCRIPT) <= {row["coder"] for row in rows}
+    assert set(IN_JAVASCRIPT) <= {row["coder"] for row in rows}
 
 
 def test_a_table_has_a_column_for_each_stream(sample):

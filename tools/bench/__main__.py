@@ -18,7 +18,8 @@ from pathlib import Path
 
 from evogs_codec import SplatParams, read_ply, read_tree
 from reference_trainer.hardware import machine
-from tools.bench import entropy, pictures, raster, trained
+from tools.bench import pictures, raster, trained
+from tools.bench.entropy import tables as entropy
 from tools.extremes import page as extremes
 from tools.scene import make_scene
 

@@ -41,7 +41,11 @@ HALF, TABLE = np.uint32(16), np.uint32(TABLE_BITS)
 
 
 def _jit(function: Function) -> Function:
-    compiled = numba.njit(nogil=True, cache=True, boundscheck=False)(function)
+    return cast(Function, numba.njit(nogil=True, cache=True, boundscheck=False)(function))
+
+
+def _inlined(function: Function) -> Function:
+    compiled = numba.njit(nogil=True, cache=True, boundscheck=False, forceinline=True)(function)
     return cast(Function, compiled)
 
 
@@ -79,13 +83,7 @@ def decode_plain(words: U16, word: int, states: U32, lookup: U32, out: I32) -> i
         for lane in range(N_LANES):
             i = lane * run + row
             if row < whole or i < n:
-                entry = lookup[states[lane] & SLOT]
-                x = _rest(states[lane], entry)
-                low = x < LEAST
-                refilled = x << HALF | np.uint32(words[word])  # no branch: which is in vain
-                states[lane] = refilled if low else x
-                word += low
-                out[i] = entry & TOKEN
+                out[i], word = _token(words, word, states, lane, lookup, np.uint32(0))
     return word
 
 
@@ -102,15 +100,8 @@ def decode_neighbour(
         for lane in range(N_LANES):
             i = lane * run + row
             if row < whole or i < n:
-                table = np.uint32(tables[lane]) << TABLE
-                entry = lookup[table | states[lane] & SLOT]
-                x = _rest(states[lane], entry)
-                low = x < LEAST
-                refilled = x << HALF | np.uint32(words[word])
-                states[lane] = refilled if low else x
-                word += low
-                out[i] = entry & TOKEN
-                tables[lane] = table_of_token[entry & TOKEN]
+                out[i], word = _token(words, word, states, lane, lookup, np.uint32(tables[lane]))
+                tables[lane] = table_of_token[out[i]]
     return word
 
 
@@ -136,22 +127,22 @@ def decode_known(
         for lane in range(N_LANES):
             i = lane * run + row
             if row < whole or i < n:
-                table = np.uint32(tables[i]) << TABLE
-                entry = lookup[table | states[lane] & SLOT]
-                x = _rest(states[lane], entry)
-                low = x < LEAST
-                refilled = x << HALF | np.uint32(words[word])
-                states[lane] = refilled if low else x
-                word += low
-                out[i] = entry & TOKEN
+                out[i], word = _token(words, word, states, lane, lookup, np.uint32(tables[i]))
     return word
 
 
-@_jit
-def _rest(x: np.uint32, entry: np.uint32) -> np.uint32:
-    """A state without its token."""
+@_inlined
+def _token(
+    words: U16, word: int, states: U32, lane: int, lookup: U32, table: np.uint32
+) -> tuple[np.uint32, int]:
+    """The next token of a lane and the next word; the lane is refilled where it runs low."""
+    entry = lookup[table << TABLE | states[lane] & SLOT]
     frequency = (entry >> np.uint32(8) & SLOT) + np.uint32(1)
-    return frequency * (x >> np.uint32(TABLE_BITS)) + (entry >> np.uint32(20))
+    x = frequency * (states[lane] >> TABLE) + (entry >> np.uint32(20))
+    low = x < LEAST
+    refilled = x << HALF | np.uint32(words[word])  # no branch: which is in vain
+    states[lane] = refilled if low else x
+    return entry & TOKEN, word + low
 
 
 @_jit

@@ -23,8 +23,8 @@ from evogs_codec import (
 )
 from evogs_codec.planes import entropy, split_planes
 from evogs_codec.splats import I32
-from tools.bench import parts, rans
-from tools.bench.contexts import (
+from tools.bench.entropy import parts, rans
+from tools.bench.entropy.contexts import (
     CONTEXTS,
     adaptive_bits,
     choose_model,
@@ -32,7 +32,7 @@ from tools.bench.contexts import (
     joint_counts,
     magnitudes_of,
 )
-from tools.bench.lists import IntegerList, ListPacket, packets
+from tools.bench.entropy.lists import IntegerList, ListPacket, packets
 from tools.scene import make_scene
 
 __all__ = ["VARIANTS", "Sample", "samples"]

@@ -15,7 +15,7 @@ from typing import TypeAlias
 import numpy as np
 
 from evogs_codec.splats import I32, I64
-from tools.bench.contexts import (
+from tools.bench.entropy.contexts import (
     CLASS_OF,
     CONTEXTS,
     MAX_TABLES,
@@ -27,7 +27,7 @@ from tools.bench.contexts import (
     classes_of,
     magnitudes_of,
 )
-from tools.bench.rans_kernels import (
+from tools.bench.entropy.rans_kernels import (
     LEAST,
     MANTISSA,
     N_LANES,

@@ -6,13 +6,9 @@ coder spends on the lists.
 
 from __future__ import annotations
 
-import json
 import shutil
-import subprocess
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -20,19 +16,19 @@ from evogs_codec import decode_leaves, read_directory
 from evogs_codec.packets import read_planes
 from evogs_codec.splats import I32
 from evogs_codec.stats import bytes_by_group
-from tools.bench import parts, rans
-from tools.bench.contexts import CONTEXTS
-from tools.bench.costs import VARIANTS, Sample, samples
-from tools.bench.lists import ListPacket
+from tools.bench.entropy import parts, rans
+from tools.bench.entropy.contexts import CONTEXTS
+from tools.bench.entropy.costs import Sample, samples
+from tools.bench.entropy.javascript import run_javascript
+from tools.bench.entropy.lists import ListPacket
+from tools.bench.entropy.parts import put_together
 from tools.bench.measure import take_turns
-from tools.bench.parts import put_together
 
 __all__ = ["TABLES", "samples"]
 
 Rows = list[dict[str, object]]
 TURNS = 9
 FORMAT = "the format: planes, Zstandard 19"
-IN_JAVASCRIPT = tuple(VARIANTS)[:2]
 
 
 def sizes(of: Sequence[Sample]) -> Rows:
@@ -105,12 +101,7 @@ def javascript(of: Sequence[Sample]) -> Rows:
         return [{"coder": "not measured: no node"}]
     columns = {}
     for sample in of:
-        with tempfile.TemporaryDirectory() as folder:
-            _write_job(sample, Path(folder))
-            program = Path(__file__).with_suffix(".cjs")
-            command = [node, str(program), folder, str(TURNS)]
-            run = subprocess.run(command, check=True, capture_output=True, text=True)
-        columns[sample.name] = _speeds(sample, json.loads(run.stdout))
+        columns[sample.name] = _speeds(sample, run_javascript(node, sample, TURNS))
     rows = _table("coder", columns)
     if not any("Zstandard" in str(row["coder"]) for row in rows):
         rows.append({**dict.fromkeys(rows[0], ""), "coder": "Zstandard: no library for node"})
@@ -174,41 +165,6 @@ def _of_blocks(sample: Sample, blocks: list[bytes]) -> list[list[I32]]:
 def _known(packet: ListPacket, k: int, context: str, before: list[I32]) -> I32:
     """The magnitudes of a context; those of parents are looked up beforehand, so cost no time."""
     return packet.lists[k].magnitudes(context, before)
-
-
-def _write_job(sample: Sample, folder: Path) -> None:
-    """What `entropy.cjs` decodes: packets in `job.json`, the bytes of the sample and blocks."""
-    data, jobs = bytearray(), []
-    for k, packet in enumerate(sample.packets):
-        head, at = packet.header, packet.header.size
-        frames, plane = [], 0
-        for n_planes, size in head.frames:
-            content = sum(head.plane_sizes[plane : plane + n_planes])
-            frames.append([len(data) + at, size, content])
-            at, plane = at + size, plane + n_planes
-        data += packet.body
-        places = {}
-        for name in IN_JAVASCRIPT:
-            data += bytes(-len(data) % 4)
-            places[name] = [len(data), len(sample.blocks[name][k])]
-            data += sample.blocks[name][k]
-        jobs.append(
-            {
-                "frames": frames,
-                "blocks": places,
-                "lists": [
-                    {
-                        "n": len(one.values),
-                        "low": one.coding.low,
-                        "high": one.coding.high,
-                        "sums": {context: list(before) for context, before in one.sums.items()},
-                    }
-                    for one in packet.lists
-                ],
-            }
-        )
-    (folder / "job.json").write_text(json.dumps(jobs), encoding="utf-8")
-    (folder / "job.bin").write_bytes(data)
 
 
 def _check(sample: Sample, found: list[list[I32]]) -> None:

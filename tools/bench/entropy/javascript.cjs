@@ -1,6 +1,6 @@
 // Packets to integers in JavaScript: frames of Zstandard and planes, or blocks of rANS (rans.py).
 //
-// node entropy.cjs FOLDER TURNS, called by entropy.py; prints seconds by coder. The Zstandard
+// node javascript.cjs FOLDER TURNS, called by javascript.py; prints seconds by coder. The Zstandard
 // libraries are those that node finds (NODE_PATH): fzstd, JavaScript, and @bokuweb/zstd-wasm.
 "use strict";
 const fs = require("fs");

@@ -20,7 +20,7 @@ from evogs_codec import frames
 from evogs_codec.kernel_values import unpack
 from evogs_codec.planes import Coding, choose_coding, split_planes
 from evogs_codec.splats import I32, I64, U8
-from tools.bench.contexts import CLASS_OF, N_CLASSES, choose_model, classes_of
+from tools.bench.entropy.contexts import CLASS_OF, N_CLASSES, choose_model, classes_of
 
 __all__ = ["Parted", "decode", "encode", "put_together"]
 
