@@ -9,7 +9,6 @@ its own, `docs/extremes.md`.
 from __future__ import annotations
 
 import argparse
-import csv
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -17,16 +16,16 @@ from functools import partial
 from pathlib import Path
 
 from evogs_codec import SplatParams, read_ply, read_tree
-from reference_trainer.hardware import machine
 from tools.bench import pictures, raster, trained
 from tools.bench.entropy import tables as entropy
+from tools.bench.page import Rows, text_of, write
+from tools.bench.surface import tables as surface
 from tools.extremes import page as extremes
 from tools.scene import make_scene
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-Rows = list[dict[str, object]]
 Measurement = tuple[str, str, Callable[[], Rows]]  # name, title, what measures it
-PARTS = ("raster", "scene", "rate", "levels", "tree", "entropy", "extremes")
+PARTS = ("raster", "scene", "rate", "levels", "tree", "surface", "entropy", "extremes")
 
 
 def main() -> int:
@@ -38,21 +37,22 @@ def main() -> int:
     parser.add_argument("--ply", type=Path, help="a scene (default: the one of tools.scene)")
     parser.add_argument("--tree", type=Path, help="a trained .tree.npz (default: none)")
     parser.add_argument("--photos", type=Path, help="NeRF-synthetic folder of the tree")
+    parser.add_argument("--runs", type=Path, help="runs of `evogs bench paper` (default: none)")
     parser.add_argument("--up", default="z", help="up axis of the scene, as -y (default: z)")
     parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder of the results")
     parser.add_argument("--only", choices=PARTS, nargs="+", default=PARTS, help="some tables")
     args = parser.parse_args()
-    tables: dict[str, tuple[str, Rows]] = {}
+    tables: dict[str, tuple[str, str, Rows]] = {}
     with tempfile.TemporaryDirectory() as folder:
         for name, title, measure in _measurements(args, Path(folder)):
             print(f"{name} ...", file=sys.stderr)
-            tables[name] = (title, measure())
+            tables[name] = (title, text_of(measure), measure())
     turned = f" --up={args.up}" if args.up != "z" else ""
     some = "" if args.only == PARTS else f" --only {' '.join(args.only)}"
     command = f"python -m tools.bench{some}{turned}" + "".join(
-        f" --{key} {path.name}"
-        for key, path in (("ply", args.ply), ("tree", args.tree), ("photos", args.photos))
-        if path
+        f" --{key} {getattr(args, key).name}"
+        for key in ("ply", "tree", "photos", "runs")
+        if getattr(args, key)
     )
     if tables:
         write(args.out, command, tables, keep_others=bool(some))
@@ -88,6 +88,8 @@ def _measurements(args: argparse.Namespace, folder: Path) -> Iterator[Measuremen
         if args.photos:
             title = "Pictures of a trained tree, on photographs it was not trained on"
             yield "photographs", title, partial(pictures.photographs, tree, args.photos)
+    if "surface" in args.only:
+        yield from surface.measurements(args)
     if "entropy" in args.only:
         for name, (title, of_samples) in entropy.TABLES.items():
             yield name, title, partial(of_samples, entropy.samples(args.ply, args.tree))
@@ -97,39 +99,6 @@ def _levels(args: argparse.Namespace, splats: SplatParams) -> Rows:
     """Those of the shipped scene too, if another was named."""
     rows = pictures.levels(splats, args.ply.stem, args.up) if args.ply else []
     return rows + pictures.levels(make_scene(), "shipped", "z")
-
-
-def write(
-    out: Path, command: str, tables: dict[str, tuple[str, Rows]], *, keep_others: bool
-) -> None:
-    """One CSV file per table, and a page with all of them."""
-    (out / "figures").mkdir(parents=True, exist_ok=True)
-    path = out / "figures.md"
-    made = f"Made by `{command}` on {machine()}."
-    head, sections = _read_page(path) if keep_others else (f"# Figures\n\n{made}", {})
-    for name, (title, rows) in tables.items():
-        with (out / "figures" / f"{name}.csv").open("w", encoding="utf-8", newline="") as file:
-            writer = csv.DictWriter(file, rows[0], lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
-        lines = ([made, ""] if keep_others else []) + markdown(rows)
-        sections[title] = "\n".join(lines)
-    body = [f"## {title}\n\n{text}" for title, text in sections.items()]
-    path.write_text("\n\n".join([head, *body]) + "\n", encoding="utf-8")
-
-
-def _read_page(path: Path) -> tuple[str, dict[str, str]]:
-    """What stands before the first section, and the text below each title."""
-    head, *sections = path.read_text(encoding="utf-8").split("\n## ")
-    titled = (section.split("\n", 1) for section in sections)
-    return head.strip(), {title: text.strip() for title, text in titled}
-
-
-def markdown(rows: Rows) -> list[str]:
-    """Lines of a table."""
-    head = list(rows[0])
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    return lines + ["| " + " | ".join(str(row[key]) for key in head) + " |" for row in rows]
 
 
 if __name__ == "__main__":

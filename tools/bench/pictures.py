@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
-from PIL import Image
 
 from conformance.cli import around
-from conformance.rasterizer import Camera, psnr, render
+from conformance.rasterizer import psnr, render
 from conformance.views import Views
 from evogs_codec import (
     PRESETS,
@@ -25,11 +22,11 @@ from evogs_codec import (
 )
 from evogs_codec.aiming import Aim
 from tools.bench.free_parents import free_levels
+from tools.bench.photographs import held_out
 
 __all__ = ["levels", "photographs"]
 
 Rows = list[dict[str, object]]
-F64 = npt.NDArray[np.float64]
 WHITE = (1.0, 1.0, 1.0)
 N_LEVELS = 5
 TARGET = 50.5  # dB against the tree's own pictures: about 0.1 dB against photographs
@@ -77,10 +74,9 @@ def levels(splats: SplatParams, scene: str, up: str) -> Rows:
 
 def photographs(tree: EvolutionTree, folder: Path) -> Rows:
     """PSNR of the levels of a tree on every 8th photograph of a NeRF-synthetic folder."""
-    scene = json.loads((folder / "transforms_train.json").read_text(encoding="utf-8"))
-    frames = scene["frames"][::8]
+    views = held_out(folder)
+    side = len(views[0].pixels) // 2  # trained at half the size of the photographs
     raw = sum(step.psi.nbytes + step.alpha.nbytes + step.adds.nbytes for step in tree.steps)
-    pixels = [_on_white(folder / f"{frame['file_path']}.png") for frame in frames]
 
     def row(name: str, n_bytes: int | None, leaves: Callable[[int], SplatParams]) -> None:
         found: dict[str, object] = {"tree": name}
@@ -88,13 +84,7 @@ def photographs(tree: EvolutionTree, folder: Path) -> Rows:
         found["raw float32 to it"] = "" if n_bytes is None else f"{raw / n_bytes:.1f}"
         for level, part in enumerate(PYRAMID):
             results = []
-            for image, frame in zip(pixels, frames, strict=True):
-                size = len(image) // (2 * part)  # trained at half the size of the photographs
-                box = len(image) // size
-                target = image.reshape(size, box, size, box, 3).mean((1, 3))
-                camera = Camera.from_blender(
-                    frame["transform_matrix"], scene["camera_angle_x"], width=size, height=size
-                )
+            for camera, target in (view.at(side // part) for view in views):
                 picture = np.clip(render(leaves(level), camera, WHITE), 0, 1)
                 results.append(psnr(picture, target))
             found[f"L{level}, dB"] = f"{np.mean(results):.2f}"
@@ -111,10 +101,3 @@ def photographs(tree: EvolutionTree, folder: Path) -> Rows:
         drawn = [decoded.leaves(Cut.of_level(directory, k)) for k in range(tree.n_levels)]
         row(name, len(data), drawn.__getitem__)
     return rows
-
-
-def _on_white(path: Path) -> F64:
-    with Image.open(path) as file:
-        pixels = np.asarray(file, np.float64) / 255
-    out: F64 = pixels[..., :3] * pixels[..., 3:] + 1 - pixels[..., 3:]
-    return out

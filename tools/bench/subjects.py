@@ -1,0 +1,96 @@
+"""What is measured from every side: a tree, its pictures, and the time that one takes."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from conformance.cli import around
+from conformance.rasterizer import Camera, psnr, render
+from conformance.views import Views
+from evogs_codec import PRESETS, EvolutionTree, Settings, SplatParams, lift, read_ply, read_tree
+from tools.bench.photographs import held_out
+from tools.scene import make_scene
+
+__all__ = ["SIZE", "WHITE", "Gauge", "Subject", "subjects"]
+
+N_LEVELS = 5
+SIZE = 400  # pixels to a side of a picture
+WHITE = (1.0, 1.0, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Gauge:
+    """Pictures that others are compared with.
+
+    Attributes:
+        cameras: of the views.
+        targets: (H, W, 3) each.
+        most: pictures are clipped to 0..most before they are compared.
+    """
+
+    cameras: Sequence[Camera]
+    targets: Sequence[npt.NDArray[np.floating]]
+    most: float = np.inf
+
+    def __call__(self, splats: SplatParams) -> tuple[float, float]:
+        """Mean PSNR in dB, and median milliseconds of processor time of a picture."""
+        found, seconds = [], []
+        for camera, target in zip(self.cameras, self.targets, strict=True):
+            start = time.process_time()
+            picture = render(splats, camera, WHITE)
+            seconds.append(time.process_time() - start)
+            found.append(psnr(np.clip(picture, 0, self.most), target))
+        return float(np.mean(found)), 1000 * float(np.median(seconds))
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A tree to encode.
+
+    Attributes:
+        name: of the scene.
+        tree: lifted or trained.
+        settings: the preset for such trees.
+        views: of its leaves, by which an encoder aims.
+        gauge: by which streams are judged: the same views, or photographs.
+    """
+
+    name: str
+    tree: EvolutionTree
+    settings: Settings
+    views: Views
+    gauge: Gauge
+
+    @staticmethod
+    def of_scene(name: str, splats: SplatParams, up: str) -> Subject:
+        """A scene, lifted; judged by pictures of itself."""
+        views = Views(splats, around(splats, up, SIZE))
+        targets = [render(splats, camera, WHITE) for camera in views.cameras]
+        tree = lift(splats, N_LEVELS)
+        return Subject(name, tree, PRESETS["scene"], views, Gauge(views.cameras, targets))
+
+
+def subjects(args: argparse.Namespace) -> Iterator[Subject]:
+    """The scene, or the shipped one; and the tree, judged by photographs if there are any."""
+    if args.ply:
+        yield Subject.of_scene(args.ply.stem, read_ply(args.ply), args.up)
+    else:
+        yield Subject.of_scene("shipped", make_scene(), "z")
+    if args.tree:
+        tree = read_tree(args.tree)
+        leaves = tree.leaves()
+        views = Views(leaves, around(leaves, "z", SIZE))
+        if args.photos:
+            shots = [photograph.at(SIZE) for photograph in held_out(args.photos)]
+            gauge = Gauge([camera for camera, _ in shots], [target for _, target in shots], 1.0)
+        else:
+            targets = [render(leaves, camera, WHITE) for camera in views.cameras]
+            gauge = Gauge(views.cameras, targets)
+        name = args.tree.name.split(".")[0]
+        yield Subject(name, tree, PRESETS["trained"], views, gauge)
