@@ -28,6 +28,7 @@ EXAMPLES = """examples:
   evogs train lego lego.tree.npz --size 400
   evogs train lego lego.tree.npz --preset quick --size 128
   evogs train lego layers.tree.npz --method lapis --checkpoint work --resume
+  evogs train lego small.tree.npz --sparsity 0.1   # encodes a third smaller, a little less sharp
   evogs train lego lego.tree.npz --levels 2 --iterations 7000 3000 --max-splats 4000 12000
 
 afterwards: evogs encode lego.tree.npz lego.evogs
@@ -53,6 +54,9 @@ def register(commands: Commands) -> None:
     parser.add_argument("--iterations", type=int, nargs="+", metavar="N", help="of each level")
     parser.add_argument("--max-splats", type=int, nargs="+", metavar="N", help="of each level")
     parser.add_argument("--sh-degree", type=int, choices=range(4))
+    parser.add_argument(
+        "--sparsity", type=float, metavar="X", help="penalty on SH of psi: 0.03 to 0.1, or 0"
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", default="cpu", help="cpu, or cuda with gsplat installed")
     parser.add_argument("--size", type=int, metavar="PIXELS", help="longer side at the last level")
@@ -130,6 +134,8 @@ def config_of(args: argparse.Namespace) -> Config:
         iterations=_per_level("--iterations", args.iterations, config.iterations, n),
         max_splats=_per_level("--max-splats", args.max_splats, config.max_splats, n),
     )
+    if args.sparsity is not None:
+        config = replace(config, rates=replace(config.rates, sparsity=args.sparsity))
     return config if args.sh_degree is None else replace(config, sh_degree=args.sh_degree)
 
 

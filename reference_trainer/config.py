@@ -23,6 +23,9 @@ class Rates:
         rotation, scale, opacity: of the raw parameters and their psi.
         sh, sh_rest: of band 0, and of the others.
         alpha: of the factors of splits; a tenth of it starves them.
+        sparsity: numbers of psi of SH bands 1.. lose this part of their rate in every step, so
+            that those that pictures do not ask for are zero. A penalty on their sum, and so, about,
+            on their bits.
         cool: all rates fall to this part of themselves, exponentially, in the last `cool_span` of
             a level.
         cool_span: part of a level.
@@ -36,6 +39,7 @@ class Rates:
     sh: float = 2.5e-3
     sh_rest: float = 1.25e-4
     alpha: float = 0.02
+    sparsity: float = 0.0
     cool: float = 0.1
     cool_span: float = 0.3
 
@@ -135,6 +139,8 @@ class Config:
             )
         if min(self.iterations) < 1 or min(self.max_splats) < 1:
             raise ValueError("iterations and max_splats are at least 1")
+        if not 0 <= self.rates.sparsity < 1:
+            raise ValueError(f"sparsity is {self.rates.sparsity:g}, expected at least 0, below 1")
         if not 0 <= self.sh_degree <= 3:
             raise ValueError(f"sh_degree is {self.sh_degree}, expected 0..3")
 

@@ -6,7 +6,7 @@ one does. Variables are never resized in place: `rows` and `appended` make new o
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,14 +14,17 @@ import numpy as np
 import numpy.typing as npt
 import torch
 from torch import Tensor
+from torch.nn.functional import softshrink
 
 from reference_trainer.config import Rates
 from reference_trainer.kernels import adam
 from reference_trainer.tensors import SplatTensors
 
-__all__ = ["GROUPS", "RateTable", "Variable", "splat_tensors", "splat_variables"]
+__all__ = ["GROUPS", "PSI_GROUPS", "RateTable", "Variable", "splat_tensors", "splat_variables"]
 
 GROUPS = ("position", "rotation", "scale", "opacity", "sh")
+PSI_GROUPS = (*GROUPS[:4], "psi_sh")  # of what children add to their parents
+N_BAND_0 = 3  # numbers of SH band 0, which come first
 BETA1, BETA2, EPS = 0.9, 0.999, 1e-15
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -32,7 +35,7 @@ class Variable:
 
     Attributes:
         value: (n, ...), asks for gradients.
-        group: which learning rate it has; one of `GROUPS`, or "alpha".
+        group: which learning rate it has; one of `GROUPS` or `PSI_GROUPS`, or "alpha".
         m, v: first and second moments, shaped like `value`.
         t: steps made.
     """
@@ -66,6 +69,9 @@ class Variable:
             root = v.div(1 - BETA2**self.t).sqrt_().add_(EPS)
             scaled = m / (1 - BETA1**self.t) * torch.from_numpy(columns).to(x)
             x.sub_(scaled.div_(root))
+        if self.group == "psi_sh" and rates.rates.sparsity:
+            bands = x[:, N_BAND_0:]
+            bands.copy_(softshrink(bands, rates.rates.sparsity * float(columns[-1])))
         self.value.grad = None
 
     def rows(self, rows: Tensor) -> Variable:
@@ -115,9 +121,9 @@ class RateTable:
         if group == "position":
             rate = self.extent * r.position ** (1 - self.progress) * r.position_final**self.progress
             return np.full(d, rate, np.float32)  # falls by itself
-        if group == "sh":
+        if group in ("sh", "psi_sh"):
             out = np.full(d, r.sh_rest)
-            out[:3] = r.sh
+            out[:N_BAND_0] = r.sh
         else:
             out = np.full(d, getattr(r, group))
         late = max(0.0, 1 - (1 - self.progress) / r.cool_span) if r.cool_span > 0 else 0.0
@@ -125,9 +131,9 @@ class RateTable:
         return columns
 
 
-def splat_variables(splats: SplatTensors) -> tuple[Variable, ...]:
-    """The five tensors of splats, or of psi, as variables."""
-    return tuple(Variable.of(x, group) for x, group in zip(splats, GROUPS, strict=True))
+def splat_variables(splats: SplatTensors, groups: Sequence[str] = GROUPS) -> tuple[Variable, ...]:
+    """The five tensors of splats, or of psi, as variables of these groups."""
+    return tuple(Variable.of(x, group) for x, group in zip(splats, groups, strict=True))
 
 
 def splat_tensors(variables: Iterable[Variable]) -> SplatTensors:

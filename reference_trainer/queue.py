@@ -20,7 +20,7 @@ from evogs_codec.interchange import read_tree, write_tree
 from reference_trainer.backends import backend_for
 from reference_trainer.checkpoint import FILE
 from reference_trainer.cli import pyramid_of
-from reference_trainer.config import METHODS, PRESETS, Config
+from reference_trainer.config import METHODS, PRESETS, Config, FrontierGrowth
 from reference_trainer.evaluate import evaluate
 from reference_trainer.hardware import machine
 from reference_trainer.progress import Progress
@@ -112,12 +112,16 @@ def _by_thresholds(config: Config) -> Config:
     """Growth by the published threshold and interval, where `config` fills a budget.
 
     Shorter levels densify less often than published ones, which keeps layers small. As often as
-    published they explode: at 100 pixels LapisGS had 206,184 splats after 337 iterations.
+    published they explode: at 100 pixels LapisGS had 206,184 splats after 337 iterations. A tree
+    splits in as many rounds as published, in the same part of a level.
     """
+    published = FrontierGrowth()
     return replace(
         config,
         max_splats=tuple(UNBOUNDED for _ in config.max_splats),
-        frontier=replace(config.frontier, threshold=THRESHOLD),
+        frontier=replace(
+            config.frontier, threshold=THRESHOLD, rounds=published.rounds, stop=published.stop
+        ),
         equal_buckets=True,
     )
 

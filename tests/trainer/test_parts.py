@@ -56,6 +56,16 @@ def test_position_rates_fall_all_the_way_and_others_at_the_end():
     assert list(at("sh", 0, 6)) == pytest.approx([rates.sh] * 3 + [rates.sh_rest] * 3)
 
 
+@pytest.mark.parametrize(("group", "is_sparse"), [("psi_sh", True), ("sh", False)])
+def test_only_psi_of_sh_bands_1_and_up_is_sparse(group, is_sparse):
+    rates = Rates(sh_rest=0.01, sparsity=0.5)
+    variable = Variable.of(torch.full((4, 2, 3), 0.004), group)
+    variable.value.grad = torch.zeros(4, 2, 3)
+    variable.step(RateTable(rates, 1.0, 0.0))
+    assert torch.all(variable.value[:, 0] == 0.004)
+    assert torch.all((variable.value[:, 1] == 0) == is_sparse)
+
+
 def test_a_moment_matched_split_keeps_the_covariance():
     splats = tiny.random_splats(np.random.default_rng(0), 50)
     psi, alpha = moment_matched(splats, 0.3)
