@@ -20,7 +20,7 @@ ALWAYS, PER_PACKET, PER_TILE, PER_LEVEL = 64 << 10, 1 << 10, 10 << 10, 1 << 10
 ARRAYS = 6  # "a few" of 4 bytes per record, of the packet that is applied
 KEPT = 7  # per record: slots, kinds and alpha that SH bands still need
 TIMES = 3
-WAITING = 3  # copies of the file: one with room to grow, one in packets
+WAITING = 3  # times the file: pieces that wait, with room to grow, and packets
 UNREAD = 16  # per byte of a file whose directory is at fault: rows of tables, as far as read
 GROWN = 3  # times the state where it grows as packets come: it doubles, and the old one is copied
 
