@@ -17,15 +17,29 @@ from pathlib import Path
 
 from evogs_codec import SplatParams, read_ply, read_tree
 from tools.bench import pictures, raster, trained
+from tools.bench.decimate import decimate
 from tools.bench.entropy import tables as entropy
 from tools.bench.page import Rows, text_of, write
+from tools.bench.sog import published, sog
+from tools.bench.subjects import subjects
 from tools.bench.surface import tables as surface
 from tools.extremes import page as extremes
 from tools.scene import make_scene
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 Measurement = tuple[str, str, Callable[[], Rows]]  # name, title, what measures it
-PARTS = ("raster", "scene", "rate", "levels", "tree", "surface", "entropy", "extremes")
+PARTS = (
+    "raster",
+    "scene",
+    "rate",
+    "levels",
+    "tree",
+    "surface",
+    "first",
+    "decimate",
+    "entropy",
+    "extremes",
+)
 
 
 def main() -> int:
@@ -38,6 +52,9 @@ def main() -> int:
     parser.add_argument("--tree", type=Path, help="a trained .tree.npz (default: none)")
     parser.add_argument("--photos", type=Path, help="NeRF-synthetic folder of the tree")
     parser.add_argument("--runs", type=Path, help="runs of `evogs bench paper` (default: none)")
+    parser.add_argument(
+        "--splat-transform", metavar="CMD", help="how to start it: adds SOG and decimation"
+    )
     parser.add_argument("--up", default="z", help="up axis of the scene, as -y (default: z)")
     parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder of the results")
     parser.add_argument("--only", choices=PARTS, nargs="+", default=PARTS, help="some tables")
@@ -54,6 +71,7 @@ def main() -> int:
         for key in ("ply", "tree", "photos", "runs")
         if getattr(args, key)
     )
+    command += " --splat-transform CMD" if args.splat_transform else ""
     if tables:
         write(args.out, command, tables, keep_others=bool(some))
     holds = "extremes" not in args.only or extremes.remake(args.out)
@@ -65,19 +83,13 @@ def _measurements(args: argparse.Namespace, folder: Path) -> Iterator[Measuremen
     if "raster" in args.only:  # first, while the process is small
         for name, (title, run) in raster.TABLES.items():
             yield name, title, run
-    if {"scene", "levels", "rate"} & set(args.only):
+    if {"scene", "levels"} & set(args.only):
         splats = read_ply(args.ply) if args.ply else make_scene()
     if "scene" in args.only:
         from tools.bench import scene  # needs gsply, which nothing else does
 
         for name, (title, measure) in scene.TABLES.items():
             yield name, title, partial(measure, splats, folder)
-    if "rate" in args.only:
-        from tools.bench import rate
-
-        name = args.ply.stem if args.ply else "shipped"
-        title = "Size against pictures, over 24 views"
-        yield "rate", title, partial(rate.rate, splats, name, args.up, folder)
     if "levels" in args.only:
         title = "Pictures of the levels, against the scene, over 24 views"
         yield "levels", title, partial(_levels, args, splats)
@@ -88,11 +100,32 @@ def _measurements(args: argparse.Namespace, folder: Path) -> Iterator[Measuremen
         if args.photos:
             title = "Pictures of a trained tree, on photographs it was not trained on"
             yield "photographs", title, partial(pictures.photographs, tree, args.photos)
-    if "surface" in args.only:
-        yield from surface.measurements(args)
+    if {"rate", "surface", "first", "decimate"} & set(args.only):
+        yield from _of_subjects(args, folder)
     if "entropy" in args.only:
         for name, (title, of_samples) in entropy.TABLES.items():
             yield name, title, partial(of_samples, entropy.samples(args.ply, args.tree))
+
+
+def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement]:
+    """What takes trees and their pictures: of the scene, and of the tree if there is one."""
+    of, command = tuple(subjects(args)), args.splat_transform
+    if {"rate", "first"} & set(args.only):
+        from tools.bench.first import first  # these need gsply
+        from tools.bench.rate import rate
+    if "rate" in args.only:
+        yield "rate", "Size against pictures, over 24 views", partial(rate, of, folder)
+        if command:
+            title = "Size against SOG, SH degree 0, over 24 views"
+            yield "rate-sog", title, partial(sog, of, command, folder)
+        yield "rate-published", "Figures of others, as published", published
+    if "surface" in args.only:
+        yield from surface.measurements(of, args.runs)
+    if "first" in args.only:
+        yield "first", "Time to the first picture", partial(first, of, folder)
+    if "decimate" in args.only and command:
+        title = "Coarse levels against decimation, over 24 views"
+        yield "decimate", title, partial(decimate, of[0], command, folder)
 
 
 def _levels(args: argparse.Namespace, splats: SplatParams) -> Rows:

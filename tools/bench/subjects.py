@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +14,16 @@ import numpy.typing as npt
 from conformance.cli import around
 from conformance.rasterizer import Camera, psnr, render
 from conformance.views import Views
-from evogs_codec import PRESETS, EvolutionTree, Settings, SplatParams, lift, read_ply, read_tree
+from evogs_codec import (
+    PRESETS,
+    EvolutionTree,
+    Settings,
+    SplatParams,
+    encode,
+    lift,
+    read_ply,
+    read_tree,
+)
 from tools.bench.photographs import held_out
 from tools.scene import make_scene
 
@@ -67,13 +77,22 @@ class Subject:
     views: Views
     gauge: Gauge
 
+    @cached_property
+    def stream(self) -> bytes:
+        """Of the preset."""
+        return encode(self.tree, self.settings)
+
     @staticmethod
     def of_scene(name: str, splats: SplatParams, up: str) -> Subject:
         """A scene, lifted; judged by pictures of itself."""
         views = Views(splats, around(splats, up, SIZE))
-        targets = [render(splats, camera, WHITE) for camera in views.cameras]
-        tree = lift(splats, N_LEVELS)
-        return Subject(name, tree, PRESETS["scene"], views, Gauge(views.cameras, targets))
+        return Subject.of_tree(name, lift(splats, N_LEVELS), PRESETS["scene"], views)
+
+    @staticmethod
+    def of_tree(name: str, tree: EvolutionTree, settings: Settings, views: Views) -> Subject:
+        """A tree, judged by pictures of what `views` see."""
+        targets = [render(views.scene, camera, WHITE) for camera in views.cameras]
+        return Subject(name, tree, settings, views, Gauge(views.cameras, targets))
 
 
 def subjects(args: argparse.Namespace) -> Iterator[Subject]:
@@ -83,14 +102,11 @@ def subjects(args: argparse.Namespace) -> Iterator[Subject]:
     else:
         yield Subject.of_scene("shipped", make_scene(), "z")
     if args.tree:
-        tree = read_tree(args.tree)
-        leaves = tree.leaves()
-        views = Views(leaves, around(leaves, "z", SIZE))
+        tree, name = read_tree(args.tree), args.tree.name.split(".")[0]
+        views = Views(tree.leaves(), around(tree.leaves(), "z", SIZE))
+        subject = Subject.of_tree(name, tree, PRESETS["trained"], views)
         if args.photos:
             shots = [photograph.at(SIZE) for photograph in held_out(args.photos)]
             gauge = Gauge([camera for camera, _ in shots], [target for _, target in shots], 1.0)
-        else:
-            targets = [render(leaves, camera, WHITE) for camera in views.cameras]
-            gauge = Gauge(views.cameras, targets)
-        name = args.tree.name.split(".")[0]
-        yield Subject(name, tree, PRESETS["trained"], views, gauge)
+            subject = replace(subject, gauge=gauge)
+        yield subject

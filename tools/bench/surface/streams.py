@@ -74,8 +74,7 @@ def streams(of: Sequence[Subject]) -> Rows:
 
 
 def _points(subject: Subject) -> Iterator[Point]:
-    tree, settings = subject.tree, subject.settings
-    whole = encode(tree, settings)
+    tree, settings, whole = subject.tree, subject.settings, subject.stream
     yield Point("preset", "preset", whole)
     for factor in FINER:
         yield Point("steps", f"--finer {factor:g}", encode(tree, settings.finer(factor)))
