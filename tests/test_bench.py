@@ -122,7 +122,7 @@ def test_the_first_picture_takes_part_of_a_stream_and_all_of_other_files(subject
 
 
 def test_decimation_is_measured_at_as_many_splats(subject, command, tmp_path):
-    rows = decimate.decimate(subject, command, tmp_path)
+    rows = decimate.decimate([subject], command, tmp_path)
     assert [row["level"] for row in rows] == [0, 1]
     assert all(row["splats"] == row["decimated"] for row in rows)
 

@@ -21,7 +21,7 @@ from tools.bench.decimate import decimate
 from tools.bench.entropy import tables as entropy
 from tools.bench.page import Rows, text_of, write
 from tools.bench.sog import published, sog
-from tools.bench.subjects import subjects
+from tools.bench.subjects import Subject, subjects
 from tools.bench.surface import tables as surface
 from tools.extremes import page as extremes
 from tools.scene import make_scene
@@ -29,17 +29,9 @@ from tools.scene import make_scene
 ROOT = Path(__file__).resolve().parent.parent.parent
 Measurement = tuple[str, str, Callable[[], Rows]]  # name, title, what measures it
 PARTS = (
-    "raster",
-    "scene",
-    "rate",
-    "levels",
-    "tree",
-    "surface",
-    "first",
-    "decimate",
-    "entropy",
+    "raster", "scene", "rate", "sog", "levels", "tree", "surface", "first", "decimate", "entropy",
     "extremes",
-)
+)  # fmt: skip
 
 
 def main() -> int:
@@ -100,7 +92,7 @@ def _measurements(args: argparse.Namespace, folder: Path) -> Iterator[Measuremen
         if args.photos:
             title = "Pictures of a trained tree, on photographs it was not trained on"
             yield "photographs", title, partial(pictures.photographs, tree, args.photos)
-    if {"rate", "surface", "first", "decimate"} & set(args.only):
+    if {"rate", "sog", "surface", "first", "decimate"} & set(args.only):
         yield from _of_subjects(args, folder)
     if "entropy" in args.only:
         for name, (title, of_samples) in entropy.TABLES.items():
@@ -115,17 +107,19 @@ def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement
         from tools.bench.rate import rate
     if "rate" in args.only:
         yield "rate", "Size against pictures, over 24 views", partial(rate, of, folder)
+    if "sog" in args.only:
         if command:
             title = "Size against SOG, SH degree 0, over 24 views"
-            yield "rate-sog", title, partial(sog, of, command, folder)
-        yield "rate-published", "Figures of others, as published", published
+            yield "sog", title, partial(sog, of, command, folder)
+        yield "published", "Figures of others, as published", published
     if "surface" in args.only:
         yield from surface.measurements(of, args.runs)
     if "first" in args.only:
         yield "first", "Time to the first picture", partial(first, of, folder)
     if "decimate" in args.only and command:
         title = "Coarse levels against decimation, over 24 views"
-        yield "decimate", title, partial(decimate, of[0], command, folder)
+        shipped = (Subject.of_scene("shipped", make_scene(), "z"),) if args.ply else ()
+        yield "decimate", title, partial(decimate, (of[0], *shipped), command, folder)
 
 
 def _levels(args: argparse.Namespace, splats: SplatParams) -> Rows:

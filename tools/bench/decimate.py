@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from evogs_codec import Cut, decode, read_directory, write_ply
@@ -14,20 +15,23 @@ __all__ = ["decimate"]
 Rows = list[dict[str, object]]
 
 
-def decimate(subject: Subject, command: str, folder: Path) -> Rows:
+def decimate(of: Sequence[Subject], command: str, folder: Path) -> Rows:
     """PSNR of the levels of a lifted scene and of splat-transform's decimation to as many splats.
 
     Over 24 views of the scene. Decimation merges pairs too, but each of its files stands alone.
     Free parents are our pairs with parents that no tree can keep: what decimation has beyond them
     is its choice of pairs. The last column is what our levels, lifted, have more.
     """
-    ply = folder / "decimate.ply"
+    return [row for subject in of for row in _levels(subject, command, folder)]
+
+
+def _levels(subject: Subject, command: str, folder: Path) -> Iterator[dict[str, object]]:
+    """Every level but the last."""
+    ply = folder / f"{subject.name}.decimate.ply"
     write_ply(ply, subject.views.scene)
-    tree = subject.tree
-    data = subject.stream
+    tree, data = subject.tree, subject.stream
     directory = read_directory(memoryview(data))
     free = free_levels(tree)
-    rows: Rows = []
     for level in range(tree.n_levels - 1):
         lifted = tree.leaves(level)
         theirs = decimated(command, ply, len(lifted))
@@ -38,14 +42,11 @@ def decimate(subject: Subject, command: str, folder: Path) -> Rows:
             "decimation": theirs,
         }
         decibels = {name: subject.gauge(splats)[0] for name, splats in found.items()}
-        rows.append(
-            {
-                "scene": subject.name,
-                "level": level,
-                "splats": len(lifted),
-                "decimated": len(theirs),
-                **{f"{name}, dB": f"{value:.2f}" for name, value in decibels.items()},
-                "lifted over decimation, dB": f"{decibels['lifted'] - decibels['decimation']:+.2f}",
-            }
-        )
-    return rows
+        yield {
+            "scene": subject.name,
+            "level": level,
+            "splats": len(lifted),
+            "decimated": len(theirs),
+            **{f"{name}, dB": f"{value:.2f}" for name, value in decibels.items()},
+            "lifted over decimation, dB": f"{decibels['lifted'] - decibels['decimation']:+.2f}",
+        }
