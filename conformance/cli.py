@@ -140,8 +140,25 @@ def _cameras(args: argparse.Namespace, scene: SplatParams) -> list[Camera]:
     return around(scene, args.up, args.size)
 
 
-def around(scene: SplatParams, up: str, size: int) -> list[Camera]:
-    """`N_ORBIT` cameras around the bulk of a scene; `up` is an axis, perhaps with a sign."""
+def around(
+    scene: SplatParams,
+    up: str,
+    size: int,
+    *,
+    n: int = N_ORBIT,
+    elevation: float = 0.35,
+    distance: float = 2.0,
+) -> list[Camera]:
+    """Cameras on a circle around the bulk of a scene.
+
+    Args:
+        scene: what they look at.
+        up: an axis, perhaps with a sign.
+        size: pixels.
+        n: how many.
+        elevation: radians above the middle.
+        distance: from the middle, in diagonals of the bulk.
+    """
     from conformance.rasterizer import orbit
 
     means = scene.means[np.isfinite(scene.means).all(axis=1)].astype(np.float64)
@@ -150,10 +167,10 @@ def around(scene: SplatParams, up: str, size: int) -> list[Camera]:
     low, high = np.percentile(means, (20, 80), axis=0)
     sign = -1.0 if up.startswith("-") else 1.0
     return orbit(
-        N_ORBIT,
+        n,
         (low + high) / 2,
-        radius=2.0 * float(np.linalg.norm(high - low)),
-        elevation=0.35,
+        radius=distance * float(np.linalg.norm(high - low)),
+        elevation=elevation,
         up=tuple(sign * np.eye(3)["xyz".index(up[-1])]),
         width=size,
         height=size,

@@ -13,7 +13,7 @@ from conformance.rasterizer import Camera, draw, gradients, psnr, render
 from evogs_codec import SplatParams
 from evogs_codec.splats import F32
 
-__all__ = ["Views"]
+__all__ = ["Color", "Views"]
 
 Color = tuple[float, float, float]
 DRAWN = 12  # views that the sensitivity is estimated from, at most
@@ -37,7 +37,7 @@ class Views:
         """Mean PSNR over the views, dB."""
         found = [
             psnr(render(splats, camera, self.background), picture)
-            for camera, picture in zip(self.cameras, self._pictures, strict=True)
+            for camera, picture in zip(self.cameras, self.pictures, strict=True)
         ]
         return float(np.mean(found))
 
@@ -62,5 +62,6 @@ class Views:
         return total
 
     @cached_property
-    def _pictures(self) -> list[npt.NDArray[np.float32]]:
+    def pictures(self) -> list[npt.NDArray[np.float32]]:
+        """Of the scene, (H, W, 3) each."""
         return [render(self.scene, camera, self.background) for camera in self.cameras]

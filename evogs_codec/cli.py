@@ -122,7 +122,9 @@ def run_encode(args: argparse.Namespace) -> None:
     with _progress() as progress:
         if is_scene:
             splats = _read_splats(args.input, drop_invalid=args.drop_invalid)
-            tree = lift(splats, args.levels, progress=lambda part: progress("lift", part))
+            tree = _lifted(splats, args, progress)
+        elif args.refine:
+            raise InputError("--refine is for .ply scenes: a tree has its levels")
         else:
             tree = read_tree(args.input)
         data = _encoded(tree, settings, info, args, progress)
@@ -182,7 +184,7 @@ def run_lift(args: argparse.Namespace) -> None:
     """`evogs lift`."""
     with _progress() as progress:
         splats = _read_splats(args.input, drop_invalid=args.drop_invalid)
-        tree = lift(splats, args.levels, progress=lambda part: progress("lift", part))
+        tree = _lifted(splats, args, progress)
     write_tree(args.output, tree)
     print(f"{args.output}: {tree.n_leaves:,} splats, {tree.n_levels} levels")
 
@@ -257,6 +259,22 @@ def _read_splats(path: Path, *, drop_invalid: bool) -> SplatParams:
     if n_invalid:
         warnings.warn(f"{n_invalid:,} splats with NaN or infinite numbers left out", stacklevel=1)
     return splats
+
+
+def _lifted(splats: SplatParams, args: argparse.Namespace, progress: Progress) -> EvolutionTree:
+    """Its coarse levels refined, if that is asked for."""
+    tree = lift(splats, args.levels, progress=lambda part: progress("lift", part))
+    if not args.refine:
+        return tree
+    refiners = entry_points(group="evogs.refiners")
+    if not refiners:
+        raise InputError("--refine draws pictures: pip install 'evogs[render]'")
+    for entry in refiners:
+        refine = entry.load()
+        tree = refine(
+            tree, args.camera, args.up, args.refine, lambda part: progress("refine", part)
+        )
+    return tree
 
 
 def _settings(args: argparse.Namespace, default: str) -> Settings:

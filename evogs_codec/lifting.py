@@ -29,7 +29,7 @@ from evogs_codec.merging import (
 )
 from evogs_codec.pairing import features, match, morton_order
 from evogs_codec.splats import F32, F64, I64, SplatParams
-from evogs_codec.tree import N_GROUPS, EvolutionTree, Kind, Step, alpha_channels
+from evogs_codec.tree import EvolutionTree, Step, alpha_channels
 
 __all__ = ["Lifted", "lift", "lift_with_order"]
 
@@ -226,7 +226,7 @@ def _grow(
         c1, c2, parent = r.c1[order], r.c2[order], r.parent[order]
         slots = slot_of[parent]
         alpha = alpha[:, order]
-        steps.append(_split_step(level, slots, values[:, c1] - values[:, parent], alpha))
+        steps.append(Step.of_splits(level, slots, values[:, c1] - values[:, parent], alpha))
         rows = np.flatnonzero(alpha[2] == MENDED)
         if len(rows):
             split = values[:, parent[rows]], alpha[:, rows], steps[-1].psi[:, rows]
@@ -238,29 +238,10 @@ def _grow(
     return Lifted(EvolutionTree(sh_degree, tuple(steps)), node_at)
 
 
-def _split_step(level: int, slots: I64, psi: F64, alpha: F64) -> Step:
-    psi32: F32 = psi.astype(np.float32)
-    return Step(
-        level,
-        slots.astype(np.int32),
-        np.full(len(slots), Kind.SPLIT, np.uint8),
-        psi32,
-        alpha.astype(np.float32),
-        np.empty((len(psi), 0), np.float32),
-    )
-
-
 def _mending_step(level: int, slots: I64, c2: F64, split: tuple[F64, F64, F32]) -> Step:
     """Refines that give c2 (D, n) their shape after a split: parents (D, n), alpha (5, n), psi."""
     parents, alpha, psi_split = split
     given = parents - alpha_channels(alpha, len(c2)) * psi_split
-    psi = np.zeros(c2.shape, np.float32)
+    psi = np.zeros(c2.shape)
     psi[:N_SHAPE] = (c2 - given)[:N_SHAPE]
-    return Step(
-        level,
-        slots.astype(np.int32),
-        np.full(len(slots), Kind.REFINE, np.uint8),
-        psi,
-        np.empty((N_GROUPS, 0), np.float32),
-        np.empty((len(c2), 0), np.float32),
-    )
+    return Step.of_refines(level, slots, psi)

@@ -15,6 +15,7 @@ from evogs_codec.splats import GROUPS
 __all__ = ["add_decode", "add_encode", "add_extract", "add_info", "add_lift", "add_validate"]
 
 DEFAULT_LEVELS = 5
+DEFAULT_ITERATIONS = 200
 
 Commands: TypeAlias = Any  # argparse's sub-parsers have no public type
 Run: TypeAlias = Callable[[argparse.Namespace], int | None]
@@ -97,12 +98,6 @@ def add_encode(commands: Commands, run: Run) -> None:
         f" {', '.join(GROUPS)}",
     )
     parser.add_argument(
-        "--camera", type=Path, metavar="FILE.json", help="views of a target (default: around)"
-    )
-    parser.add_argument(
-        "--up", choices=("x", "y", "z", "-x", "-y", "-z"), default="z", help="of these views"
-    )
-    parser.add_argument(
         "--finer", type=_number(float, 1e-3, 1e6), metavar="F", help="divide all steps by F"
     )
     parser.add_argument(
@@ -160,6 +155,7 @@ def add_lift(commands: Commands, run: Run) -> None:
         run,
         "Build the tree under a .ply scene, uncompressed.",
         "  evogs lift scene.ply scene.tree.npz\n"
+        "  evogs lift scene.ply scene.tree.npz --refine --up=-y\n"
         "  evogs encode scene.tree.npz scene.evogs --preset scene",
     )
     parser.add_argument("input", type=Path, metavar="IN.ply")
@@ -219,6 +215,24 @@ def _add_lift_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--drop-invalid", action="store_true", help="leave out splats with NaN or infinite numbers"
+    )
+    parser.add_argument(
+        "--refine",
+        type=_number(int, 2, 1_000_000),
+        nargs="?",
+        const=DEFAULT_ITERATIONS,
+        metavar="ITERATIONS",
+        help="make coarse levels of a lifted scene look more like it, by gradient descent on"
+        f" pictures of it (default: {DEFAULT_ITERATIONS} of each level)",
+    )
+    parser.add_argument(
+        "--camera",
+        type=Path,
+        metavar="FILE.json",
+        help="views for --refine and of a target (default: around the scene)",
+    )
+    parser.add_argument(
+        "--up", choices=("x", "y", "z", "-x", "-y", "-z"), default="z", help="of views around it"
     )
 
 

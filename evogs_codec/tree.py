@@ -78,6 +78,30 @@ class Step:
             adds,
         )
 
+    @staticmethod
+    def of_splits(level: int, slots: npt.NDArray[np.integer], psi: F64, alpha: F32 | F64) -> Step:
+        """A step that splits `slots` (S,), in increasing order, by psi (D, S) and alpha (5, S)."""
+        return Step(
+            level,
+            slots.astype(np.int32),
+            np.full(len(slots), Kind.SPLIT, np.uint8),
+            psi.astype(np.float32),
+            alpha.astype(np.float32),
+            np.empty((len(psi), 0), np.float32),
+        )
+
+    @staticmethod
+    def of_refines(level: int, slots: npt.NDArray[np.integer], psi: F64) -> Step:
+        """A step that adds psi (D, P) to `slots` (P,), in increasing order."""
+        return Step(
+            level,
+            slots.astype(np.int32),
+            np.full(len(slots), Kind.REFINE, np.uint8),
+            psi.astype(np.float32),
+            np.empty((N_GROUPS, 0), np.float32),
+            np.empty((len(psi), 0), np.float32),
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Slots:

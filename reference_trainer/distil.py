@@ -1,0 +1,172 @@
+"""Distilling: coarse levels of a lifted tree, improved against pictures of the scene itself.
+
+A lifted parent lies on the line through its children, which is a poor place for its scale: it has
+to cover both, and children that are alike leave it no way to grow. So a share of the pairs, those
+of which the pictures show most, leave the line: their parents have the scales that gradient descent
+finds, and a refine after the split puts C2 right, as lifting does where no line fits at all. All
+other numbers stay on their lines. From the finest level up, so that all children are known.
+
+Letters: n splats of a level, S of them parents of splats of the next, D channels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from conformance.rasterizer import Camera, draw, gradients
+from conformance.views import Color, Views
+from evogs_codec import EvolutionTree, SplatParams
+from evogs_codec.merging import (
+    MENDED,
+    Moments,
+    line_parents,
+    median_mass,
+    merged,
+    moments,
+    plain_parents,
+)
+from evogs_codec.splats import F64, GROUP_CHANNELS, I64
+from reference_trainer.generations import Generation, levels_of, tree_of
+from reference_trainer.kernels import adam
+
+__all__ = ["Change", "Distilled", "distil"]
+
+MENDED_SHARE = 0.1  # of the pairs of a level
+RATE, LAST_RATE = 0.03, 0.003  # of a log-scale, at the first and the last iteration
+BETA1, BETA2, EPS = 0.9, 0.99, 1e-15
+WHITE = (1.0, 1.0, 1.0)
+SCALE = GROUP_CHANNELS[2]
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class Change:
+    """What became of a level.
+
+    Attributes:
+        level: which.
+        before: PSNR over the held-out views with the parents that lifting gave it, dB.
+        found: with those that descent found.
+    """
+
+    level: int
+    before: float
+    found: float
+
+    @property
+    def gains(self) -> bool:
+        """Whether the level has the parents that were found."""
+        return self.found > self.before
+
+
+@dataclass(frozen=True, eq=False)
+class Distilled:
+    """A tree with the leaves of the lifted one, and the changes of its levels, coarsest first."""
+
+    tree: EvolutionTree
+    changes: tuple[Change, ...]
+
+
+def distil(
+    tree: EvolutionTree,
+    cameras: Sequence[Camera],
+    held_out: Sequence[Camera],
+    *,
+    iterations: int,
+    background: Color = WHITE,
+    progress: Progress | None = None,
+) -> Distilled:
+    """A lifted tree with coarse levels that look more like its last one.
+
+    Args:
+        tree: as `lift` makes them.
+        cameras: of the pictures that are descended on.
+        held_out: a level that does not gain in these views keeps its parents.
+        iterations: of each level, a picture each.
+        background: behind the splats.
+        progress: called with the share of the work done, 0 to 1.
+
+    Raises:
+        ValueError: the tree is not lifted, there are no cameras, or less than 2 iterations.
+    """
+    if not cameras or not held_out:
+        raise ValueError("there are no cameras, or none is held out")
+    if iterations < 2:
+        raise ValueError(f"{iterations} iterations, expected at least 2")
+    levels, generations = levels_of(tree)
+    if not generations:
+        return Distilled(tree, ())
+    report: Progress = progress or (lambda _: None)
+    views, judge = (Views(tree.leaves(), part, background) for part in (cameras, held_out))
+    mass = moments(levels[-1])
+    unit_mass = median_mass(mass)
+    changes = []
+    for level, generation in reversed(list(enumerate(generations))):
+        target = merged(*generation.pairs(mass))
+        finer = levels[level + 1]
+        found, alpha = _raised(finer, generation, (target, unit_mass), views, iterations)
+        kept = generation.coarser(finer, levels[level][:, generation.slots])
+        change = Change(level, judge.psnr(_splats(kept)), judge.psnr(_splats(found)))
+        if change.gains:
+            generations[level] = replace(generation, alpha=alpha)
+        levels[level] = found if change.gains else kept
+        changes.append(change)
+        mass = generation.coarser_moments(mass, target)
+        report(len(changes) / len(generations))
+    return Distilled(tree_of(tree.sh_degree, levels, generations), tuple(reversed(changes)))
+
+
+def _raised(
+    finer: F64, generation: Generation, mass: tuple[Moments, float], views: Views, iterations: int
+) -> tuple[F64, F64]:
+    """The coarser level (D, n) and its alpha (5, S).
+
+    The scales of all parents descend, to see which of them pay; then of those alone.
+    """
+    pair = generation.children(finer)
+    lifted, alpha_lifted = line_parents(*pair, *mass)
+    parents, alpha = plain_parents(*pair, *mass)
+    slots = generation.slots
+    free = _descended(generation.coarser(finer, lifted), slots, views, iterations // 2)
+    off = free[:, slots] - parents
+    worth = (views.sensitivity(_splats(free))[:, slots] * np.square(off)).sum(axis=0)
+    rows = np.sort(np.argsort(-worth, kind="stable")[: round(MENDED_SHARE * len(worth))])
+    parents[:, rows] = free[:, slots[rows]]
+    alpha[:, rows] = alpha_lifted[:, rows]
+    alpha[2, rows] = MENDED
+    found = generation.coarser(finer, parents)
+    return _descended(found, slots[rows], views, iterations - iterations // 2), alpha
+
+
+def _descended(level: F64, slots: I64, views: Views, iterations: int) -> F64:
+    """A level (D, n) after gradient descent on the squared error, by the scales in `slots`."""
+    splats = _splats(level)
+    scales = splats.log_scales.copy()
+    moving = scales[slots]
+    m, v = np.zeros_like(moving), np.zeros_like(moving)
+    for t in range(iterations if len(slots) else 0):
+        view = _view_of(t, len(views.cameras))
+        splats = replace(splats, log_scales=scales)
+        drawing = draw(splats, views.cameras[view], views.background)
+        error = drawing.image - views.pictures[view]
+        gradient = gradients(drawing, splats, error * np.float32(2 / error.size)).log_scales[slots]
+        rate = RATE * (LAST_RATE / RATE) ** (t / iterations)
+        adam(moving, gradient, m, v, np.full(3, rate, np.float32), BETA1, BETA2, EPS, t + 1)
+        scales[slots] = moving
+    out = level.copy()
+    out[SCALE] = scales.T
+    return out
+
+
+def _view_of(iteration: int, n_views: int) -> int:
+    """All views in random order, then all again in another."""
+    turn, place = divmod(iteration, n_views)
+    return int(np.random.default_rng(turn).permutation(n_views)[place])
+
+
+def _splats(level: F64) -> SplatParams:
+    return SplatParams.from_channels(level)
