@@ -20,6 +20,7 @@ from tools.bench import pictures, raster, trained
 from tools.bench.decimate import decimate
 from tools.bench.entropy import tables as entropy
 from tools.bench.page import Rows, text_of, write
+from tools.bench.refine import refined
 from tools.bench.sog import published, sog
 from tools.bench.subjects import Subject, subjects
 from tools.bench.surface import tables as surface
@@ -29,8 +30,8 @@ from tools.scene import make_scene
 ROOT = Path(__file__).resolve().parent.parent.parent
 Measurement = tuple[str, str, Callable[[], Rows]]  # name, title, what measures it
 PARTS = (
-    "raster", "scene", "rate", "sog", "levels", "tree", "surface", "first", "decimate", "entropy",
-    "extremes",
+    "raster", "scene", "rate", "sog", "levels", "refine", "tree", "surface", "first", "decimate",
+    "entropy", "extremes",
 )  # fmt: skip
 
 
@@ -85,6 +86,9 @@ def _measurements(args: argparse.Namespace, folder: Path) -> Iterator[Measuremen
     if "levels" in args.only:
         title = "Pictures of the levels, against the scene, over 24 views"
         yield "levels", title, partial(_levels, args, splats)
+    if "refine" in args.only:
+        title = "Refined levels, of streams with the preset scene, over 24 views"
+        yield "refine", title, partial(refined, args.ply, args.up)
     if "tree" in args.only and args.tree:
         tree = read_tree(args.tree)
         for name, (title, of_tree) in trained.TABLES.items():
