@@ -110,7 +110,7 @@ def _headers(
     planes = decompress_all(data, places) if n_bytes >= 0 else None
     if planes is None:
         return None
-    return codes, starts, flags, np.frombuffer(planes, np.uint8)
+    return codes, starts, flags, planes
 
 
 def _tables(kernels: ModuleType, directory: Directory, tile: int) -> object:

@@ -8,7 +8,7 @@ import numpy as np
 
 from evogs_codec.compiled import kernels_for
 from evogs_codec.directory import Directory
-from evogs_codec.splats import F32, F64, GROUP_CHANNELS, I32, I64, SplatParams
+from evogs_codec.splats import F32, GROUP_CHANNELS, I32, I64, SplatParams
 from evogs_codec.state import TileState
 from evogs_codec.threads import each
 
@@ -36,11 +36,7 @@ class FloatView:
         self.ends = np.cumsum(n_live)
         n = int(n_live.sum())
         n_sh = 3 * (min(sh_degree, directory.sh_degree) + 1) ** 2
-        shapes = ((0, (n, 3)), (3, (n, 4)), (7, (n, 3)), (10, (n, 1)), (11, (n, n_sh)))
-        self.parts = [(first, np.empty(shape, np.float32)) for first, shape in shapes]
-        self.scales = np.empty(11 + n_sh, np.float64)
-        for exponent, channels in zip(directory.grid_exponents, GROUP_CHANNELS, strict=True):
-            self.scales[channels] = 2.0**-exponent
+        self.groups = [np.empty((n, size), np.float32) for size in (3, 4, 3, 1, n_sh)]
         self.write_rows = getattr(kernels_for(n), "float_rows", float_rows)
 
     def write(self, tile: TileState) -> None:
@@ -49,16 +45,18 @@ class FloatView:
         if not live.all():
             x = x[:, live]
         end = int(self.ends[tile.tile])
-        origins = np.zeros(len(self.scales), np.int64)
+        origins = np.zeros(len(x), np.int64)
         origins[0:3] = self.directory.tiles[tile.tile]["origin"]
-        for first, out in self.parts:
-            channels = slice(first, first + out.shape[1])
+        for exponent, part, out in zip(
+            self.directory.grid_exponents, GROUP_CHANNELS, self.groups, strict=True
+        ):
+            channels = slice(part.start, part.start + out.shape[1])
             to = out[end - x.shape[1] : end]
-            self.write_rows(x[channels], origins[channels], self.scales[channels], to)
+            self.write_rows(x[channels], origins[channels], 2.0**-exponent, to)
 
     def splats(self) -> SplatParams:
         """What was written, read-only."""
-        means, quats, log_scales, opacity_logits, sh = (out for _, out in self.parts)
+        means, quats, log_scales, opacity_logits, sh = self.groups
         n, n_coefficients = len(means), (self.sh_degree + 1) ** 2
         missing = 3 * n_coefficients - sh.shape[1]  # of bands above those of the stream
         if missing:
@@ -68,11 +66,11 @@ class FloatView:
         )
 
 
-def float_rows(x: I32, origins: I64, scales: F64, out: F32) -> None:
-    """out[i, c] = binary32((origins[c] + x[c, i]) * scales[c]), blockwise.
+def float_rows(x: I32, origins: I64, scale: float, out: F32) -> None:
+    """out[i, c] = binary32((origins[c] + x[c, i]) * scale), blockwise.
 
     |O + X| is below 2**53, so binary64 holds it and the cast is the only rounding.
     """
     for at in range(0, len(out), BLOCK):
         part = x[:, at : at + BLOCK] + origins[:, None]
-        out[at : at + BLOCK] = (part * scales[:, None]).T
+        out[at : at + BLOCK] = (part * scale).T

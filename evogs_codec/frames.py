@@ -12,13 +12,14 @@ import numpy as np
 import zstandard
 
 from evogs_codec.errors import Fault, StreamError
-from evogs_codec.splats import I64
+from evogs_codec.splats import I64, U8
 
 __all__ = ["MAX_BLOCK", "MAX_CONTENT", "compress", "decompress", "decompress_all", "store"]
 
 MAGIC = b"\x28\xb5\x2f\xfd"
 MAX_CONTENT = 16 << 20  # R-5.10-4
 MAX_BLOCK = 128 << 10  # R-5.10-5
+AT_A_TIME = 512 << 10  # bytes that one call of the library makes, if frames allow
 _local = threading.local()
 
 
@@ -85,16 +86,32 @@ def decompress(frame: memoryview, size: int, offset: int) -> bytes:
     return bytes(data)
 
 
-def decompress_all(data: memoryview, places: I64) -> bytes | None:
+def decompress_all(data: memoryview, places: I64) -> U8 | None:
     """The contents of checked frames, one after the other; None if one has a fault.
 
-    One call of the library, which holds no lock, where it has such a call.
+    Few calls of the library, which holds no lock, where it has such a call; each makes so little
+    that the next one takes the same memory.
 
     Args:
         data: the file.
         places: (F, 3) offset, size and content size of each frame.
     """
-    if "multi_decompress_to_buffer" not in zstandard.backend_features or not len(places):
+    ends = np.cumsum(places[:, 2])
+    out = np.empty(int(ends[-1]) if len(ends) else 0, np.uint8)
+    at = first = 0
+    while first < len(places):
+        last = max(first + 1, int(np.searchsorted(ends, at + AT_A_TIME, side="right")))
+        content = _contents(data, places[first:last])
+        if content is None:
+            return None
+        out[at : ends[last - 1]] = np.frombuffer(content, np.uint8)
+        at, first = int(ends[last - 1]), last
+    return out
+
+
+def _contents(data: memoryview, places: I64) -> bytes | None:
+    """As `decompress_all`, in one call."""
+    if "multi_decompress_to_buffer" not in zstandard.backend_features:
         try:
             return b"".join(decompress(data[a : a + n], size, 0) for a, n, size in places.tolist())
         except StreamError:

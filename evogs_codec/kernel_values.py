@@ -10,14 +10,28 @@ from typing import Any
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
-from evogs_codec.refine import MAX_DELTA
-from evogs_codec.splats import F32, I32, U8
+from evogs_codec.refine import MAX_DELTA, MAX_PRODUCT
+from evogs_codec.splats import F32, I32, I64, U8
 
-__all__ = ["float_rows", "inverse_ycocg", "scale", "unpack", "unzigzag"]
+__all__ = [
+    "MAX_INT",
+    "NO_CONSTANT",
+    "children",
+    "first_children",
+    "float_rows",
+    "inverse_ycocg",
+    "products_fit",
+    "scale",
+    "second_children",
+    "unpack",
+    "unzigzag",
+]
 
 _jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
+MAX_INT = 0x7FFFFFFF
+NO_CONSTANT = 1 << 20  # where the a of the splits differ
+BLOCK = 128  # splats
 
 
 @_jit
@@ -109,26 +123,106 @@ def scale(q: I32, n: int, unit: int) -> int:
 
 
 @_jit
-def float_rows(
-    x: I32, origins: npt.NDArray[np.int64], scales: npt.NDArray[np.float64], out: F32
-) -> None:
-    """out[i, c] = binary32((origins[c] + x[c, i]) * scales[c]), rounded once (R-7.6-1).
+def children(
+    parents: I32, delta: I32, a: int, shift: int, seconds: I32
+) -> tuple[np.int32, np.int32]:
+    """C1 in place of the parents of splits with the same a, and C2; (least, largest) of both.
 
-    A block of splats at a time, so that what is written stays in cache while channels take turns.
+    Products are known to fit.
     """
-    n, block = x.shape[1], 128
-    exact = True
-    for origin in origins:
-        exact = exact and origin == 0
-    for begin in range(0, n, block):
-        end = min(begin + block, n)
-        for c in range(len(x)):
-            row, to = x[c, begin:end], out[begin:end, c]
-            if exact:  # a scale is a power of 2: the conversion is the only rounding
-                factor = np.float32(scales[c])
+    factor, half, bits = np.int32(a), np.int32((1 << shift) >> 1), np.int32(shift & 31)
+    least, most = np.int32(MAX_INT), np.int32(-MAX_INT)
+    for i in range(len(seconds)):
+        p, d = parents[i], delta[i]
+        first = np.int32(p + d)
+        second = np.int32(p - (np.int32(np.int32(factor * d) + half) >> bits))
+        parents[i], seconds[i] = first, second
+        least, most = min(least, min(first, second)), max(most, max(first, second))
+    return least, most
+
+
+@_jit
+def first_children(parents: I32, delta: I32, n: int) -> tuple[np.int32, np.int32]:
+    """C1 in place of the first n parents; the least and the largest."""
+    least, most = np.int32(MAX_INT), np.int32(-MAX_INT)
+    for i in range(n):
+        first = np.int32(parents[i] + delta[i])
+        parents[i] = first
+        least, most = min(least, first), max(most, first)
+    return least, most
+
+
+@_jit
+def second_children(
+    parents: I32, delta: I32, largest: int, alphas: I32, constant: int, shift: int, out: I32
+) -> bool:
+    """C2 = parents - RoundShift(a * delta, shift); False if a product is too large (R-7.3-2).
+
+    `largest` is the largest |delta|; a is `constant`, or `alphas` where that is NO_CONSTANT.
+    """
+    half, bits = np.int32((1 << shift) >> 1), np.int32(shift & 31)
+    room, a = MAX_PRODUCT - np.int64(half), np.int32(constant)
+    differ = constant == NO_CONSTANT
+    largest_a = np.int64(abs(a))
+    if differ:
+        largest_a = np.int64(0)
+        for value in alphas:
+            largest_a = max(largest_a, abs(np.int64(value)))
+    if not products_fit(largest, largest_a, shift):
+        for i in range(len(out)):
+            product = np.int64(delta[i]) * np.int64(alphas[i] if differ else a)
+            if product > room or product < -room:
+                return False
+    if differ:
+        for i in range(len(out)):
+            product = np.int32(np.int32(alphas[i] * delta[i]) + half)
+            out[i] = np.int32(parents[i] - (product >> bits))
+    else:
+        for i in range(len(out)):
+            product = np.int32(np.int32(a * delta[i]) + half)
+            out[i] = np.int32(parents[i] - (product >> bits))
+    return True
+
+
+@_jit
+def products_fit(largest: int, largest_a: int, shift: int) -> bool:
+    """R-7.3-2 by bounds of |Delta| and |a|; False says nothing about single products."""
+    return largest * largest_a <= MAX_PRODUCT - ((1 << shift) >> 1)
+
+
+@_jit
+def float_rows(x: I32, origins: I64, scale: float, out: F32) -> None:
+    """out[i, c] = binary32((origins[c] + x[c, i]) * scale), rounded once (R-7.6-1).
+
+    Three and four channels side by side are a loop that becomes vector code. Others (SH) take
+    turns on a block of splats, so that what is written stays in cache; their origins are 0.
+    """
+    n, n_channels = out.shape
+    flat = out.reshape(-1)
+    if n_channels == 3:
+        a, b, c = origins[0], origins[1], origins[2]
+        first, second, third = x[0], x[1], x[2]
+        for i in range(n):
+            flat[3 * i] = (np.float64(first[i]) + a) * scale
+            flat[3 * i + 1] = (np.float64(second[i]) + b) * scale
+            flat[3 * i + 2] = (np.float64(third[i]) + c) * scale
+        return
+    factor = np.float32(scale)  # a power of 2: the conversion to binary32 is the only rounding
+    if n_channels == 4:
+        first, second, third, fourth = x[0], x[1], x[2], x[3]
+        for i in range(n):
+            flat[4 * i] = np.float32(first[i]) * factor
+            flat[4 * i + 1] = np.float32(second[i]) * factor
+            flat[4 * i + 2] = np.float32(third[i]) * factor
+            flat[4 * i + 3] = np.float32(fourth[i]) * factor
+    elif n_channels == 1:
+        first = x[0]
+        for i in range(n):
+            flat[i] = np.float32(first[i]) * factor
+    else:
+        for begin in range(0, n, BLOCK):
+            end = min(begin + BLOCK, n)
+            for c in range(n_channels):
+                row, to = x[c, begin:end], out[begin:end, c]
                 for i in range(end - begin):
                     to[i] = np.float32(row[i]) * factor
-            else:
-                origin, scale = np.float64(origins[c]), scales[c]
-                for i in range(end - begin):
-                    to[i] = np.float32((origin + np.float64(row[i])) * scale)

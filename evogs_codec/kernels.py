@@ -1,15 +1,17 @@
 """The hot loops of decoding, compiled: the integers of `refine` and `planes`, no temporaries.
 
 Optional: without numba the codec uses numpy. A test holds the two to identical integers and faults.
-Packets are applied a channel and `CHUNK` records at a time, so that what lies between planes and
-slots stays in the nearest cache. Like `kernel_headers` it knows no faults: where a rule is broken
-it gives up, and the numpy code finds out which. Sums fit int32 by the bounds of spec 7.3; products
-are bounded before they are made.
+Channels do not know each other: all packets are applied to one (or to the three of an SH
+coefficient) before the next, so that its slots stay in cache; of a packet `CHUNK` records at a
+time, so that what lies between planes and slots stays in the nearest one. Like `kernel_headers` it
+knows no faults: where a rule is broken it gives up, and the numpy code finds out which. Sums fit
+int32 by the bounds of spec 7.3; products are bounded before they are made.
 
-Over 400 lines: it is one loop over packets, channels and records, read from the top down; what it
+Over 400 lines: it is one loop over channels, packets and records, read from the top down; what it
 does with single values is in `kernel_values`.
 
-Letters: P records with psi, S splits, A adds, all of one step; C channels of a component.
+Letters: P records with psi, S splits, A adds, all of one step; C channels that are turned together,
+1 or 3.
 """
 
 from __future__ import annotations
@@ -21,9 +23,21 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.kernel_headers import MAX_LISTS, N_SIDES, read_headers
-from evogs_codec.kernel_values import float_rows, inverse_ycocg, scale, unpack, unzigzag
+from evogs_codec.kernel_values import (
+    MAX_INT,
+    NO_CONSTANT,
+    children,
+    first_children,
+    float_rows,
+    inverse_ycocg,
+    products_fit,
+    scale,
+    second_children,
+    unpack,
+    unzigzag,
+)
 from evogs_codec.planes import MAX_SUM
-from evogs_codec.refine import MAX_PRODUCT, MAX_X
+from evogs_codec.refine import MAX_X
 from evogs_codec.splats import I32, I64, U8
 from evogs_codec.tree import Kind
 
@@ -40,9 +54,7 @@ __all__ = [
 _jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
 CHUNK = 4096  # a multiple of 8, so that packed planes begin a byte with each chunk
 REFINE, SPLIT, DROP = int(Kind.REFINE), int(Kind.SPLIT), int(Kind.DROP)
-N_CORE, N_GROUPS, SH_GROUP = 14, 5, 4
-NO_CONSTANT = 1 << 20  # where the a of the splits differ
-MAX_INT = 0x7FFFFFFF
+N_CORE, N_GROUPS, SH_GROUP, FIRST_SH = 14, 5, 4, 11
 
 
 class Headers(NamedTuple):
@@ -135,26 +147,19 @@ def apply_packets(
         live: (n,) whether a slot is.
         born_from: (n,) slot each slot was split from, -1 for adds.
     """
-    scratch = np.empty((7, CHUNK), np.int32)
     for k in range(len(headers.components)):
-        component, step = headers.components[k], headers.steps[k]
         if not _bits_are_plain(headers, k):
             return False
-        if component == 0:
-            if not _read_records(headers, k, tables, plans, live, born_from):
-                return False
-            rows = x[:N_CORE]
-        else:
-            first = 11 + 3 * component * component
-            rows = x[first : first + 3 * (2 * component + 1)]
-        n_adds, n_splits, n_refines, n_drops = headers.counts[k]
-        if n_splits + n_refines and not _apply_psi(headers, k, tables, plans, rows, scratch):
+        if headers.components[k] == 0 and not _read_records(
+            headers, k, tables, plans, live, born_from
+        ):
             return False
-        if n_adds and not _apply_adds(headers, k, tables, plans, rows, scratch):
+    scratch, first = np.empty((6, CHUNK), np.int32), 0
+    while first < len(x):
+        count = 1 if first < FIRST_SH else 3
+        if not _apply_channels(headers, tables, plans, first, x[first : first + count], scratch):
             return False
-        begin = plans.places[step, 3]
-        for slot in plans.drops[begin : begin + n_drops]:
-            rows[:, slot] = 0
+        first += count
     return True
 
 
@@ -269,59 +274,83 @@ def _read_records(
 
 
 @_jit
-def _class_of(component: int, channel: int) -> int:
-    """Spec 3.2: class of a channel of a component."""
-    if component:
-        return 4 + component
-    return (
-        0 if channel < 3 else 1 if channel < 7 else 2 if channel < 10 else 3 if channel < 11 else 4
-    )
+def _apply_channels(
+    headers: Headers, tables: Tables, plans: Plans, first: int, rows: I32, scratch: I32
+) -> bool:
+    """All packets on the channels from `first` on, whose slots are `rows` (C, n)."""
+    kind = _class_of(first)
+    component = max(kind - SH_GROUP, 0)
+    at = first - (11 + 3 * component * component if component else 0)  # in the component
+    n_channels = 3 * (2 * component + 1) if component else N_CORE
+    at_psi = at + (0 if component else N_SIDES)
+    low, high = -np.int64(MAX_X), np.int64(MAX_X)
+    if kind == 0:
+        low, high = tables.box[first]
+    for k in range(len(headers.components)):
+        if headers.components[k] != component:
+            continue
+        n_adds, n_splits, n_refines, n_drops = headers.counts[k]
+        if n_splits + n_refines and not _apply_psi(
+            headers, k, at_psi, tables, plans, kind, rows, low, high, scratch
+        ):
+            return False
+        if n_adds and not _apply_adds(
+            headers, k, at_psi + n_channels, tables, plans, kind, rows, low, high, scratch
+        ):
+            return False
+        begin = plans.places[headers.steps[k], 3]
+        for slot in plans.drops[begin : begin + n_drops]:
+            rows[:, slot] = 0
+    return True
+
+
+@_jit
+def _class_of(channel: int) -> int:
+    """Spec 3.2."""
+    if channel < FIRST_SH:
+        return 0 if channel < 3 else 1 if channel < 7 else 2 if channel < 10 else 3
+    return 4 if channel < 14 else 5 if channel < 23 else 6 if channel < 38 else 7
 
 
 @_jit
 def _apply_psi(
-    headers: Headers, k: int, tables: Tables, plans: Plans, rows: I32, scratch: I32
+    headers: Headers,
+    k: int,
+    at: int,
+    tables: Tables,
+    plans: Plans,
+    kind: int,
+    rows: I32,
+    low: int,
+    high: int,
+    scratch: I32,
 ) -> bool:
-    """Refines and splits of all channels of a component."""
-    component, step, level = headers.components[k], headers.steps[k], headers.levels[k]
+    """Refines and splits of a packet; `at` is the first list of the channels."""
+    step, level, q = headers.steps[k], headers.levels[k], scratch[:3]
     n_psi = headers.counts[k, 1] + headers.counts[k, 2]
-    first_sh, at = (0, 0) if component else (11, N_SIDES)
-    if not headers.flags[k] & 1:
-        first_sh = len(rows)
-    channel, q = 0, scratch[:3]
-    while channel < len(rows):
-        count = 3 if channel >= first_sh else 1
-        kind = _class_of(component, channel)
-        group, unit = min(kind, SH_GROUP), tables.units[1 + level, kind]
-        shift, constant = tables.alpha_places[level, group, 2], plans.constants[step, group]
-        low, high = -np.int64(MAX_X), np.int64(MAX_X)
-        if kind == 0:
-            low, high = tables.box[channel]
-        run, split = plans.places[step, 1], plans.places[step, 2]
-        for begin in range(0, n_psi, CHUNK):
-            n = min(CHUNK, n_psi - begin)
-            for j in range(count):
-                code, start = (
-                    headers.codes[k, at + channel + j],
-                    headers.starts[k, at + channel + j],
-                )
-                unpack(code, headers.planes, start, n_psi, begin, n, q[j])
-                unzigzag(q[j], n)
-            if count == 3:
-                inverse_ycocg(q, n)
-            next_run, next_split = run, split
-            for j in range(count):
-                largest = scale(q[j], n, unit)
-                if largest < 0:
-                    return False
-                next_run, next_split = _refine_chunk(
-                    rows[channel + j], q[j], n, begin, largest, plans, step, run, split,
-                    plans.alphas[group], constant, shift, low, high, scratch[3:],
-                )  # fmt: skip
-                if next_run < 0:
-                    return False
-            run, split = next_run, next_split
-        channel += count
+    group, unit = min(kind, SH_GROUP), tables.units[1 + level, kind]
+    shift, constant = tables.alpha_places[level, group, 2], plans.constants[step, group]
+    run, split = plans.places[step, 1], plans.places[step, 2]
+    for begin in range(0, n_psi, CHUNK):
+        n = min(CHUNK, n_psi - begin)
+        for j in range(len(rows)):
+            code, start = headers.codes[k, at + j], headers.starts[k, at + j]
+            unpack(code, headers.planes, start, n_psi, begin, n, q[j])
+            unzigzag(q[j], n)
+        if len(rows) == 3 and headers.flags[k] & 1:
+            inverse_ycocg(q, n)
+        next_run, next_split = run, split
+        for j in range(len(rows)):
+            largest = scale(q[j], n, unit)
+            if largest < 0:
+                return False
+            next_run, next_split = _refine_chunk(
+                rows[j], q[j], n, begin, largest, plans, step, run, split,
+                plans.alphas[group], constant, shift, low, high, scratch[3:],
+            )  # fmt: skip
+            if next_run < 0:
+                return False
+        run, split = next_run, next_split
     return True
 
 
@@ -347,44 +376,58 @@ def _refine_chunk(
 
     `largest` is the largest |Delta|; `run` and `split` are the first of the chunk.
     """
-    parents, i, next_run = scratch[0], 0, run
+    parents, next_run = scratch[0], _gather(row, plans.runs, run, scratch[0], n)
+    next_split = _first_split(plans, step, split, begin + n)
+    n_splits = next_split - split
+    at = plans.places[step, 0] + split - plans.places[step, 2]
+    seconds = row[at : at + n_splits]
+    if n_splits == n and constant != NO_CONSTANT and products_fit(largest, abs(constant), shift):
+        least, most = children(parents, delta, constant, shift, seconds)
+    else:
+        of, of_delta = parents[:n], delta
+        if 0 < n_splits < n:
+            of, of_delta = scratch[1], scratch[2]
+            for j in range(n_splits):
+                i = plans.splits[split + j] - begin
+                of[j], of_delta[j] = parents[i], delta[i]
+        if not second_children(
+            of, of_delta, largest, alphas[split:next_split], constant, shift, seconds
+        ):
+            return -1, 0
+        least, most = first_children(parents, delta, n)
+        for i in range(n_splits):
+            least, most = min(least, seconds[i]), max(most, seconds[i])
+    if least < low or most > high:
+        return -1, 0
+    _scatter(parents, plans.runs, run, row, n)
+    return next_run, next_split
+
+
+@_jit
+def _gather(row: I32, runs: I64, run: int, out: I32, n: int) -> int:
+    """The slots of the runs from `run` on, n in all, one after the other; the run after them."""
+    i = 0
     while i < n:
-        slot, length = plans.runs[0, next_run], plans.runs[1, next_run]
-        to, part = parents[i : i + length], row[slot : slot + length]
+        slot, length = runs[0, run], runs[1, run]
+        to, part = out[i : i + length], row[slot : slot + length]
         for j in range(length):
             to[j] = part[j]
         i += length
-        next_run += 1
-    least, most = np.int32(MAX_INT), np.int32(-MAX_INT)
-    for i in range(n):
-        new = np.int32(parents[i] + delta[i])
-        least, most = min(least, new), max(most, new)
-    i = 0
-    for r in range(run, next_run):
-        slot, length = plans.runs[0, r], plans.runs[1, r]
-        old, of, part = parents[i : i + length], delta[i : i + length], row[slot : slot + length]
-        for j in range(length):
-            part[j] = old[j] + of[j]
-        i += length
+        run += 1
+    return run
 
-    next_split = _first_split(plans, step, split, begin + n)
-    n_splits, of_split = next_split - split, delta
-    if 0 < n_splits < n:
-        parents, of_split = scratch[1], scratch[2]
-        for j in range(n_splits):
-            i = plans.splits[split + j] - begin
-            parents[j], of_split[j] = scratch[0, i], delta[i]
-    at = plans.places[step, 0] + split - plans.places[step, 2]
-    seconds = row[at : at + n_splits]
-    if not _second_children(
-        parents, of_split, largest, alphas[split:next_split], constant, shift, seconds
-    ):
-        return -1, 0
-    for i in range(n_splits):
-        least, most = min(least, seconds[i]), max(most, seconds[i])
-    if least < low or most > high:
-        return -1, 0
-    return next_run, next_split
+
+@_jit
+def _scatter(values: I32, runs: I64, run: int, row: I32, n: int) -> None:
+    """The inverse of `_gather`."""
+    i = 0
+    while i < n:
+        slot, length = runs[0, run], runs[1, run]
+        to, part = row[slot : slot + length], values[i : i + length]
+        for j in range(length):
+            to[j] = part[j]
+        i += length
+        run += 1
 
 
 @_jit
@@ -404,85 +447,44 @@ def _first_split(plans: Plans, step: int, split: int, record: int) -> int:
 
 
 @_jit
-def _second_children(
-    parents: I32, delta: I32, largest: int, alphas: I32, constant: int, shift: int, out: I32
-) -> bool:
-    """C2 = parents - RoundShift(a * delta, shift); False if a product is too large (R-7.3-2)."""
-    half, bits = np.int32((1 << shift) >> 1), np.int32(shift)
-    room, a = MAX_PRODUCT - np.int64(half), np.int32(constant)
-    differ = constant == NO_CONSTANT
-    largest_a = np.int64(abs(a))
-    if differ:
-        largest_a = np.int64(0)
-        for value in alphas:
-            largest_a = max(largest_a, abs(np.int64(value)))
-    if largest * largest_a > room:
-        for i in range(len(out)):
-            product = np.int64(delta[i]) * np.int64(alphas[i] if differ else a)
-            if product > room or product < -room:
-                return False
-    if differ:
-        for i in range(len(out)):
-            product = np.int32(np.int32(alphas[i] * delta[i]) + half)
-            out[i] = np.int32(parents[i] - (product >> (bits & np.int32(31))))
-    elif constant == 1 and shift == 0:
-        for i in range(len(out)):
-            out[i] = np.int32(parents[i] - delta[i])
-    else:
-        for i in range(len(out)):
-            product = np.int32(np.int32(a * delta[i]) + half)
-            out[i] = np.int32(parents[i] - (product >> (bits & np.int32(31))))
-    return True
-
-
-@_jit
 def _apply_adds(
-    headers: Headers, k: int, tables: Tables, plans: Plans, rows: I32, scratch: I32
+    headers: Headers,
+    k: int,
+    at: int,
+    tables: Tables,
+    plans: Plans,
+    kind: int,
+    rows: I32,
+    low: int,
+    high: int,
+    scratch: I32,
 ) -> bool:
-    """Adds of all channels of a component."""
-    component, step = headers.components[k], headers.steps[k]
+    """Adds of a packet; `at` is the first list of the channels."""
     n_adds, n_splits, _, _ = headers.counts[k]
-    first_sh, at = (0, len(rows)) if component else (11, N_SIDES + N_CORE)
-    if not headers.flags[k] & 2:
-        first_sh = len(rows)
-    channel, q, sums = 0, scratch[:3], np.empty(3, np.int64)
-    while channel < len(rows):
-        count = 3 if channel >= first_sh else 1
-        kind = _class_of(component, channel)
-        low, high = -np.int64(MAX_X), np.int64(MAX_X)
-        if kind == 0:
-            low, high = tables.box[channel]
-        sums[:] = 0
-        for begin in range(0, n_adds, CHUNK):
-            n = min(CHUNK, n_adds - begin)
-            for j in range(count):
-                code, start = (
-                    headers.codes[k, at + channel + j],
-                    headers.starts[k, at + channel + j],
-                )
-                unpack(code, headers.planes, start, n_adds, begin, n, q[j])
-                unzigzag(q[j], n)
-                if code & 64:
-                    for i in range(n):
-                        sums[j] += q[j, i]
-                        if sums[j] > MAX_SUM or sums[j] < -MAX_SUM:  # R-7.1-1
-                            return False
-                        q[j, i] = sums[j]
-            if count == 3:
-                inverse_ycocg(q, n)
-            to = plans.places[step, 0] + n_splits + begin
-            for j in range(count):
-                if scale(q[j], n, tables.units[0, kind]) < 0:
-                    return False
-                least, most, row = (
-                    np.int32(MAX_INT),
-                    np.int32(-MAX_INT),
-                    rows[channel + j, to : to + n],
-                )
+    first, unit = plans.places[headers.steps[k], 0] + n_splits, tables.units[0, kind]
+    q, sums = scratch[:3], np.zeros(3, np.int64)
+    for begin in range(0, n_adds, CHUNK):
+        n = min(CHUNK, n_adds - begin)
+        for j in range(len(rows)):
+            code, start = headers.codes[k, at + j], headers.starts[k, at + j]
+            unpack(code, headers.planes, start, n_adds, begin, n, q[j])
+            unzigzag(q[j], n)
+            if code & 64:
                 for i in range(n):
-                    row[i] = q[j, i]
-                    least, most = min(least, q[j, i]), max(most, q[j, i])
-                if least < low or most > high:
-                    return False
-        channel += count
+                    sums[j] += q[j, i]
+                    if sums[j] > MAX_SUM or sums[j] < -MAX_SUM:  # R-7.1-1
+                        return False
+                    q[j, i] = sums[j]
+        if len(rows) == 3 and headers.flags[k] & 2:
+            inverse_ycocg(q, n)
+        for j in range(len(rows)):
+            if scale(q[j], n, unit) < 0:
+                return False
+            least, most = np.int32(MAX_INT), np.int32(-MAX_INT)
+            row = rows[j, first + begin : first + begin + n]
+            for i in range(n):
+                row[i] = q[j, i]
+                least, most = min(least, q[j, i]), max(most, q[j, i])
+            if least < low or most > high:
+                return False
     return True
