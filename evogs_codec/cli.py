@@ -31,6 +31,7 @@ from evogs_codec.extract import choose_cut, extract
 from evogs_codec.files import check_target, write_atomic
 from evogs_codec.interchange import read_tree, write_tree
 from evogs_codec.lifting import lift
+from evogs_codec.omissions import omissions
 from evogs_codec.ply import drop_non_finite, read_ply, write_ply
 from evogs_codec.reports import comments_of, info_of, level_figures, print_info, print_levels
 from evogs_codec.settings import PRESETS, Settings
@@ -193,8 +194,10 @@ def run_info(args: argparse.Namespace) -> None:
     """`evogs info`."""
     data = _read(args.input)
     directory = read_directory(data)
-    groups = bytes_by_group(directory, data) if len(data) >= directory.size else {}
-    info = info_of(directory, len(data), groups)
+    whole = len(data) >= directory.size
+    groups = bytes_by_group(directory, data) if whole else {}
+    left_out = omissions(directory, data) if whole else []
+    info = info_of(directory, len(data), groups, left_out)
     if args.json:
         print(json.dumps(info, indent=2))
     else:

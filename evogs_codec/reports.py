@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
 from evogs_codec import registry
 from evogs_codec.directory import Directory
+from evogs_codec.omissions import Omission
 from evogs_codec.stats import GroupBytes, levels
 
 __all__ = ["comments_of", "info_of", "level_figures", "print_info", "print_levels"]
@@ -29,7 +31,12 @@ def level_figures(directory: Directory) -> list[dict[str, Any]]:
     return [{k: v if v == v else None for k, v in level.items()} for level in figures]
 
 
-def info_of(directory: Directory, size: int, groups: dict[str, GroupBytes]) -> dict[str, Any]:
+def info_of(
+    directory: Directory,
+    size: int,
+    groups: dict[str, GroupBytes],
+    left_out: Sequence[Omission] = (),
+) -> dict[str, Any]:
     """What `evogs info` says of a stream of which `size` bytes are there."""
     scene = directory.info
     return {
@@ -52,6 +59,7 @@ def info_of(directory: Directory, size: int, groups: dict[str, GroupBytes]) -> d
         },
         "levels": level_figures(directory),
         "groups": {name: asdict(part) for name, part in groups.items()},
+        "left_out": [asdict(omission) for omission in left_out],
         "digests": len(directory.digests),
     }
 
@@ -74,6 +82,17 @@ def print_info(directory: Directory, info: dict[str, Any], groups: dict[str, Gro
         print(
             f"{name:>15} {part.n_bytes:>12,.0f} {part.n_bytes / n:>8.3f} {share:>5.1f} % {over:>13}"
         )
+    print_omissions(info["left_out"])
+
+
+def print_omissions(left_out: list[dict[str, Any]]) -> None:
+    """A row for all that is not there; changes are root mean squares, in the units of the part."""
+    if left_out:
+        print(f"\n{'left out':>18} {'levels':>12} {'change':>9}")
+    for row in left_out:
+        levels = ",".join(map(str, row["levels"]))
+        change = "unknown" if row["change"] is None else f"{row['change']:.3g}"
+        print(f"{row['part']:>18} {levels:>12} {change:>9}  {row['reason']}")
 
 
 def print_levels(directory: Directory) -> None:
