@@ -30,6 +30,10 @@ else:
 """
 
 
+def number(row: dict[str, object], column: str) -> float:
+    return float(str(row[column]))
+
+
 @pytest.fixture(scope="module")
 def subject() -> subjects.Subject:
     splats = make_scene(300)
@@ -63,7 +67,7 @@ def test_streams_of_a_scene_are_points_with_what_dominates_them(subject, monkeyp
     assert settings[:3] == ["preset", "--finer 2", "--bits 6"]
     assert len(set(settings)) == len(settings)
     assert {row["smaller"] for row in rows} <= {"", *settings}
-    worth = {row["setting"]: float(row["PSNR, dB"]) for row in rows}
+    worth = {row["setting"]: number(row, "PSNR, dB") for row in rows}
     assert worth["--level 0"] < worth["--level 1"] < worth["preset"] < worth["--finer 2"]
 
 
@@ -80,14 +84,14 @@ def test_efforts_write_the_same_integers(subject, monkeypatch):
     monkeypatch.setattr(efforts, "EFFORTS", (1, 19))
     rows = efforts.efforts([subject])
     assert [row["to the default"] for row in rows][1] == "1.000"
-    assert float(rows[0]["bytes a splat"]) > float(rows[1]["bytes a splat"])
+    assert number(rows[0], "bytes a splat") > number(rows[1], "bytes a splat")
 
 
 def test_float32_is_near_float64_and_its_exponential_near_the_true_one(subject):
     rows = precision.precisions([subject])
     assert [row["numbers"] for row in rows] == ["float64", "float32"]
-    assert float(rows[1]["PSNR to float64, dB"]) > 90
-    errors = [float(row["largest relative error"]) for row in precision.exponentials()]
+    assert number(rows[1], "PSNR to float64, dB") > 90
+    errors = [number(row, "largest relative error") for row in precision.exponentials()]
     assert max(errors[:2]) < 1e-6
     assert errors[2] < 1e-14
 
@@ -116,8 +120,8 @@ def test_the_first_picture_takes_part_of_a_stream_and_all_of_other_files(subject
 
     rows = {row["picture"]: row for row in first([subject], tmp_path)}
     start, whole = rows["evogs, first step"], rows["evogs, whole"]
-    assert start["bytes"] < whole["bytes"] == len(subject.stream)
-    assert start["splats"] < whole["splats"] == subject.tree.n_leaves
+    assert number(start, "bytes") < number(whole, "bytes") == len(subject.stream)
+    assert number(start, "splats") < number(whole, "splats") == subject.tree.n_leaves
     assert rows["PLY"]["PSNR, dB"] == "inf"
 
 
@@ -131,7 +135,7 @@ def test_sog_is_compared_at_its_psnr(subject, command, tmp_path, monkeypatch):
     monkeypatch.setattr(sog, "read_sog", lambda _, __: decode_leaves(subject.stream, sh_degree=0))
     theirs, ours = sog.sog([subject], command, tmp_path)
     assert theirs["to SOG"] == "1.00"
-    assert abs(float(ours["PSNR, dB"]) - float(theirs["PSNR, dB"])) <= 0.2
+    assert abs(number(ours, "PSNR, dB") - number(theirs, "PSNR, dB")) <= 0.2
     assert not set(sog.published()[0]) - {
         "format", "scene", "SH degree", "bytes a splat", "pictures", "who says so",
     }  # fmt: skip
