@@ -7,6 +7,8 @@ again, a round per level. Three passes (the geometry of each is in `axes`, `pair
 2. down: the ways of writing made consistent, so that every leaf resembles its relatives;
 3. up: with the leaves fixed, the parents that the tree will have.
 
+A pass takes about 1.5 kB a splat, so large scenes are lifted in parts, which no pair crosses.
+
 Letters: N splats, D channels, T nodes of all levels: first the leaves, then the parents by round.
 """
 
@@ -19,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.axes import COMPOSE, largest_w, nearest_turns, turned
+from evogs_codec.joining import joined
 from evogs_codec.merging import (
     MENDED,
     N_SHAPE,
@@ -29,12 +32,14 @@ from evogs_codec.merging import (
 )
 from evogs_codec.pairing import features, match, morton_order
 from evogs_codec.splats import F32, F64, I64, SplatParams
+from evogs_codec.threads import each
 from evogs_codec.tree import EvolutionTree, Step, alpha_channels
 
 __all__ = ["Lifted", "lift", "lift_with_order"]
 
 N_PRICED = 14  # channels that decide who pairs: all but the higher SH bands
 MIN_W = 0.8  # of a unit quaternion; below, a node is written anew
+PART = 1 << 19  # splats that are lifted together at most
 
 Progress = Callable[[float], None]
 
@@ -94,7 +99,23 @@ def lift_with_order(
     if n_bad:
         raise ValueError(f"{n_bad} of {len(splats)} splats have a number that is not finite")
     report: Progress = progress or (lambda _: None)
+    if len(splats) <= PART:
+        return _lift(splats, n_levels, report)
+    order = morton_order(splats.means.astype(np.float64))
+    parts = np.array_split(order, -(-len(splats) // PART))
+    lifted = []
+    for one in each(lambda rows: _lift(splats.take(rows), n_levels, lambda _: None), parts):
+        lifted.append(one)
+        report(len(lifted) / len(parts))
+    tree, slots = joined([one.tree for one in lifted])
+    leaf_of = np.empty(len(splats), np.int64)
+    for rows, one, places in zip(parts, lifted, slots, strict=True):
+        leaf_of[places] = rows[one.leaf_of]
+    return Lifted(tree, leaf_of)
 
+
+def _lift(splats: SplatParams, n_levels: int, report: Progress) -> Lifted:
+    """`lift_with_order` of splats that are finite."""
     x = splats.channels().astype(np.float64)
     quats = _unit(x[3:7])
     log_scales = x[7:10].copy()

@@ -7,7 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from evogs_codec import lifting
 from evogs_codec.axes import COMPOSE, MAX_G, N_TURNS, TURNS, largest_w, matrices, multiply, turned
+from evogs_codec.joining import joined
 from evogs_codec.lifting import lift, lift_with_order
 from evogs_codec.merging import ALPHAS_OPACITY, ALPHAS_SCALE, MENDED
 from evogs_codec.pairing import morton_order
@@ -240,6 +242,57 @@ def test_two_lifts_of_one_scene_are_the_same():
 def test_roots_are_in_morton_order():
     roots = lift(surface(3000), 4).leaves(0).means.astype(np.float64)
     np.testing.assert_array_equal(morton_order(roots), np.arange(len(roots)))
+
+
+def test_a_large_scene_is_lifted_in_parts(monkeypatch):
+    splats = surface(1000)
+    whole = lift(splats, 4)
+    monkeypatch.setattr(lifting, "PART", 300)
+    seen: list[float] = []
+    lifted = lift_with_order(splats, 4, progress=seen.append)
+    assert seen == [0.25, 0.5, 0.75, 1.0]
+    assert sorted(lifted.leaf_of) == list(range(1000))
+    leaves = lifted.tree.leaves()
+    np.testing.assert_allclose(leaves.means, splats.means[lifted.leaf_of], atol=1e-5)
+    np.testing.assert_allclose(
+        covariances(leaves), covariances(splats)[lifted.leaf_of], rtol=1e-3, atol=1e-9
+    )
+    for level in range(4):
+        n = len(lifted.tree.leaves(level))
+        assert abs(n / len(whole.leaves(level)) - 1) < 0.05
+
+
+def test_joined_trees_have_the_leaves_of_each_at_every_level():
+    trees = [
+        *(lift(surface(n, seed=n), n_levels) for n, n_levels in ((40, 3), (90, 4), (7, 2))),
+        EvolutionTree(1, ()),
+    ]
+    drops = Step(
+        3,
+        np.array([2, 5], np.int32),
+        np.array([Kind.DROP, Kind.REFINE], np.uint8),
+        np.ones((23, 1), np.float32),
+        np.empty((5, 0), np.float32),
+        np.full((23, 2), 3, np.float32),
+    )
+    trees[0] = EvolutionTree(1, (*trees[0].steps, drops))
+    tree, slots = joined(trees)
+    for level in range(4):
+        values, live = slots_at(tree, level)
+        for own, places in zip(trees, slots, strict=True):
+            own_values, own_live = slots_at(own, level)
+            there = places[: len(own_live)]
+            np.testing.assert_array_equal(values[:, there], own_values)
+            np.testing.assert_array_equal(live[there], own_live)
+
+
+def slots_at(tree, level):
+    """Numbers (D, n) and liveness of the slots after the last step of a level."""
+    values, live = np.zeros((23, 0)), np.zeros(0, bool)
+    for step, state in zip(tree.steps, tree.states(), strict=True):
+        if step.level <= level:
+            values, live = state.values.copy(), state.live.copy()
+    return values, live
 
 
 def test_progress_rises_to_one():
