@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -10,53 +10,74 @@ __all__ = ["PLOTS"]
 
 Rows = list[dict[str, object]]
 Canvas = Any  # a figure of matplotlib
+Axis = Any
 WIDTH, HEIGHT = 5.2, 3.9  # inches, of one panel
 
 
-def _draw(
-    rows: Rows, x: str, y: str, panel: str, line: str, dominated: str = "", *, log: bool = False
+def _trade(
+    rows: Rows, x: str, y: str, *, panel: str = "", line: str, dominated: str = "", label: str = ""
 ) -> Canvas:
-    """A panel for each value of a column, a line for each of another; dominated points hollow."""
-    from matplotlib.ticker import LogLocator, NullFormatter
+    """A panel for each value of a column, in it a line for each value of another.
 
+    Args:
+        rows: of a table.
+        x: the column across, logarithmic.
+        y: the column upwards.
+        panel: a column, or "": one panel.
+        line: a column.
+        dominated: the column in which dominated points, drawn as crosses, have a name.
+        label: the column that is written beside each point.
+    """
     panels = list(dict.fromkeys(row[panel] for row in rows)) if panel else [""]
-    figure, axes = _panels(len(panels))
     lines = list(dict.fromkeys(row[line] for row in rows))
+    figure, axes = _panels(len(panels))
     for axis, title in zip(axes, panels, strict=True):
         for k, name in enumerate(lines):
             own = [row for row in rows if row[line] == name and (not panel or row[panel] == title)]
-            own.sort(key=lambda row: _number(row[x]))
-            across, up = [_number(row[x]) for row in own], [_number(row[y]) for row in own]
-            axis.plot(across, up, color=f"C{k}", linewidth=0.8, alpha=0.6)
-            filled = [not (dominated and row[dominated]) for row in own]
-            for full, marker in ((True, "o"), (False, "x")):
-                at = [i for i, is_full in enumerate(filled) if is_full == full]
-                axis.plot(
-                    [across[i] for i in at],
-                    [up[i] for i in at],
-                    marker,
-                    color=f"C{k}",
-                    markersize=5,
-                    label=str(name) if full or not any(filled) else None,
-                )
-        axis.set(title=title, xlabel=x, ylabel=y)
-        if log:
-            axis.set_xscale("log")
-            axis.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-            axis.xaxis.set_major_formatter("{x:g}")
-            axis.xaxis.set_minor_formatter(NullFormatter())
-        axis.grid(alpha=0.3)
-    handles, labels = axes[0].get_legend_handles_labels()
-    unique = dict(zip(labels, handles, strict=True))
-    axes[0].legend(unique.values(), unique.keys(), fontsize=7)
+            points = [(_number(row[x]), _number(row[y])) for row in own]
+            crossed = [bool(dominated and row[dominated]) for row in own]
+            _draw_line(axis, points, crossed, f"C{k}", str(name))
+            for row, point in zip(own if label else (), points, strict=False):
+                offset = {"xytext": (4, 4), "textcoords": "offset points", "fontsize": 7}
+                axis.annotate(str(row[label]), point, **offset)
+        _set_up(axis, title=title, xlabel=x, ylabel=y)
+    if line != panel:
+        axes[0].legend(fontsize=7)
     return figure
+
+
+def _draw_line(
+    axis: Axis,
+    points: Sequence[tuple[float, float]],
+    crossed: Sequence[bool],
+    color: str,
+    name: str,
+) -> None:
+    """A thin line; its points are dots, or crosses."""
+    if points:
+        axis.plot(*zip(*sorted(points), strict=True), color=color, linewidth=0.8, alpha=0.6)
+    for is_cross, marker in ((False, "o"), (True, "x")):
+        some = [point for point, cross in zip(points, crossed, strict=True) if cross == is_cross]
+        if some:
+            axis.plot(*zip(*some, strict=True), marker, color=color, markersize=5, label=name)
+            name = "_"  # once in the legend
+
+
+def _set_up(axis: Axis, **texts: object) -> None:
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    axis.set(xscale="log", **texts)
+    axis.xaxis.set_major_locator(LogLocator(subs=(1, 2, 3, 5)))
+    axis.xaxis.set_major_formatter("{x:g}")
+    axis.xaxis.set_minor_formatter(NullFormatter())
+    axis.grid(alpha=0.3)
 
 
 def _number(cell: object) -> float:
     return float(str(cell))
 
 
-def _panels(n: int) -> tuple[Any, list[Any]]:
+def _panels(n: int) -> tuple[Any, list[Axis]]:
     # Not pyplot: it keeps figures, and wants a display where there is one.
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -68,14 +89,11 @@ def _panels(n: int) -> tuple[Any, list[Any]]:
 
 PLOTS: dict[str, Callable[[Rows], Canvas]] = {
     "surface": partial(
-        _draw, x="bytes a splat", y="PSNR, dB", panel="scene", line="axis",
-        dominated="smaller", log=True,
+        _trade, x="bytes a splat", y="PSNR, dB", panel="scene", line="axis", dominated="smaller"
     ),
     "surface-effort": partial(
-        _draw, x="write, s", y="to the default", panel="scene", line="scene",
-        dominated="dominated by", log=True,
+        _trade, x="write, s", y="to the default", panel="scene", line="scene",
+        dominated="dominated by", label="--effort",
     ),
-    "surface-iterations": partial(
-        _draw, x="iterations", y="PSNR, dB", panel="", line="run",
-    ),
+    "surface-iterations": partial(_trade, x="iterations", y="PSNR, dB", line="run"),
 }  # fmt: skip
