@@ -1,29 +1,33 @@
-"""Arranging a tree for a stream: tiles, important records first, Morton order (spec 3.4, 3.5).
+"""Arranging a tree for a stream: tiles, what mends most first, Morton order (spec 3.4, 3.5).
 
 The result is the same tree in other slots: every step of the input becomes, in every tile, one or
-a few steps, the most visible records first. Roots are in Morton order within a step, and so, since
-new slots are numbered in the order of their parents, are their descendants, roughly.
+a few steps, the records that mend most of the pictures first. Roots are in Morton order within a
+step, and so, since new slots are numbered in the order of their parents, are their descendants,
+roughly.
+
+Letters: R records of a step that name a slot, S splits, A adds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.gains import changes, ranks, visibility
 from evogs_codec.morton import every_third_bit
 from evogs_codec.splats import F32, F64, I32, I64
+from evogs_codec.tiling import tiles_of_slots
 from evogs_codec.tree import EvolutionTree, Kind, Step
 
 __all__ = ["arrange", "default_tiles"]
 
 SPLATS_PER_TILE = 131_072  # packets of a few 100 kB; spec 3.5 allows any number
-FIRST_BIN = 512  # adds of level 0 in a step at least: the first scene comes early
-RECORD_BIN = 16_384  # records of later steps in a step at least
+FIRST_BIN = 1024  # adds of level 0 in a step at least: the first scene comes early
+RECORD_BIN = 8192  # records of later steps in a step at least
 MAX_BINS = 4
-RUN = 64  # records of neighbouring slots that are ranked together
+RUN = 4  # records of neighbouring slots that rank as one, so that their slots cost little
 
 
 def default_tiles(n_leaves: int) -> int:
@@ -38,59 +42,26 @@ def arrange(tree: EvolutionTree, n_tiles: int) -> list[EvolutionTree]:
         tree: any tree.
         n_tiles: tiles wanted; fewer come back if there are fewer roots.
     """
-    tile_of_slot = _assign_tiles(tree, n_tiles)
+    tree = EvolutionTree(tree.sh_degree, tuple(_adds_before_refines(tree.steps)))
+    tile_of_slot = tiles_of_slots(tree, n_tiles)
     n = int(tile_of_slot.max()) + 1 if len(tile_of_slot) else 1
-    builders = [_TileBuilder() for _ in range(n)]
-    new_slot = np.full(len(tile_of_slot), -1, np.int32)
-    before = 0
-    weights = np.zeros(0)
-    for step, state in zip(tree.steps, tree.states(), strict=True):
-        has_psi = step.kinds != Kind.DROP
-        psi_row = np.cumsum(has_psi) - 1
-        is_split = step.kinds == Kind.SPLIT
-        split_row = np.cumsum(is_split) - 1
-        add_tile = tile_of_slot[before + step.alpha.shape[1] : before + step.n_new]
-        record_tile = tile_of_slot[step.slots]
-        add_weight = visibility(step.adds)
-        least = FIRST_BIN if step.level == 0 else RECORD_BIN
-        for tile, builder in enumerate(builders):
-            rows = np.flatnonzero(record_tile == tile)
-            adds = np.flatnonzero(add_tile == tile)
-            rows = rows[np.argsort(new_slot[step.slots[rows]], kind="stable")]
-            row_bins = _bins(weights[step.slots[rows]], least, RUN)
-            add_bins = _bins(add_weight[adds], least, 1)
-            for k in range(max(len(row_bins), len(add_bins), 1)):
-                part = rows[row_bins[k]] if k < len(row_bins) else rows[:0]
-                some = adds[add_bins[k]] if k < len(add_bins) else adds[:0]
-                some = some[np.argsort(morton(step.adds[0:3, some]), kind="stable")]
-                splits = split_row[part[is_split[part]]]
-                first = builder.n_slots
-                builder.add(
-                    Step(
-                        level=step.level,
-                        slots=new_slot[step.slots[part]],
-                        kinds=step.kinds[part],
-                        psi=step.psi[:, psi_row[part[has_psi[part]]]],
-                        alpha=step.alpha[:, splits],
-                        adds=step.adds[:, some],
-                    )
-                )
-                new_slot[before + splits] = first + np.arange(len(splits), dtype=np.int32)
-                old = before + step.alpha.shape[1] + some
-                new_slot[old] = first + len(splits) + np.arange(len(some), dtype=np.int32)
-        before += step.n_new
-        weights = visibility(state.values)
+    builders = [_TileBuilder(tile_of_slot == tile) for tile in range(n)]
+    states = tree.states()
+    values = np.zeros((11, 0))
+    for group in _groups(tree.steps):
+        main = group[0]
+        n_before = values.shape[1]
+        parents = values[:11, main.slots].copy()
+        for _ in group:
+            values = next(states).values
+        first, second = values[:, main.slots], values[:, n_before : n_before + main.alpha.shape[1]]
+        splits = main.kinds == Kind.SPLIT
+        change = changes(parents, first, second, splits)
+        shown = visibility(first)
+        shown[splits] += visibility(second)
+        for builder in builders:
+            builder.take(group, n_before, change, shown)
     return [EvolutionTree(tree.sh_degree, tuple(builder.steps)) for builder in builders]
-
-
-def visibility(values: F64 | F32) -> F64:
-    """(n,) opacity times area of the two longest axes: how much of a picture a splat can be."""
-    if not values.size:
-        return np.zeros(values.shape[-1])
-    scales = np.sort(values[7:10].astype(np.float64), axis=0)
-    opacity = 1.0 / (1.0 + np.exp(-np.clip(values[10], -40, 40)))
-    visible: F64 = opacity * np.exp(np.clip(scales[1] + scales[2], -80, 80))
-    return visible
 
 
 def morton(positions: F32 | F64) -> npt.NDArray[np.uint64]:
@@ -107,69 +78,112 @@ def morton(positions: F32 | F64) -> npt.NDArray[np.uint64]:
     return code
 
 
-@dataclass
-class _TileBuilder:
-    """Steps of a tile so far."""
+def _groups(steps: Sequence[Step]) -> Iterator[list[Step]]:
+    """Steps, each with those behind it that only refine what it has just written.
 
-    def __post_init__(self) -> None:
+    Without them it may do harm, so that they belong together in a prefix.
+    """
+    group: list[Step] = []
+    written, n_slots = np.zeros(sum(step.n_new for step in steps), bool), 0
+    for step in steps:
+        mends = bool(group) and step.level == group[0].level and _only_refines(step)
+        if not (mends and written[step.slots].all()):
+            if group:
+                yield group
+            group = []
+            written[:] = False
+            written[step.slots[step.kinds != Kind.DROP]] = True
+            written[n_slots : n_slots + step.n_new] = True
+        group.append(step)
+        n_slots += step.n_new
+    if group:
+        yield group
+
+
+def _adds_before_refines(steps: Sequence[Step]) -> list[Step]:
+    """The same steps; what makes room for adds of its level does so when they are there."""
+    out = list(steps)
+    for k in range(len(out) - 1):
+        first, then = out[k : k + 2]
+        if _only_refines(first) and not len(then.slots) and first.level == then.level:
+            out[k : k + 2] = [then, first]
+    return out
+
+
+def _only_refines(step: Step) -> bool:
+    return not step.n_new and bool(np.all(step.kinds == Kind.REFINE))
+
+
+class _TileBuilder:
+    """Steps of a tile so far, and the new names of its slots.
+
+    Attributes:
+        own: (n_slots,) which slots of the tree are the tile's.
+        steps: so far.
+    """
+
+    def __init__(self, own: npt.NDArray[np.bool_]) -> None:
+        self.own = own
         self.steps: list[Step] = []
+        self.name = np.full(len(own), -1, np.int32)
         self.n_slots = 0
 
-    def add(self, step: Step) -> None:
-        """Append a step, unless it is empty and only repeats its level or keeps none."""
-        if len(step.slots) or step.n_adds:
-            self.steps.append(step)
-            self.n_slots += step.n_new
+    def take(self, group: Sequence[Step], n_before: int, change: F64, shown: F64) -> None:
+        """What the tile has of a group becomes steps.
+
+        Args:
+            group: a step and its mends.
+            n_before: slots before it.
+            change: (R,) of its records, as `gains.ranks` wants them.
+            shown: (R,) likewise.
+        """
+        main, own = group[0], self.own
+        least = FIRST_BIN if main.level == 0 else RECORD_BIN
+        rows = np.flatnonzero(own[main.slots])
+        rows = rows[np.argsort(self.name[main.slots[rows]], kind="stable")]
+        n_splits = main.alpha.shape[1]
+        adds = np.flatnonzero(own[n_before + n_splits : n_before + main.n_new])
+        adds = adds[np.argsort(morton(main.adds[0:3, adds]), kind="stable")]
+        seen = visibility(main.adds[:, adds])
+        row_bins = _bins(ranks(change[rows], shown[rows], RUN), least)
+        add_bins = _bins(ranks(seen, seen, 1), least)
+        for k in range(max(len(row_bins), len(add_bins))):
+            part = rows[row_bins[k]] if k < len(row_bins) else rows[:0]
+            some = adds[add_bins[k]] if k < len(add_bins) else adds[:0]
+            written = self._add(main, n_before, part, some)
+            for mend in group[1:]:
+                follow = np.flatnonzero(np.isin(mend.slots, written))
+                follow = follow[np.argsort(self.name[mend.slots[follow]])]
+                self._add(mend, n_before + main.n_new, follow, adds[:0])
+
+    def _add(self, source: Step, n_before: int, rows: I64, adds: I64) -> I32:
+        """Append these rows and adds of a step; returns the slots of the tree that they write.
+
+        A step without any is left out: it only repeats its level or keeps none.
+        """
+        if not len(rows) and not len(adds):
+            return np.empty(0, np.int32)
+        has_psi = source.kinds != Kind.DROP
+        is_split = source.kinds == Kind.SPLIT
+        splits = (np.cumsum(is_split) - 1)[rows[is_split[rows]]]
+        self.steps.append(
+            Step(
+                level=source.level,
+                slots=self.name[source.slots[rows]],
+                kinds=source.kinds[rows],
+                psi=source.psi[:, (np.cumsum(has_psi) - 1)[rows[has_psi[rows]]]],
+                alpha=source.alpha[:, splits],
+                adds=source.adds[:, adds],
+            )
+        )
+        new = n_before + np.concatenate([splits, source.alpha.shape[1] + adds])
+        self.name[new] = self.n_slots + np.arange(len(new), dtype=np.int32)
+        self.n_slots += len(new)
+        return np.concatenate([source.slots[rows], new.astype(np.int32)])
 
 
-def _bins(weights: F64, least: int, run: int) -> Sequence[I64]:
-    """Runs of rows in falling order of weight, in up to `MAX_BINS` parts of at least `least` rows.
-
-    A run stays together, in order, so that its slots cost next to nothing.
-    """
-    n_bins = min(MAX_BINS, max(1, len(weights) // least))
-    starts = np.arange(0, len(weights), run)
-    order = np.argsort(-np.add.reduceat(weights, starts), kind="stable") if len(starts) else starts
-    number = np.arange(len(weights))
-    return [number[np.isin(number // run, part)] for part in np.array_split(order, n_bins)]
-
-
-def _assign_tiles(tree: EvolutionTree, n_tiles: int) -> I32:
-    """(n_slots,) tile of every slot the tree ever makes: that of its root."""
-    total = sum(step.n_new for step in tree.steps)
-    root = np.arange(total, dtype=np.int64)  # slot of the add a slot descends from
-    positions: list[F32] = [np.empty((3, 0), np.float32)]
-    is_add = np.zeros(total, bool)
-    before = 0
-    for step in tree.steps:
-        n_splits = step.alpha.shape[1]
-        parents = step.slots[step.kinds == Kind.SPLIT]
-        root[before : before + n_splits] = root[parents]
-        is_add[before + n_splits : before + step.n_new] = True
-        positions.append(step.adds[0:3])
-        before += step.n_new
-    adds = np.flatnonzero(is_add)
-    weight = np.bincount(root, minlength=total)[adds]
-    tile_of_add = _kd_tiles(np.concatenate(positions, axis=1), weight, n_tiles)
-    tile = np.zeros(total, np.int32)
-    tile[adds] = tile_of_add
-    return tile[root]
-
-
-def _kd_tiles(positions: F32, weight: npt.NDArray[np.integer], n_tiles: int) -> I32:
-    """(n,) tile per root: the heaviest part is halved along its longest axis, again and again."""
-    parts = [np.arange(positions.shape[1])]
-    while len(parts) < n_tiles:
-        heaviest = max(range(len(parts)), key=lambda k: int(weight[parts[k]].sum()))
-        part = parts[heaviest]
-        if len(part) < 2:
-            break
-        spread = np.ptp(np.percentile(positions[:, part], (2, 98), axis=1), axis=0)
-        order = part[np.argsort(positions[int(np.argmax(spread)), part], kind="stable")]
-        half = np.cumsum(weight[order])
-        at = int(np.clip(np.searchsorted(half, half[-1] / 2), 1, len(order) - 1))
-        parts[heaviest : heaviest + 1] = [np.sort(order[:at]), np.sort(order[at:])]
-    tile = np.zeros(positions.shape[1], np.int32)
-    for number, part in enumerate(parts):
-        tile[part] = number
-    return tile
+def _bins(rank: F64, least: int) -> Sequence[I64]:
+    """Rows in falling order of rank, in up to `MAX_BINS` parts of at least `least` rows each."""
+    n_bins = min(MAX_BINS, max(1, len(rank) // least))
+    order = np.argsort(-rank, kind="stable")
+    return [np.sort(part) for part in np.array_split(order, n_bins)]

@@ -31,6 +31,8 @@ class CodedStep:
         psi: (D, P) int32, q of refines and splits.
         adds: (D, A) int32, q of the adds.
         error: estimates per component for the packet entries (spec 5.6).
+        gain: mean squared error of pictures that the packet of each component takes off; for the
+            order of packets, no part of the stream.
     """
 
     level: int
@@ -40,6 +42,7 @@ class CodedStep:
     psi: I32
     adds: I32
     error: tuple[int, ...] = ()
+    gain: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

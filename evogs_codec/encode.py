@@ -25,6 +25,7 @@ from evogs_codec.directory import (
 )
 from evogs_codec.directory_writing import build_directory
 from evogs_codec.packing import pack
+from evogs_codec.progression import Place, packet_order
 from evogs_codec.quantize import quantise
 from evogs_codec.settings import PRESETS, Settings
 from evogs_codec.threads import each
@@ -81,16 +82,14 @@ def write(
 ) -> bytes:
     """The stream of a coded tree; `decode` gives back exactly its integers.
 
-    Packets are ordered by level; in a level by step, core of all tiles first, then the SH bands.
+    Packets are in the order of `progression`.
 
     Raises:
         ValueError: an integer needs more than 24 bits, or a limit of the format is exceeded.
     """
     report = progress or (lambda _stage, _part: None)
-    order = packet_order(tree)
-    entries = np.zeros(len(order), layout.dtype_of(layout.PACKET_ENTRY))
 
-    def pack_one(place: tuple[int, int, int]) -> bytes:
+    def pack_one(place: Place) -> bytes:
         tile, number, component = place
         step = tree.tiles[tile].steps[number]
         part = component_slice(component)
@@ -108,11 +107,20 @@ def write(
             effort=effort,
         )
 
-    bodies = []
-    for k, body in enumerate(each(pack_one, order)):
-        report("pack", k / len(order))
-        bodies.append(body)
-    for row, (tile, number, component), body in zip(entries, order, bodies, strict=True):
+    places = [
+        (tile, number, component)
+        for tile, own in enumerate(tree.tiles)
+        for number in range(len(own.steps))
+        for component in range(tree.sh_degree + 1)
+    ]
+    bodies: dict[Place, bytes] = {}
+    for k, (place, body) in enumerate(zip(places, each(pack_one, places), strict=True)):
+        report("pack", k / len(places))
+        bodies[place] = body
+    order = packet_order(tree, {place: len(body) for place, body in bodies.items()})
+    entries = np.zeros(len(order), layout.dtype_of(layout.PACKET_ENTRY))
+    for row, (tile, number, component) in zip(entries, order, strict=True):
+        body = bodies[tile, number, component]
         step = tree.tiles[tile].steps[number]
         for name, value in _entry(step, component).items():
             row[name] = value
@@ -122,7 +130,7 @@ def write(
     for row, own in zip(tiles, tree.tiles, strict=True):
         row["origin"], row["box_min"], row["box_max"] = own.origin, own.box_min, own.box_max
 
-    def directory(found: Mapping[tuple[int, int, int], bytes]) -> bytes:
+    def directory(found: Mapping[Place, bytes]) -> bytes:
         return build_directory(
             sh_degree=tree.sh_degree,
             n_levels=tree.n_levels,
@@ -135,7 +143,7 @@ def write(
             digests=found,
         )
 
-    data = b"".join(bodies)
+    data = b"".join(bodies[place] for place in order)
     head = directory({})
     if not digests:
         return head + data
@@ -144,7 +152,7 @@ def write(
     return directory(final_digests(read_directory(memoryview(head)), head + data)) + data
 
 
-def final_digests(directory: Directory, stream: bytes) -> dict[tuple[int, int, int], bytes]:
+def final_digests(directory: Directory, stream: bytes) -> dict[Place, bytes]:
     """Digests of the last state of each tile and component (spec 5.7)."""
     decoded = replay(directory, memoryview(stream), Cut.full(directory))
     return {
@@ -153,19 +161,6 @@ def final_digests(directory: Directory, stream: bytes) -> dict[tuple[int, int, i
         for component, n in enumerate(row)
         if n
     }
-
-
-def packet_order(tree: CodedTree) -> list[tuple[int, int, int]]:
-    """(tile, step, component) in the order of the file."""
-    places: list[tuple[tuple[int, int, int, int], tuple[int, int, int]]] = []
-    for number, tile in enumerate(tree.tiles):
-        in_level: dict[int, int] = {}
-        for k, step in enumerate(tile.steps):
-            rank = in_level[step.level] = in_level.get(step.level, -1) + 1
-            for component in range(tree.sh_degree + 1):
-                place = number, k, component
-                places.append(((step.level, min(component, 1), rank, component), place))
-    return [place for _, place in sorted(places, key=lambda item: item[0])]
 
 
 def _entry(step: CodedStep, component: int) -> dict[str, int]:

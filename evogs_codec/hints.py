@@ -1,31 +1,39 @@
-"""Hints: the error estimates of packet entries (spec 5.6).
+"""Hints: what stays to be refined after each packet, for its entry (spec 5.6) and its place.
 
-Letters: D channels, L sampled leaves, A generations.
+Letters: D channels, L sampled leaves, A generations, K steps, B components.
 """
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
 
 from evogs_codec.coded import component_slice
 from evogs_codec.directory import UNKNOWN_ERROR
+from evogs_codec.gains import area, visibility
 from evogs_codec.grids import Grid
-from evogs_codec.splats import I32, I64
+from evogs_codec.splats import F64, I32, I64
 from evogs_codec.tree import EvolutionTree, Kind
 
 __all__ = ["History"]
 
 SAMPLE = 4096  # leaves of a tile that the error estimates look at
 
+# Mean squared errors of pictures, as measured on a lifted scene, a trained tree and LapisGS layers.
+BLANK = 0.1  # with no packet
+COARSE = 0.025  # while all splats are as far off as they ever are; less with the square of that
+SH = 0.001  # for SH coefficients that are wrong by 1: of many splats they cancel
+
 
 class History:
-    """Snapshots after every step, for the error estimates of the packet entries (spec 5.6)."""
+    """What stands for each leaf after every step, for the error estimates (spec 5.6)."""
 
     def __init__(self, tile: EvolutionTree, grid: Grid) -> None:
         self.grid = grid
         self.snapshots: list[I32] = []
+        self.missing: list[npt.NDArray[np.bool_]] = []
+        self.present: list[I32] = []
         total = sum(step.n_new for step in tile.steps)
         self.born_from = np.full(total, -1, np.int64)
         live = np.zeros(total, bool)
@@ -49,31 +57,60 @@ class History:
         return np.stack(rows)
 
     def note(self, x: I32, n: int) -> None:
-        """Remember what stands for each sampled leaf: (D, L), NaN-free; absent ones are marked."""
+        """Remember what stands for each sampled leaf: (D, L), 0 where nothing does."""
         exists = (self.ancestors >= 0) & (self.ancestors < n)
         first = np.argmax(exists, axis=0)
         slot = self.ancestors[first, np.arange(exists.shape[1])]
         found = exists.any(0)
-        snapshot = np.where(found, x[:, np.where(found, slot, 0)], np.iinfo(np.int32).min)
-        self.snapshots.append(snapshot.astype(np.int32))
+        self.snapshots.append(np.where(found, x[:, np.where(found, slot, 0)], 0).astype(np.int32))
+        self.missing.append(np.logical_not(found))
+        self.present.append(x[0:3, : 0 if found.all() else n].copy())
 
-    def errors(self, final: I32) -> list[tuple[int, ...]]:
-        """Per step, per component: the estimate of spec 5.6 in grid units."""
+    def estimates(self, final: I32) -> list[tuple[tuple[int, ...], tuple[float, ...]]]:
+        """Per step: for each component its error (spec 5.6) and its gain.
+
+        Errors are in grid units. They never rise: what a later step leaves to be refined, an
+        earlier one does too. A gain is how much of the mean squared error of pictures goes, in the
+        units of a picture from 0 to 1.
+        """
+        n_steps, components = len(self.snapshots), range(self.grid.sh_degree + 1)
+        if not len(self.leaves):
+            return [((UNKNOWN_ERROR,) * len(components), (0.0,) * len(components))] * n_steps
         last = final[:, self.leaves].astype(np.float64)
-        if not last.shape[1]:
-            return [(UNKNOWN_ERROR,) * (self.grid.sh_degree + 1)] * len(self.snapshots)
-        # A splat that is still missing is as far off as it is large.
-        log_radius = last[7:10].max(0) / self.grid.scale[7]
-        radius = np.exp(np.minimum(log_radius, 80)) * self.grid.scale[0]
-        out = []
-        for snapshot in self.snapshots:
-            missing = snapshot[0] == np.iinfo(np.int32).min
-            square = np.square(snapshot[0:3] - last[0:3]).sum(0)
-            square[missing] = np.square(np.minimum(radius[missing], 1e9))
-            errors = [math.sqrt(square.mean())]
-            for component in range(1, self.grid.sh_degree + 1):
-                part = component_slice(component)
-                shown = np.where(missing, 0, snapshot[part])
-                errors.append(math.sqrt(np.square(shown - last[part]).mean()))
-            out.append(tuple(min(round(e), UNKNOWN_ERROR - 1) for e in errors))
-        return out
+        values = last / self.grid.scale
+        weights = visibility(values) / max(visibility(values).sum(), 1e-300)
+        errors, left = (
+            np.zeros((n_steps, len(components))),
+            np.zeros((n_steps + 1, len(components))),
+        )
+        ways = self._ways(last[0:3])
+        errors[:, 0] = np.sqrt(np.square(ways).mean(1))
+        farthest = np.maximum(ways.max(0), np.sqrt(area(values)) * self.grid.scale[0])
+        left[0, 0], left[1:, 0] = BLANK, COARSE * np.square((ways / farthest).mean(1))
+        for b in components[1:]:
+            part = component_slice(b)
+            off = [
+                np.square(x[part] - last[part])
+                for x in (0 * final[:, self.leaves], *self.snapshots)
+            ]
+            errors[:, b] = [np.sqrt(square.mean()) for square in off[1:]]
+            unit = np.square(self.grid.scale[part])
+            left[:, b] = [SH * float(weights @ (square / unit).sum(0)) / 3 for square in off]
+        errors, left = (np.maximum.accumulate(x[::-1], axis=0)[::-1] for x in (errors, left))
+        whole = np.minimum(np.rint(errors), UNKNOWN_ERROR - 1).astype(np.int64)
+        gains = -np.diff(left, axis=0)
+        return [(tuple(e), tuple(g)) for e, g in zip(whole.tolist(), gains.tolist(), strict=True)]
+
+    def _ways(self, last: F64) -> F64:
+        """(K, L) from what stands for each leaf after a step to its last position, grid units.
+
+        Where nothing does yet, from whatever is nearest.
+        """
+        ways = np.zeros((len(self.snapshots), last.shape[1]))
+        for k, (shown, missing, present) in enumerate(
+            zip(self.snapshots, self.missing, self.present, strict=True)
+        ):
+            ways[k] = np.sqrt(np.square(shown[0:3] - last).sum(0))
+            if missing.any():
+                ways[k, missing] = cKDTree(present.T).query(last[:, missing].T)[0]
+        return ways

@@ -152,8 +152,8 @@ class _TileCoder:
                 if mend is not None:
                     steps.append(mend)
         box = self.box if self.n else [np.zeros(3), np.zeros(3)]
-        errors = self.history.errors(self.x[:, : self.n])
-        steps = [replace(s, error=e) for s, e in zip(steps, errors, strict=True)]
+        found = self.history.estimates(self.x[:, : self.n])
+        steps = [replace(s, error=e, gain=g) for s, (e, g) in zip(steps, found, strict=True)]
         return CodedTile(
             origin=_triple(self.origin),
             box_min=_triple(box[0]),
