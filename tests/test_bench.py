@@ -1,18 +1,18 @@
 """`python -m tools.bench`: the page, the trade-off surface, the first picture, files of others."""
 
+import argparse
 import shlex
 import sys
-from argparse import Namespace
 
 import numpy as np
 import pytest
 
-from evogs_codec import PRESETS, Cut, decode_leaves, lift, read_directory
+from evogs_codec import PRESETS, Cut, InputError, decode_leaves, lift, read_directory
 
 pytest.importorskip("numba", reason="the rasterizer is compiled")
 from conformance.cli import around
 from conformance.views import Views
-from tools.bench import decimate, page, plots, sog, splat_transform, subjects
+from tools.bench import cli, decimate, page, plots, sog, splat_transform, subjects
 from tools.bench.surface import efforts, fronts, iterations, precision, streams
 from tools.scene import make_scene
 
@@ -146,9 +146,22 @@ def test_a_sog_file_is_read_through_a_ply(subject, command, tmp_path):
     assert np.array_equal(splat_transform.read_sog(command, path).sh, subject.views.scene.sh)
 
 
+def test_figures_are_a_command_that_writes_the_page(tmp_path, monkeypatch):
+    parser = argparse.ArgumentParser()
+    cli.register(parser.add_subparsers())
+    monkeypatch.setattr(cli, "find_spec", lambda _: True)
+    monkeypatch.setattr(subjects, "make_scene", lambda: make_scene(100))
+    args = parser.parse_args(["figures", "--only", "sog", "--out", str(tmp_path)])
+    assert args.run(args) == 0
+    assert "python -m tools.bench --only sog" in (tmp_path / "figures.md").read_text()
+    monkeypatch.setattr(cli, "find_spec", lambda _: None)
+    with pytest.raises(InputError, match="numba"):
+        args.run(args)
+
+
 def test_the_shipped_scene_is_the_subject_where_none_is_named(monkeypatch):
     monkeypatch.setattr(subjects, "make_scene", lambda: make_scene(100))
-    (found,) = subjects.subjects(Namespace(ply=None, tree=None, photos=None, up="z"))
+    (found,) = subjects.subjects(argparse.Namespace(ply=None, tree=None, photos=None, up="z"))
     assert (found.name, found.tree.n_leaves) == ("shipped", 100)
 
 

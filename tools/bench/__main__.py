@@ -1,7 +1,8 @@
 """`python -m tools.bench`: size, accuracy, time and memory, beside what they are measured against.
 
 Every time is the median of several turns taken one after the other by all contenders of a row, in
-one process, so that a busy machine slows all of them. Results: `docs/figures/*.csv` and
+one process, so that a busy machine slows all of them, or processor time, where the table says so.
+Results: `docs/figures/*.csv` and
 `docs/figures.md`, of which `--only` leaves the other tables as they are. `extremes` is a page of
 its own, `docs/extremes.md`.
 """
@@ -17,41 +18,30 @@ from pathlib import Path
 
 from evogs_codec import SplatParams, read_ply, read_tree
 from tools.bench import pictures, raster, trained
+from tools.bench.cli import EXAMPLE, PARTS, add_options
 from tools.bench.decimate import decimate
 from tools.bench.entropy import tables as entropy
 from tools.bench.page import Rows, text_of, write
 from tools.bench.refine import refined
+from tools.bench.scale import scale
 from tools.bench.sog import published, sog
 from tools.bench.subjects import Subject, subjects
 from tools.bench.surface import tables as surface
 from tools.extremes import page as extremes
 from tools.scene import make_scene
 
-ROOT = Path(__file__).resolve().parent.parent.parent
 Measurement = tuple[str, str, Callable[[], Rows]]  # name, title, what measures it
-PARTS = (
-    "raster", "scene", "rate", "sog", "levels", "refine", "tree", "surface", "first", "decimate",
-    "entropy", "extremes",
-)  # fmt: skip
 
 
 def main() -> int:
     """Run the benchmarks that were asked for; returns the exit code."""
-    parser = argparse.ArgumentParser(
-        description=__doc__.split("\n")[0],
-        epilog="example: python -m tools.bench --ply scene.ply --tree lego.tree.npz --photos lego",
-    )
-    parser.add_argument("--ply", type=Path, help="a scene (default: the one of tools.scene)")
-    parser.add_argument("--tree", type=Path, help="a trained .tree.npz (default: none)")
-    parser.add_argument("--photos", type=Path, help="NeRF-synthetic folder of the tree")
-    parser.add_argument("--runs", type=Path, help="runs of `evogs bench paper` (default: none)")
-    parser.add_argument(
-        "--splat-transform", metavar="CMD", help="how to start it: adds SOG and decimation"
-    )
-    parser.add_argument("--up", default="z", help="up axis of the scene, as -y (default: z)")
-    parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder of the results")
-    parser.add_argument("--only", choices=PARTS, nargs="+", default=PARTS, help="some tables")
-    args = parser.parse_args()
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0], epilog=EXAMPLE)
+    add_options(parser)
+    return run(parser.parse_args())
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure what was asked for and write the page; returns the exit code."""
     tables: dict[str, tuple[str, str, Rows]] = {}
     with tempfile.TemporaryDirectory() as folder:
         for name, title, measure in _measurements(args, Path(folder)):
@@ -101,6 +91,8 @@ def _measurements(args: argparse.Namespace, folder: Path) -> Iterator[Measuremen
     if "entropy" in args.only:
         for name, (title, of_samples) in entropy.TABLES.items():
             yield name, title, partial(of_samples, entropy.samples(args.ply, args.tree))
+    if "scale" in args.only:
+        yield "scale", "Time and memory as scenes grow", partial(scale, folder)
 
 
 def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement]:

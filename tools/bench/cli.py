@@ -1,0 +1,54 @@
+"""`evogs bench figures`: the options of `python -m tools.bench`.
+
+What measuring needs is imported when the command runs.
+"""
+
+from __future__ import annotations
+
+import argparse
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from evogs_codec import InputError
+
+__all__ = ["EXAMPLE", "PARTS", "add_options", "register"]
+
+Commands = Any  # argparse's sub-parsers have no public type
+ROOT = Path(__file__).resolve().parent.parent.parent
+EXAMPLE = "example: --ply scene.ply --tree lego.tree.npz --photos lego --only rate surface"
+PARTS = (
+    "raster", "scene", "rate", "sog", "levels", "refine", "tree", "surface", "first", "decimate",
+    "entropy", "extremes",
+)  # fmt: skip
+
+
+def register(commands: Commands) -> None:
+    """Add the command to `evogs bench` (entry point of the group `evogs.bench`)."""
+    help_ = "Remake docs/figures.md: size, accuracy, time and memory, beside others."
+    parser = commands.add_parser("figures", help=help_, description=help_, epilog=EXAMPLE)
+    add_options(parser)
+    parser.set_defaults(run=_run, input="evogs bench figures")
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """What is measured, and where the results go."""
+    parser.add_argument("--ply", type=Path, help="a scene (default: the one of tools.scene)")
+    parser.add_argument("--tree", type=Path, help="a trained .tree.npz (default: none)")
+    parser.add_argument("--photos", type=Path, help="NeRF-synthetic folder of the tree")
+    parser.add_argument("--runs", type=Path, help="runs of `evogs bench paper` (default: none)")
+    parser.add_argument(
+        "--splat-transform", metavar="CMD", help="how to start it: adds SOG and decimation"
+    )
+    parser.add_argument("--up", default="z", help="up axis of the scene, as -y (default: z)")
+    parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder of the results")
+    parser.add_argument("--only", choices=PARTS, nargs="+", default=PARTS, help="some tables")
+
+
+def _run(args: argparse.Namespace) -> int:
+    for library in ("numba", "gsply", "PIL"):
+        if find_spec(library) is None:
+            raise InputError(f"the figures need {library}: pip install 'evogs[render,bench]'")
+    from tools.bench.__main__ import run
+
+    return run(args)
