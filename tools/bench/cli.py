@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 EXAMPLE = "example: --ply scene.ply --tree lego.tree.npz --photos lego --only rate surface"
 PARTS = (
     "raster", "scene", "rate", "sog", "levels", "refine", "tree", "surface", "first", "decimate",
-    "entropy", "extremes",
+    "entropy", "scale", "extremes",
 )  # fmt: skip
 
 

@@ -7,13 +7,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
 from evogs_codec import EvolutionTree, SplatParams
 from evogs_codec.arrange import arrange, default_tiles
 
-__all__ = ["errors", "least", "leaves_in_stream_order", "peak_memory", "take_turns"]
+__all__ = ["Cost", "cost", "errors", "least", "leaves_in_stream_order", "peak_memory", "take_turns"]
 
 
 def take_turns(contenders: Mapping[str, Callable[[], object]], turns: int) -> dict[str, float]:
@@ -70,17 +71,35 @@ def _rms(difference: np.ndarray) -> float:
 
 def peak_memory(code: str) -> tuple[int, float]:
     """(peak bytes, seconds) of `code` in a process of its own, imports included."""
+    found = cost(code)
+    return found.peak, found.seconds
+
+
+class Cost(NamedTuple):
+    """What code takes: peak bytes of its process, seconds, processor seconds of all threads."""
+
+    peak: int
+    seconds: float
+    processor: float
+
+
+def cost(code: str, before: str = "", after: str = "") -> Cost:
+    """That of `code` in a process of its own, and of what `before` has left there."""
     program = (
         "import time\n"
-        "start = time.perf_counter()\n"
+        f"{before}\n"
+        "open('/proc/self/clear_refs', 'w').write('5')\n"  # the peak begins here
+        "start, of_start = time.perf_counter(), time.process_time()\n"
         f"{code}\n"
         "seconds = time.perf_counter() - start\n"
+        "processor = time.process_time() - of_start\n"
         "lines = open('/proc/self/status').read().splitlines()\n"
         "peak = next(line for line in lines if line.startswith('VmHWM')).split()[1]\n"
-        "print(int(peak) * 1024, seconds)\n"
+        "print(int(peak) * 1024, seconds, processor)\n"
+        f"{after}\n"
     )
     run = subprocess.run(
         [sys.executable, "-c", program], check=True, capture_output=True, text=True
     )
-    peak, seconds = run.stdout.split()[-2:]
-    return int(peak), float(seconds)
+    peak, seconds, processor = run.stdout.split()[-3:]
+    return Cost(int(peak), float(seconds), float(processor))

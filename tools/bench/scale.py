@@ -1,0 +1,101 @@
+"""Time and memory of lifting, encoding and decoding as scenes grow, a process for each.
+
+A scene of n splats is copies of the procedural one side by side, every splat moved and recoloured a
+little: neighbours, sizes and colours are those of a scene, and no two copies are the same. The
+largest stream has the tiles of the one before again and again, moved apart.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from evogs_codec import SplatParams, read_directory
+from evogs_codec.directory_writing import rebuild_directory
+from evogs_codec.splats import n_channels
+from tools.bench.measure import cost
+from tools.bench.page import Rows
+from tools.scene import make_scene
+
+__all__ = ["repeated", "scale", "tiled"]
+
+SIZES = (100_000, 1_000_000)  # splats that are lifted, encoded and decoded
+TIMES = 10  # the last stream again, to be decoded
+COPY = 40_000  # splats
+SH_DEGREE = 1
+MOVED, RECOLOURED = 0.1, 0.01  # standard deviations: in those of a splat, in SH 0
+IMPORTS = "import evogs_codec.cli, evogs_codec.kernels, tools.bench.scale"
+LIFT = "tree = evogs_codec.lift(splats, 5)"
+ENCODE = "data = evogs_codec.encode(tree, evogs_codec.PRESETS['scene'])"
+DECODE = "leaves = evogs_codec.decode_leaves(data)"
+
+
+def scale(folder: Path) -> Rows:
+    """Lifting, encoding and decoding to float arrays, of more and more splats.
+
+    Copies of the procedural scene at SH degree 1, five levels, preset `scene`. Memory is the peak
+    above a process that only imports what it needs, the input of the stage included. Seconds are
+    those of the processor, of all threads together: a busy machine changes them least.
+    """
+    base = cost("", IMPORTS).peak
+    rows: Rows = []
+
+    def measure(stage: str, n: int, code: str, before: str, after: str = "") -> None:
+        print(f"{stage} {n}", file=sys.stderr)
+        found = cost(code, f"{IMPORTS}\n{before}", after)
+        above = found.peak - base
+        rows.append(
+            {
+                "stage": stage,
+                "splats": n,
+                "processor s": f"{found.processor:.2f}",
+                "us a splat": f"{1e6 * found.processor / n:.2f}",
+                "peak MiB": f"{above / 2**20:.0f}",
+                "bytes a splat": f"{above / n:.0f}",
+                "to the float arrays": f"{above / (4 * n_channels(SH_DEGREE) * n):.2f}",
+            }
+        )
+
+    tree, stream, many = (str(folder / f"scale.{end}") for end in ("tree.npz", "evogs", "many"))
+    for n in SIZES:
+        made = f"splats = tools.bench.scale.tiled({n})"
+        measure("lift", n, LIFT, made, f"evogs_codec.write_tree({tree!r}, tree)")
+        read = f"tree = evogs_codec.read_tree({tree!r})"
+        measure("encode", n, ENCODE, read, f"open({stream!r}, 'wb').write(data)")
+        measure("decode", n, DECODE, f"data = open({stream!r}, 'rb').read()")
+    Path(many).write_bytes(repeated(Path(stream).read_bytes(), TIMES))
+    measure("decode", TIMES * SIZES[-1], DECODE, f"data = open({many!r}, 'rb').read()")
+    return rows
+
+
+def tiled(n: int) -> SplatParams:
+    """The splats of copies of the procedural scene, on a square grid."""
+    source, rng = make_scene(COPY), np.random.default_rng(0)
+    n_copies = -(-n // COPY)
+    side = int(np.ceil(np.sqrt(n_copies)))
+    low, high = np.percentile(source.means, (1, 99), axis=0)
+    copy, row = np.divmod(np.arange(n), COPY)  # of each splat
+    splats = source.take(row)
+    radius = np.exp(splats.log_scales.mean(axis=1, keepdims=True))
+    cell = np.stack([copy // side, copy % side, 0 * copy], axis=1) * (high - low)
+    moved = splats.means + cell + MOVED * radius * rng.standard_normal((n, 3))
+    sh = splats.sh[:, : (SH_DEGREE + 1) ** 2].copy()
+    sh[:, 0] += RECOLOURED * rng.standard_normal((n, 3)).astype(np.float32)
+    return SplatParams(
+        moved.astype(np.float32), splats.quats, splats.log_scales, splats.opacity_logits, sh
+    )
+
+
+def repeated(data: bytes, times: int) -> bytes:
+    """The stream with the tiles of `data` so many times, side by side along x; without digests."""
+    directory = read_directory(memoryview(data))
+    n, first = len(directory.tiles), int(directory.offsets[0])
+    tiles = np.tile(directory.tiles, times)
+    packets = np.tile(directory.packets, times)
+    number = np.arange(len(tiles)) // n
+    low, high = (tiles["origin"][:, 0] + tiles[end][:, 0] for end in ("box_min", "box_max"))
+    tiles["origin"][:, 0] += number * (high.max() - low.min())
+    packets["tile"] += (np.arange(len(packets)) // len(directory.packets) * n).astype(np.uint32)
+    return rebuild_directory(directory, tiles, packets, {}) + times * data[first:]
