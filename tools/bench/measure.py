@@ -95,8 +95,8 @@ def cost(code: str, before: str = "", after: str = "") -> Cost:
         "processor = time.process_time() - of_start\n"
         "lines = open('/proc/self/status').read().splitlines()\n"
         "peak = next(line for line in lines if line.startswith('VmHWM')).split()[1]\n"
-        "print(int(peak) * 1024, seconds, processor)\n"
         f"{after}\n"
+        "print(int(peak) * 1024, seconds, processor)\n"
     )
     run = subprocess.run(
         [sys.executable, "-c", program], check=True, capture_output=True, text=True
