@@ -35,7 +35,6 @@ __all__ = [
     "median_mass",
     "merged",
     "moments",
-    "plain_parents",
     "sizes",
 ]
 
@@ -147,53 +146,33 @@ def line_parents(c1: F64, c2: F64, target: Moments, unit_mass: float) -> tuple[F
         The parents (D, n) and alpha (5, n), of which rows 2 and 3 vary. Where row 2 is `MENDED`,
         the shape of the parent is on no line, and that of c2 has to be put right after the split.
     """
-    parent, alpha, cost = _shapes_on_lines(c1, c2, target, unit_mass)
-    rows = np.flatnonzero(cost > MEND_COST)
-    shapes = _shapes(target.take(rows), c2[:, rows])
-    near = np.abs(shapes - c1[:N_SHAPE, rows]).max(axis=0, initial=0) < MAX_PSI
-    alpha[2, rows[near]] = MENDED
-    parent[:N_SHAPE, rows[near]] = shapes[:, near]
-    parent[_OPACITY], alpha[3] = _opacities(c1, c2, parent, target, unit_mass)
-    return parent, alpha
-
-
-def plain_parents(c1: F64, c2: F64, target: Moments, unit_mass: float) -> tuple[F64, F64]:
-    """`line_parents` that are all on lines."""
-    parent, alpha, _ = _shapes_on_lines(c1, c2, target, unit_mass)
-    parent[_OPACITY], alpha[3] = _opacities(c1, c2, parent, target, unit_mass)
-    return parent, alpha
-
-
-def _shapes_on_lines(c1: F64, c2: F64, target: Moments, unit_mass: float) -> tuple[F64, F64, F64]:
-    """Parents (D, n) but for their opacities, alpha (5, n), and (n,) what the scales cost."""
     n = c1.shape[1]
     alpha = np.ones((len(GROUP_CHANNELS), n))
     parent = (c1 + c2) / 2
     alpha[1] = 0.0
     parent[_ROTATION] = c2[_ROTATION]
+    weight = np.minimum(target.mass / unit_mass, MAX_WEIGHT)
+
     axes = matrices(parent[4:7])
     variance = np.einsum("ikn,ijn,jkn->kn", axes, target.cov, axes, optimize=True)
     wanted = 0.5 * np.log(np.maximum(variance, TINY))
-    weight = _weights(target, unit_mass)
     alpha[2], cost = _best_alpha(c1[_SCALE], c2[_SCALE], wanted, ALPHAS_SCALE, weight)
     parent[_SCALE] = _on_line(c1[_SCALE], c2[_SCALE], alpha[2])
-    return parent, alpha, cost
 
+    rows = np.flatnonzero(cost > MEND_COST)
+    shapes = _shapes(target.take(rows), c2[:, rows])
+    near = np.abs(shapes - c1[:N_SHAPE, rows]).max(axis=0, initial=0) < MAX_PSI
+    alpha[2, rows[near]] = MENDED
+    parent[:N_SHAPE, rows[near]] = shapes[:, near]
 
-def _opacities(c1: F64, c2: F64, parent: F64, target: Moments, unit_mass: float) -> tuple[F64, F64]:
-    """Logits (1, n) that keep the mass, given the size that the parents have; and alpha (n,)."""
+    # The opacity that keeps the mass, given the size that the parent has.
     size = _cross_sections(_bounded(parent[_SCALE]))
     opacity = np.clip(target.mass / np.maximum(size, TINY), 1e-12, MAX_OPACITY)
     wanted = np.log(opacity / (1 - opacity))[None]
-    weight = OPACITY_WEIGHT * _weights(target, unit_mass)
-    alpha, _ = _best_alpha(c1[_OPACITY], c2[_OPACITY], wanted, ALPHAS_OPACITY, weight)
-    return _on_line(c1[_OPACITY], c2[_OPACITY], alpha), alpha
-
-
-def _weights(target: Moments, unit_mass: float) -> F64:
-    """(n,) masses, in those of the median splat."""
-    out: F64 = np.minimum(target.mass / unit_mass, MAX_WEIGHT)
-    return out
+    weight *= OPACITY_WEIGHT
+    alpha[3], _ = _best_alpha(c1[_OPACITY], c2[_OPACITY], wanted, ALPHAS_OPACITY, weight)
+    parent[_OPACITY] = _on_line(c1[_OPACITY], c2[_OPACITY], alpha[3])
+    return parent, alpha
 
 
 def _best_alpha(

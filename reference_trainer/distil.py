@@ -1,10 +1,10 @@
 """Distilling: coarse levels of a lifted tree, improved against pictures of the scene itself.
 
 A lifted parent lies on the line through its children, which is a poor place for its scale: it has
-to cover both, and children that are alike leave it no way to grow. So a share of the pairs, those
-of which the pictures show most, leave the line: their parents have the scales that gradient descent
-finds, and a refine after the split puts C2 right, as lifting does where no line fits at all. All
-other numbers stay on their lines. From the finest level up, so that all children are known.
+to cover both, and children that are alike leave it no way to grow. Lifting mends the worst pairs: a
+refine after the split puts C2 right. Here a share of the others are mended too, those of which the
+pictures show most, and gradient descent finds the scales of all mended parents. All other numbers
+stay as lifting chose them. From the finest level up, so that all children are known.
 
 Letters: n splats of a level, S of them parents of splats of the next, D channels.
 """
@@ -26,7 +26,6 @@ from evogs_codec.merging import (
     median_mass,
     merged,
     moments,
-    plain_parents,
 )
 from evogs_codec.splats import F64, GROUP_CHANNELS, I64
 from reference_trainer.generations import Generation, levels_of, tree_of
@@ -34,7 +33,7 @@ from reference_trainer.kernels import adam
 
 __all__ = ["Change", "Distilled", "distil"]
 
-MENDED_SHARE = 0.1  # of the pairs of a level
+MORE_MENDED = 0.1  # of the pairs of a level
 RATE, LAST_RATE = 0.03, 0.003  # of a log-scale, at the first and the last iteration
 BETA1, BETA2, EPS = 0.9, 0.99, 1e-15
 WHITE = (1.0, 1.0, 1.0)
@@ -125,18 +124,18 @@ def _raised(
 ) -> tuple[F64, F64]:
     """The coarser level (D, n) and its alpha (5, S).
 
-    The scales of all parents descend, to see which of them pay; then of those alone.
+    The scales of all parents descend, to see which of them pay; then of those alone, and of those
+    that lifting mends.
     """
-    pair = generation.children(finer)
-    lifted, alpha_lifted = line_parents(*pair, *mass)
-    parents, alpha = plain_parents(*pair, *mass)
+    parents, alpha = line_parents(*generation.children(finer), *mass)
     slots = generation.slots
-    free = _descended(generation.coarser(finer, lifted), slots, views, iterations // 2)
-    off = free[:, slots] - parents
-    worth = (views.sensitivity(_splats(free))[:, slots] * np.square(off)).sum(axis=0)
-    rows = np.sort(np.argsort(-worth, kind="stable")[: round(MENDED_SHARE * len(worth))])
-    parents[:, rows] = free[:, slots[rows]]
-    alpha[:, rows] = alpha_lifted[:, rows]
+    free = _descended(generation.coarser(finer, parents), slots, views, iterations // 2)
+    change = free[SCALE, slots] - parents[SCALE]
+    worth = (views.sensitivity(_splats(free))[SCALE, slots] * np.square(change)).sum(axis=0)
+    worth[alpha[2] == MENDED] = np.inf
+    n_mended = np.count_nonzero(alpha[2] == MENDED) + round(MORE_MENDED * len(worth))
+    rows = np.sort(np.argsort(-worth, kind="stable")[:n_mended])
+    parents[SCALE, rows] = free[SCALE, slots[rows]]
     alpha[2, rows] = MENDED
     found = generation.coarser(finer, parents)
     return _descended(found, slots[rows], views, iterations - iterations // 2), alpha
