@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 
@@ -101,13 +102,17 @@ def distil(
         return Distilled(tree, ())
     report: Progress = progress or (lambda _: None)
     views, judge = (Views(tree.leaves(), part, background) for part in (cameras, held_out))
+    n_done = count(1)
+    descent = _Descent(
+        views, iterations, lambda: report(next(n_done) / (iterations * len(generations)))
+    )
     mass = moments(levels[-1])
     unit_mass = median_mass(mass)
     changes = []
     for level, generation in reversed(list(enumerate(generations))):
         target = merged(*generation.pairs(mass))
         finer = levels[level + 1]
-        found, alpha = _raised(finer, generation, (target, unit_mass), views, iterations)
+        found, alpha = descent.coarser(finer, generation, target, unit_mass)
         kept = generation.coarser(finer, levels[level][:, generation.slots])
         change = Change(level, judge.psnr(_splats(kept)), judge.psnr(_splats(found)))
         if change.gains:
@@ -115,50 +120,68 @@ def distil(
         levels[level] = found if change.gains else kept
         changes.append(change)
         mass = generation.coarser_moments(mass, target)
-        report(len(changes) / len(generations))
+    report(1.0)
     return Distilled(tree_of(tree.sh_degree, levels, generations), tuple(reversed(changes)))
 
 
-def _raised(
-    finer: F64, generation: Generation, mass: tuple[Moments, float], views: Views, iterations: int
-) -> tuple[F64, F64]:
-    """The coarser level (D, n) and its alpha (5, S).
+@dataclass(frozen=True)
+class _Descent:
+    """How levels are found.
 
-    The scales of all parents descend, to see which of them pay; then of those alone, and of those
-    that lifting mends.
+    Attributes:
+        views: what is descended on.
+        iterations: of each level.
+        tick: called after each.
     """
-    parents, alpha = line_parents(*generation.children(finer), *mass)
-    slots = generation.slots
-    free = _descended(generation.coarser(finer, parents), slots, views, iterations // 2)
-    change = free[SCALE, slots] - parents[SCALE]
-    worth = (views.sensitivity(_splats(free))[SCALE, slots] * np.square(change)).sum(axis=0)
-    worth[alpha[2] == MENDED] = np.inf
-    n_mended = np.count_nonzero(alpha[2] == MENDED) + round(MORE_MENDED * len(worth))
-    rows = np.sort(np.argsort(-worth, kind="stable")[:n_mended])
-    parents[SCALE, rows] = free[SCALE, slots[rows]]
-    alpha[2, rows] = MENDED
-    found = generation.coarser(finer, parents)
-    return _descended(found, slots[rows], views, iterations - iterations // 2), alpha
 
+    views: Views
+    iterations: int
+    tick: Callable[[], None]
 
-def _descended(level: F64, slots: I64, views: Views, iterations: int) -> F64:
-    """A level (D, n) after gradient descent on the squared error, by the scales in `slots`."""
-    splats = _splats(level)
-    scales = splats.log_scales.copy()
-    moving = scales[slots]
-    m, v = np.zeros_like(moving), np.zeros_like(moving)
-    for t in range(iterations if len(slots) else 0):
-        view = _view_of(t, len(views.cameras))
-        splats = replace(splats, log_scales=scales)
-        drawing = draw(splats, views.cameras[view], views.background)
-        error = drawing.image - views.pictures[view]
-        gradient = gradients(drawing, splats, error * np.float32(2 / error.size)).log_scales[slots]
-        rate = RATE * (LAST_RATE / RATE) ** (t / iterations)
-        adam(moving, gradient, m, v, np.full(3, rate, np.float32), BETA1, BETA2, EPS, t + 1)
-        scales[slots] = moving
-    out = level.copy()
-    out[SCALE] = scales.T
-    return out
+    def coarser(
+        self, finer: F64, generation: Generation, target: Moments, unit_mass: float
+    ) -> tuple[F64, F64]:
+        """The coarser level (D, n) and its alpha (5, S); `target`, `unit_mass` as `line_parents`.
+
+        The scales of all parents descend, to see which of them pay; then of those alone, and of
+        those that lifting mends.
+        """
+        parents, alpha = line_parents(*generation.children(finer), target, unit_mass)
+        slots, first = generation.slots, self.iterations // 2
+        free = self.descended(generation.coarser(finer, parents), slots, first)
+        change = free[SCALE, slots] - parents[SCALE]
+        shown = self.views.sensitivity(_splats(free))[SCALE, slots]
+        worth = (shown * np.square(change)).sum(axis=0)
+        is_mended = alpha[2] == MENDED
+        worth[is_mended] = np.inf
+        n_mended = np.count_nonzero(is_mended) + round(MORE_MENDED * len(worth))
+        rows = np.sort(np.argsort(-worth, kind="stable")[:n_mended])
+        parents[SCALE, rows] = free[SCALE, slots[rows]]
+        alpha[2, rows] = MENDED
+        found = generation.coarser(finer, parents)
+        return self.descended(found, slots[rows], self.iterations - first), alpha
+
+    def descended(self, level: F64, slots: I64, iterations: int) -> F64:
+        """A level (D, n) after gradient descent on the squared error, by the scales in `slots`."""
+        if not len(slots):
+            return level
+        splats = _splats(level)
+        scales = splats.log_scales.copy()
+        moving = scales[slots]
+        m, v = np.zeros_like(moving), np.zeros_like(moving)
+        for t in range(iterations):
+            view = _view_of(t, len(self.views.cameras))
+            splats = replace(splats, log_scales=scales)
+            drawing = draw(splats, self.views.cameras[view], self.views.background)
+            error = drawing.image - self.views.pictures[view]
+            gradient = gradients(drawing, splats, error * np.float32(2 / error.size)).log_scales
+            rate = np.full(3, RATE * (LAST_RATE / RATE) ** (t / iterations), np.float32)
+            adam(moving, gradient[slots], m, v, rate, BETA1, BETA2, EPS, t + 1)
+            scales[slots] = moving
+            self.tick()
+        out = level.copy()
+        out[SCALE] = scales.T
+        return out
 
 
 def _view_of(iteration: int, n_views: int) -> int:
