@@ -107,7 +107,7 @@ def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement
         if command:
             title = "Size against SOG, SH degree 0, over 24 views"
             yield "sog", title, partial(sog, of, command, folder)
-        yield "published", "Figures of others, as published", published
+        yield "published", "Figures of others, as published or measured before", published
     if "surface" in args.only:
         yield from surface.measurements(of, args.runs)
     if "first" in args.only:
