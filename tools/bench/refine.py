@@ -34,7 +34,11 @@ SMALL = SIZE // 4  # pixels, of pictures from afar
 
 
 def refined(ply: Path | None, up: str) -> Rows:
-    """Of the shipped scene, and of the middle of another if one is named."""
+    """Of the shipped scene, and of the middle of another if one is named.
+
+    Refining has seen none of the views: its own are on other circles. Bytes are those of a stream
+    up to the level, seconds those of refining, of the processor.
+    """
     rows = _rows("shipped", make_scene(), "z")
     if ply is not None:
         scene = _middle(read_ply(ply), N_CROP)
