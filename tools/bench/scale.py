@@ -36,8 +36,9 @@ def scale(folder: Path) -> Rows:
     """Lifting, encoding and decoding to float arrays, of more and more splats.
 
     Copies of the procedural scene at SH degree 1, five levels, preset `scene`. Memory is the peak
-    above a process that only imports what it needs, the input of the stage included. Seconds are
-    those of the processor, of all threads together: a busy machine changes them least.
+    above a process that only imports what it needs, the input of the stage included; from 50,000
+    splats on decoding loads compiled loops, about 50 MiB and 0.2 s. Seconds are those of the
+    processor, of all threads together: a busy machine changes them least.
     """
     base = cost("", IMPORTS).peak
     rows: Rows = []
