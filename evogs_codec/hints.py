@@ -22,8 +22,9 @@ SAMPLE = 4096  # leaves of a tile that the error estimates look at
 
 # Mean squared errors of pictures, as measured on a lifted scene, a trained tree and LapisGS layers.
 BLANK = 0.1  # with no packet
-COARSE = 0.025  # while all splats are as far off as they ever are; less with the square of that
-SH = 0.001  # for SH coefficients that are wrong by 1: of many splats they cancel
+COARSE = 0.025  # while all splats are as far off as they ever are; less with a power of that
+POWER = 1.75
+SH = 0.0005  # for SH coefficients that are wrong by 1: of many splats they cancel
 
 
 class History:
@@ -86,7 +87,7 @@ class History:
         ways = self._ways(last[0:3])
         errors[:, 0] = np.sqrt(np.square(ways).mean(1))
         farthest = np.maximum(ways.max(0), np.sqrt(area(values)) * self.grid.scale[0])
-        left[0, 0], left[1:, 0] = BLANK, COARSE * np.square((ways / farthest).mean(1))
+        left[0, 0], left[1:, 0] = BLANK, COARSE * (ways / farthest).mean(1) ** POWER
         for b in components[1:]:
             part = component_slice(b)
             off = [
