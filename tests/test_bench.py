@@ -3,6 +3,7 @@
 import argparse
 import shlex
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from evogs_codec import PRESETS, Cut, InputError, decode_leaves, lift, read_dire
 pytest.importorskip("numba", reason="the rasterizer is compiled")
 from conformance.cli import around
 from conformance.views import Views
-from tools.bench import cli, decimate, page, plots, sog, splat_transform, subjects
+from tools.bench import cli, decimate, page, plots, prefix, sog, splat_transform, subjects
 from tools.bench.surface import efforts, fronts, iterations, precision, streams
 from tools.scene import make_scene
 
@@ -125,6 +126,18 @@ def test_the_first_picture_takes_part_of_a_stream_and_all_of_other_files(subject
     assert rows["PLY"]["PSNR, dB"] == "inf"
 
 
+def test_prefixes_are_worth_more_the_longer_they_are(subject):
+    trees = [replace(subject, name=name) for name in ("small", "LapisGS", "EvoGS")]
+    rows = prefix.prefixes(trees)
+    assert [row["order"] for row in rows] == ["file", "by level"] * 3
+    assert {row["100 %"] for row in rows} == {rows[0]["100 %"]}
+    assert [row["above LapisGS, dB"] for row in rows] == ["", "", "", "", "0.00", "0.00"]
+    assert number(rows[0], "25 %") < number(rows[0], "mean, dB") < number(rows[0], "100 %")
+    assert prefix.rivals([subject], None) == (subject,)
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+    assert len(plots.PLOTS["prefix"](rows).axes) == 3
+
+
 def test_decimation_is_measured_at_as_many_splats(subject, command, tmp_path):
     rows = decimate.decimate([subject], command, tmp_path)
     assert [row["level"] for row in rows] == [0, 1]
@@ -201,4 +214,4 @@ def test_a_table_that_has_a_picture_shows_it(tmp_path):
     page.write(tmp_path, "all", {"surface": ("Surface", "", ROWS)}, keep_others=False)
     assert "![Surface](figures/surface.png)" in (tmp_path / "figures.md").read_text()
     assert (tmp_path / "figures" / "surface.png").read_bytes().startswith(b"\x89PNG")
-    assert set(plots.PLOTS) <= {"surface", "surface-effort", "surface-iterations"}
+    assert set(plots.PLOTS) <= {"surface", "surface-effort", "surface-iterations", "prefix"}

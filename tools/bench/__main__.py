@@ -22,6 +22,7 @@ from tools.bench.cli import EXAMPLE, PARTS, add_options
 from tools.bench.decimate import decimate
 from tools.bench.entropy import tables as entropy
 from tools.bench.page import Rows, text_of, write
+from tools.bench.prefix import prefixes, rivals
 from tools.bench.refine import refined
 from tools.bench.scale import scale
 from tools.bench.sog import published, sog
@@ -86,7 +87,7 @@ def _measurements(args: argparse.Namespace, folder: Path) -> Iterator[Measuremen
         if args.photos:
             title = "Pictures of a trained tree, on photographs it was not trained on"
             yield "photographs", title, partial(pictures.photographs, tree, args.photos)
-    if {"rate", "sog", "surface", "first", "decimate"} & set(args.only):
+    if {"rate", "sog", "surface", "prefix", "first", "decimate"} & set(args.only):
         yield from _of_subjects(args, folder)
     if "entropy" in args.only:
         for name, (title, of_samples) in entropy.TABLES.items():
@@ -98,6 +99,9 @@ def _measurements(args: argparse.Namespace, folder: Path) -> Iterator[Measuremen
 def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement]:
     """What takes trees and their pictures: of the scene, and of the tree if there is one."""
     of, command = tuple(subjects(args)), args.splat_transform
+    shipped: tuple[Subject, ...] = ()
+    if args.ply and {"prefix", "decimate"} & set(args.only):
+        shipped = (Subject.of_scene("shipped", make_scene(), "z"),)
     if {"rate", "first"} & set(args.only):
         from tools.bench.first import first  # these need gsply
         from tools.bench.rate import rate
@@ -110,11 +114,13 @@ def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement
         yield "published", "Figures of others, as published or measured before", published
     if "surface" in args.only:
         yield from surface.measurements(of, args.runs)
+    if "prefix" in args.only:
+        title = "Quality against bytes, at 20 cuts"
+        yield "prefix", title, partial(prefixes, rivals((*shipped, *of), args.runs))
     if "first" in args.only:
         yield "first", "Time to the first picture", partial(first, of, folder)
     if "decimate" in args.only and command:
         title = "Coarse levels against decimation, over 24 views"
-        shipped = (Subject.of_scene("shipped", make_scene(), "z"),) if args.ply else ()
         yield "decimate", title, partial(decimate, (of[0], *shipped), command, folder)
 
 

@@ -18,8 +18,8 @@ Commands = Any  # argparse's sub-parsers have no public type
 ROOT = Path(__file__).resolve().parent.parent.parent
 EXAMPLE = "example: --ply scene.ply --tree lego.tree.npz --photos lego --only rate surface"
 PARTS = (
-    "raster", "scene", "rate", "sog", "levels", "refine", "tree", "surface", "first", "decimate",
-    "entropy", "scale", "extremes",
+    "raster", "scene", "rate", "sog", "levels", "refine", "tree", "surface", "prefix", "first",
+    "decimate", "entropy", "scale", "extremes",
 )  # fmt: skip
 
 

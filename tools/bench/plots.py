@@ -46,6 +46,21 @@ def _trade(
     return figure
 
 
+def _prefixes(rows: Rows) -> Canvas:
+    """A panel for each scene, in it the curve of each order over the part of the bytes."""
+    scenes = list(dict.fromkeys(row["scene"] for row in rows))
+    figure, axes = _panels(len(scenes))
+    for axis, scene in zip(axes, scenes, strict=True):
+        for row in (row for row in rows if row["scene"] == scene):
+            parts = [name for name in row if name.endswith(" %")]
+            across = [float(name.removesuffix(" %")) for name in parts]
+            axis.plot(across, [_number(row[name]) for name in parts], ".-", label=row["order"])
+        axis.set(title=scene, xlabel="% of the bytes", ylabel="PSNR, dB")
+        axis.grid(alpha=0.3)
+        axis.legend(fontsize=7)
+    return figure
+
+
 def _draw_line(
     axis: Axis,
     points: Sequence[tuple[float, float]],
@@ -96,4 +111,5 @@ PLOTS: dict[str, Callable[[Rows], Canvas]] = {
         dominated="dominated by", label="--effort",
     ),
     "surface-iterations": partial(_trade, x="iterations", y="PSNR, dB", line="run"),
+    "prefix": _prefixes,
 }  # fmt: skip
