@@ -25,8 +25,8 @@ def efforts(of: Sequence[Subject]) -> Rows:
     """Zstandard levels: bytes, time to write the packets of integers that are there, to decode.
 
     Writing is processor time of all threads, digests included; lifting and quantising come before
-    it and are the same at all levels. The last column names a level that is smaller and 10 %
-    faster to write.
+    it and are the same at all levels. The last column names a level that is smaller and a
+    quarter faster to write.
     """
     rows: Rows = []
     for subject in of:

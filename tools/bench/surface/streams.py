@@ -39,7 +39,7 @@ def streams(of: Sequence[Subject]) -> Rows:
     degree, or SH bands only of the records up to a level. PSNR is over 24 views of the scene, or
     held-out photographs of a tree. Times are processor time, the least of 5 decodes and the median
     of the pictures of 400 x 400 pixels. The last columns name a point that is no worse and smaller,
-    or 10 % faster to decode and draw: what has a name there is dominated, a cross in the picture.
+    or a quarter faster to decode and draw. What has a name in the first is a cross in the picture.
     """
     rows: Rows = []
     for subject in of:
