@@ -6,6 +6,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from evogs_codec import Cut, decode, read_directory, write_ply
+from evogs_codec.options import DEFAULT_ITERATIONS
+from reference_trainer.refining import refine
 from tools.bench.free_parents import free_levels
 from tools.bench.splat_transform import decimated
 from tools.bench.subjects import Subject
@@ -20,7 +22,8 @@ def decimate(of: Sequence[Subject], command: str, folder: Path) -> Rows:
 
     Over 24 views of the scene. Decimation merges pairs too, but each of its files stands alone.
     Free parents are our pairs with parents that no tree can keep: what decimation has beyond them
-    is its choice of pairs. The last column is what our levels, lifted, have more.
+    is its choice of pairs. Refined levels are those of `evogs lift --refine`, which descends on
+    other views. The last columns are what our levels have more.
     """
     return [row for subject in of for row in _levels(subject, command, folder)]
 
@@ -32,21 +35,24 @@ def _levels(subject: Subject, command: str, folder: Path) -> Iterator[dict[str, 
     tree, data = subject.tree, subject.stream
     directory = read_directory(memoryview(data))
     free = free_levels(tree)
+    better = refine(tree, None, subject.up, DEFAULT_ITERATIONS, lambda _: None)
     for level in range(tree.n_levels - 1):
         lifted = tree.leaves(level)
         theirs = decimated(command, ply, len(lifted))
         found = {
             "decoded": decode(data, Cut.of_level(directory, level)).leaves(),
             "lifted": lifted,
+            "refined": better.leaves(level),
             "free parents": free[level],
             "decimation": theirs,
         }
         decibels = {name: subject.gauge(splats)[0] for name, splats in found.items()}
+        over = {name: decibels[name] - decibels["decimation"] for name in ("lifted", "refined")}
         yield {
             "scene": subject.name,
             "level": level,
             "splats": len(lifted),
             "decimated": len(theirs),
             **{f"{name}, dB": f"{value:.2f}" for name, value in decibels.items()},
-            "lifted over decimation, dB": f"{decibels['lifted'] - decibels['decimation']:+.2f}",
+            **{f"{name} over decimation, dB": f"{more:+.2f}" for name, more in over.items()},
         }

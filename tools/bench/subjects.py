@@ -69,6 +69,7 @@ class Subject:
         settings: the preset for such trees.
         views: of its leaves, by which an encoder aims.
         gauge: by which streams are judged: the same views, or photographs.
+        up: axis that the views are around.
     """
 
     name: str
@@ -76,6 +77,7 @@ class Subject:
     settings: Settings
     views: Views
     gauge: Gauge
+    up: str = "z"
 
     @cached_property
     def stream(self) -> bytes:
@@ -86,7 +88,8 @@ class Subject:
     def of_scene(name: str, splats: SplatParams, up: str) -> Subject:
         """A scene, lifted; judged by pictures of itself."""
         views = Views(splats, around(splats, up, SIZE))
-        return Subject.of_tree(name, lift(splats, N_LEVELS), PRESETS["scene"], views)
+        tree = lift(splats, N_LEVELS)
+        return replace(Subject.of_tree(name, tree, PRESETS["scene"], views), up=up)
 
     @staticmethod
     def of_tree(name: str, tree: EvolutionTree, settings: Settings, views: Views) -> Subject:
