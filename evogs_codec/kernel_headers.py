@@ -6,7 +6,7 @@ and `frames`, which follows the spec check by check, finds out what is wrong.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -14,11 +14,33 @@ import numpy as np
 from evogs_codec.frames import MAX_BLOCK, MAX_CONTENT
 from evogs_codec.splats import I64, U8
 
-__all__ = ["MAX_LISTS", "N_SIDES", "read_headers"]
+__all__ = ["MAX_LISTS", "N_CORE", "N_SIDES", "Headers", "bits_are_plain", "read_headers"]
 
 _jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
 N_SIDES = 7  # lists of core before psi: gaps, kinds, alpha of each group
+N_CORE = 14  # channels of core
 MAX_LISTS = 42  # of band 3; core has 35
+
+
+class Headers(NamedTuple):
+    """The packets to apply, in order: rows of the packet table and what `read_headers` found.
+
+    Attributes:
+        components, steps: (K,) of each packet.
+        levels: (K,) label of its step.
+        counts: (K, 4) adds, splits, refines, drops of its step.
+        codes, starts, flags: (K, MAX_LISTS), (K, MAX_LISTS), (K,).
+        planes: all planes.
+    """
+
+    components: I64
+    steps: I64
+    levels: I64
+    counts: I64
+    codes: U8
+    starts: I64
+    flags: I64
+    planes: U8
 
 
 @_jit
@@ -158,3 +180,39 @@ def _u32(data: U8, at: int) -> int:
         | np.int64(data[at + 2]) << 16
         | np.int64(data[at + 3]) << 24
     )
+
+
+@_jit
+def bits_are_plain(headers: Headers, k: int) -> bool:
+    """R-5.9-9 for the lists of a packet."""
+    for j in range(headers.codes.shape[1]):
+        low = np.int64(headers.codes[k, j]) & 15
+        if low == 0 or low == 8:
+            continue
+        n, start = _list_length(headers, k, j), headers.starts[k, j]
+        if low == 1 or low == 2 or low == 4:
+            used = n * low % 8
+            if used and headers.planes[start + n * low // 8] >> used:
+                return False
+        else:
+            largest = np.uint8(0)
+            for value in headers.planes[start : start + n]:
+                largest = max(largest, value)
+            if largest >> low:
+                return False
+    return True
+
+
+@_jit
+def _list_length(headers: Headers, k: int, j: int) -> int:
+    """Integers of a list that is stored (spec 5.9)."""
+    n_adds, n_splits, n_refines, n_drops = headers.counts[k]
+    component = headers.components[k]
+    n_channels, first = 3 * (2 * component + 1), 0
+    if component == 0:
+        n_channels, first = N_CORE, N_SIDES
+        if j < 2:
+            return n_splits + n_refines + n_drops
+        if j < N_SIDES:
+            return n_splits
+    return n_splits + n_refines if j < first + n_channels else n_adds

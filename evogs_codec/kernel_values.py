@@ -31,7 +31,7 @@ __all__ = [
 _jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
 MAX_INT = 0x7FFFFFFF
 NO_CONSTANT = 1 << 20  # where the a of the splits differ
-BLOCK = 128  # splats
+BLOCK = 512  # splats whose floats are put in order at a time
 
 
 @_jit
@@ -194,35 +194,45 @@ def products_fit(largest: int, largest_a: int, shift: int) -> bool:
 def float_rows(x: I32, origins: I64, scale: float, out: F32) -> None:
     """out[i, c] = binary32((origins[c] + x[c, i]) * scale), rounded once (R-7.6-1).
 
-    Three and four channels side by side are a loop that becomes vector code. Others (SH) take
-    turns on a block of splats, so that what is written stays in cache; their origins are 0.
+    There are 3**i * 4**j channels. A block of splats at a time, so that what is written stays in
+    cache: rows of floats, of which three or four are interleaved to one until one is left.
     """
     n, n_channels = out.shape
-    flat = out.reshape(-1)
-    if n_channels == 3:
-        a, b, c = origins[0], origins[1], origins[2]
-        first, second, third = x[0], x[1], x[2]
-        for i in range(n):
-            flat[3 * i] = (np.float64(first[i]) + a) * scale
-            flat[3 * i + 1] = (np.float64(second[i]) + b) * scale
-            flat[3 * i + 2] = (np.float64(third[i]) + c) * scale
-        return
-    factor = np.float32(scale)  # a power of 2: the conversion to binary32 is the only rounding
-    if n_channels == 4:
-        first, second, third, fourth = x[0], x[1], x[2], x[3]
-        for i in range(n):
-            flat[4 * i] = np.float32(first[i]) * factor
-            flat[4 * i + 1] = np.float32(second[i]) * factor
-            flat[4 * i + 2] = np.float32(third[i]) * factor
-            flat[4 * i + 3] = np.float32(fourth[i]) * factor
-    elif n_channels == 1:
-        first = x[0]
-        for i in range(n):
-            flat[i] = np.float32(first[i]) * factor
-    else:
-        for begin in range(0, n, BLOCK):
-            end = min(begin + BLOCK, n)
-            for c in range(n_channels):
-                row, to = x[c, begin:end], out[begin:end, c]
-                for i in range(end - begin):
+    flat, factor = out.reshape(-1), np.float32(scale)
+    rows = np.empty(n_channels * BLOCK, np.float32)
+    others = np.empty_like(rows)
+    for begin in range(0, n, BLOCK):
+        size = min(BLOCK, n - begin)
+        block = flat[begin * n_channels : (begin + size) * n_channels]
+        for c in range(n_channels):
+            to = (block if n_channels == 1 else rows)[c * size : (c + 1) * size]
+            row, origin = x[c, begin : begin + size], np.float64(origins[c])
+            if origin == 0:  # a scale is a power of 2: the conversion is the only rounding
+                for i in range(size):
                     to[i] = np.float32(row[i]) * factor
+            else:
+                for i in range(size):
+                    to[i] = np.float32((origin + np.float64(row[i])) * scale)
+        n_rows = n_channels
+        while n_rows > 1:
+            n_together = 3 if n_rows % 4 else 4
+            n_rows, length = n_rows // n_together, n_channels * size // n_rows
+            to = block if n_rows == 1 else others
+            for k in range(n_rows):
+                _interleave(rows, k, n_rows, length, n_together, to)
+            rows, others = others, rows
+
+
+@_jit
+def _interleave(rows: F32, k: int, n_rows: int, n: int, n_together: int, out: F32) -> None:
+    """Row k of `out` from the rows k, k + n_rows, k + 2 n_rows ... of n floats: one of each."""
+    first, step = k * n, n_rows * n
+    a, b, c = rows[first:][:n], rows[first + step :][:n], rows[first + 2 * step :][:n]
+    to = out[k * n_together * n :]
+    if n_together == 3:
+        for i in range(n):
+            to[3 * i], to[3 * i + 1], to[3 * i + 2] = a[i], b[i], c[i]
+        return
+    d = rows[first + 3 * step :][:n]
+    for i in range(n):
+        to[4 * i], to[4 * i + 1], to[4 * i + 2], to[4 * i + 3] = a[i], b[i], c[i], d[i]

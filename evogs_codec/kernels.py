@@ -22,7 +22,14 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from evogs_codec.kernel_headers import MAX_LISTS, N_SIDES, read_headers
+from evogs_codec.kernel_headers import (
+    MAX_LISTS,
+    N_CORE,
+    N_SIDES,
+    Headers,
+    bits_are_plain,
+    read_headers,
+)
 from evogs_codec.kernel_values import (
     MAX_INT,
     NO_CONSTANT,
@@ -38,7 +45,7 @@ from evogs_codec.kernel_values import (
 )
 from evogs_codec.planes import MAX_SUM
 from evogs_codec.refine import MAX_X
-from evogs_codec.splats import I32, I64, U8
+from evogs_codec.splats import I32, I64
 from evogs_codec.tree import Kind
 
 __all__ = [
@@ -54,28 +61,7 @@ __all__ = [
 _jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
 CHUNK = 4096  # a multiple of 8, so that packed planes begin a byte with each chunk
 REFINE, SPLIT, DROP = int(Kind.REFINE), int(Kind.SPLIT), int(Kind.DROP)
-N_CORE, N_GROUPS, SH_GROUP, FIRST_SH = 14, 5, 4, 11
-
-
-class Headers(NamedTuple):
-    """The packets to apply, in order: rows of the packet table and what `read_headers` found.
-
-    Attributes:
-        components, steps: (K,) of each packet.
-        levels: (K,) label of its step.
-        counts: (K, 4) adds, splits, refines, drops of its step.
-        codes, starts, flags: (K, MAX_LISTS), (K, MAX_LISTS), (K,).
-        planes: all planes.
-    """
-
-    components: I64
-    steps: I64
-    levels: I64
-    counts: I64
-    codes: U8
-    starts: I64
-    flags: I64
-    planes: U8
+N_GROUPS, SH_GROUP, FIRST_SH = 5, 4, 11
 
 
 class Tables(NamedTuple):
@@ -92,6 +78,21 @@ class Tables(NamedTuple):
     alphas: I32
     alpha_places: I64
     box: I64
+
+
+class Channels(NamedTuple):
+    """Channels that are turned together: one, or the three of an SH coefficient.
+
+    Attributes:
+        rows: (C, n) their slots.
+        kind: their class.
+        low, high: the least and the largest number that a slot may hold.
+    """
+
+    rows: I32
+    kind: int
+    low: np.int64
+    high: np.int64
 
 
 class Plans(NamedTuple):
@@ -148,7 +149,7 @@ def apply_packets(
         born_from: (n,) slot each slot was split from, -1 for adds.
     """
     for k in range(len(headers.components)):
-        if not _bits_are_plain(headers, k):
+        if not bits_are_plain(headers, k):
             return False
         if headers.components[k] == 0 and not _read_records(
             headers, k, tables, plans, live, born_from
@@ -161,42 +162,6 @@ def apply_packets(
             return False
         first += count
     return True
-
-
-@_jit
-def _bits_are_plain(headers: Headers, k: int) -> bool:
-    """R-5.9-9 for the lists of a packet."""
-    for j in range(headers.codes.shape[1]):
-        low = np.int64(headers.codes[k, j]) & 15
-        if low == 0 or low == 8:
-            continue
-        n, start = _list_length(headers, k, j), headers.starts[k, j]
-        if low == 1 or low == 2 or low == 4:
-            used = n * low % 8
-            if used and headers.planes[start + n * low // 8] >> used:
-                return False
-        else:
-            largest = np.uint8(0)
-            for value in headers.planes[start : start + n]:
-                largest = max(largest, value)
-            if largest >> low:
-                return False
-    return True
-
-
-@_jit
-def _list_length(headers: Headers, k: int, j: int) -> int:
-    """Integers of a list that is stored (spec 5.9)."""
-    n_adds, n_splits, n_refines, n_drops = headers.counts[k]
-    component = headers.components[k]
-    n_channels, first = 3 * (2 * component + 1), 0
-    if component == 0:
-        n_channels, first = N_CORE, N_SIDES
-        if j < 2:
-            return n_splits + n_refines + n_drops
-        if j < N_SIDES:
-            return n_splits
-    return n_splits + n_refines if j < first + n_channels else n_adds
 
 
 @_jit
@@ -286,16 +251,17 @@ def _apply_channels(
     low, high = -np.int64(MAX_X), np.int64(MAX_X)
     if kind == 0:
         low, high = tables.box[first]
+    channels = Channels(rows, kind, low, high)
     for k in range(len(headers.components)):
         if headers.components[k] != component:
             continue
         n_adds, n_splits, n_refines, n_drops = headers.counts[k]
         if n_splits + n_refines and not _apply_psi(
-            headers, k, at_psi, tables, plans, kind, rows, low, high, scratch
+            headers, k, at_psi, tables, plans, channels, scratch
         ):
             return False
         if n_adds and not _apply_adds(
-            headers, k, at_psi + n_channels, tables, plans, kind, rows, low, high, scratch
+            headers, k, at_psi + n_channels, tables, plans, channels, scratch
         ):
             return False
         begin = plans.places[headers.steps[k], 3]
@@ -319,15 +285,13 @@ def _apply_psi(
     at: int,
     tables: Tables,
     plans: Plans,
-    kind: int,
-    rows: I32,
-    low: int,
-    high: int,
+    channels: Channels,
     scratch: I32,
 ) -> bool:
     """Refines and splits of a packet; `at` is the first list of the channels."""
     step, level, q = headers.steps[k], headers.levels[k], scratch[:3]
     n_psi = headers.counts[k, 1] + headers.counts[k, 2]
+    rows, kind, low, high = channels
     group, unit = min(kind, SH_GROUP), tables.units[1 + level, kind]
     shift, constant = tables.alpha_places[level, group, 2], plans.constants[step, group]
     run, split = plans.places[step, 1], plans.places[step, 2]
@@ -453,14 +417,12 @@ def _apply_adds(
     at: int,
     tables: Tables,
     plans: Plans,
-    kind: int,
-    rows: I32,
-    low: int,
-    high: int,
+    channels: Channels,
     scratch: I32,
 ) -> bool:
     """Adds of a packet; `at` is the first list of the channels."""
     n_adds, n_splits, _, _ = headers.counts[k]
+    rows, kind, low, high = channels
     first, unit = plans.places[headers.steps[k], 0] + n_splits, tables.units[0, kind]
     q, sums = scratch[:3], np.zeros(3, np.int64)
     for begin in range(0, n_adds, CHUNK):

@@ -388,12 +388,20 @@ def test_steps_of_any_length_agree(n_psi, scattered, mixed):
 @pytest.mark.parametrize("origin", [0, 1, -1, 1 << 52, -(1 << 52), (1 << 24) + 1])
 def test_float_rows_are_those_of_numpy_bit_for_bit(n, exponent, origin):
     rng = np.random.default_rng(n)
-    x = rng.integers(-MAX_X, MAX_X + 1, (12, 5000)).astype(np.int32)
+    x = rng.integers(-MAX_X, MAX_X + 1, (48, 5000)).astype(np.int32)
     x[1] = rng.integers(-4, 5, 5000)  # ties, and sums of 0
     x[2, ::2] = MAX_X
     x[3] = 0
-    origins, none = np.array([origin, origin, 0], np.int64), np.zeros(12, np.int64)
-    for c, own in ((3, origins), (1, none), (3, none), (4, none), (5, none), (12, none)):
+    origins, none = np.array([origin, origin, 0], np.int64), np.zeros(48, np.int64)
+    for c, own in (
+        (3, origins),
+        (1, none),
+        (3, none),
+        (4, none),
+        (12, none),
+        (27, none),
+        (48, none),
+    ):
         of_numpy, of_kernels = (np.empty((n, c), np.float32) for _ in range(2))
         floats.float_rows(x[:c, :n], own[:c], 2.0**-exponent, of_numpy)
         kernels.float_rows(x[:c, :n], own[:c], 2.0**-exponent, of_kernels)
