@@ -24,7 +24,7 @@ SAMPLE = 4096  # leaves of a tile that the error estimates look at
 BLANK = 0.1  # with no packet
 COARSE = 0.025  # while all splats are as far off as they ever are; less with a power of that
 POWER = 1.75
-SH = 0.0005  # for SH coefficients that are wrong by 1: of many splats they cancel
+SH = 0.001  # for SH coefficients that are wrong by 1: of many splats they cancel
 
 
 class History:
