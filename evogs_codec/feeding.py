@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -172,7 +173,7 @@ class Decoder:
         touched = {int(directory.packets["tile"][p]) for p in self._whole if not self._done[p]}
         for packet in range(first, last):
             size = int(directory.packets["size"][packet])
-            if self._done[packet] or packet in self._whole or size == 0:
+            if self._done[packet] or packet in self._faults or packet in self._whole or size == 0:
                 continue
             offset = int(directory.offsets[packet])
             begin, stop = max(at, offset), min(end, offset + size)
@@ -209,6 +210,7 @@ class Decoder:
                     state.apply(packet, memoryview(body))
                 except StreamError as fault:
                     self._faults[packet] = fault
+                    del self._whole[packet]
                     break
                 del self._whole[packet]
                 self._done[packet] = True
@@ -223,21 +225,22 @@ class Decoder:
 
 
 class _Ranges:
-    """Byte ranges that came, overlapping or not, of something that begins at 0."""
+    """Byte ranges that came of something that begins at 0; of what comes twice, the first."""
 
     def __init__(self) -> None:
         self._head = bytearray()  # from 0 without a gap
-        self._later: dict[int, bytes] = {}
+        self._later: dict[int, bytes] = {}  # by offset, none overlapping another
+        self._offsets: list[int] = []  # of these, rising
 
     def put(self, at: int, data: bytes) -> None:
         """Add a range."""
         if at > len(self._head):
-            if len(data) > len(self._later.get(at, b"")):
-                self._later[at] = data
+            self._put_later(at, data)
             return
         self._head += data[len(self._head) - at :]
-        while self._later and (at := min(self._later)) <= len(self._head):
+        while self._offsets and (at := self._offsets[0]) <= len(self._head):
             self._head += self._later.pop(at)[len(self._head) - at :]
+            del self._offsets[0]
 
     def covers(self, size: int) -> bool:
         """All bytes 0..size are there."""
@@ -251,3 +254,21 @@ class _Ranges:
     def all(self) -> list[tuple[int, bytes | memoryview]]:
         """Every range, with its offset."""
         return [(0, memoryview(self._head)), *self._later.items()]
+
+    def _put_later(self, at: int, data: bytes) -> None:
+        """Add the gaps that a range fills."""
+        end = at + len(data)
+        place = bisect_right(self._offsets, at)
+        if place:
+            before = self._offsets[place - 1]
+            at = max(at, before + len(self._later[before]))
+        while at < end:
+            stop = min(end, self._offsets[place]) if place < len(self._offsets) else end
+            if at < stop:
+                self._later[at] = data[at - end :][: stop - at]
+                self._offsets.insert(place, at)
+                place += 1
+            if stop == end:
+                break
+            at = stop + len(self._later[stop])
+            place += 1

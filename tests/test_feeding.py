@@ -387,3 +387,20 @@ def test_bytes_that_come_before_the_directory_are_not_kept_twice():
     # As they came, and packet by packet; the state, which grows by doubling, is small beside them.
     allowed = whole + int(3.2 * len(data))
     assert memory.peak(feed, allowed) <= allowed
+
+
+def test_ranges_that_come_again_and_again_are_kept_once():
+    tree = EvolutionTree(0, (Step.of_adds(0, np.random.default_rng(0).normal(size=(14, 4000))),))
+    data = encode(tree, PRESETS["scene"])
+    decoder = Decoder()
+    half = len(data) // 2
+
+    def feed() -> None:
+        for at in range(len(data) - 1, half, -50):
+            decoder.feed(data[at:], at)
+
+    assert memory.peak(feed, 3 * len(data)) < 3 * len(data)
+    decoder.feed(data[: half + 1], 0)
+    decoder.feed(data[half:], half)
+    decoder.close()
+    assert decoder.dump() == decode(data).dump()
