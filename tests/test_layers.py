@@ -22,7 +22,7 @@ IMPORTERS = {
 # What a machine that only decodes never needs.
 ENCODING = {
     *("encode", "settings", "arrange", "quantize", "grids", "alphas", "hints", "packing", "morton"),
-    *("lifting", "merging", "pairing", "axes", "directory_writing"),
+    *("lifting", "merging", "pairing", "joining", "axes", "directory_writing"),
     *("aiming", "importance", "trading", "gains", "tiling", "progression"),
 }
 
