@@ -390,8 +390,8 @@ def test_bytes_that_come_before_the_directory_are_not_kept_twice():
 
 
 def test_ranges_that_come_again_and_again_are_kept_once():
-    tree = EvolutionTree(0, (Step.of_adds(0, np.random.default_rng(0).normal(size=(14, 4000))),))
-    data = encode(tree, PRESETS["scene"])
+    adds = np.random.default_rng(0).normal(size=(n_channels(0), 4000)).astype(np.float32)
+    data = encode(EvolutionTree(0, (Step.of_adds(0, adds),)), PRESETS["scene"])
     decoder = Decoder()
     half = len(data) // 2
 
