@@ -319,6 +319,8 @@ def test_an_interrupt_ends_what_was_started(made_suite, tmp_path):
         cwd=ROOT,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
+        # What a shell starts in the background ignores interrupts, and so would this.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as running:
         time.sleep(1.5)
         running.send_signal(signal.SIGINT)
