@@ -24,10 +24,10 @@ from evogs_codec.tree import EvolutionTree, Kind, Step
 __all__ = ["arrange", "default_tiles"]
 
 SPLATS_PER_TILE = 131_072  # packets of a few 100 kB; spec 3.5 allows any number
-FIRST_BIN = 1024  # adds of level 0 in a step at least: the first scene comes early
-RECORD_BIN = 8192  # records of later steps in a step at least
+FIRST_BIN = 512  # adds of level 0 in a step at least: the first scene comes early
+RECORD_BIN = 16_384  # records of later steps in a step at least
 MAX_BINS = 4
-RUN = 4  # records of neighbouring slots that rank as one, so that their slots cost little
+RUN = 64  # records of neighbouring slots that rank as one: gathering fewer runs is quicker
 
 
 def default_tiles(n_leaves: int) -> int:
