@@ -25,7 +25,8 @@ __all__ = ["arrange", "default_tiles"]
 
 SPLATS_PER_TILE = 131_072  # packets of a few 100 kB; spec 3.5 allows any number
 FIRST_BIN = 512  # adds of level 0 in a step at least: the first scene comes early
-RECORD_BIN = 16_384  # records of later steps in a step at least
+RECORD_BIN = 16_384  # records of later steps in a step at least; in small tiles fewer
+SHARE = 5  # of the slots of a small tile, one in so many
 MAX_BINS = 4
 RUN = 64  # records of neighbouring slots that rank as one: gathering fewer runs is quicker
 
@@ -138,7 +139,8 @@ class _TileBuilder:
             shown: (R,) likewise.
         """
         main, own = group[0], self.own
-        least = FIRST_BIN if main.level == 0 else RECORD_BIN
+        small = int(np.count_nonzero(own)) // SHARE
+        least = FIRST_BIN if main.level == 0 else min(RECORD_BIN, max(FIRST_BIN, small))
         rows = np.flatnonzero(own[main.slots])
         rows = rows[np.argsort(self.name[main.slots[rows]], kind="stable")]
         n_splits = main.alpha.shape[1]
