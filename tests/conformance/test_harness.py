@@ -256,7 +256,6 @@ def test_parts_of_the_suite_are_selected_by_family_and_pattern(made_suite, tmp_p
 # --- the texts ------------------------------------------------------------------------------------
 
 
-@pytest.mark.skipif(not VECTORS.is_file(), reason="no vectors are there")
 @pytest.mark.parametrize("name", ["conformance/README.md", "docs/implementers-guide.md"])
 def test_selections_in_the_texts_select_something(name):
     text = (ROOT / name).read_text(encoding="utf-8")
