@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from evogs_codec.frames import decompress_all
 from evogs_codec.packet_header import N_SIDES, component_channels
+from evogs_codec.scratch import Scratch
 from evogs_codec.splats import I64
 from evogs_codec.tree import N_GROUPS
 
@@ -39,7 +40,9 @@ def kernels_for(n_slots: int) -> ModuleType | None:
     return kernels
 
 
-def apply_compiled(kernels: ModuleType, state: TileState, data: memoryview, packets: I64) -> bool:
+def apply_compiled(
+    kernels: ModuleType, state: TileState, data: memoryview, packets: I64, scratch: Scratch
+) -> bool:
     """Apply packets of a tile, in file order from its first on, to an empty state.
 
     Returns:
@@ -59,11 +62,13 @@ def apply_compiled(kernels: ModuleType, state: TileState, data: memoryview, pack
     core_counts = np.stack([core[name].astype(np.int64) for name in names], 1)
     counts, levels = core_counts[steps], core["level"].astype(np.int64)[steps]
     n_records, n_splits = int(core_counts[:, 1:].sum()), int(core_counts[:, 1].sum())
-    plans = kernels.Plans.empty(len(core), n_records, n_splits)
+    plans = kernels.Plans.empty(scratch, len(core), n_records, n_splits)
     tables = _tables(kernels, directory, state.tile)
+    mark = scratch.mark()
     for part in _parts(components, counts):
+        scratch.rewind(mark)
         headers = _headers(
-            kernels, data, offsets[part], sizes[part], components[part], counts[part]
+            kernels, data, offsets[part], sizes[part], components[part], counts[part], scratch
         )
         if headers is None:
             return False
@@ -93,7 +98,13 @@ def _parts(components: I64, counts: I64) -> list[slice]:
 
 
 def _headers(
-    kernels: ModuleType, data: memoryview, offsets: I64, sizes: I64, components: I64, counts: I64
+    kernels: ModuleType,
+    data: memoryview,
+    offsets: I64,
+    sizes: I64,
+    components: I64,
+    counts: I64,
+    scratch: Scratch,
 ) -> tuple[npt.NDArray[np.uint8], I64, I64, npt.NDArray[np.uint8]] | None:
     """(codes, starts, flags, planes) of packets, or None."""
     raw = np.frombuffer(data, np.uint8)
@@ -107,8 +118,10 @@ def _headers(
     n_bytes = kernels.read_headers(
         raw, offsets, sizes, components, counts, codes, starts, flags, places
     )
-    planes = decompress_all(data, places) if n_bytes >= 0 else None
-    if planes is None:
+    if n_bytes < 0:
+        return None
+    planes = scratch.take((n_bytes,), np.uint8)
+    if not decompress_all(data, places, planes):
         return None
     return codes, starts, flags, planes
 
@@ -116,11 +129,12 @@ def _headers(
 def _tables(kernels: ModuleType, directory: Directory, tile: int) -> object:
     units = [[quantiser.step for quantiser in row] for row in directory.quantisers]
     entries: list[int] = []
-    places = np.empty((directory.n_levels, N_GROUPS, 3), np.int64)
+    places = np.empty((directory.n_levels, N_GROUPS, 4), np.int64)
     for level in range(directory.n_levels):
         for group in range(N_GROUPS):
             table = directory.alpha_table(level, group)
-            places[level, group] = len(entries), len(table.entries), table.shift
+            largest = max(map(abs, table.entries))
+            places[level, group] = len(entries), len(table.entries), table.shift, largest
             entries += table.entries
     row = directory.tiles[tile]
     box = np.stack([row["box_min"], row["box_max"]], 1).astype(np.int64)

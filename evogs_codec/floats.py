@@ -8,6 +8,7 @@ import numpy as np
 
 from evogs_codec.compiled import kernels_for
 from evogs_codec.directory import Directory
+from evogs_codec.scratch import empty
 from evogs_codec.splats import F32, GROUP_CHANNELS, I32, I64, SplatParams
 from evogs_codec.state import TileState
 from evogs_codec.threads import each
@@ -36,7 +37,7 @@ class FloatView:
         self.ends = np.cumsum(n_live)
         n = int(n_live.sum())
         n_sh = 3 * (min(sh_degree, directory.sh_degree) + 1) ** 2
-        self.groups = [np.empty((n, size), np.float32) for size in (3, 4, 3, 1, n_sh)]
+        self.groups = [empty((n, size), np.float32) for size in (3, 4, 3, 1, n_sh)]
         self.write_rows = getattr(kernels_for(n), "float_rows", float_rows)
 
     def write(self, tile: TileState) -> None:

@@ -86,8 +86,8 @@ def decompress(frame: memoryview, size: int, offset: int) -> bytes:
     return bytes(data)
 
 
-def decompress_all(data: memoryview, places: I64) -> U8 | None:
-    """The contents of checked frames, one after the other; None if one has a fault.
+def decompress_all(data: memoryview, places: I64, out: U8) -> bool:
+    """Put the contents of checked frames one after the other; False if one has a fault.
 
     Few calls of the library, which holds no lock, where it has such a call; each makes so little
     that the next one takes the same memory.
@@ -95,18 +95,18 @@ def decompress_all(data: memoryview, places: I64) -> U8 | None:
     Args:
         data: the file.
         places: (F, 3) offset, size and content size of each frame.
+        out: room for them all.
     """
     ends = np.cumsum(places[:, 2])
-    out = np.empty(int(ends[-1]) if len(ends) else 0, np.uint8)
     at = first = 0
     while first < len(places):
         last = max(first + 1, int(np.searchsorted(ends, at + AT_A_TIME, side="right")))
         content = _contents(data, places[first:last])
         if content is None:
-            return None
+            return False
         out[at : ends[last - 1]] = np.frombuffer(content, np.uint8)
         at, first = int(ends[last - 1]), last
-    return out
+    return True
 
 
 def _contents(data: memoryview, places: I64) -> bytes | None:

@@ -16,7 +16,6 @@ from evogs_codec.splats import F32, I32, I64, U8
 
 __all__ = [
     "MAX_INT",
-    "NO_CONSTANT",
     "children",
     "first_children",
     "float_rows",
@@ -30,7 +29,6 @@ __all__ = [
 
 _jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
 MAX_INT = 0x7FFFFFFF
-NO_CONSTANT = 1 << 20  # where the a of the splits differ
 BLOCK = 512  # splats whose floats are put in order at a time
 
 
@@ -123,19 +121,33 @@ def scale(q: I32, n: int, unit: int) -> int:
 
 
 @_jit
+def products_fit(delta: I32, largest: int, alphas: I32, largest_alpha: int, shift: int) -> bool:
+    """R-7.3-2 for a * delta; no |delta| is above `largest`, no |a| above `largest_alpha`."""
+    room = MAX_PRODUCT - np.int64((1 << shift) >> 1)
+    if largest * largest_alpha <= room:
+        return True
+    for i in range(len(alphas)):
+        product = np.int64(delta[i]) * np.int64(alphas[i])
+        if product > room or product < -room:
+            return False
+    return True
+
+
+@_jit
 def children(
-    parents: I32, delta: I32, a: int, shift: int, seconds: I32
+    parents: I32, delta: I32, alphas: I32, shift: int, seconds: I32
 ) -> tuple[np.int32, np.int32]:
-    """C1 in place of the parents of splits with the same a, and C2; (least, largest) of both.
+    """C1 in place of the parents of splits, and C2 (spec 7.3); (least, largest) of both.
 
     Products are known to fit.
     """
-    factor, half, bits = np.int32(a), np.int32((1 << shift) >> 1), np.int32(shift & 31)
+    half, bits = np.int32((1 << shift) >> 1), np.int32(shift & 31)
     least, most = np.int32(MAX_INT), np.int32(-MAX_INT)
     for i in range(len(seconds)):
         p, d = parents[i], delta[i]
         first = np.int32(p + d)
-        second = np.int32(p - (np.int32(np.int32(factor * d) + half) >> bits))
+        product = np.int32(np.int32(alphas[i] * d) + half)
+        second = np.int32(p - (product >> bits))
         parents[i], seconds[i] = first, second
         least, most = min(least, min(first, second)), max(most, max(first, second))
     return least, most
@@ -154,40 +166,17 @@ def first_children(parents: I32, delta: I32, n: int) -> tuple[np.int32, np.int32
 
 @_jit
 def second_children(
-    parents: I32, delta: I32, largest: int, alphas: I32, constant: int, shift: int, out: I32
-) -> bool:
-    """C2 = parents - RoundShift(a * delta, shift); False if a product is too large (R-7.3-2).
-
-    `largest` is the largest |delta|; a is `constant`, or `alphas` where that is NO_CONSTANT.
-    """
+    parents: I32, delta: I32, alphas: I32, shift: int, seconds: I32
+) -> tuple[np.int32, np.int32]:
+    """C2 of splits; the least and the largest. Products are known to fit."""
     half, bits = np.int32((1 << shift) >> 1), np.int32(shift & 31)
-    room, a = MAX_PRODUCT - np.int64(half), np.int32(constant)
-    differ = constant == NO_CONSTANT
-    largest_a = np.int64(abs(a))
-    if differ:
-        largest_a = np.int64(0)
-        for value in alphas:
-            largest_a = max(largest_a, abs(np.int64(value)))
-    if not products_fit(largest, largest_a, shift):
-        for i in range(len(out)):
-            product = np.int64(delta[i]) * np.int64(alphas[i] if differ else a)
-            if product > room or product < -room:
-                return False
-    if differ:
-        for i in range(len(out)):
-            product = np.int32(np.int32(alphas[i] * delta[i]) + half)
-            out[i] = np.int32(parents[i] - (product >> bits))
-    else:
-        for i in range(len(out)):
-            product = np.int32(np.int32(a * delta[i]) + half)
-            out[i] = np.int32(parents[i] - (product >> bits))
-    return True
-
-
-@_jit
-def products_fit(largest: int, largest_a: int, shift: int) -> bool:
-    """R-7.3-2 by bounds of |Delta| and |a|; False says nothing about single products."""
-    return largest * largest_a <= MAX_PRODUCT - ((1 << shift) >> 1)
+    least, most = np.int32(MAX_INT), np.int32(-MAX_INT)
+    for i in range(len(seconds)):
+        product = np.int32(np.int32(alphas[i] * delta[i]) + half)
+        second = np.int32(parents[i] - (product >> bits))
+        seconds[i] = second
+        least, most = min(least, second), max(most, second)
+    return least, most
 
 
 @_jit

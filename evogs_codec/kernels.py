@@ -32,7 +32,6 @@ from evogs_codec.kernel_headers import (
 )
 from evogs_codec.kernel_values import (
     MAX_INT,
-    NO_CONSTANT,
     children,
     first_children,
     float_rows,
@@ -45,6 +44,7 @@ from evogs_codec.kernel_values import (
 )
 from evogs_codec.planes import MAX_SUM
 from evogs_codec.refine import MAX_X
+from evogs_codec.scratch import Scratch
 from evogs_codec.splats import I32, I64
 from evogs_codec.tree import Kind
 
@@ -70,7 +70,7 @@ class Tables(NamedTuple):
     Attributes:
         units: (1 + n_levels, classes) grid units of one q: of adds, of psi of each level.
         alphas: the entries of all alpha tables, one after the other.
-        alpha_places: (n_levels, 5, 3) first entry, number of entries, K.
+        alpha_places: (n_levels, 5, 4) first entry, number of entries, K, largest |entry|.
         box: (3, 2) least and largest position.
     """
 
@@ -104,8 +104,7 @@ class Plans(NamedTuple):
         runs: (2, n) first slot and length of runs of slots of P; none crosses a chunk of P.
         splits: (n,) which of P are splits.
         drops: (n,) slots of the drops.
-        alphas: (5, n) a of the splits per group, where they differ.
-        constants: (steps, 5) a of all splits of a step, or NO_CONSTANT.
+        alphas: (5, n) a of the splits per group.
     """
 
     places: I64
@@ -113,19 +112,17 @@ class Plans(NamedTuple):
     splits: I64
     drops: I64
     alphas: I32
-    constants: I64
 
     @staticmethod
-    def empty(n_steps: int, n_records: int, n_splits: int) -> Plans:
+    def empty(scratch: Scratch, n_steps: int, n_records: int, n_splits: int) -> Plans:
         """Room for the core steps of a tile."""
         n_runs = n_records + n_records // CHUNK + n_steps
         return Plans(
             np.zeros((n_steps + 1, 5), np.int64),
-            np.empty((2, n_runs), np.int64),
-            np.empty(n_splits, np.int64),
-            np.empty(n_records - n_splits, np.int64),
-            np.empty((N_GROUPS, n_splits), np.int32),
-            np.empty((n_steps, N_GROUPS), np.int64),
+            scratch.take((2, n_runs), np.int64),
+            scratch.take((n_splits,), np.int64),
+            scratch.take((n_records - n_splits,), np.int64),
+            scratch.take((N_GROUPS, n_splits), np.int32),
         )
 
 
@@ -218,18 +215,18 @@ def _read_records(
     if n_psi != n_splits + n_refines or at_split - split != n_splits:  # R-7.2-2
         return False
     for group in range(N_GROUPS):
-        first, n_entries, _ = tables.alpha_places[headers.levels[k], group]
-        plans.constants[step, group] = tables.alphas[first]
+        first, n_entries, _, _ = tables.alpha_places[headers.levels[k], group]
+        alphas = plans.alphas[group, split:at_split]
         if codes[2 + group] == 0:
+            alphas[:] = tables.alphas[first]
             continue
-        plans.constants[step, group] = NO_CONSTANT
         for begin in range(0, n_splits, CHUNK):
             n = min(CHUNK, n_splits - begin)
             unpack(codes[2 + group], planes, starts[2 + group], n_splits, begin, n, gaps)
+            if gaps[:n].max() >= n_entries:  # R-7.2-3
+                return False
             for i in range(n):
-                if gaps[i] >= n_entries:  # R-7.2-3
-                    return False
-                plans.alphas[group, split + begin + i] = tables.alphas[first + gaps[i]]
+                alphas[begin + i] = tables.alphas[first + gaps[i]]
     plans.places[step + 1] = n_before + n_splits + n_adds, run, at_split, at_drop, n_psi
     live[n_before : n_before + n_splits + n_adds] = True
     born_from[n_before + n_splits : n_before + n_splits + n_adds] = -1
@@ -293,7 +290,7 @@ def _apply_psi(
     n_psi = headers.counts[k, 1] + headers.counts[k, 2]
     rows, kind, low, high = channels
     group, unit = min(kind, SH_GROUP), tables.units[1 + level, kind]
-    shift, constant = tables.alpha_places[level, group, 2], plans.constants[step, group]
+    _, _, shift, largest_alpha = tables.alpha_places[level, group]
     run, split = plans.places[step, 1], plans.places[step, 2]
     for begin in range(0, n_psi, CHUNK):
         n = min(CHUNK, n_psi - begin)
@@ -310,7 +307,7 @@ def _apply_psi(
                 return False
             next_run, next_split = _refine_chunk(
                 rows[j], q[j], n, begin, largest, plans, step, run, split,
-                plans.alphas[group], constant, shift, low, high, scratch[3:],
+                plans.alphas[group], largest_alpha, shift, low, high, scratch[3:],
             )  # fmt: skip
             if next_run < 0:
                 return False
@@ -330,7 +327,7 @@ def _refine_chunk(
     run: int,
     split: int,
     alphas: I32,
-    constant: int,
+    largest_alpha: int,
     shift: int,
     low: int,
     high: int,
@@ -345,22 +342,21 @@ def _refine_chunk(
     n_splits = next_split - split
     at = plans.places[step, 0] + split - plans.places[step, 2]
     seconds = row[at : at + n_splits]
-    if n_splits == n and constant != NO_CONSTANT and products_fit(largest, abs(constant), shift):
-        least, most = children(parents, delta, constant, shift, seconds)
+    of, of_delta, a = parents, delta, alphas[split:next_split]
+    if n_splits < n:
+        of, of_delta = scratch[1], scratch[2]
+        for j in range(n_splits):
+            i = plans.splits[split + j] - begin
+            of[j], of_delta[j] = parents[i], delta[i]
+    if not products_fit(of_delta, largest, a, largest_alpha, shift):
+        return -1, 0
+    if n_splits == n:
+        least, most = children(parents, delta, a, shift, seconds)
     else:
-        of, of_delta = parents[:n], delta
-        if 0 < n_splits < n:
-            of, of_delta = scratch[1], scratch[2]
-            for j in range(n_splits):
-                i = plans.splits[split + j] - begin
-                of[j], of_delta[j] = parents[i], delta[i]
-        if not second_children(
-            of, of_delta, largest, alphas[split:next_split], constant, shift, seconds
-        ):
-            return -1, 0
         least, most = first_children(parents, delta, n)
-        for i in range(n_splits):
-            least, most = min(least, seconds[i]), max(most, seconds[i])
+        if n_splits:
+            low_second, high_second = second_children(of, of_delta, a, shift, seconds)
+            least, most = min(least, low_second), max(most, high_second)
     if least < low or most > high:
         return -1, 0
     _scatter(parents, plans.runs, run, row, n)

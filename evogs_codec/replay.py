@@ -14,7 +14,8 @@ from evogs_codec.compiled import apply_compiled, kernels_for
 from evogs_codec.cut import Cut
 from evogs_codec.directory import Directory, check_crc
 from evogs_codec.errors import Fault, StreamError
-from evogs_codec.splats import I32, I64
+from evogs_codec.scratch import Scratch
+from evogs_codec.splats import I64
 from evogs_codec.state import TileState
 from evogs_codec.threads import each
 
@@ -46,19 +47,21 @@ def replay_tiles(
     has_more = len(data) > directory.size
     digests = directory.digests if verify and not has_more else {}
     n_done = count(1)
-    free: list[I32] = []  # memory of tiles that `use` is done with
+    free: list[Scratch] = []  # of tiles that are done
 
     def tick() -> None:
         if progress is not None:
             progress(next(n_done) / len(packets))
 
     def run(tile: int) -> _Outcome:
-        job = _Job(directory, data, tile, of_tile[tile], digests, tick)
-        outcome = job.run(kernels, free.pop() if free else None)
+        scratch = free.pop() if free else Scratch()
+        job = _Job(directory, data, tile, of_tile[tile], digests, tick, scratch)
+        outcome = job.run(kernels, keeps=use is None)
         if use is not None and outcome.fault is None:
             use(outcome.state)
-            free.append(outcome.state.memory)
             outcome.state = None
+        scratch.rewind()
+        free.append(scratch)
         return outcome
 
     outcomes = list(each(run, range(len(of_tile))))
@@ -95,9 +98,10 @@ class _Job:
     packets: I64
     digests: Mapping[Key, bytes]
     tick: Callable[[], None]
+    scratch: Scratch
 
-    def run(self, kernels: ModuleType | None, memory: I32 | None) -> _Outcome:
-        """Apply them, compiled where nothing stands against it."""
+    def run(self, kernels: ModuleType | None, *, keeps: bool) -> _Outcome:
+        """Apply them, compiled where nothing stands against it; `keeps` the state, or lends it."""
         rows = self.directory.packets[self.packets]
         steps = self.directory.steps[self.packets].tolist()
         keys: list[Key] = [
@@ -105,11 +109,12 @@ class _Job:
             for component, step in zip(rows["component"].tolist(), steps, strict=True)
         ]
         capacity = _slots_there(self.directory, self.packets, len(self.data))
+        memory = None if keeps else self.scratch
         last = {component: (tile, component, step) for tile, component, step in keys}
         on_the_way = self.digests.keys() & set(keys) - set(last.values())
         if kernels is not None and not on_the_way:
             state = TileState(self.directory, self.tile, capacity, memory)
-            if apply_compiled(kernels, state, self.data, self.packets):
+            if apply_compiled(kernels, state, self.data, self.packets, self.scratch):
                 for _ in keys:
                     self.tick()
                 wrong = tuple(key for key in last.values() if self._is_wrong(state, key))

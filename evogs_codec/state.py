@@ -17,6 +17,7 @@ from evogs_codec.errors import Fault, StreamError
 from evogs_codec.packet_header import Counts
 from evogs_codec.packets import Packet, Values, check_kinds, unpack
 from evogs_codec.refine import MAX_X, AlphaTable, Quantiser, RangeError, StepPlan, apply_channel
+from evogs_codec.scratch import Scratch, empty
 from evogs_codec.splats import I32, I64, n_channels
 from evogs_codec.tree import N_GROUPS
 
@@ -33,22 +34,21 @@ class TileState:
         live: (capacity,) bool.
         born_from: (capacity,) int32 slot each slot was split from, -1 for adds.
         n_applied: steps applied per component.
-        memory: what `x` lies in; a state that is not needed any more may lend it to another.
     """
 
     def __init__(
-        self, directory: Directory, tile: int, capacity: int, memory: I32 | None = None
+        self, directory: Directory, tile: int, capacity: int, scratch: Scratch | None = None
     ) -> None:
-        """An empty state with room for `capacity` slots; `memory` may be used for `x`."""
+        """An empty state with room for `capacity` slots, in memory of its own or in `scratch`."""
         self.directory = directory
         self.tile = tile
         n = n_channels(directory.sh_degree)
-        if memory is None or memory.size < n * capacity:
-            memory = np.empty(n * capacity, np.int32)
-        self.memory = memory
-        self.x = memory[: n * capacity].reshape(n, capacity)
-        self.live = np.zeros(capacity, bool)
-        self.born_from = np.full(capacity, -1, np.int32)
+        take = scratch.take if scratch else empty
+        self.x = take((n, capacity), np.int32)
+        self.live = take((capacity,), np.bool_)
+        self.live[:] = False
+        self.born_from = take((capacity,), np.int32)
+        self.born_from[:] = -1
         self.n_applied = [0] * directory.n_components
         self._n_after: list[int] = []  # slots after each core step
         self._plans: list[StepPlan] = []

@@ -1,0 +1,57 @@
+"""Large arrays whose memory costs little: fresh pages take longer than what is written to them."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["Scratch", "empty"]
+
+HUGE_PAGE = 2 << 20  # bytes
+CHUNK = 32 << 20  # bytes; of what is not used no page is ever made
+LINE = 64  # bytes of a cache line
+
+
+def empty(shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
+    """`numpy.empty`, whose large arrays begin and end where a huge page does.
+
+    NumPy asks for huge pages, but the parts of an array before the first and after the last of
+    them are pages of 4 KiB, which are most of the page faults of decoding.
+    """
+    size = math.prod(shape) * np.dtype(dtype).itemsize
+    if size < 2 * HUGE_PAGE:
+        return np.empty(shape, dtype)
+    memory = np.empty(size + 2 * HUGE_PAGE, np.uint8)
+    start = -memory.ctypes.data % HUGE_PAGE
+    return memory[start : start + size].view(dtype).reshape(shape)
+
+
+class Scratch:
+    """Arrays one after the other, in memory that the next tile takes again."""
+
+    def __init__(self) -> None:
+        self._chunks: list[npt.NDArray[np.uint8]] = []
+        self._chunk, self._at = 0, 0
+
+    def mark(self) -> tuple[int, int]:
+        """Where the next array will be."""
+        return self._chunk, self._at
+
+    def rewind(self, mark: tuple[int, int] = (0, 0)) -> None:
+        """Say that no array that was taken after the mark is used any more."""
+        self._chunk, self._at = mark
+
+    def take(self, shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
+        """An array of any content."""
+        size = math.prod(shape) * np.dtype(dtype).itemsize
+        while self._chunk < len(self._chunks):
+            memory, at = self._chunks[self._chunk], self._at
+            if at + size <= len(memory):
+                self._at = at + -(-size // LINE) * LINE
+                return memory[at : at + size].view(dtype).reshape(shape)
+            self._chunk, self._at = self._chunk + 1, 0
+        self._chunks.append(empty((max(size, CHUNK),), np.uint8))
+        return self.take(shape, dtype)
