@@ -1,8 +1,7 @@
 """Time and memory of lifting, encoding and decoding as scenes grow, a process for each.
 
 A scene of n splats is copies of the procedural one side by side, every splat moved and recoloured a
-little: neighbours, sizes and colours are those of a scene, and no two copies are the same. The
-largest stream has the tiles of the one before again and again, moved apart.
+little: neighbours, sizes and colours are those of a scene, and no two copies are the same.
 """
 
 from __future__ import annotations
@@ -12,17 +11,15 @@ from pathlib import Path
 
 import numpy as np
 
-from evogs_codec import SplatParams, read_directory
-from evogs_codec.directory_writing import rebuild_directory
+from evogs_codec import SplatParams
 from evogs_codec.splats import n_channels
 from tools.bench.measure import cost
 from tools.bench.page import Rows
 from tools.scene import make_scene
 
-__all__ = ["repeated", "scale", "tiled"]
+__all__ = ["scale", "tiled"]
 
-SIZES = (100_000, 1_000_000)  # splats that are lifted, encoded and decoded
-TIMES = 10  # the last stream again, to be decoded
+SIZES = (100_000, 1_000_000, 10_000_000)  # splats
 COPY = 40_000  # splats
 SH_DEGREE = 1
 MOVED, RECOLOURED = 0.1, 0.01  # standard deviations: in those of a splat, in SH 0
@@ -59,15 +56,13 @@ def scale(folder: Path) -> Rows:
             }
         )
 
-    tree, stream, many = (str(folder / f"scale.{end}") for end in ("tree.npz", "evogs", "many"))
+    tree, stream = (str(folder / f"scale.{end}") for end in ("tree.npz", "evogs"))
     for n in SIZES:
         made = f"splats = tools.bench.scale.tiled({n})"
         measure("lift", n, LIFT, made, f"evogs_codec.write_tree({tree!r}, tree)")
         read = f"tree = evogs_codec.read_tree({tree!r})"
         measure("encode", n, ENCODE, read, f"open({stream!r}, 'wb').write(data)")
         measure("decode", n, DECODE, f"data = open({stream!r}, 'rb').read()")
-    Path(many).write_bytes(repeated(Path(stream).read_bytes(), TIMES))
-    measure("decode", TIMES * SIZES[-1], DECODE, f"data = open({many!r}, 'rb').read()")
     return rows
 
 
@@ -87,16 +82,3 @@ def tiled(n: int) -> SplatParams:
     return SplatParams(
         moved.astype(np.float32), splats.quats, splats.log_scales, splats.opacity_logits, sh
     )
-
-
-def repeated(data: bytes, times: int) -> bytes:
-    """The stream with the tiles of `data` so many times, side by side along x; without digests."""
-    directory = read_directory(memoryview(data))
-    n, first = len(directory.tiles), int(directory.offsets[0])
-    tiles = np.tile(directory.tiles, times)
-    packets = np.tile(directory.packets, times)
-    number = np.arange(len(tiles)) // n
-    low, high = (tiles["origin"][:, 0] + tiles[end][:, 0] for end in ("box_min", "box_max"))
-    tiles["origin"][:, 0] += number * (high.max() - low.min())
-    packets["tile"] += (np.arange(len(packets)) // len(directory.packets) * n).astype(np.uint32)
-    return rebuild_directory(directory, tiles, packets, {}) + times * data[first:]
