@@ -5,15 +5,19 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-from evogs_codec import PRESETS, Cut, decode, encode, extract, read_directory
+from conformance.cli import SIZE, around
+from conformance.views import Views
+from evogs_codec import PRESETS, Aim, Cut, InputError, decode, encode, extract, read_directory
 from reference_trainer.bench.measured import Bench
 from reference_trainer.bench.report import Rows, Section, Table, pivot
 from reference_trainer.bench.runs import BUDGETS, TITLES, Run
 from reference_trainer.bench.streaming import CODINGS
 
-__all__ = ["compressed", "rows", "section"]
+__all__ = ["AIMED", "compressed", "rows", "section"]
 
 METHODS = ("lapis", "l3gs", "evogs-sym", "evogs")
+AIMED = "our codec, aimed"
+AIMED_METHODS, TARGET = ("lapis", "evogs"), 48.0  # dB
 
 
 def section(bench: Bench) -> Section:
@@ -22,7 +26,8 @@ def section(bench: Bench) -> Section:
     text = (
         "First seed of each. Coded bytes of a level are those of `evogs extract --level`; PSNR is "
         "of what it decodes to, on all held-out views. `--preset paper` is 8 bits by range and "
-        "Zstandard; our codec is the default of `evogs encode`."
+        "Zstandard; our codec is the default of `evogs encode`, and aimed with "
+        f"`--target-psnr {TARGET:g}`, which it keeps at the last level, against the trained splats."
     )
     title = "Compressibility"
     if not found:
@@ -58,13 +63,16 @@ def rows(bench: Bench) -> Rows:
                     partial(compressed, bench, preset),
                     PRESETS[preset],
                 )
+            if method in AIMED_METHODS:
+                what = "compression-aimed"
+                by_coding["aimed"] = bench.measure(run, what, partial(aimed, bench), TARGET)
             for coding, levels in by_coding.items():
                 for level, row in enumerate(levels):
                     raw = run.levels[level]
                     out.append(
                         name
                         | {
-                            "coding": CODINGS[coding],
+                            "coding": AIMED if coding == "aimed" else CODINGS[coding],
                             "level": level,
                             "size, MB": row["bytes"] / 1e6,
                             "bytes a leaf": row["bytes"] / max(raw["splats"], 1),
@@ -78,7 +86,21 @@ def rows(bench: Bench) -> Rows:
 
 def compressed(bench: Bench, preset: str, run: Run) -> list[dict[str, Any]]:
     """Bytes and PSNR of each level of a stream."""
-    data = encode(run.tree(), PRESETS[preset])
+    return _levels(bench, encode(run.tree(), PRESETS[preset]))
+
+
+def aimed(bench: Bench, run: Run) -> list[dict[str, Any]]:
+    """As `compressed`, of a stream that aims at a PSNR, if it can be met."""
+    tree = run.tree()
+    leaves = tree.leaves()
+    aim = Aim(tree, PRESETS["trained"], Views(leaves, around(leaves, "z", SIZE)))
+    try:
+        return _levels(bench, aim.at_psnr(TARGET))
+    except InputError:
+        return []
+
+
+def _levels(bench: Bench, data: bytes) -> list[dict[str, Any]]:
     directory = read_directory(memoryview(data))
     found = []
     for level in range(len(bench.views.pyramid)):
