@@ -178,14 +178,25 @@ def around(
     )
 
 
-def pictures(scene: SplatParams, camera: Path | None, up: str) -> Views | None:
-    """Views by which `evogs encode` aims; None without numba (entry point of `evogs.pictures`)."""
+def pictures(
+    scene: SplatParams, camera: Path | None, up: str, n_views: int | None = None
+) -> Views | None:
+    """Views by which `evogs encode` aims; None without numba (entry point of `evogs.pictures`).
+
+    Args:
+        scene: what they show.
+        camera: a file of cameras, or None for an orbit.
+        up: axis of the orbit.
+        n_views: at most so many of them.
+    """
     if find_spec("numba") is None:
         return None
     from conformance.rasterizer import load_cameras
     from conformance.views import Views
 
-    return Views(scene, around(scene, up, SIZE) if camera is None else load_cameras(camera))
+    cameras = around(scene, up, SIZE) if camera is None else load_cameras(camera)
+    every = 1 if n_views is None else -(-len(cameras) // n_views)
+    return Views(scene, cameras[::every])
 
 
 def _add(

@@ -10,7 +10,6 @@ import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -18,16 +17,17 @@ from evogs_codec.arrange import arrange, default_tiles
 from evogs_codec.coded import CodedTree
 from evogs_codec.decode import decode
 from evogs_codec.directory import SceneInfo
+from evogs_codec.drawn import Pictures, Shown
 from evogs_codec.encode import Progress, write
 from evogs_codec.errors import InputError
 from evogs_codec.grids import AccuracyWarning, Ranges, wanted_steps
 from evogs_codec.importance import Importance, StepWeights
 from evogs_codec.quantize import quantise
 from evogs_codec.settings import Settings
-from evogs_codec.splats import F32, F64, GROUP_CHANNELS, GROUPS, SplatParams
+from evogs_codec.splats import F64, GROUP_CHANNELS, GROUPS
 from evogs_codec.tree import EvolutionTree
 
-__all__ = ["Aim", "Pictures"]
+__all__ = ["Aim"]
 
 FIRST_PRICE = 1e-11  # mean squared error that a bit is worth: about 45 dB
 PRICES = (1e-18, 1e-5)
@@ -36,16 +36,6 @@ MOST_TRIES = 14
 NARROW = 1e-6
 PSNR_SLACK, BYTES_SLACK = 0.1, 0.005  # dB, and part of the bytes asked for
 N_ALPHA, ALPHA_BITS = 256, 10  # as many alphas as a table holds; which are used, their bits decide
-
-
-class Pictures(Protocol):
-    """Views of a scene, by which accuracy is judged."""
-
-    def sensitivity(self, splats: SplatParams) -> F32:
-        """(D, N) mean squared change of the pictures to the squared change of each number."""
-
-    def psnr(self, splats: SplatParams) -> float:
-        """Mean PSNR of pictures of `splats` against those of the scene, dB."""
 
 
 @dataclass(frozen=True)
@@ -154,11 +144,12 @@ class _Coder:
         report = aim.progress or (lambda _stage, _part: None)
         report("arrange", 0.0)
         self.tiles = arrange(aim.tree, aim.n_tiles or default_tiles(aim.tree.n_leaves))
-        self.importance = None
+        self.importance = self.shown = None
         if aim.pictures is not None:
             report("draw", 0.0)
             drawn = aim.pictures.sensitivity
             self.importance = Importance.of(self.tiles, self.n_levels, drawn)
+            self.shown = Shown.of(aim.tree, aim.pictures)
         self.ranges = Ranges.of(self.tiles, self.n_levels)
 
     def coded(self, at: float) -> CodedTree:
@@ -184,7 +175,7 @@ class _Coder:
         with warnings.catch_warnings():
             # Of a search: whoever asks for a target is told whether it was met.
             warnings.simplefilter("ignore", AccuracyWarning)
-            return quantise(
+            coded = quantise(
                 self.tiles,
                 self.n_levels,
                 settings,
@@ -192,6 +183,7 @@ class _Coder:
                 price=price,
                 info=self.aim.info,
             )
+        return self.shown.put_right(coded) if self.shown else coded
 
     def first_table(self) -> F64:
         """(1 + n_levels, K) steps of the settings."""

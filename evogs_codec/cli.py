@@ -25,6 +25,7 @@ from evogs_codec.aiming import Aim
 from evogs_codec.cut import Cut
 from evogs_codec.decode import Decoded, decode, decode_leaves, replay
 from evogs_codec.directory import Directory, SceneInfo, read_directory
+from evogs_codec.drawn import Pictures
 from evogs_codec.encode import Progress, encode
 from evogs_codec.errors import InputError, StreamError
 from evogs_codec.extract import choose_cut, extract
@@ -40,6 +41,8 @@ from evogs_codec.stats import bytes_by_group
 from evogs_codec.tree import EvolutionTree
 
 __all__ = ["main"]
+
+N_ORDERING = 6  # views that put packets in order
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -304,16 +307,28 @@ def _encoded(
             errors |= given
         return aim.within(errors)
     if args.target_psnr is None and args.target_bytes is None:
-        return encode(tree, settings, n_tiles=args.tiles, info=info, progress=progress)
+        pictures = _pictures(tree, args, N_ORDERING)
+        return encode(
+            tree, settings, n_tiles=args.tiles, info=info, pictures=pictures, progress=progress
+        )
     if not tree.n_leaves:
         raise InputError("a scene without splats has nothing to aim at")
-    for entry in entry_points(group="evogs.pictures"):
-        aim = replace(aim, pictures=entry.load()(tree.leaves(), args.camera, args.up))
+    aim = replace(aim, pictures=_pictures(tree, args))
     if args.target_bytes is not None:
         return aim.at_bytes(args.target_bytes)
     if aim.pictures is None:
         raise InputError("--target-psnr draws pictures: pip install 'evogs[render]'")
     return aim.at_psnr(args.target_psnr)
+
+
+def _pictures(
+    tree: EvolutionTree, args: argparse.Namespace, n_views: int | None = None
+) -> Pictures | None:
+    """Of the leaves, where something can draw them."""
+    for entry in entry_points(group="evogs.pictures"):
+        found: Pictures | None = entry.load()(tree.leaves(), args.camera, args.up, n_views)
+        return found
+    return None
 
 
 def _scene_info(args: argparse.Namespace) -> SceneInfo:

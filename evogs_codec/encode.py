@@ -24,6 +24,7 @@ from evogs_codec.directory import (
     read_directory,
 )
 from evogs_codec.directory_writing import build_directory
+from evogs_codec.drawn import Pictures, Shown
 from evogs_codec.packing import pack
 from evogs_codec.progression import Place, packet_order
 from evogs_codec.quantize import quantise
@@ -43,6 +44,7 @@ def encode(
     n_tiles: int | None = None,
     info: SceneInfo | None = None,
     digests: bool = True,
+    pictures: Pictures | None = None,
     progress: Progress | None = None,
 ) -> bytes:
     """A stream of a tree.
@@ -53,6 +55,7 @@ def encode(
         n_tiles: tiles wanted; by default 1 below about 200,000 leaves.
         info: metadata.
         digests: store a digest of the last state of each tile and component.
+        pictures: of the leaves, by which the packets are put in order; estimates by default.
         progress: called with the name of a stage and the part of it that is done.
 
     Raises:
@@ -70,6 +73,9 @@ def encode(
         info=info,
         progress=lambda part: report("quantise", part),
     )
+    if pictures is not None and tree.n_leaves:
+        report("draw", 0.0)
+        coded = Shown.of(tree, pictures).put_right(coded)
     return write(coded, effort=settings.effort, digests=digests, progress=report)
 
 

@@ -18,7 +18,7 @@ from evogs_codec.coded import CodedTile, CodedTree
 from evogs_codec.splats import F64
 from evogs_codec.tree import Kind
 
-__all__ = ["Place", "packet_order"]
+__all__ = ["Place", "leaf_shares", "packet_order"]
 
 Place: TypeAlias = tuple[int, int, int]  # tile, step, component
 
@@ -30,10 +30,8 @@ def packet_order(tree: CodedTree, sizes: Mapping[Place, int]) -> list[Place]:
         tree: with the gains of its steps; without, it goes step by step.
         sizes: bytes of each packet.
     """
-    n_leaves = [_n_leaves(tile) for tile in tree.tiles]
     keyed = []
-    for number, tile in enumerate(tree.tiles):
-        share = n_leaves[number] / max(sum(n_leaves), 1)
+    for number, (share, tile) in enumerate(zip(leaf_shares(tree), tree.tiles, strict=True)):
         core = np.full(len(tile.steps), np.inf)
         for component in range(tree.sh_degree + 1):
             places = [(number, k, component) for k in range(len(tile.steps))]
@@ -42,6 +40,12 @@ def packet_order(tree: CodedTree, sizes: Mapping[Place, int]) -> list[Place]:
             core = slopes if component == 0 else core
             keyed += [((-slope, p[1], number), p) for slope, p in zip(slopes, places, strict=True)]
     return [place for _, place in sorted(keyed)]
+
+
+def leaf_shares(tree: CodedTree) -> list[float]:
+    """The part of the leaves that is in each tile."""
+    n_leaves = [_n_leaves(tile) for tile in tree.tiles]
+    return [n / max(sum(n_leaves), 1) for n in n_leaves]
 
 
 def _n_leaves(tile: CodedTile) -> int:

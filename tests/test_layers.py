@@ -23,7 +23,7 @@ IMPORTERS = {
 ENCODING = {
     *("encode", "settings", "arrange", "quantize", "grids", "alphas", "hints", "packing", "morton"),
     *("lifting", "merging", "pairing", "joining", "axes", "directory_writing"),
-    *("aiming", "importance", "trading", "gains", "tiling", "progression"),
+    *("aiming", "importance", "trading", "gains", "tiling", "progression", "drawn"),
 }
 
 

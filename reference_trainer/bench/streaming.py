@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from conformance.cli import SIZE, around
+from conformance.views import Views
 from evogs_codec import (
     PRESETS,
     EvolutionTree,
@@ -30,6 +32,7 @@ from reference_trainer.bench.runs import BUDGETS, TITLES, Run
 __all__ = ["CODINGS", "ORDERS", "curve", "raw_cuts", "rows", "section", "stream_name", "summary"]
 
 N_CUTS = 20
+ORDERING_VIEWS = 6  # as many as the command line takes to put packets in order
 ORDERS = {
     "energy": ("evogs", "by the norm of psi"),
     "packets": ("evogs", "in our packet order"),
@@ -189,10 +192,12 @@ def _ends(records: Records, sequence: I64) -> tuple[list[int], list[int]]:
 
 def _coded_cuts(tree: EvolutionTree, order: str, coding: str) -> Iterator[Cut]:
     """Bytes and leaves at each cut of a stream of a preset, first packets at least."""
+    leaves = tree.leaves()
+    pictures = Views(leaves, around(leaves, "z", SIZE, n=ORDERING_VIEWS))
     if order != "packets":
         arranged, records, sequence = _in_order(tree, order)
         tree, _ = reordered(arranged, records, sequence, _ends(records, sequence)[0])
-    data = encode(tree, PRESETS[coding])
+    data = encode(tree, PRESETS[coding], pictures=pictures)
     directory = read_directory(memoryview(data))
     for k in range(1, N_CUTS + 1):
         try:

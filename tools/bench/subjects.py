@@ -81,8 +81,9 @@ class Subject:
 
     @cached_property
     def stream(self) -> bytes:
-        """Of the preset."""
-        return encode(self.tree, self.settings)
+        """Of the preset, in the order that the command line gives it."""
+        few = replace(self.views, cameras=self.views.cameras[:: -(-len(self.views.cameras) // 6)])
+        return encode(self.tree, self.settings, pictures=few)
 
     @staticmethod
     def of_scene(name: str, splats: SplatParams, up: str) -> Subject:
