@@ -157,7 +157,7 @@ def around(
         size: pixels.
         n: how many.
         elevation: radians above the middle.
-        distance: from the middle, in diagonals of the bulk.
+        distance: from the middle, in diagonals of the bulk, or of a splat where all are in a place.
     """
     from conformance.rasterizer import orbit
 
@@ -165,11 +165,14 @@ def around(
     if not len(means):
         raise ValueError("the scene is empty: name cameras with --camera")
     low, high = np.percentile(means, (20, 80), axis=0)
+    bulk = float(np.linalg.norm(high - low))
+    if bulk == 0:
+        bulk = math.exp(float(np.clip(np.median(scene.log_scales), -30, 30)))
     sign = -1.0 if up.startswith("-") else 1.0
     return orbit(
         n,
         (low + high) / 2,
-        radius=distance * float(np.linalg.norm(high - low)),
+        radius=distance * bulk,
         elevation=elevation,
         up=tuple(sign * np.eye(3)["xyz".index(up[-1])]),
         width=size,

@@ -307,7 +307,7 @@ def _encoded(
             errors |= given
         return aim.within(errors)
     if args.target_psnr is None and args.target_bytes is None:
-        pictures = _pictures(tree, args, N_ORDERING)
+        pictures = _pictures(tree, args, N_ORDERING) if tree.n_leaves else None
         return encode(
             tree, settings, n_tiles=args.tiles, info=info, pictures=pictures, progress=progress
         )

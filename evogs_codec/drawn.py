@@ -58,7 +58,12 @@ class Shown:
         )
 
     def put_right(self, tree: CodedTree) -> CodedTree:
-        """The tree with gains that add up to these, shared out as they were."""
+        """The tree with gains that add up to these, shared out as they were.
+
+        Where pictures show nothing the estimates stay.
+        """
+        if not self.levels.sum() > 0:
+            return tree
         estimated = np.zeros((tree.n_levels, tree.sh_degree + 1))
         for share, tile in zip(leaf_shares(tree), tree.tiles, strict=True):
             for step in tile.steps:

@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 
+from conformance.cli import pictures
 from evogs_codec import SceneInfo, cli, decode, encode, read_ply, write_ply
 from tests import damage
 from tools.scene import make_scene
@@ -283,4 +284,5 @@ def test_a_stream_from_the_library_and_from_the_command_are_the_same(evogs, made
     tree = damage.random_tree(20, 3, 1)
     evogs("encode", made / "x.tree.npz", tmp_path / "x.evogs")
     info = SceneInfo(text={"generator": evogs("--version")[1].strip()})
-    assert (tmp_path / "x.evogs").read_bytes() == encode(tree, info=info)
+    views = pictures(tree.leaves(), None, "z", cli.N_ORDERING)
+    assert (tmp_path / "x.evogs").read_bytes() == encode(tree, info=info, pictures=views)

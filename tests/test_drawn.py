@@ -74,6 +74,16 @@ class Judge:
         has_sh = splats.sh.shape[1] > 1 and splats.sh[:, 1:].any()
         return 60.0 - 50.0 * (has_sh != self.matters) if len(splats) else 5.0
 
+    def sensitivity(self, splats):
+        raise AssertionError("the order of packets does not need it")
+
+
+class Blank(Judge):
+    """Shows nothing."""
+
+    def psnr(self, splats):
+        return float("inf")
+
 
 def test_bands_that_matter_come_early(tree):
     def place_of_bands(pictures):
@@ -89,3 +99,13 @@ def test_a_scene_of_no_splats_or_one_has_an_order_too(views, n):
     data = encode(tree, pictures=views)
     assert len(data) == len(encode(tree))
     assert len(decode(data, verify=True).leaves()) == n
+
+
+def test_where_pictures_show_nothing_estimates_decide(tree):
+    assert encode(tree, pictures=Blank(matters=True)) == encode(tree)
+
+
+def test_splats_in_one_place_can_be_drawn(tree):
+    leaves = tree.leaves()
+    scene = replace(leaves, means=np.zeros_like(leaves.means))
+    assert np.isfinite(error(Views(scene, around(scene, "z", 20, n=2)), leaves.take([])))
