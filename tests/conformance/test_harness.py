@@ -297,7 +297,7 @@ def test_the_memory_counted_is_that_of_the_decoder_and_not_of_the_harness(tmp_pa
         "-I",
         "-S",
         "-c",
-        "x = b'x' * (40 << 20); import time; time.sleep(.1)",
+        "x = b'x' * (40 << 20); import time; time.sleep(1)",
     ]
     ended = process.run(
         command,
