@@ -25,7 +25,7 @@ from evogs_codec.aiming import Aim
 from evogs_codec.cut import Cut
 from evogs_codec.decode import Decoded, decode, decode_leaves, replay
 from evogs_codec.directory import Directory, SceneInfo, read_directory
-from evogs_codec.drawn import Pictures
+from evogs_codec.drawn import ORDERING_VIEWS, Pictures
 from evogs_codec.encode import Progress, encode
 from evogs_codec.errors import InputError, StreamError
 from evogs_codec.extract import choose_cut, extract
@@ -41,8 +41,6 @@ from evogs_codec.stats import bytes_by_group
 from evogs_codec.tree import EvolutionTree
 
 __all__ = ["main"]
-
-N_ORDERING = 6  # views that put packets in order
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -307,7 +305,7 @@ def _encoded(
             errors |= given
         return aim.within(errors)
     if args.target_psnr is None and args.target_bytes is None:
-        pictures = _pictures(tree, args, N_ORDERING) if tree.n_leaves else None
+        pictures = _pictures(tree, args, ORDERING_VIEWS) if tree.n_leaves else None
         return encode(
             tree, settings, n_tiles=args.tiles, info=info, pictures=pictures, progress=progress
         )

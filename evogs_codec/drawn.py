@@ -17,8 +17,9 @@ from evogs_codec.progression import leaf_shares
 from evogs_codec.splats import F32, F64, SplatParams
 from evogs_codec.tree import EvolutionTree
 
-__all__ = ["Pictures", "Shown"]
+__all__ = ["ORDERING_VIEWS", "Pictures", "Shown"]
 
+ORDERING_VIEWS = 6  # enough to put packets in order
 LEAST = 1e-12  # mean squared error that anything gains, so that its estimates still order it
 
 

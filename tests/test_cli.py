@@ -9,6 +9,7 @@ import pytest
 
 from conformance.cli import pictures
 from evogs_codec import SceneInfo, cli, decode, encode, read_ply, write_ply
+from evogs_codec.drawn import ORDERING_VIEWS
 from tests import damage
 from tools.scene import make_scene
 
@@ -284,5 +285,5 @@ def test_a_stream_from_the_library_and_from_the_command_are_the_same(evogs, made
     tree = damage.random_tree(20, 3, 1)
     evogs("encode", made / "x.tree.npz", tmp_path / "x.evogs")
     info = SceneInfo(text={"generator": evogs("--version")[1].strip()})
-    views = pictures(tree.leaves(), None, "z", cli.N_ORDERING)
+    views = pictures(tree.leaves(), None, "z", ORDERING_VIEWS)
     assert (tmp_path / "x.evogs").read_bytes() == encode(tree, info=info, pictures=views)

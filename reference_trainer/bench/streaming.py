@@ -21,6 +21,7 @@ from evogs_codec import (
     read_directory,
 )
 from evogs_codec.arrange import arrange
+from evogs_codec.drawn import ORDERING_VIEWS
 from evogs_codec.splats import I64
 from evogs_codec.tree import Slots
 from reference_trainer.bench import plots
@@ -32,7 +33,6 @@ from reference_trainer.bench.runs import BUDGETS, TITLES, Run
 __all__ = ["CODINGS", "ORDERS", "curve", "raw_cuts", "rows", "section", "stream_name", "summary"]
 
 N_CUTS = 20
-ORDERING_VIEWS = 6  # as many as the command line takes to put packets in order
 ORDERS = {
     "energy": ("evogs", "by the norm of psi"),
     "packets": ("evogs", "in our packet order"),

@@ -24,6 +24,7 @@ from evogs_codec import (
     read_ply,
     read_tree,
 )
+from evogs_codec.drawn import ORDERING_VIEWS
 from tools.bench.photographs import held_out
 from tools.scene import make_scene
 
@@ -82,7 +83,8 @@ class Subject:
     @cached_property
     def stream(self) -> bytes:
         """Of the preset, in the order that the command line gives it."""
-        few = replace(self.views, cameras=self.views.cameras[:: -(-len(self.views.cameras) // 6)])
+        every = -(-len(self.views.cameras) // ORDERING_VIEWS)
+        few = replace(self.views, cameras=self.views.cameras[::every])
         return encode(self.tree, self.settings, pictures=few)
 
     @staticmethod
