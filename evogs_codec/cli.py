@@ -35,7 +35,7 @@ from evogs_codec.lifting import lift
 from evogs_codec.omissions import omissions
 from evogs_codec.ply import drop_non_finite, read_ply, write_ply
 from evogs_codec.reports import comments_of, info_of, level_figures, print_info, print_levels
-from evogs_codec.settings import PRESETS, Settings
+from evogs_codec.settings import PRESETS, TREE_PSNR, Settings
 from evogs_codec.splats import SplatParams
 from evogs_codec.stats import bytes_by_group
 from evogs_codec.tree import EvolutionTree
@@ -305,6 +305,10 @@ def _encoded(
             errors |= given
         return aim.within(errors)
     if args.target_psnr is None and args.target_bytes is None:
+        if _is_open(args) and not _is_ply(args.input) and tree.n_leaves:
+            nearest = _as_near_as_pictures_tell(aim, args)
+            if nearest is not None:
+                return nearest
         pictures = _pictures(tree, args, ORDERING_VIEWS) if tree.n_leaves else None
         return encode(
             tree, settings, n_tiles=args.tiles, info=info, pictures=pictures, progress=progress
@@ -317,6 +321,22 @@ def _encoded(
     if aim.pictures is None:
         raise InputError("--target-psnr draws pictures: pip install 'evogs[render]'")
     return aim.at_psnr(args.target_psnr)
+
+
+def _is_open(args: argparse.Namespace) -> bool:
+    """Whether no option says how accurate the stream is to be."""
+    return not (args.preset or args.bits or args.near_lossless or args.finer or args.max_error)
+
+
+def _as_near_as_pictures_tell(aim: Aim, args: argparse.Namespace) -> bytes | None:
+    """At `TREE_PSNR`; None if nothing can draw the tree, or if pictures tell too little of it."""
+    pictures = _pictures(aim.tree, args)
+    if pictures is None:
+        return None
+    try:
+        return replace(aim, pictures=pictures).at_psnr(TREE_PSNR)
+    except InputError:  # of a few splats, or none that is seen
+        return None
 
 
 def _pictures(

@@ -88,7 +88,8 @@ class Importance:
 
 def _cut(tiles: Sequence[EvolutionTree], level: int, sensitivity: Sensitivity) -> list[F32]:
     """(K, N) weights of the leaves of a level, tile by tile."""
-    parts = [tile.leaves(level) for tile in tiles]
+    # A tile may end before the last level.
+    parts = [tile.leaves(min(level, tile.n_levels - 1)) for tile in tiles]
     channels = np.concatenate([part.channels() for part in parts], axis=1)
     if not channels.shape[1]:
         return [np.zeros((_n_classes(tile), 0), np.float32) for tile in tiles]

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from evogs_codec import registry
-from evogs_codec.settings import PRESETS
+from evogs_codec.settings import PRESETS, TREE_PSNR
 from evogs_codec.splats import GROUPS
 
 __all__ = ["add_decode", "add_encode", "add_extract", "add_info", "add_lift", "add_validate"]
@@ -50,7 +50,8 @@ def add_encode(commands: Commands, run: Run) -> None:
         "Encode a .ply scene or a .tree.npz tree.",
         "  evogs encode scene.ply scene.evogs\n"
         "  evogs encode scene.ply scene.evogs --levels 6 --title Bonsai --licence CC-BY-4.0\n"
-        "  evogs encode lego.tree.npz lego.evogs --finer 2\n"
+        "  evogs encode lego.tree.npz lego.evogs\n"
+        "  evogs encode lego.tree.npz lego.evogs --preset trained\n"
         "  evogs encode scene.ply scene.evogs --target-psnr 45 --up=-y\n"
         "  evogs encode scene.ply scene.evogs --target-bytes 5000000\n"
         "  evogs encode scene.ply scene.evogs --max-error 0.01 position=0.0005\n"
@@ -63,8 +64,8 @@ def add_encode(commands: Commands, run: Run) -> None:
     accuracy.add_argument(
         "--preset",
         choices=[name for name in PRESETS if name != "near-lossless"],
-        help="scene: accuracy of SPZ version 4 (default for .ply); trained: default for .tree.npz;"
-        " paper: the paper's pipeline, for comparison",
+        help="scene: accuracy of SPZ version 4 (default for .ply); trained: fixed steps for a"
+        " .tree.npz; paper: the paper's pipeline, for comparison",
     )
     accuracy.add_argument(
         "--bits",
@@ -81,7 +82,8 @@ def add_encode(commands: Commands, run: Run) -> None:
         "--target-psnr",
         type=_number(float, 5, 120),
         metavar="DB",
-        help="the smallest stream whose pictures have this PSNR against the scene's, over 24 views",
+        help="the smallest stream whose pictures have this PSNR against the scene's, over 24 views"
+        f" (default for .tree.npz: {TREE_PSNR:g}, where numba is installed)",
     )
     accuracy.add_argument(
         "--target-bytes",

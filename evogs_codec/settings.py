@@ -8,7 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-__all__ = ["PRESETS", "Settings"]
+__all__ = ["PRESETS", "TREE_PSNR", "Settings"]
+
+# Pictures of a stream against those of its tree, dB: a tree 35 dB from photographs loses 0.1 dB.
+TREE_PSNR = 52.0
 
 
 @dataclass(frozen=True)

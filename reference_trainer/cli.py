@@ -79,6 +79,7 @@ def run_train(args: argparse.Namespace) -> None:
             raise InputError(f"training needs {library}: pip install 'evogs[train]'")
     from reference_trainer.backends import backend_for
     from reference_trainer.evaluate import evaluate
+    from reference_trainer.memory import keep_freed_memory
     from reference_trainer.progress import Progress
     from reference_trainer.run import run
     from reference_trainer.train import NotFiniteError
@@ -88,6 +89,7 @@ def run_train(args: argparse.Namespace) -> None:
         raise ValueError("--resume needs --checkpoint")
     check_target(args.output)
     config = config_of(args)
+    keep_freed_memory()
     backend = backend_for(args.device)
     data = load_views(
         args.input, background=args.background, test_every=args.test_every, size=args.size

@@ -23,6 +23,7 @@ from reference_trainer.cli import pyramid_of
 from reference_trainer.config import METHODS, PRESETS, Config, FrontierGrowth
 from reference_trainer.evaluate import evaluate
 from reference_trainer.hardware import machine
+from reference_trainer.memory import keep_freed_memory
 from reference_trainer.progress import Progress
 from reference_trainer.run import run
 
@@ -132,6 +133,7 @@ def run_job(job: Job, data: Dataset, out: Path, device: str) -> None:
     result = folder / "result.json"
     if result.exists():
         return
+    keep_freed_memory()
     folder.mkdir(parents=True, exist_ok=True)
     pyramid = pyramid_of(data, job.n_scales)[: job.config.n_levels]
     base = read_tree(out / "level0" / "tree.tree.npz") if job.shares else None

@@ -48,7 +48,9 @@ def refine(
         raise InputError("--refine draws pictures: pip install 'evogs[render]'")
     from conformance.rasterizer import load_cameras
     from reference_trainer.distil import distil
+    from reference_trainer.memory import keep_freed_memory
 
+    keep_freed_memory()
     if not tree.n_leaves:
         return tree
     cameras = rings(tree.leaves(), up) if camera is None else load_cameras(camera)

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
@@ -19,6 +20,7 @@ from evogs_codec.cli import main
 from evogs_codec.importance import Importance
 from evogs_codec.interchange import write_tree
 from evogs_codec.ply import write_ply
+from evogs_codec.settings import TREE_PSNR
 from evogs_codec.splats import GROUP_CHANNELS, GROUPS, SplatParams
 from evogs_codec.trading import cheapest
 from tools.scene import make_scene
@@ -55,6 +57,33 @@ def test_a_number_of_bytes_is_met(n_bytes, has_pictures):
     tree, _ = scene()
     data = (aim() if has_pictures else Aim(tree, PRESETS["scene"])).at_bytes(n_bytes)
     assert 0.98 * n_bytes <= len(data) <= n_bytes
+
+
+def test_a_tree_is_encoded_as_near_to_it_as_pictures_tell(tmp_path):
+    tree = scene()[0]
+    write_tree(tmp_path / "in.tree.npz", tree)
+    assert main(["encode", str(tmp_path / "in.tree.npz"), str(tmp_path / "out.evogs")]) == 0
+    views = Views(tree.leaves(), around(tree.leaves(), "z", 400))
+    found = decode((tmp_path / "out.evogs").read_bytes()).leaves(sh_degree=tree.sh_degree)
+    assert views.psnr(found) == pytest.approx(TREE_PSNR, abs=0.2)
+
+
+def test_a_tree_of_which_pictures_show_nothing_is_encoded_all_the_same(tmp_path):
+    unseen = make_scene(200)
+    unseen = replace(unseen, opacity_logits=np.full(200, -40, np.float32))
+    write_tree(tmp_path / "in.tree.npz", EvolutionTree.of_splats(unseen))
+    for options in ([], ["--preset", "trained"]):
+        name = str(tmp_path / f"{len(options)}.evogs")
+        assert main(["encode", str(tmp_path / "in.tree.npz"), name, *options]) == 0
+    assert (tmp_path / "0.evogs").read_bytes() == (tmp_path / "2.evogs").read_bytes()
+
+
+def test_a_tile_may_end_before_the_last_level():
+    tree = lift(make_scene(5).take(np.arange(1)), 5)
+    assert tree.n_levels > arrange(tree, 1)[0].n_levels
+    views = Views(tree.leaves(), around(tree.leaves(), "z", 96))
+    data = Aim(tree, PRESETS["trained"], views).at_psnr(50)
+    assert views.psnr(decode(data).leaves(sh_degree=tree.sh_degree)) == pytest.approx(50, abs=0.2)
 
 
 def test_what_is_aimed_at_pictures_has_better_pictures_for_its_bytes():

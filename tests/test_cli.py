@@ -283,7 +283,7 @@ def test_a_reader_of_the_output_that_leaves_is_no_error(made):
 
 def test_a_stream_from_the_library_and_from_the_command_are_the_same(evogs, made, tmp_path):
     tree = damage.random_tree(20, 3, 1)
-    evogs("encode", made / "x.tree.npz", tmp_path / "x.evogs")
+    evogs("encode", made / "x.tree.npz", tmp_path / "x.evogs", "--preset", "trained")
     info = SceneInfo(text={"generator": evogs("--version")[1].strip()})
     views = pictures(tree.leaves(), None, "z", ORDERING_VIEWS)
     assert (tmp_path / "x.evogs").read_bytes() == encode(tree, info=info, pictures=views)

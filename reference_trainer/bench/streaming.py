@@ -38,7 +38,7 @@ ORDERS = {
     "packets": ("evogs", "in our packet order"),
     "opacity": ("lapis", "by opacity"),
 }
-CODINGS = {"raw": "raw", "paper": "--preset paper", "trained": "our codec"}
+CODINGS = {"raw": "raw", "paper": "--preset paper", "trained": "--preset trained"}
 Cut = tuple[int, int, SplatParams]  # its number, from 1; bytes; leaves
 
 

@@ -72,9 +72,9 @@ def test_a_page_has_every_section_and_its_numbers_are_in_files(page):
     claims = [row["claim"] for row in rows_of(page / "page" / "claims.csv")]
     assert claims == [
         "PSNR over LapisGS at L1, dB", "transparent splats at L1, %",
-        "PSNR over symmetric at L1, dB", "encoded: times smaller than raw at L1",
-        "encoded: lost at L1, dB", "encoded, aimed: times smaller than raw at L1",
-        "encoded, aimed: lost at L1, dB", "largest jump of a raw stream, % of LapisGS",
+        "PSNR over symmetric at L1, dB", "encoded, --preset trained: times smaller than raw at L1",
+        "encoded, --preset trained: lost at L1, dB", "encoded: times smaller than raw at L1",
+        "encoded: lost at L1, dB", "largest jump of a raw stream, % of LapisGS",
         "raw PSNR over LapisGS, mean over bytes, dB",
     ]  # fmt: skip
     assert runs == ["equal-lapis-0", "equal-evogs-sym-0", "equal-evogs-0", "equal-evogs-1"]
