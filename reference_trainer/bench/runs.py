@@ -26,7 +26,7 @@ __all__ = ["BUDGETS", "TITLES", "Run", "Views", "find_runs"]
 
 BUDGETS = {
     "equal": "At an equal budget of splats per level",
-    "thresholds": "Growing by the published thresholds",
+    "thresholds": "Growing by thresholds: baselines by their published ones, EvoGS by its own",
 }
 TITLES = {
     "mono": "Monolithic",

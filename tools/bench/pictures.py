@@ -21,6 +21,7 @@ from evogs_codec import (
     read_directory,
 )
 from evogs_codec.aiming import Aim
+from evogs_codec.settings import TREE_PSNR
 from tools.bench.free_parents import free_levels
 from tools.bench.photographs import held_out
 
@@ -94,7 +95,8 @@ def photographs(tree: EvolutionTree, folder: Path) -> Rows:
     row("float32", None, tree.leaves)
     aim = Aim(tree, PRESETS["trained"], Views(tree.leaves(), around(tree.leaves(), "z", 400)))
     streams = {preset: encode(tree, PRESETS[preset]) for preset in ("trained", "paper")}
-    streams[f"--target-psnr {TARGET}"] = aim.at_psnr(TARGET)
+    for target in (TREE_PSNR, TARGET):
+        streams[f"--target-psnr {target:g}"] = aim.at_psnr(target)
     for name, data in streams.items():
         directory = read_directory(memoryview(data))
         decoded = decode(data)
