@@ -324,8 +324,8 @@ def _encoded(
 
 
 def _is_open(args: argparse.Namespace) -> bool:
-    """Whether no option says how accurate the stream is to be."""
-    return not (args.preset or args.bits or args.near_lossless or args.finer or args.max_error)
+    """Whether no option says how fine steps are; targets are asked for before."""
+    return not (args.preset or args.bits or args.near_lossless or args.finer)
 
 
 def _as_near_as_pictures_tell(aim: Aim, args: argparse.Namespace) -> bytes | None:

@@ -15,7 +15,7 @@ def keep_freed_memory() -> None:
     """Keep what is freed for the arrays to come, where the C library is glibc.
 
     By default it gives large arrays back to the kernel, which clears their pages anew when the next
-    iteration asks for them: a quarter of the time of an iteration with 400,000 splats.
+    iteration asks for them: with 400,000 splats some 5 to 10 % of an iteration.
     """
     if sys.platform != "linux":
         return
