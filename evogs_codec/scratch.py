@@ -22,7 +22,7 @@ def empty(shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
     them are pages of 4 KiB, which are most of the page faults of decoding.
     """
     size = math.prod(shape) * np.dtype(dtype).itemsize
-    if size < 2 * HUGE_PAGE:
+    if size < HUGE_PAGE // 2:
         return np.empty(shape, dtype)
     memory = np.empty(size + 2 * HUGE_PAGE, np.uint8)
     start = -memory.ctypes.data % HUGE_PAGE

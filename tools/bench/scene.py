@@ -43,13 +43,12 @@ def size(splats: SplatParams, folder: Path) -> Rows:
     tree = _tree(splats, folder)
     flat = EvolutionTree.of_splats(tree.leaves())
     rows: Rows = []
-    for name, some, settings in (
-        ("evogs, 5 levels", tree, PRESETS["scene"]),
-        ("evogs, the leaves alone", flat, FLAT),
+    for name, some, settings, file in (
+        ("evogs, 5 levels", tree, PRESETS["scene"], "scene.evogs"),
+        ("evogs, the leaves alone", flat, FLAT, "leaves.evogs"),
     ):
         data = encode(some, settings)
-        if some is tree:
-            (folder / "scene.evogs").write_bytes(data)
+        (folder / file).write_bytes(data)
         groups = bytes_by_group(read_directory(memoryview(data)), memoryview(data))
         sh = sum(part.n_bytes for key, part in groups.items() if key in ("sh 1", "sh 2", "sh 3"))
         decoded = decode(data).leaves(sh_degree=splats.sh_degree)
@@ -96,12 +95,14 @@ def groups(splats: SplatParams, folder: Path) -> Rows:
 def decoding(splats: SplatParams, folder: Path) -> Rows:
     """Time of decoding to float arrays against a copy of them and against SPZ version 4."""
     data = (folder / "scene.evogs").read_bytes()
+    leaves = (folder / "leaves.evogs").read_bytes()
     spz = write_spz(splats, folder / "scene.spz")
     arrays = decode(data).leaves().channels()
     seconds = take_turns(
         {
             "numpy.copy of the same bytes": arrays.copy,
             "SPZ 4, gsply (numba)": lambda: gsply.read_spz(spz),
+            "evogs decode, the leaves alone": lambda: decode_leaves(leaves),
             "evogs decode": lambda: decode_leaves(data),
             "evogs decode --verify": lambda: decode_leaves(data, verify=True),
         },
