@@ -64,11 +64,9 @@ def apply_compiled(
     n_records, n_splits = int(core_counts[:, 1:].sum()), int(core_counts[:, 1].sum())
     plans = kernels.Plans.empty(scratch, len(core), n_records, n_splits)
     tables = _tables(kernels, directory, state.tile)
-    mark = scratch.mark()
     for part in _parts(components, counts):
-        scratch.rewind(mark)
         headers = _headers(
-            kernels, data, offsets[part], sizes[part], components[part], counts[part], scratch
+            kernels, data, offsets[part], sizes[part], components[part], counts[part]
         )
         if headers is None:
             return False
@@ -104,7 +102,6 @@ def _headers(
     sizes: I64,
     components: I64,
     counts: I64,
-    scratch: Scratch,
 ) -> tuple[npt.NDArray[np.uint8], I64, I64, npt.NDArray[np.uint8]] | None:
     """(codes, starts, flags, planes) of packets, or None."""
     raw = np.frombuffer(data, np.uint8)
@@ -120,8 +117,8 @@ def _headers(
     )
     if n_bytes < 0:
         return None
-    planes = scratch.take((n_bytes,), np.uint8)
-    if not decompress_all(data, places, planes):
+    planes = decompress_all(data, places)
+    if planes is None or len(planes) != n_bytes:
         return None
     return codes, starts, flags, planes
 

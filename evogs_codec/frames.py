@@ -19,7 +19,6 @@ __all__ = ["MAX_BLOCK", "MAX_CONTENT", "compress", "decompress", "decompress_all
 MAGIC = b"\x28\xb5\x2f\xfd"
 MAX_CONTENT = 16 << 20  # R-5.10-4
 MAX_BLOCK = 128 << 10  # R-5.10-5
-AT_A_TIME = 512 << 10  # bytes that one call of the library makes, if frames allow
 _local = threading.local()
 
 
@@ -86,43 +85,31 @@ def decompress(frame: memoryview, size: int, offset: int) -> bytes:
     return bytes(data)
 
 
-def decompress_all(data: memoryview, places: I64, out: U8) -> bool:
-    """Put the contents of checked frames one after the other; False if one has a fault.
+def decompress_all(data: memoryview, places: I64) -> U8 | None:
+    """The contents of checked frames, one after the other; None if one has a fault.
 
-    Few calls of the library, which holds no lock, where it has such a call; each makes so little
-    that the next one takes the same memory.
+    One call of the library, which holds no lock, where it has such a call.
 
     Args:
         data: the file.
         places: (F, 3) offset, size and content size of each frame.
-        out: room for them all.
     """
-    ends = np.cumsum(places[:, 2])
-    at = first = 0
-    while first < len(places):
-        last = max(first + 1, int(np.searchsorted(ends, at + AT_A_TIME, side="right")))
-        content = _contents(data, places[first:last])
-        if content is None:
-            return False
-        out[at : ends[last - 1]] = np.frombuffer(content, np.uint8)
-        at, first = int(ends[last - 1]), last
-    return True
-
-
-def _contents(data: memoryview, places: I64) -> bytes | None:
-    """As `decompress_all`, in one call."""
+    if not len(places):
+        return np.empty(0, np.uint8)
     if "multi_decompress_to_buffer" not in zstandard.backend_features:
         try:
-            return b"".join(decompress(data[a : a + n], size, 0) for a, n, size in places.tolist())
+            contents = [decompress(data[a : a + n], size, 0) for a, n, size in places.tolist()]
         except StreamError:
             return None
+        return np.frombuffer(b"".join(contents), np.uint8)
     frames = zstandard.BufferWithSegments(data, places[:, :2].astype(np.uint64).tobytes())
     sizes = places[:, 2].astype(np.uint64).tobytes()
     try:
         found = _decompressor().multi_decompress_to_buffer(frames, decompressed_sizes=sizes)
     except zstandard.ZstdError:
         return None
-    return b"".join(found)  # type: ignore[arg-type]  # segments are buffers, untold by the stubs
+    joined = b"".join(found)  # type: ignore[arg-type]  # segments are buffers, untold by the stubs
+    return np.frombuffer(joined, np.uint8)
 
 
 def _decompressor() -> zstandard.ZstdDecompressor:

@@ -36,13 +36,9 @@ class Scratch:
         self._chunks: list[npt.NDArray[np.uint8]] = []
         self._chunk, self._at = 0, 0
 
-    def mark(self) -> tuple[int, int]:
-        """Where the next array will be."""
-        return self._chunk, self._at
-
-    def rewind(self, mark: tuple[int, int] = (0, 0)) -> None:
-        """Say that no array that was taken after the mark is used any more."""
-        self._chunk, self._at = mark
+    def rewind(self) -> None:
+        """Say that no array that was taken is used any more."""
+        self._chunk, self._at = 0, 0
 
     def take(self, shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
         """An array of any content."""

@@ -14,13 +14,12 @@ def test_large_arrays_begin_where_a_huge_page_does(n):
     assert array.shape == (n, 3)
     assert array.dtype == np.float32
     assert array.flags.c_contiguous
-    assert array.nbytes < 2 * HUGE_PAGE or array.ctypes.data % HUGE_PAGE == 0
+    assert array.nbytes < HUGE_PAGE // 2 or array.ctypes.data % HUGE_PAGE == 0
 
 
 def test_arrays_do_not_share_memory_until_it_is_rewound():
     scratch = Scratch()
     first = scratch.take((3, 5), np.int32)
-    mark = scratch.mark()
     second = scratch.take((7,), np.bool_)
     large = scratch.take((CHUNK,), np.uint8)  # in a chunk of its own
     after = scratch.take((10,), np.int64)
@@ -29,8 +28,6 @@ def test_arrays_do_not_share_memory_until_it_is_rewound():
         array[...] = k % 2
     assert [(array == k % 2).all() for k, array in enumerate(arrays)] == [True] * 4
     assert after.ctypes.data % after.itemsize == 0
-    scratch.rewind(mark)
-    assert scratch.take((7,), np.bool_).ctypes.data == second.ctypes.data
     scratch.rewind()
     assert scratch.take((3, 5), np.int32).ctypes.data == first.ctypes.data
 
