@@ -331,11 +331,16 @@ def _is_open(args: argparse.Namespace) -> bool:
 def _as_near_as_pictures_tell(aim: Aim, args: argparse.Namespace) -> bytes | None:
     """At `TREE_PSNR`; None if nothing can draw the tree, or if pictures tell too little of it."""
     pictures = _pictures(aim.tree, args)
+    instead = "encoded with --preset trained instead"
     if pictures is None:
+        warnings.warn(
+            f"no pictures to aim at: pip install 'evogs[render]'; {instead}", stacklevel=1
+        )
         return None
     try:
         return replace(aim, pictures=pictures).at_psnr(TREE_PSNR)
-    except InputError:  # of a few splats, or none that is seen
+    except InputError as error:  # of a few splats, or none that is seen
+        warnings.warn(f"{error}; {instead}", stacklevel=1)
         return None
 
 

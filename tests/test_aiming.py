@@ -68,13 +68,15 @@ def test_a_tree_is_encoded_as_near_to_it_as_pictures_tell(tmp_path):
     assert views.psnr(found) == pytest.approx(TREE_PSNR, abs=0.2)
 
 
-def test_a_tree_of_which_pictures_show_nothing_is_encoded_all_the_same(tmp_path):
+def test_a_tree_of_which_pictures_show_nothing_is_encoded_all_the_same(tmp_path, capsys):
     unseen = make_scene(200)
     unseen = replace(unseen, opacity_logits=np.full(200, -40, np.float32))
     write_tree(tmp_path / "in.tree.npz", EvolutionTree.of_splats(unseen))
     for options in ([], ["--preset", "trained"]):
         name = str(tmp_path / f"{len(options)}.evogs")
         assert main(["encode", str(tmp_path / "in.tree.npz"), name, *options]) == 0
+        warned = "encoded with --preset trained instead" in capsys.readouterr().err
+        assert warned == (not options)
     assert (tmp_path / "0.evogs").read_bytes() == (tmp_path / "2.evogs").read_bytes()
 
 
