@@ -28,7 +28,7 @@ EXAMPLES = """examples:
   evogs train lego lego.tree.npz --size 400
   evogs train lego lego.tree.npz --preset quick --size 128
   evogs train lego layers.tree.npz --method lapis --checkpoint work --resume
-  evogs train lego small.tree.npz --sparsity 0.1   # encodes a third smaller, a little less sharp
+  evogs train lego small.tree.npz --sparsity 0.12  # encodes a third smaller, a little less sharp
   evogs train lego lego.tree.npz --levels 2 --iterations 7000 3000 --max-splats 4000 12000
 
 afterwards: evogs encode lego.tree.npz lego.evogs
@@ -55,7 +55,7 @@ def register(commands: Commands) -> None:
     parser.add_argument("--max-splats", type=int, nargs="+", metavar="N", help="of each level")
     parser.add_argument("--sh-degree", type=int, choices=range(4))
     parser.add_argument(
-        "--sparsity", type=float, metavar="X", help="penalty on SH of psi: 0.03 to 0.1, or 0"
+        "--sparsity", type=float, metavar="X", help="penalty on SH of psi: 0.03 to 0.15, or 0"
     )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", default="cpu", help="cpu, or cuda with gsplat installed")

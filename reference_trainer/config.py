@@ -23,9 +23,9 @@ class Rates:
         rotation, scale, opacity: of the raw parameters and their psi.
         sh, sh_rest: of band 0, and of the others.
         alpha: of the factors of splits; a tenth of it starves them.
-        sparsity: numbers of psi of SH bands 1.. lose this part of their rate in every step, so
-            that those that pictures do not ask for are zero. A penalty on their sum, and so, about,
-            on their bits.
+        sparsity: numbers of psi of SH bands 1.. lose this part of their rate in every step of the
+            last level, so that those that pictures do not ask for are zero. A penalty on their sum,
+            and so, about, on their bits. See `Config.sparsity_of`.
         cool: all rates fall to this part of themselves, exponentially, in the last `cool_span` of
             a level.
         cool_span: part of a level.
@@ -148,6 +148,13 @@ class Config:
     def n_levels(self) -> int:
         """Levels of the run."""
         return len(self.iterations)
+
+    def sparsity_of(self, level: int) -> float:
+        """The sparsity of a level: it rises evenly, for later levels inherit what early ones hold.
+
+        Early psi are few, and serve many leaves each.
+        """
+        return self.rates.sparsity * level / max(self.n_levels - 1, 1)
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""

@@ -69,9 +69,9 @@ class Variable:
             root = v.div(1 - BETA2**self.t).sqrt_().add_(EPS)
             scaled = m / (1 - BETA1**self.t) * torch.from_numpy(columns).to(x)
             x.sub_(scaled.div_(root))
-        if self.group == "psi_sh" and rates.rates.sparsity:
+        if self.group == "psi_sh" and rates.sparsity:
             bands = x[:, N_BAND_0:]
-            bands.copy_(softshrink(bands, rates.rates.sparsity * float(columns[-1])))
+            bands.copy_(softshrink(bands, rates.sparsity * float(columns[-1])))
         self.value.grad = None
 
     def rows(self, rows: Tensor) -> Variable:
@@ -109,11 +109,13 @@ class RateTable:
         rates: of the run.
         extent: of the cameras, scene units.
         progress: part of the level that is over, 0..1.
+        sparsity: of the level.
     """
 
     rates: Rates
     extent: float
     progress: float
+    sparsity: float = 0.0
 
     def columns(self, group: str, d: int) -> npt.NDArray[np.float32]:
         """(d,) rates of the numbers of a row."""

@@ -92,8 +92,12 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def jobs(config: Config, methods: list[str], seeds: list[int], budgets: list[str]) -> Iterator[Job]:
-    """The shared level 0, then every method once, then some with the other seeds."""
-    first = replace(config, iterations=config.iterations[:1], max_splats=config.max_splats[:1])
+    """The shared level 0, then every method once, then some with the other seeds.
+
+    Sparsity is of trees alone, so that trees of another one are compared with the same baselines.
+    """
+    dense = replace(config, rates=replace(config.rates, sparsity=0.0))
+    first = replace(dense, iterations=config.iterations[:1], max_splats=config.max_splats[:1])
     yield Job("level0", replace(first, method="mono"), config.n_levels, shares=False)
     for number, seed in enumerate(seeds):
         for budget in budgets:
@@ -102,10 +106,11 @@ def jobs(config: Config, methods: list[str], seeds: list[int], budgets: list[str
                     continue
                 if number and (method not in SEEDED or budget == "thresholds"):
                     continue
-                changed = replace(config, method=method, seed=seed)
+                is_tree = method.startswith("evogs")
+                changed = replace(config if is_tree else dense, method=method, seed=seed)
                 if budget == "thresholds":
                     changed = _by_thresholds(changed)
-                shares = method.startswith(("evogs", "lapis"))
+                shares = is_tree or method == "lapis"
                 yield Job(f"{budget}-{method}-{seed}", changed, config.n_levels, shares)
 
 

@@ -113,7 +113,15 @@ def _run_stage(
             )
 
     order = setting.seed(VIEWS)
-    stage = Stage(data.train, data.background, setting.extent, plan.iterations, plan.cap, order)
+    stage = Stage(
+        data.train,
+        data.background,
+        setting.extent,
+        plan.iterations,
+        plan.cap,
+        config.sparsity_of(plan.level),
+        order,
+    )
     train(training, stage, config, backend, each)
     if not model.n_splats and plan is not plans[-1]:
         raise InputError(

@@ -73,6 +73,7 @@ class Stage:
         background: behind the splats.
         extent: of the cameras.
         iterations, cap: how long, and the most splats.
+        sparsity: of psi of SH bands 1...
         seed: of the order of views.
     """
 
@@ -81,6 +82,7 @@ class Stage:
     extent: float
     iterations: int
     cap: int
+    sparsity: float
     seed: tuple[int, ...]
 
 
@@ -111,7 +113,8 @@ def train(
             raise NotFiniteError(f"the loss is {training.loss} at iteration {training.iteration}")
         if screen.grad is not None:
             training.scores.add(screen.grad.cpu().numpy(), camera.width, camera.height)
-        rates = RateTable(config.rates, stage.extent, training.iteration / stage.iterations)
+        progress = training.iteration / stage.iterations
+        rates = RateTable(config.rates, stage.extent, progress, stage.sparsity)
         for variable in model.variables():
             variable.step(rates)
         training.iteration += 1

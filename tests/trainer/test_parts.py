@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from reference_trainer.config import Rates
+from reference_trainer.config import Config, Rates
 from reference_trainer.optim import RateTable, Variable
 from reference_trainer.split import moment_matched, rotations, symmetric
 from reference_trainer.train import view_of
@@ -58,12 +58,19 @@ def test_position_rates_fall_all_the_way_and_others_at_the_end():
 
 @pytest.mark.parametrize(("group", "is_sparse"), [("psi_sh", True), ("sh", False)])
 def test_only_psi_of_sh_bands_1_and_up_is_sparse(group, is_sparse):
-    rates = Rates(sh_rest=0.01, sparsity=0.5)
+    rates = Rates(sh_rest=0.01)
     variable = Variable.of(torch.full((4, 2, 3), 0.004), group)
     variable.value.grad = torch.zeros(4, 2, 3)
-    variable.step(RateTable(rates, 1.0, 0.0))
+    variable.step(RateTable(rates, 1.0, 0.0, sparsity=0.5))
     assert torch.all(variable.value[:, 0] == 0.004)
     assert torch.all((variable.value[:, 1] == 0) == is_sparse)
+
+
+def test_sparsity_rises_from_level_to_level():
+    config = Config(rates=Rates(sparsity=0.12))
+    assert [config.sparsity_of(level) for level in range(4)] == pytest.approx([0, 0.04, 0.08, 0.12])
+    alone = Config(rates=Rates(sparsity=0.12), iterations=(10,), max_splats=(10,))
+    assert alone.sparsity_of(0) == 0
 
 
 def test_a_moment_matched_split_keeps_the_covariance():

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -31,6 +32,14 @@ def test_level_0_comes_first_and_every_method_has_its_runs():
 def small_queue():
     config = tiny.config()
     return list(jobs(config, ["evogs", "lapis", "single"], [0], ["equal"]))
+
+
+def test_trees_of_another_sparsity_are_compared_with_the_same_baselines():
+    plain = PRESETS["quick"]
+    sparse = replace(plain, rates=replace(plain.rates, sparsity=0.12))
+    before, after = (list(jobs(c, list(METHODS), [0], ["equal"])) for c in (plain, sparse))
+    for old, new in zip(before, after, strict=True):
+        assert (old.config == new.config) == ("evogs" not in new.name)
 
 
 def test_a_run_leaves_its_tree_and_figures_and_is_not_repeated(tmp_path, small_queue):
