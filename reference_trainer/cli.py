@@ -28,7 +28,7 @@ EXAMPLES = """examples:
   evogs train lego lego.tree.npz --size 400
   evogs train lego lego.tree.npz --preset quick --size 128
   evogs train lego layers.tree.npz --method lapis --checkpoint work --resume
-  evogs train lego small.tree.npz --sparsity 0.12  # encodes a third smaller, a little less sharp
+  evogs train lego small.tree.npz --sparsity 0.12  # encodes a quarter smaller, 0.4 dB less sharp
   evogs train lego lego.tree.npz --levels 2 --iterations 7000 3000 --max-splats 4000 12000
 
 afterwards: evogs encode lego.tree.npz lego.evogs
