@@ -119,8 +119,8 @@ def _run_stage(
         setting.extent,
         plan.iterations,
         plan.cap,
-        config.sparsity_of(plan.level),
         order,
+        config.sparsity_of(plan.level),
     )
     train(training, stage, config, backend, each)
     if not model.n_splats and plan is not plans[-1]:

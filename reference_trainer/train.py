@@ -73,8 +73,8 @@ class Stage:
         background: behind the splats.
         extent: of the cameras.
         iterations, cap: how long, and the most splats.
-        sparsity: of psi of SH bands 1...
         seed: of the order of views.
+        sparsity: of psi of SH bands 1...
     """
 
     views: tuple[View, ...]
@@ -82,8 +82,8 @@ class Stage:
     extent: float
     iterations: int
     cap: int
-    sparsity: float
     seed: tuple[int, ...]
+    sparsity: float = 0.0
 
 
 def train(

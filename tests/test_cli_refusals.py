@@ -166,7 +166,9 @@ def test_scenes_of_few_splats_go_through_every_command(n, evogs, tmp_path):
         ["encode", tmp_path / "a.tree.npz", tmp_path / "d.evogs"],
     ):
         code, _, err = evogs(*command)
-        assert (code, err) == (0, ""), command
+        assert code == 0, command
+        # Pictures of two splats may not tell enough to aim at them.
+        assert err == "" or err.endswith("encoded with --preset trained instead\n"), command
     assert len(read_ply(back)) == n
 
 
