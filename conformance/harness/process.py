@@ -13,9 +13,10 @@ import resource
 import signal
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO
@@ -77,15 +78,21 @@ class Watched:
         # A process begins as a copy of this one, and the system counts that.
         self._ours = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         self.started = time.monotonic()
-        self.process = subprocess.Popen(
-            list(command),
-            cwd=folder,
-            env=dict(environment),
-            stdin=stdin,
-            stdout=stdout,
-            stderr=stderr,
-            start_new_session=True,
-        )
+        try:
+            with _interrupts_held():
+                self.process = subprocess.Popen(
+                    list(command),
+                    cwd=folder,
+                    env=dict(environment),
+                    stdin=stdin,
+                    stdout=stdout,
+                    stderr=stderr,
+                    start_new_session=True,
+                )
+        except KeyboardInterrupt:
+            if "process" in vars(self):
+                self.end()
+            raise
         if sys.platform == "linux":
             limit = resource.prlimit
             try:
@@ -148,6 +155,25 @@ class Watched:
     def _kill(self) -> None:
         with suppress(ProcessLookupError, PermissionError):  # macOS: only zombies are left
             os.killpg(self.process.pid, signal.SIGKILL)
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """An interrupt takes effect afterwards.
+
+    One that comes while a process is being started would leave a process that nobody knows.
+    """
+    if threading.current_thread() is not threading.main_thread():  # others are never interrupted
+        yield
+        return
+    came: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if came:
+            signal.raise_signal(signal.SIGINT)
 
 
 def run(

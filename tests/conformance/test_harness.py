@@ -3,6 +3,7 @@
 import ast
 import fnmatch
 import json
+import os
 import re
 import shlex
 import shutil
@@ -328,6 +329,28 @@ def test_an_interrupt_ends_what_was_started(made_suite, tmp_path):
     while _asked_about(made_suite) and time.monotonic() < deadline:
         time.sleep(0.05)
     assert not _asked_about(made_suite)
+
+
+@pytest.mark.parametrize("starts", [True, False])
+def test_an_interrupt_while_a_process_starts_leaves_none(starts, tmp_path, monkeypatch):
+    started = []
+
+    def start(*args, **options):
+        signal.raise_signal(signal.SIGINT)
+        if not starts:
+            raise OSError("no more processes")
+        started.append(popen(*args, **options))
+        return started[-1]
+
+    popen = subprocess.Popen
+    command = [sys.executable, "-c", "import time; time.sleep(60)"]
+    with monkeypatch.context() as patched:
+        patched.setattr(process.subprocess, "Popen", start)
+        before = signal.getsignal(signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt):
+            process.Watched(command, tmp_path, os.environ, process.Bounds())
+    assert signal.getsignal(signal.SIGINT) is before
+    assert [p.returncode for p in started] == [-signal.SIGKILL] * starts
 
 
 def _asked_about(folder):
