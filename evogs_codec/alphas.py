@@ -16,6 +16,7 @@ from evogs_codec.tree import EvolutionTree, Kind, Step
 
 __all__ = ["alpha_tables", "cheapest_alphas", "nearest", "serving_both", "serving_second"]
 
+FEW_ALPHAS = 64  # of which each has an entry, if there are shifts that hold them
 FEW_ALPHA_BITS = 9  # K of a table that has an entry for every alpha of the tree
 ALPHA_RATE = 0.2  # error, in squared steps, that a bit of an alpha index is worth
 
@@ -49,8 +50,7 @@ def _alpha_table(alphas: F64, weights: F64, settings: Settings) -> AlphaTable | 
     values, counts = np.unique(alphas, return_counts=True)
     if len(values) == 0 or (len(values) == 1 and values[0] == 1.0):
         return None
-    exact_limit = 256 if settings.near_lossless else 64
-    if len(values) <= exact_limit:
+    if len(values) <= max(FEW_ALPHAS, settings.n_alpha):
         for shift in range(13):
             scaled = values * (1 << shift)
             if np.all(scaled == np.rint(scaled)) and np.abs(scaled).max() < 1 << 15:

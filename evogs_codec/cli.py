@@ -305,7 +305,9 @@ def _encoded(
             errors |= given
         return aim.within(errors)
     if args.target_psnr is None and args.target_bytes is None:
-        if _is_open(args) and not _is_ply(args.input) and tree.n_leaves:
+        if _is_open(args) and tree.quanta:
+            settings = replace(Settings.of_quanta(tree.quanta), effort=args.effort)
+        elif _is_open(args) and not _is_ply(args.input) and tree.n_leaves:
             nearest = _as_near_as_pictures_tell(aim, args)
             if nearest is not None:
                 return nearest

@@ -51,7 +51,8 @@ def encode(
 
     Args:
         tree: any tree.
-        settings: accuracy; the preset `trained` by default.
+        settings: accuracy; by default the integers that the tree was trained in, or else the
+            preset `trained`.
         n_tiles: tiles wanted; by default 1 below about 200,000 leaves.
         info: metadata.
         digests: store a digest of the last state of each tile and component.
@@ -62,7 +63,8 @@ def encode(
         NotRepresentable: values too large for any grid of the format.
         ValueError: the tree exceeds the limits of the format.
     """
-    settings = settings or PRESETS["trained"]
+    if settings is None:
+        settings = Settings.of_quanta(tree.quanta) if tree.quanta else PRESETS["trained"]
     report = progress or (lambda _stage, _part: None)
     report("arrange", 0.0)
     tiles = arrange(tree, n_tiles or default_tiles(tree.n_leaves))

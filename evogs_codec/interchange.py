@@ -6,7 +6,8 @@ order; inside one, a C2 and an add take the next free slot in *row* order, while
 all its C2s in slot order and then its adds. Reading therefore renumbers slots.
 
 The levels are 1, 2, ... `L0_*` is an extension: records that refine the roots within level 0. It
-is written only for trees that have such steps.
+is written only for trees that have such steps. So is `quanta`: it is of trees that were trained in
+integers.
 
 Letters: N roots, M records of a level, K SH coefficients, D channels (`splats`).
 """
@@ -22,6 +23,7 @@ from typing import Any, BinaryIO, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.directory import n_classes
 from evogs_codec.files import write_atomic
 from evogs_codec.npz import Npz
 from evogs_codec.splats import F32, I64, SplatParams, n_channels, sh_degree_of
@@ -52,7 +54,9 @@ def read_tree(path: PathLike) -> EvolutionTree:
         slots = _Slots(len(roots))
         for level in _levels(npz):
             steps += _read_level(npz, level, degree, slots)
-    return EvolutionTree(degree, tuple(steps))
+        n_levels = steps[-1].level + 1
+        quanta = _read_quanta(npz, n_levels, degree) if "quanta" in npz.names else ()
+    return EvolutionTree(degree, tuple(steps), quanta)
 
 
 def write_tree(path: PathLike, tree: EvolutionTree) -> None:
@@ -73,6 +77,8 @@ def write_tree(path: PathLike, tree: EvolutionTree) -> None:
         of_level = [step for step in steps[n_roots:] if step.level == level]
         if level or of_level:
             arrays |= _level_arrays(level, of_level, d)
+    if tree.quanta:
+        arrays["quanta"] = np.array(tree.quanta, np.float32)
 
     def save(stream: BinaryIO) -> None:
         np.savez(stream, allow_pickle=False, **arrays)
@@ -129,6 +135,15 @@ def _levels(npz: Npz) -> range:
     if gap < last:
         raise npz.error(f"L{gap}_slot", f"is missing, but there is a level {last}")
     return range(0 if 0 in found else 1, last + 1)
+
+
+def _read_quanta(npz: Npz, n_levels: int, degree: int) -> tuple[tuple[float, ...], ...]:
+    npz.check_shape("quanta", (1 + n_levels, n_classes(degree)))
+    found = npz.floats("quanta")
+    wrong = np.flatnonzero(~(np.isfinite(found) & (found > 0)).all(axis=1))
+    if len(wrong):
+        raise npz.error("quanta", f"row {wrong[0]} has a number that is not finite and above 0")
+    return tuple(map(tuple, found.tolist()))
 
 
 def _read_level(npz: Npz, level: int, degree: int, slots: _Slots) -> list[Step]:

@@ -83,8 +83,8 @@ def add_encode(commands: Commands, run: Run) -> None:
         type=_number(float, 5, 120),
         metavar="DB",
         help="the smallest stream whose pictures have this PSNR against the scene's, over 24 views"
-        f" (default for .tree.npz: {TREE_PSNR:g}; --preset trained where numba is missing or that"
-        " cannot be met)",
+        f" (default for .tree.npz that were not trained in integers: {TREE_PSNR:g}; --preset"
+        " trained where numba is missing or that cannot be met)",
     )
     accuracy.add_argument(
         "--target-bytes",

@@ -48,6 +48,11 @@ class Settings:
     effort: int = 19
     table: tuple[tuple[float, ...], ...] = ()
 
+    @staticmethod
+    def of_quanta(quanta: tuple[tuple[float, ...], ...]) -> Settings:
+        """For a tree that was trained in integers: they go into the stream as they are."""
+        return replace(PRESETS["trained"], closed_loop=False, n_alpha=256, table=quanta)
+
     def finer(self, factor: float) -> Settings:
         """The same with all steps divided by `factor`: 2 halves all errors."""
         table = tuple(tuple(step / factor for step in row) for row in self.table)

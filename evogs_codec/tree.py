@@ -119,15 +119,23 @@ class Slots:
 class EvolutionTree:
     """Steps over slots; step 0 holds only adds (spec 3.4).
 
+    Attributes:
+        sh_degree: 0..3.
+        steps: in order.
+        quanta: of a tree that was trained in integers, (1 + n_levels, K): the numbers that its adds
+            and the psi of each level are multiples of, per class (spec 3.2). Else empty.
+
     Raises:
         ValueError: on construction, if a step breaks a rule; the message names step and rule.
     """
 
     sh_degree: int
     steps: tuple[Step, ...]
+    quanta: tuple[tuple[float, ...], ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "steps", tuple(self.steps))
+        object.__setattr__(self, "quanta", tuple(map(tuple, self.quanta)))
         live = np.zeros(0, bool)
         level = 0
         for k, step in enumerate(self.steps):

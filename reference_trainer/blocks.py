@@ -18,7 +18,7 @@ from torch import Tensor
 
 from evogs_codec import SplatParams
 from reference_trainer import kernels
-from reference_trainer.optim import GROUPS, PSI_GROUPS, Arrays, Variable, splat_variables
+from reference_trainer.optim import GROUPS, Arrays, Variable, splat_variables
 from reference_trainer.tensors import SplatTensors
 
 __all__ = ["Block", "Collinear", "Free", "Refined", "restored"]
@@ -94,7 +94,7 @@ class Collinear:
         """A new block."""
         factors = Variable.of(torch.tensor(alpha, device=device), "alpha")
         factors.value.requires_grad_(learns_alpha)
-        psis = splat_variables(SplatTensors.of(psi, device), PSI_GROUPS)
+        psis = splat_variables(SplatTensors.of(psi, device))
         return Collinear(slots, first, psis, factors, learns_alpha)
 
     @property
@@ -167,8 +167,7 @@ class Free:
         device: torch.device,
     ) -> Free:
         """A new block."""
-        groups = PSI_GROUPS if keep else GROUPS
-        both = [splat_variables(SplatTensors.of(psi, device), groups) for psi in (psi1, psi2)]
+        both = [splat_variables(SplatTensors.of(psi, device)) for psi in (psi1, psi2)]
         return Free(slots, first, (*both[0], *both[1]), keep)
 
     @property
@@ -227,7 +226,7 @@ class Refined:
     def of(slots: I64, first: int, like: SplatTensors) -> Refined:
         """A new block that changes nothing yet; the values of `like` do not matter."""
         psi = SplatTensors(*(torch.zeros_like(x[: len(slots)]) for x in like))
-        return Refined(slots, first, splat_variables(psi, PSI_GROUPS))
+        return Refined(slots, first, splat_variables(psi))
 
     def tensors(self) -> list[Tensor]:
         """Psi of the five groups."""
@@ -265,15 +264,14 @@ def restored(arrays: Arrays, prefix: str, device: torch.device) -> Block:
     def variable(i: int, group: str) -> Variable:
         return Variable.restored(arrays, f"{prefix}.{i}", group, device)
 
-    groups = GROUPS if kind == "children" else PSI_GROUPS
-    psi = tuple(variable(i, group) for i, group in enumerate(groups))
+    psi = tuple(variable(i, group) for i, group in enumerate(GROUPS))
     if kind in ("learned", "fixed"):
         alpha = variable(5, "alpha")
         alpha.value.requires_grad_(kind == "learned")
         return Collinear(slots, first, psi, alpha, kind == "learned")
     if kind == "refined":
         return Refined(slots, first, psi)
-    other = tuple(variable(5 + i, group) for i, group in enumerate(groups))
+    other = tuple(variable(5 + i, group) for i, group in enumerate(GROUPS))
     return Free(slots, first, (*psi, *other), kind == "residuals")
 
 

@@ -51,6 +51,7 @@ class Checkpoint:
             "iteration": self.iteration,
             "sh_degree": self.done.sh_degree,
             "levels": [step.level for step in self.done.steps],
+            "quanta": self.done.quanta,
         }
         arrays: dict[str, npt.NDArray[Any]] = {"head": np.array(json.dumps(head, sort_keys=True))}
         for k, step in enumerate(self.done.steps):
@@ -89,7 +90,7 @@ class Checkpoint:
             return Checkpoint(
                 head["run"],
                 head["stage"],
-                Done(head["sh_degree"], steps, spare),
+                Done(head["sh_degree"], steps, spare, tuple(map(tuple, head["quanta"]))),
                 head["iteration"],
                 _named(arrays, "model."),
                 _named(arrays, "scores."),

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
-__all__ = ["METHODS", "PRESETS", "CloudGrowth", "Config", "FrontierGrowth", "Rates"]
+__all__ = ["METHODS", "PRESETS", "CloudGrowth", "Config", "FrontierGrowth", "Integers", "Rates"]
 
 METHODS = ("evogs", "evogs-sym", "evogs-a", "evogs-b", "lapis", "l3gs", "mono", "single")
 
@@ -23,9 +23,6 @@ class Rates:
         rotation, scale, opacity: of the raw parameters and their psi.
         sh, sh_rest: of band 0, and of the others.
         alpha: of the factors of splits; a tenth of it starves them.
-        sparsity: numbers of psi of SH bands 1.. lose this part of their rate in every step of the
-            last level, so that those that pictures do not ask for are zero. A penalty on their sum,
-            and so, about, on their bits. See `Config.sparsity_of`.
         cool: all rates fall to this part of themselves, exponentially, in the last `cool_span` of
             a level.
         cool_span: part of a level.
@@ -39,7 +36,6 @@ class Rates:
     sh: float = 2.5e-3
     sh_rest: float = 1.25e-4
     alpha: float = 0.02
-    sparsity: float = 0.0
     cool: float = 0.1
     cool_span: float = 0.3
 
@@ -103,6 +99,44 @@ class FrontierGrowth:
 
 
 @dataclass(frozen=True)
+class Integers:
+    """Training of trees in the integers of the codec, at the end of every level.
+
+    Attributes:
+        part: of the iterations of a level; 0 for none.
+        noise: squared error that rounding adds to the pictures before descent mends it, about, as
+            a part of the error that they have: more makes smaller streams.
+        rate: of the learning rates, falling to a tenth of that.
+    """
+
+    part: float = 0.0
+    noise: float = 0.06
+    rate: float = 0.3
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.part < 1:
+            raise ValueError(f"part is {self.part:g}, expected at least 0, below 1")
+        if not 0 < self.noise < 10:
+            raise ValueError(f"noise is {self.noise:g}, expected above 0, below 10")
+
+    def rates(self, rates: Rates) -> Rates:
+        """Those of a level, as it is trained in integers."""
+        r = self.rate
+        return replace(
+            rates,
+            position=10 * r * rates.position_final,  # positions have come to rest before
+            position_final=r * rates.position_final,
+            rotation=r * rates.rotation,
+            scale=r * rates.scale,
+            opacity=r * rates.opacity,
+            sh=r * rates.sh,
+            sh_rest=r * rates.sh_rest,
+            cool=0.1,
+            cool_span=0.6,
+        )
+
+
+@dataclass(frozen=True)
 class Config:
     """A training run.
 
@@ -113,7 +147,7 @@ class Config:
         iterations: of each level.
         max_splats: most splats that each level may draw.
         ssim_weight: part of D-SSIM in the loss.
-        rates, cloud, frontier: see there.
+        rates, cloud, frontier, integers: see there.
         equal_buckets: of L3GS, as published; else in proportion to `max_splats`.
         checkpoint_every: iterations.
     """
@@ -127,6 +161,7 @@ class Config:
     rates: Rates = field(default_factory=Rates)
     cloud: CloudGrowth = field(default_factory=CloudGrowth)
     frontier: FrontierGrowth = field(default_factory=FrontierGrowth)
+    integers: Integers = field(default_factory=Integers)
     equal_buckets: bool = False
     checkpoint_every: int = 500
 
@@ -139,8 +174,6 @@ class Config:
             )
         if min(self.iterations) < 1 or min(self.max_splats) < 1:
             raise ValueError("iterations and max_splats are at least 1")
-        if not 0 <= self.rates.sparsity < 1:
-            raise ValueError(f"sparsity is {self.rates.sparsity:g}, expected at least 0, below 1")
         if not 0 <= self.sh_degree <= 3:
             raise ValueError(f"sh_degree is {self.sh_degree}, expected 0..3")
 
@@ -149,13 +182,6 @@ class Config:
         """Levels of the run."""
         return len(self.iterations)
 
-    def sparsity_of(self, level: int) -> float:
-        """The sparsity of a level: it rises evenly, for later levels inherit what early ones hold.
-
-        Early psi are few, and serve many leaves each.
-        """
-        return self.rates.sparsity * level / max(self.n_levels - 1, 1)
-
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         return asdict(self)
@@ -163,7 +189,9 @@ class Config:
     @staticmethod
     def from_dict(data: dict[str, Any]) -> Config:
         """The inverse of `as_dict`."""
-        parts = {"rates": Rates, "cloud": CloudGrowth, "frontier": FrontierGrowth}
+        parts = {
+            "rates": Rates, "cloud": CloudGrowth, "frontier": FrontierGrowth, "integers": Integers,
+        }  # fmt: skip
         values = {f.name: data[f.name] for f in fields(Config)}
         for name, part in parts.items():
             values[name] = part(**values[name])
@@ -186,6 +214,7 @@ _TWO_CORES = Config(
     rates=_FAST,
     # Fills the budget whatever the gradients, and early: what is not split does not learn.
     frontier=FrontierGrowth(threshold=0.0, rounds=3, stop=0.25, haste=0.25),
+    integers=Integers(part=0.15),
 )
 PRESETS = {
     # The paper's schedule, on a GPU: rounds every 3,000 iterations up to 15,000.
@@ -196,6 +225,7 @@ PRESETS = {
         max_splats=(500_000, 1_000_000, 2_000_000, 4_000_000),
         cloud=CloudGrowth(reset_every=3000),
         frontier=FrontierGrowth(start=3000, stop=0.5, rounds=5),
+        integers=Integers(part=0.1),
         checkpoint_every=5000,
     ),
     # Half an hour at 400 x 400 on two cores.

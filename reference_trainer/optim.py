@@ -14,16 +14,14 @@ import numpy as np
 import numpy.typing as npt
 import torch
 from torch import Tensor
-from torch.nn.functional import softshrink
 
 from reference_trainer.config import Rates
 from reference_trainer.kernels import adam
 from reference_trainer.tensors import SplatTensors
 
-__all__ = ["GROUPS", "PSI_GROUPS", "RateTable", "Variable", "splat_tensors", "splat_variables"]
+__all__ = ["GROUPS", "RateTable", "Variable", "splat_tensors", "splat_variables"]
 
 GROUPS = ("position", "rotation", "scale", "opacity", "sh")
-PSI_GROUPS = (*GROUPS[:4], "psi_sh")  # of what children add to their parents
 N_BAND_0 = 3  # numbers of SH band 0, which come first
 BETA1, BETA2, EPS = 0.9, 0.999, 1e-15
 Arrays = dict[str, npt.NDArray[Any]]
@@ -35,7 +33,7 @@ class Variable:
 
     Attributes:
         value: (n, ...), asks for gradients.
-        group: which learning rate it has; one of `GROUPS` or `PSI_GROUPS`, or "alpha".
+        group: which learning rate it has; one of `GROUPS`, or "alpha".
         m, v: first and second moments, shaped like `value`.
         t: steps made.
     """
@@ -69,9 +67,6 @@ class Variable:
             root = v.div(1 - BETA2**self.t).sqrt_().add_(EPS)
             scaled = m / (1 - BETA1**self.t) * torch.from_numpy(columns).to(x)
             x.sub_(scaled.div_(root))
-        if self.group == "psi_sh" and rates.sparsity:
-            bands = x[:, N_BAND_0:]
-            bands.copy_(softshrink(bands, rates.sparsity * float(columns[-1])))
         self.value.grad = None
 
     def rows(self, rows: Tensor) -> Variable:
@@ -108,14 +103,12 @@ class RateTable:
     Attributes:
         rates: of the run.
         extent: of the cameras, scene units.
-        progress: part of the level that is over, 0..1.
-        sparsity: of the level.
+        progress: part of the stage that is over, 0..1.
     """
 
     rates: Rates
     extent: float
     progress: float
-    sparsity: float = 0.0
 
     def columns(self, group: str, d: int) -> npt.NDArray[np.float32]:
         """(d,) rates of the numbers of a row."""
@@ -123,7 +116,7 @@ class RateTable:
         if group == "position":
             rate = self.extent * r.position ** (1 - self.progress) * r.position_final**self.progress
             return np.full(d, rate, np.float32)  # falls by itself
-        if group in ("sh", "psi_sh"):
+        if group == "sh":
             out = np.full(d, r.sh_rest)
             out[:N_BAND_0] = r.sh
         else:

@@ -63,6 +63,7 @@ class Progress:
         self._losses: list[float] = []
         if self._shows_bar:
             name = f"L{plan.level}" if plan.level >= 0 else "first"
+            name += " in integers" if plan.in_integers else ""
             self._bar = tqdm(total=plan.iterations, desc=name, unit="it", dynamic_ncols=True)
 
     def each(self, training: Training) -> None:

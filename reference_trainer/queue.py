@@ -20,7 +20,7 @@ from evogs_codec.interchange import read_tree, write_tree
 from reference_trainer.backends import backend_for
 from reference_trainer.checkpoint import FILE
 from reference_trainer.cli import pyramid_of
-from reference_trainer.config import METHODS, PRESETS, Config, FrontierGrowth
+from reference_trainer.config import METHODS, PRESETS, Config, FrontierGrowth, Integers
 from reference_trainer.evaluate import evaluate
 from reference_trainer.hardware import machine
 from reference_trainer.memory import keep_freed_memory
@@ -94,10 +94,10 @@ def main(argv: list[str] | None = None) -> None:
 def jobs(config: Config, methods: list[str], seeds: list[int], budgets: list[str]) -> Iterator[Job]:
     """The shared level 0, then every method once, then some with the other seeds.
 
-    Sparsity is of trees alone, so that trees of another one are compared with the same baselines.
+    Integers are of trees alone, so that all trees are compared with the same baselines.
     """
-    dense = replace(config, rates=replace(config.rates, sparsity=0.0))
-    first = replace(dense, iterations=config.iterations[:1], max_splats=config.max_splats[:1])
+    layered = replace(config, integers=Integers())
+    first = replace(layered, iterations=config.iterations[:1], max_splats=config.max_splats[:1])
     yield Job("level0", replace(first, method="mono"), config.n_levels, shares=False)
     for number, seed in enumerate(seeds):
         for budget in budgets:
@@ -107,7 +107,7 @@ def jobs(config: Config, methods: list[str], seeds: list[int], budgets: list[str
                 if number and (method not in SEEDED or budget == "thresholds"):
                     continue
                 is_tree = method.startswith("evogs")
-                changed = replace(config if is_tree else dense, method=method, seed=seed)
+                changed = replace(config if is_tree else layered, method=method, seed=seed)
                 if budget == "thresholds":
                     changed = _by_thresholds(changed)
                 shares = is_tree or method == "lapis"

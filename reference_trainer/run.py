@@ -120,7 +120,7 @@ def _run_stage(
         plan.iterations,
         plan.cap,
         order,
-        config.sparsity_of(plan.level),
+        config.integers.rates(config.rates) if plan.in_integers else config.rates,
     )
     train(training, stage, config, backend, each)
     if not model.n_splats and plan is not plans[-1]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from reference_trainer.config import Config
+from reference_trainer.config import Config, Rates
 from reference_trainer.densify import ScreenGradients
 from reference_trainer.optim import Arrays, RateTable, Variable
 from reference_trainer.tensors import SplatTensors
@@ -74,7 +74,7 @@ class Stage:
         extent: of the cameras.
         iterations, cap: how long, and the most splats.
         seed: of the order of views.
-        sparsity: of psi of SH bands 1...
+        rates: how fast.
     """
 
     views: tuple[View, ...]
@@ -83,7 +83,7 @@ class Stage:
     iterations: int
     cap: int
     seed: tuple[int, ...]
-    sparsity: float = 0.0
+    rates: Rates
 
 
 def train(
@@ -114,7 +114,7 @@ def train(
         if screen.grad is not None:
             training.scores.add(screen.grad.cpu().numpy(), camera.width, camera.height)
         progress = training.iteration / stage.iterations
-        rates = RateTable(config.rates, stage.extent, progress, stage.sparsity)
+        rates = RateTable(stage.rates, stage.extent, progress)
         for variable in model.variables():
             variable.step(rates)
         training.iteration += 1

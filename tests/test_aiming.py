@@ -20,9 +20,10 @@ from evogs_codec.cli import main
 from evogs_codec.importance import Importance
 from evogs_codec.interchange import write_tree
 from evogs_codec.ply import write_ply
-from evogs_codec.settings import TREE_PSNR
+from evogs_codec.settings import TREE_PSNR, Settings
 from evogs_codec.splats import GROUP_CHANNELS, GROUPS, SplatParams
 from evogs_codec.trading import cheapest
+from evogs_codec.tree import Step
 from tools.scene import make_scene
 
 
@@ -66,6 +67,57 @@ def test_a_tree_is_encoded_as_near_to_it_as_pictures_tell(tmp_path):
     views = Views(tree.leaves(), around(tree.leaves(), "z", 400))
     found = decode((tmp_path / "out.evogs").read_bytes()).leaves(sh_degree=tree.sh_degree)
     assert views.psnr(found) == pytest.approx(TREE_PSNR, abs=0.2)
+
+
+def in_quanta(quantum=0.25):
+    """Four roots and two levels of whole numbers of quanta."""
+    rng = np.random.default_rng(5)
+
+    def numbers(n):
+        return (quantum * rng.integers(-8, 9, (11 + 3, n))).astype(np.float32)
+
+    steps = [Step.of_adds(0, numbers(4))]
+    for level in (1, 2):
+        n = 4 * level
+        alpha = rng.integers(-4096, 4097, (5, n)) / 4096
+        steps.append(Step.of_splits(level, np.arange(n), numbers(n), alpha))
+    return EvolutionTree(0, tuple(steps), ((quantum,) * 5,) * 4)
+
+
+@pytest.mark.parametrize("n_tiles", [1, 3])
+def test_a_tree_that_was_trained_in_integers_keeps_them(n_tiles, tmp_path, capsys):
+    tree = in_quanta()
+    write_tree(tmp_path / "in.tree.npz", tree)
+    names = [str(tmp_path / name) for name in ("in.tree.npz", "out.evogs")]
+    assert main(["encode", *names, "--tiles", str(n_tiles)]) == 0
+    assert capsys.readouterr().err == ""
+    found = decode((tmp_path / "out.evogs").read_bytes()).leaves(sh_degree=0).channels()
+    right = tree.leaves().channels()
+    off = np.abs(found[:, :, None] - right[:, None]).max(0)
+    assert sorted(off.argmin(1)) == list(range(16))
+    assert off.min(1).max() <= 2 * 0.25 / 32  # products of alpha are rounded to the grid, twice
+    assert encode(tree) == encode(tree, Settings.of_quanta(tree.quanta))
+
+
+def test_an_option_of_accuracy_comes_before_the_integers_of_a_tree(tmp_path):
+    write_tree(tmp_path / "in.tree.npz", in_quanta())
+    sizes = []
+    for options in ([], ["--preset", "trained"], ["--near-lossless"]):
+        name = str(tmp_path / "out.evogs")
+        assert main(["encode", str(tmp_path / "in.tree.npz"), name, *options]) == 0
+        sizes.append((tmp_path / "out.evogs").stat().st_size)
+    assert sizes == sorted(sizes)
+    assert len(set(sizes)) == 3
+
+
+@pytest.mark.parametrize("quantum", [1e-30, 2.0**-60, 2.0**60, 1e30])
+def test_quanta_that_no_grid_holds_are_refused_or_warned_of(quantum, tmp_path, capsys):
+    write_tree(tmp_path / "in.tree.npz", replace(in_quanta(), quanta=((quantum,) * 5,) * 4))
+    status = main(["encode", str(tmp_path / "in.tree.npz"), str(tmp_path / "out.evogs")])
+    error = capsys.readouterr().err
+    assert error.count("\n") <= 5
+    assert "Traceback" not in error
+    assert (status == 0) == (tmp_path / "out.evogs").exists()
 
 
 def test_a_tree_of_which_pictures_show_nothing_is_encoded_all_the_same(tmp_path, capsys):

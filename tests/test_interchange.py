@@ -192,6 +192,11 @@ def test_a_chain_of_64_generations_and_300_in_one_level_are_kept(tmp_path):
         assert again.leaves().opacity_logits.tolist() == [n + 1]
 
 
+def test_quanta_are_kept(read):
+    data = file_of([1.0, 2.0], [(0, SPLIT, 0, 0.5, 1.0)]) | {"quanta": np.full((3, 5), 0.25)}
+    assert read(data).quanta == ((0.25,) * 5,) * 3
+
+
 def test_writing_twice_gives_the_same_bytes(tmp_path):
     tree = EvolutionTree(0, (Step.of_adds(0, np.ones((n_channels(0), 2), np.float32)),))
     for name in ("a", "b"):
@@ -262,6 +267,8 @@ BAD = {
     "uint64 slot": (swap("L1_slot", np.full(4, 2**64 - 1, np.uint64)), "row 0 is 184467440737"),
     "slot twice": (put("L1_slot", 1, 0), "L1_slot row 1 is 0, as an earlier row"),
     "dropped slot": (put("L2_slot", 0, 2), "L2_slot row 0 is 2, which was dropped earlier"),
+    "quanta of two levels": (swap("quanta", np.ones((3, 5))), "quanta has shape (3, 5), expected"),
+    "a quantum of 0": (swap("quanta", np.eye(4, 5)), "quanta row 0 has a number that is not"),
     "a negative generation": (swap("L1_generation", np.array([0, -1, 0, 0])), "row 1 is -1"),
 }
 

@@ -53,7 +53,7 @@ def stream(name: str, photographs: Path) -> bytes:
     """The stream of a tree."""
     from reference_trainer.backends import backend_for
     from reference_trainer.cli import pyramid_of
-    from reference_trainer.config import PRESETS
+    from reference_trainer.config import PRESETS, Integers
     from reference_trainer.run import run
     from reference_trainer.views import load_views
 
@@ -63,6 +63,7 @@ def stream(name: str, photographs: Path) -> bytes:
         quick,
         method=method,
         sh_degree=sh_degree,
+        integers=Integers(),  # their numbers are the preset's to round
         iterations=quick.iterations[: len(caps)],
         max_splats=caps,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -38,7 +39,11 @@ ORDERS = {
     "packets": ("evogs", "in our packet order"),
     "opacity": ("lapis", "by opacity"),
 }
-CODINGS = {"raw": "raw", "paper": "--preset paper", "trained": "--preset trained"}
+CODINGS = {
+    "raw": "raw",
+    "paper": "--preset paper",
+    "trained": "--preset trained, or a tree's integers",
+}
 Cut = tuple[int, int, SplatParams]  # its number, from 1; bytes; leaves
 
 
@@ -196,8 +201,10 @@ def _coded_cuts(tree: EvolutionTree, order: str, coding: str) -> Iterator[Cut]:
     pictures = Views(leaves, around(leaves, "z", SIZE, n=ORDERING_VIEWS))
     if order != "packets":
         arranged, records, sequence = _in_order(tree, order)
-        tree, _ = reordered(arranged, records, sequence, _ends(records, sequence)[0])
-    data = encode(tree, PRESETS[coding], pictures=pictures)
+        arranged, _ = reordered(arranged, records, sequence, _ends(records, sequence)[0])
+        tree = replace(arranged, quanta=tree.quanta)
+    settings = None if coding == "trained" and tree.quanta else PRESETS[coding]
+    data = encode(tree, settings, pictures=pictures)
     directory = read_directory(memoryview(data))
     for k in range(1, N_CUTS + 1):
         try:

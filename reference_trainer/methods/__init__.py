@@ -7,7 +7,7 @@ refines, separate models are drops and adds.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Protocol
 
 import torch
@@ -31,12 +31,14 @@ class Plan:
         level: what its steps are labelled.
         scale: which level of the image pyramid it is trained on.
         iterations, cap: how long, and the most splats drawn.
+        in_integers: whether it trains once more, in integers, what the stage before it did.
     """
 
     level: int
     scale: int
     iterations: int
     cap: int
+    in_integers: bool = False
 
 
 @dataclass(frozen=True)
@@ -46,20 +48,23 @@ class Done:
     Attributes:
         steps: of the tree.
         spare: splats that later stages need and the tree does not have yet.
+        quanta: of the levels that are in integers.
     """
 
     sh_degree: int
     steps: tuple[Step, ...] = ()
     spare: SplatParams | None = field(default=None, repr=False)
+    quanta: tuple[tuple[float, ...], ...] = ()
 
     @property
     def tree(self) -> EvolutionTree:
         """The tree so far."""
-        return EvolutionTree(self.sh_degree, self.steps)
+        tree = EvolutionTree(self.sh_degree, self.steps)
+        return replace(tree, quanta=self.quanta) if len(self.quanta) > tree.n_levels else tree
 
     def with_steps(self, *steps: Step) -> Done:
         """With these steps after the others."""
-        return Done(self.sh_degree, (*self.steps, *steps), self.spare)
+        return replace(self, steps=(*self.steps, *steps))
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from reference_trainer.cloud import Cloud
 from reference_trainer.config import Config
 from reference_trainer.export import frontier_steps, roots
 from reference_trainer.frontier import Frontier
+from reference_trainer.integers import IntegerLevel
 from reference_trainer.methods import Done, Plan, Setting, a_plan_per_level
 from reference_trainer.methods.plain import plain_cloud
 from reference_trainer.tensors import SplatTensors
@@ -27,19 +28,33 @@ class Evogs:
     option: str
 
     def plans(self, config: Config) -> list[Plan]:
-        """One stage per level."""
-        return a_plan_per_level(config)
+        """A stage per level, and one in integers, which has the last part of its iterations.
+
+        Level 0, which other methods share, keeps all of its own.
+        """
+        found = []
+        for plan in a_plan_per_level(config):
+            n = round(config.integers.part * plan.iterations)
+            last = replace(plan, iterations=n, in_integers=True)
+            first = plan if plan.level == 0 else replace(plan, iterations=plan.iterations - n)
+            found += [stage for stage in (first, last) if stage.iterations]
+        return found
 
     def begin(self, setting: Setting, done: Done) -> Model:
         """Plain 3DGS, then the leaves as a decoder has them."""
         if not done.steps:
             return plain_cloud(setting)
+        if setting.plan.in_integers:
+            return IntegerLevel.begin(setting, done)
         leaves = SplatTensors.of(done.tree.leaves(), setting.device)
         return Frontier(leaves, self.option, setting.config.frontier, setting.extent)
 
     def finish(self, setting: Setting, done: Done, model: Model) -> Done:
         """Roots, then splits."""
         level = setting.plan.level
+        if isinstance(model, IntegerLevel):
+            before = (step for step in done.steps if step.level < level)
+            return replace(done, steps=(*before, *model.finished()), quanta=model.quanta)
         if isinstance(model, Cloud):
             return done.with_steps(roots(model.layer_splats()))
         assert isinstance(model, Frontier)

@@ -345,7 +345,7 @@ def test_an_interrupt_while_a_process_starts_leaves_none(starts, tmp_path, monke
     popen = subprocess.Popen
     command = [sys.executable, "-c", "import time; time.sleep(60)"]
     with monkeypatch.context() as patched:
-        patched.setattr(process.subprocess, "Popen", start)
+        patched.setattr("subprocess.Popen", start)
         before = signal.getsignal(signal.SIGINT)
         with pytest.raises(KeyboardInterrupt):
             process.Watched(command, tmp_path, os.environ, process.Bounds())

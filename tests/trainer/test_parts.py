@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from reference_trainer.config import Config, Rates
+from reference_trainer.config import Integers, Rates
 from reference_trainer.optim import RateTable, Variable
 from reference_trainer.split import moment_matched, rotations, symmetric
 from reference_trainer.train import view_of
@@ -56,21 +56,18 @@ def test_position_rates_fall_all_the_way_and_others_at_the_end():
     assert list(at("sh", 0, 6)) == pytest.approx([rates.sh] * 3 + [rates.sh_rest] * 3)
 
 
-@pytest.mark.parametrize(("group", "is_sparse"), [("psi_sh", True), ("sh", False)])
-def test_only_psi_of_sh_bands_1_and_up_is_sparse(group, is_sparse):
-    rates = Rates(sh_rest=0.01)
-    variable = Variable.of(torch.full((4, 2, 3), 0.004), group)
-    variable.value.grad = torch.zeros(4, 2, 3)
-    variable.step(RateTable(rates, 1.0, 0.0, sparsity=0.5))
-    assert torch.all(variable.value[:, 0] == 0.004)
-    assert torch.all((variable.value[:, 1] == 0) == is_sparse)
+def test_rates_of_integers_are_lower():
+    rates = Rates(position_final=2e-6, sh=0.5, cool_span=0.2)
+    lower = Integers(0.5, rate=0.1).rates(rates)
+    assert lower.sh == pytest.approx(0.05)
+    assert lower.position_final == pytest.approx(2e-7)
+    assert lower.position == pytest.approx(2e-6)
 
 
-def test_sparsity_rises_from_level_to_level():
-    config = Config(rates=Rates(sparsity=0.12))
-    assert [config.sparsity_of(level) for level in range(4)] == pytest.approx([0, 0.04, 0.08, 0.12])
-    alone = Config(rates=Rates(sparsity=0.12), iterations=(10,), max_splats=(10,))
-    assert alone.sparsity_of(0) == 0
+@pytest.mark.parametrize("wrong", [{"part": 1.0}, {"part": -0.1}, {"noise": 0.0}])
+def test_integers_out_of_range_are_refused(wrong):
+    with pytest.raises(ValueError, match="expected"):
+        Integers(**wrong)
 
 
 def test_a_moment_matched_split_keeps_the_covariance():

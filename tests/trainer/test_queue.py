@@ -34,10 +34,10 @@ def small_queue():
     return list(jobs(config, ["evogs", "lapis", "single"], [0], ["equal"]))
 
 
-def test_trees_of_another_sparsity_are_compared_with_the_same_baselines():
+def test_trees_in_other_integers_are_compared_with_the_same_baselines():
     plain = PRESETS["quick"]
-    sparse = replace(plain, rates=replace(plain.rates, sparsity=0.12))
-    before, after = (list(jobs(c, list(METHODS), [0], ["equal"])) for c in (plain, sparse))
+    other = replace(plain, integers=replace(plain.integers, noise=0.5))
+    before, after = (list(jobs(c, list(METHODS), [0], ["equal"])) for c in (plain, other))
     for old, new in zip(before, after, strict=True):
         assert (old.config == new.config) == ("evogs" not in new.name)
 

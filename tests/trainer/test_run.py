@@ -16,6 +16,7 @@ from evogs_codec import InputError
 from evogs_codec.interchange import write_tree
 from reference_trainer.backends import backend_for
 from reference_trainer.checkpoint import FILE, Checkpoint
+from reference_trainer.config import Integers
 from reference_trainer.progress import Progress
 from reference_trainer.run import run
 from reference_trainer.train import NotFiniteError
@@ -51,26 +52,38 @@ def trained(method="evogs", pyramid=None, **changes):
     return run(tiny.config(method=method), pyramid or tiny.pyramid(), backend_for("cpu"), **changes)
 
 
-def test_the_number_of_threads_does_not_matter():
-    found = []
+@pytest.mark.parametrize("part", [0, 0.5])
+def test_the_number_of_threads_does_not_matter(part):
+    config, found = tiny.config(integers=Integers(part)), []
     before = numba.get_num_threads()
     for threads in {1, numba.config.NUMBA_NUM_THREADS}:
         numba.set_num_threads(threads)
-        found.append(tree_bytes(trained()))
+        found.append(tree_bytes(run(config, tiny.pyramid(), backend_for("cpu"))))
     numba.set_num_threads(before)
     assert len(set(found)) == 1
 
 
-@pytest.mark.parametrize("method", ["evogs", "evogs-b", "lapis", "l3gs"])
-def test_a_run_stopped_anywhere_goes_on_to_the_same_bytes(method, tmp_path):
-    whole = tree_bytes(trained(method))
+@pytest.mark.parametrize(
+    ("method", "part"), [("evogs", 0), ("evogs", 0.5), ("evogs-b", 0), ("lapis", 0), ("l3gs", 0)]
+)
+def test_a_run_stopped_anywhere_goes_on_to_the_same_bytes(method, part, tmp_path):
+    config = tiny.config(method=method, integers=Integers(part))
+    whole = run(config, tiny.pyramid(), backend_for("cpu"))
     for stop in itertools.count(7, 13):
         try:
-            tree = trained(method, folder=tmp_path, resume=True, progress=StopsAt(stop))
+            tree = run(
+                config,
+                tiny.pyramid(),
+                backend_for("cpu"),
+                folder=tmp_path,
+                resume=True,
+                progress=StopsAt(stop),
+            )
             break
         except StoppedError:
             pass
-    assert tree_bytes(tree) == whole
+    assert tree_bytes(tree) == tree_bytes(whole)
+    assert tree.quanta == whole.quanta
 
 
 def test_a_killed_run_goes_on_to_the_same_bytes(tmp_path):

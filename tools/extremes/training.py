@@ -113,7 +113,8 @@ def _train(kind: str, splats: SplatParams, camera: Camera) -> Found:
             at_rest += int(variable.v.isinf().sum())
 
     view = View("view", camera, photograph)
-    stage = Stage((view,), BACKGROUND, 1.0, ITERATIONS, 2 * len(splats), (0,))
+    config = Config()
+    stage = Stage((view,), BACKGROUND, 1.0, ITERATIONS, 2 * len(splats), (0,), config.rates)
     training = Training(model, ScreenGradients(model.n_splats))
-    train(training, stage, Config(), backend_for("cpu"), count)
+    train(training, stage, config, backend_for("cpu"), count)
     return Found(n_wrong, n, at_rest, model.n_splats, training.loss)

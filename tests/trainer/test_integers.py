@@ -1,0 +1,127 @@
+"""Trees in the integers of the codec: what they are, what training gains, what a stream has."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from conformance.rasterizer import psnr, render
+from evogs_codec import Cut, EvolutionTree, decode, encode, read_directory
+from evogs_codec.coded import channel_class
+from evogs_codec.interchange import read_tree, write_tree
+from evogs_codec.splats import n_channels
+from evogs_codec.tree import Kind
+from reference_trainer.backends import backend_for
+from reference_trainer.config import PRESETS, Integers
+from reference_trainer.densify import ScreenGradients
+from reference_trainer.methods import Done, Plan, Setting
+from reference_trainer.methods.evogs import Evogs
+from reference_trainer.run import run
+from reference_trainer.seeding import extent
+from reference_trainer.train import Stage, Training, train
+from tests.trainer import tiny
+
+METHODS = ("evogs", "evogs-sym", "evogs-a", "evogs-b")
+
+
+def trained(method="evogs", integers=Integers(0.3), **changes):  # noqa: B008 - frozen
+    config = tiny.config(method=method, integers=integers, **changes)
+    return run(config, tiny.pyramid(), backend_for("cpu"))
+
+
+def quanta_of(tree, row):
+    kinds = [channel_class(c) for c in range(n_channels(tree.sh_degree))]
+    return np.array(tree.quanta[row])[kinds][:, None]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_all_numbers_are_multiples_and_a_stream_holds_them(method):
+    tree = trained(method)
+    assert len(tree.quanta) == 1 + tree.n_levels
+    for step in tree.steps:
+        assert (step.adds % quanta_of(tree, 0) == 0).all()
+        assert (step.psi % quanta_of(tree, 1 + step.level) == 0).all()
+    assert sum(np.any(step.psi) for step in tree.steps)
+    data = encode(tree)
+    directory = read_directory(memoryview(data))
+    finest = np.min([quanta_of(tree, row) for row in range(len(tree.quanta))], axis=0)
+    for level in range(tree.n_levels):
+        right = tree.leaves(level).channels()
+        found = decode(data, Cut.of_level(directory, level)).leaves(sh_degree=1).channels()
+        right, found = (x[:, np.lexsort(np.round(x[:3], 2))] for x in (right, found))
+        # A product of alpha is rounded to the grid, of which a quantum has 16 units at least.
+        assert (np.abs(found - right) <= finest / 16).all()
+
+
+def test_a_tree_keeps_its_quanta_in_a_file(tmp_path):
+    tree = trained()
+    write_tree(tmp_path / "a.tree.npz", tree)
+    assert read_tree(tmp_path / "a.tree.npz").quanta == tree.quanta
+
+
+def test_without_integers_nothing_is_rounded():
+    assert trained(integers=Integers()).quanta == ()
+
+
+FINE = (2.0**-12,) * 6
+
+
+def begun(tree, noise):
+    """The last level of a tree, rounded: what is trained, and its pictures."""
+    level = tree.n_levels - 1
+    config, data = tiny.config(integers=Integers(0.5, noise=noise)), tiny.pyramid()[1]
+    plan = Plan(level, 1, 60, 100, in_integers=True)
+    setting = Setting(config, plan, data, extent(data.train), backend_for("cpu").device)
+    done = Done(tree.sh_degree, tree.steps, quanta=(FINE,) * (1 + level))
+    return Evogs("D").begin(setting, done), data
+
+
+def quality(splats, data):
+    drawn = [(render(splats, v.camera, data.background), v.image) for v in data.train]
+    return float(np.mean([psnr(picture, image) for picture, image in drawn]))
+
+
+def test_training_mends_what_rounding_lost():
+    tree = trained(integers=Integers())
+    model, data = begun(tree, noise=0.02)
+    before, rates = model.splats(0).params(), Integers(0.5).rates(PRESETS["quick"].rates)
+    stage = Stage(data.train, data.background, 1.0, 200, 100, (0,), rates)
+    training = Training(model, ScreenGradients(model.n_splats))
+    train(training, stage, tiny.config(), backend_for("cpu"), lambda _: None)
+    after = EvolutionTree(1, (*tree.steps[:1], *model.finished())).leaves()
+    lost = quality(tree.leaves(), data) - quality(before, data)
+    assert lost > 0.1
+    assert quality(after, data) > quality(before, data) + 0.5 * lost
+
+
+def test_more_noise_makes_smaller_streams():
+    streams = [encode(trained(integers=Integers(0.3, noise=x))) for x in (0.001, 0.05, 1.0)]
+    sizes = [len(data) for data in streams]
+    assert sizes[0] > 1.2 * sizes[1] > 1.2 * 1.2 * sizes[2]
+
+
+def test_zeros_stay_and_the_others_move():
+    model, _ = begun(trained(integers=Integers()), noise=0.5)
+    for variable in model.variables():
+        variable.value.detach().add_(10.0)
+    before, after = (
+        np.concatenate([step.psi for step in steps], axis=1)
+        for steps in (model.steps, model.finished())
+    )
+    assert 0 < np.count_nonzero(before) < before.size
+    assert ((after != before) == (before != 0)).all()
+
+
+def test_steps_with_drops_and_refines_are_the_same_in_blocks():
+    growth = replace(tiny.config().frontier, prune_opacity=0.1, refines_rest=True)
+    tree = trained(integers=Integers(), frontier=growth)
+    records = np.concatenate([step.kinds for step in tree.steps])
+    assert set(Kind) - {Kind.ADD} == {Kind(kind) for kind in records}
+    model, _ = begun(tree, noise=1e-6)
+    right, found = tree.leaves().channels(), model.splats(0).params().channels()
+    again = EvolutionTree(1, (*tree.steps[:1], *model.finished())).leaves().channels()
+    assert found.shape == again.shape == right.shape
+    for x in (found, again):
+        gaps = np.abs(x[:, :, None] - right[:, None]).max(0)
+        assert gaps.min(1).max() < 0.02
+        assert len(set(gaps.argmin(1))) == len(right.T)
