@@ -74,7 +74,7 @@ def _of_streams(bench: Bench) -> Iterator[dict[str, Any]]:
     """What our codec makes of EvoGS."""
     for row in compression.rows(bench):
         level, budget = row["level"], row["budget"]
-        how = {compression.AIMED: "", CODINGS["trained"]: ", --preset trained"}.get(row["coding"])
+        how = {compression.AIMED: "", compression.PRESET: ", --preset trained"}.get(row["coding"])
         if how is None or row["method"] != TITLES["evogs"] or level != len(bench.views.pyramid) - 1:
             continue
         text = f"encoded{how}: times smaller than raw at L{level}"

@@ -165,5 +165,6 @@ def _command(args: argparse.Namespace) -> str:
         value = getattr(args, flag)
         if value != default:
             values = value if isinstance(value, list) else [value]
-            parts += [f"--{flag.replace('_', '-')}", *map(str, values)]
+            words = [f"{v:g}" if isinstance(v, float) else str(v) for v in values]
+            parts += [f"--{flag.replace('_', '-')}", *words]
     return " ".join(parts)

@@ -13,12 +13,13 @@ from evogs_codec.settings import TREE_PSNR
 from reference_trainer.bench.measured import Bench
 from reference_trainer.bench.report import Rows, Section, Table, pivot
 from reference_trainer.bench.runs import BUDGETS, TITLES, Run
-from reference_trainer.bench.streaming import CODINGS
 
-__all__ = ["AIMED", "compressed", "rows", "section"]
+__all__ = ["AIMED", "PRESET", "compressed", "rows", "section"]
 
 METHODS = ("lapis", "l3gs", "evogs-sym", "evogs")
 AIMED = "our codec"  # as `evogs encode` has it by default
+PRESET = "--preset trained"
+NAMES = {"raw": "raw", "paper": "--preset paper", "trained": PRESET, "aimed": AIMED}
 AIMED_METHODS = ("lapis", "evogs")
 
 
@@ -76,7 +77,7 @@ def rows(bench: Bench) -> Rows:
                     out.append(
                         name
                         | {
-                            "coding": AIMED if coding == "aimed" else CODINGS[coding],
+                            "coding": NAMES[coding],
                             "level": level,
                             "size, MB": row["bytes"] / 1e6,
                             "bytes a leaf": row["bytes"] / max(raw["splats"], 1),
