@@ -13,7 +13,7 @@ from conformance.rasterizer import Camera, draw, gradients, psnr, render
 from evogs_codec import SplatParams
 from evogs_codec.splats import F32
 
-__all__ = ["Color", "Views"]
+__all__ = ["DRAWN", "Color", "Views"]
 
 Color = tuple[float, float, float]
 DRAWN = 12  # views that the sensitivity is estimated from, at most

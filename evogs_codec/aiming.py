@@ -23,11 +23,11 @@ from evogs_codec.errors import InputError
 from evogs_codec.grids import AccuracyWarning, Ranges, wanted_steps
 from evogs_codec.importance import Importance, StepWeights
 from evogs_codec.quantize import quantise
-from evogs_codec.settings import Settings
+from evogs_codec.settings import ALPHA_BITS, N_ALPHA, Settings
 from evogs_codec.splats import F64, GROUP_CHANNELS, GROUPS
 from evogs_codec.tree import EvolutionTree
 
-__all__ = ["Aim"]
+__all__ = ["PRICES", "Aim"]
 
 FIRST_PRICE = 1e-11  # mean squared error that a bit is worth: about 45 dB
 PRICES = (1e-18, 1e-5)
@@ -35,7 +35,6 @@ FACTORS = (1e-4, 1e4)
 MOST_TRIES = 14
 NARROW = 1e-6
 PSNR_SLACK, BYTES_SLACK = 0.1, 0.005  # dB, and part of the bytes asked for
-N_ALPHA, ALPHA_BITS = 256, 10  # as many alphas as a table holds; which are used, their bits decide
 
 
 @dataclass(frozen=True)

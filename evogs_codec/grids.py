@@ -134,12 +134,12 @@ def grid_exponents(settings: Settings, ranges: Ranges, steps: F64) -> tuple[int,
         wanted = 40 if settings.near_lossless else math.ceil(math.log2(FINEST_STEP / finest))
         if group == 0:
             room = min(room, MAX_ORIGIN / max(ranges.furthest, 1e-300))
-        exponent = min(wanted, math.floor(math.log2(room)), 40)
+        exponent = min(max(wanted, -16), math.floor(math.log2(room)), 40)
         if exponent < -16:
             raise NotRepresentable(
                 f"a value of {ranges.largest[group]:.3g} is too large for any grid"
             )
-        exponents.append(max(exponent, -16))
+        exponents.append(exponent)
     return tuple(exponents)
 
 
@@ -189,8 +189,22 @@ class AccuracyWarning(UserWarning):
 
 
 def warn_if_coarser(grid: Grid, steps: F64, settings: Settings) -> None:
-    """Warn the caller of `quantise` where a grid is coarser than the steps asked for."""
+    """Warn the caller of `quantise` where a grid is coarser than the steps asked for.
+
+    Of a tree in integers, where its quanta are not steps of the grid.
+    """
     if settings.near_lossless:
+        return
+    if settings.table and not settings.closed_loop:
+        for group in range(N_GROUPS):
+            part = slice(group, group + 1 if group < 4 else None)
+            found = [[q.step for q in row[part]] for row in grid.quantisers]
+            if np.any(np.array(found) * 2.0 ** -grid.exponents[group] != steps[:, part]):
+                warnings.warn(
+                    f"{GROUPS[group]}: no grid holds the quanta of the tree: it is rounded again",
+                    AccuracyWarning,
+                    stacklevel=3,
+                )
         return
     for group in range(N_GROUPS):
         asked = float(steps[:, group].min())

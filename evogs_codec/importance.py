@@ -16,7 +16,7 @@ from typing import TypeAlias
 import numpy as np
 
 from evogs_codec.coded import channel_class
-from evogs_codec.splats import F32, F64, SplatParams
+from evogs_codec.splats import F32, F64, SplatParams, n_channels
 from evogs_codec.tree import EvolutionTree, Kind, Step
 
 __all__ = ["Importance", "Sensitivity", "StepWeights"]
@@ -60,12 +60,14 @@ class Importance:
     means: F64
 
     @staticmethod
-    def of(tiles: Sequence[EvolutionTree], n_levels: int, sensitivity: Sensitivity) -> Importance:
-        """By the pictures of every level of arranged tiles.
+    def of(
+        tiles: Sequence[EvolutionTree], n_levels: int, sensitivity: Sensitivity, *, first: int = 0
+    ) -> Importance:
+        """By the pictures of every level of arranged tiles, from the level `first` on.
 
         A level before the last may lose as much as the last, although it has fewer splats.
         """
-        cuts = [_cut(tiles, level, sensitivity) for level in range(n_levels)]
+        cuts = [_cut(tiles, k, sensitivity if k >= first else _none) for k in range(n_levels)]
         counts = [sum(part.shape[1] for part in cut) for cut in cuts]
         shares = [n / max(counts[-1], 1) for n in counts]
         weights = tuple(
@@ -84,6 +86,11 @@ class Importance:
         found = np.sqrt(6.0 / math.log(2) * price / np.maximum(self.means, 1e-300))
         steps: F64 = np.minimum(found, largest)
         return steps
+
+
+def _none(splats: SplatParams) -> F32:
+    """The sensitivity of pictures that do not matter."""
+    return np.zeros((n_channels(splats.sh_degree), len(splats)), np.float32)
 
 
 def _cut(tiles: Sequence[EvolutionTree], level: int, sensitivity: Sensitivity) -> list[F32]:

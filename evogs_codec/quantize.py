@@ -55,7 +55,7 @@ def quantise(
     n_levels: int,
     settings: Settings,
     *,
-    weights: Sequence[Sequence[StepWeights]] | None = None,
+    weights: Sequence[Sequence[StepWeights | None]] | None = None,
     price: float = 1.0,
     info: SceneInfo | None = None,
     progress: Callable[[float], None] | None = None,
@@ -66,7 +66,8 @@ def quantise(
         tiles: what to quantise.
         n_levels: of the tree.
         settings: how.
-        weights: importance of each step of each tile; then bits are saved where they do little.
+        weights: importance of each step of each tile; then bits are saved where they do little. A
+            step that has None keeps its alphas and multiples of steps as they are.
         price: mean squared error that a bit is worth.
         info: metadata.
         progress: called with the part that is done.
@@ -125,7 +126,7 @@ class _TileCoder:
         grid: Grid,
         alpha: dict[tuple[int, int], AlphaTable],
         settings: Settings,
-        weights: Sequence[StepWeights] | None,
+        weights: Sequence[StepWeights | None] | None,
         price: float,
     ) -> None:
         self.weights, self.price = weights, price
@@ -170,7 +171,8 @@ class _TileCoder:
         new_adds = slice(n + plan.n_splits, plan.n_after)
         inherited = np.abs(self.target[:, plan.split_slots] - self.x[:, plan.split_slots])
         self._advance_target(step, plan)
-        aim = self.target if self.settings.closed_loop else None
+        is_kept = self.weights is not None and self.weights[number] is None
+        aim = self.target if self.settings.closed_loop and not is_kept else None
         indices = np.zeros((N_GROUPS, plan.n_splits), np.uint8)
         psi = np.zeros(step.psi.shape, np.int32)
         quantisers = grid.channel_quantisers(1 + step.level)
@@ -219,9 +221,10 @@ class _TileCoder:
 
     def _worth(self, number: int, part: slice, step_sizes: F64) -> Worth | None:
         """What errors of a group are worth in this step, if that is known."""
-        if self.weights is None:
+        own = None if self.weights is None else self.weights[number]
+        if own is None:
             return None
-        own, kinds = self.weights[number], list(self.grid.classes[part])
+        kinds = list(self.grid.classes[part])
         bits = np.square(step_sizes / self.grid.scale[part]) / self.price
         return Worth(own.targets[kinds] * bits, own.new[kinds] * bits)
 

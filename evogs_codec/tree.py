@@ -122,11 +122,13 @@ class EvolutionTree:
     Attributes:
         sh_degree: 0..3.
         steps: in order.
-        quanta: of a tree that was trained in integers, (1 + n_levels, K): the numbers that its adds
-            and the psi of each level are multiples of, per class (spec 3.2). Else empty.
+        quanta: of a tree that was trained in integers, (1 + n_levels, 5 + sh_degree): the steps of
+            quantisers (spec 5.3) that its adds and the psi of each level are multiples of, per
+            class (spec 3.2). Else empty.
 
     Raises:
-        ValueError: on construction, if a step breaks a rule; the message names step and rule.
+        ValueError: on construction, if a step breaks a rule, or quanta have another shape or are
+            not finite and above 0; the message names step and rule.
     """
 
     sh_degree: int
@@ -143,6 +145,11 @@ class EvolutionTree:
             live = np.concatenate([live, np.ones(step.n_new, bool)])
             live[step.slots[step.kinds == Kind.DROP]] = False
             level = step.level
+        if self.quanta:
+            shape = (1 + self.n_levels, N_GROUPS + self.sh_degree)
+            found = np.array(self.quanta) if len(set(map(len, self.quanta))) == 1 else np.empty(0)
+            if found.shape != shape or not np.all(np.isfinite(found) & (found > 0)):
+                raise ValueError(f"quanta are not {shape} finite numbers above 0")
 
     @property
     def n_levels(self) -> int:

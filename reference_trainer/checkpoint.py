@@ -90,7 +90,7 @@ class Checkpoint:
             return Checkpoint(
                 head["run"],
                 head["stage"],
-                Done(head["sh_degree"], steps, spare, tuple(map(tuple, head["quanta"]))),
+                Done(head["sh_degree"], steps, spare, tuple(map(tuple, head.get("quanta", ())))),
                 head["iteration"],
                 _named(arrays, "model."),
                 _named(arrays, "scores."),

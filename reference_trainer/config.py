@@ -103,28 +103,32 @@ class Integers:
     """Training of trees in the integers of the codec, at the end of every level.
 
     Attributes:
-        part: of the iterations of a level; 0 for none.
-        noise: squared error that rounding adds to the pictures before descent mends it, about, as
-            a part of the error that they have: more makes smaller streams.
-        rate: of the learning rates, falling to a tenth of that.
+        part: of the iterations of a level, its last; 0 for none. Level 0, which methods share, has
+            them besides its own.
+        distortion: squared error that rounding adds to the pictures before descent mends it, as a
+            part of the error that they have; nearly. More makes smaller streams.
+        rate: of the learning rates, falling to a tenth of that. Positions have come to rest before:
+            they have ten times, falling to once, this part of their last rate.
     """
 
     part: float = 0.0
-    noise: float = 0.06
+    distortion: float = 0.06
     rate: float = 0.3
 
     def __post_init__(self) -> None:
         if not 0 <= self.part < 1:
-            raise ValueError(f"part is {self.part:g}, expected at least 0, below 1")
-        if not 0 < self.noise < 10:
-            raise ValueError(f"noise is {self.noise:g}, expected above 0, below 10")
+            raise ValueError(f"a part of {self.part:g} in integers, expected at least 0, below 1")
+        if not 0 < self.distortion < 10:
+            raise ValueError(f"distortion is {self.distortion:g}, expected above 0, below 10")
+        if not 0 < self.rate <= 1:
+            raise ValueError(f"rate is {self.rate:g}, expected above 0, at most 1")
 
     def rates(self, rates: Rates) -> Rates:
         """Those of a level, as it is trained in integers."""
         r = self.rate
         return replace(
             rates,
-            position=10 * r * rates.position_final,  # positions have come to rest before
+            position=10 * r * rates.position_final,
             position_final=r * rates.position_final,
             rotation=r * rates.rotation,
             scale=r * rates.scale,
@@ -144,7 +148,7 @@ class Config:
         method: one of `METHODS`.
         seed: of everything random.
         sh_degree: 0..3.
-        iterations: of each level.
+        iterations: of each level; see `Integers` for level 0.
         max_splats: most splats that each level may draw.
         ssim_weight: part of D-SSIM in the loss.
         rates, cloud, frontier, integers: see there.

@@ -1,4 +1,4 @@
-"""A level of a tree in the integers of the codec, and trained on as such.
+"""Quantisation-aware training: a level of a tree in the integers of the codec, trained on as such.
 
 The codec rounds psi and alpha of a level where pictures show it least. Descent then moves the
 integers: pictures are drawn with multiples of quanta, and their gradients move the numbers that
@@ -11,6 +11,7 @@ Letters: D channels, K classes (spec 3.2), m records of a block, S slots.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -21,11 +22,12 @@ from torch import Tensor
 
 from conformance.views import DRAWN, Views
 from evogs_codec import PRESETS, EvolutionTree, SplatParams
-from evogs_codec.aiming import ALPHA_BITS, N_ALPHA, PRICES
+from evogs_codec.aiming import PRICES
 from evogs_codec.coded import CodedTree, channel_class
-from evogs_codec.grids import Ranges
-from evogs_codec.importance import Importance, StepWeights
+from evogs_codec.grids import AccuracyWarning, Ranges
+from evogs_codec.importance import Importance
 from evogs_codec.quantize import quantise
+from evogs_codec.settings import ALPHA_BITS, N_ALPHA
 from evogs_codec.splats import F32, F64, n_channels
 from evogs_codec.tree import Kind, Step
 from reference_trainer.blocks import Block, Collinear, Refined
@@ -40,8 +42,7 @@ __all__ = ["IntegerLevel"]
 I64 = npt.NDArray[np.int64]
 Live = npt.NDArray[np.bool_]
 Quanta = tuple[tuple[float, ...], ...]
-KEPT = 1e9  # weight of what earlier levels hold, beyond any picture's: its integers are found again
-QUANTUM_BITS = 5  # of a quantum: any grid of a stream holds it exactly (spec 5.3)
+QUANTUM_BITS = 5  # of a quantum: a grid with 16 units or more to the finest one holds it exactly
 
 
 class IntegerLevel:
@@ -62,8 +63,8 @@ class IntegerLevel:
             self._base, self._places, self._live = _roots(steps[0], device)
         kinds = [channel_class(c) for c in range(n_channels(before.sh_degree))]
         row = SplatParams.from_channels(np.array(quanta[-1], np.float32)[kinds][:, None])
-        self._parts = [
-            _Part.of(variable, quantum, all_move=not before.steps)
+        self._numbers = [
+            _Rounded.of(variable, quantum, all_move=not before.steps)
             for place in self._places
             for variable, quantum in zip(
                 _psi_of(place.block), SplatTensors.of(row, device), strict=True
@@ -89,15 +90,15 @@ class IntegerLevel:
 
     def splats(self, iteration: int) -> SplatTensors:
         """The leaves that a decoder has, differentiable in the psi that are drawn."""
-        for part in self._parts:
-            part.show()
+        for numbers in self._numbers:
+            numbers.show()
         leaves = evolve if self._base.means.is_cpu else evolve_plain
         blocks = [place.block for place in self._places]
         return leaves(self._base, blocks, np.flatnonzero(self._live))
 
     def variables(self) -> list[Variable]:
         """What is trained, with the gradients of what is drawn."""
-        return [part.pulled() for part in self._parts]
+        return [numbers.pulled() for numbers in self._numbers]
 
     def refine(self, iteration: int, n_iterations: int, scores: ScreenGradients, cap: int) -> bool:
         """Nothing splits or dies any more."""
@@ -105,21 +106,21 @@ class IntegerLevel:
 
     def arrays(self) -> Arrays:
         """All that training changed, for a checkpoint."""
-        out: Arrays = {}
-        for i, part in enumerate(self._parts):
-            out |= part.latent.arrays(f"latent{i}")
+        out: Arrays = {"n": np.array(len(self._numbers))}
+        for i, numbers in enumerate(self._numbers):
+            out |= numbers.latent.arrays(f"latent{i}")
         return out
 
     def restore(self, arrays: Arrays) -> None:
         """The inverse of `arrays`, on a level begun from the same tree."""
-        for i, part in enumerate(self._parts):
-            group, device = part.latent.group, part.latent.value.device
-            part.latent = Variable.restored(arrays, f"latent{i}", group, device)
+        for i, numbers in enumerate(self._numbers):
+            group, device = numbers.latent.group, numbers.latent.value.device
+            numbers.latent = Variable.restored(arrays, f"latent{i}", group, device)
 
     def finished(self) -> tuple[Step, ...]:
         """The steps with the integers that training ended with."""
-        for part in self._parts:
-            part.show()
+        for numbers in self._numbers:
+            numbers.show()
         steps = list(self.steps)
         for place in self._places:
             step, psi = steps[place.step], place.psi()
@@ -133,7 +134,7 @@ class IntegerLevel:
 
 
 @dataclass
-class _Part:
+class _Rounded:
     """Numbers that are trained, and the multiples of quanta that are drawn in their place.
 
     Attributes:
@@ -149,19 +150,22 @@ class _Part:
     moves: Tensor
 
     @staticmethod
-    def of(shown: Variable, quanta: Tensor, *, all_move: bool) -> _Part:
+    def of(shown: Variable, quanta: Tensor, *, all_move: bool) -> _Rounded:
         value = shown.value.detach()
         latent = Variable.of(value.clone(), shown.group)
-        return _Part(shown, latent, quanta, torch.ones_like(value) > 0 if all_move else value != 0)
+        return _Rounded(
+            shown, latent, quanta, torch.ones_like(value) > 0 if all_move else value != 0
+        )
 
     def show(self) -> None:
         with torch.no_grad():
-            numbers = torch.round(self.latent.value / self.quanta) * self.quanta
-            self.shown.value.copy_(torch.where(self.moves, numbers, 0.0))
+            multiples = torch.round(self.latent.value / self.quanta) * self.quanta
+            self.shown.value.copy_(torch.where(self.moves, multiples, 0.0))
 
     def pulled(self) -> Variable:
         grad, self.shown.value.grad = self.shown.value.grad, None
-        self.latent.value.grad = None if grad is None else torch.where(self.moves, grad, 0.0)
+        if grad is not None:
+            self.latent.value.grad = torch.where(self.moves, grad, 0.0)
         return self.latent
 
 
@@ -176,38 +180,46 @@ def _coded(setting: Setting, done: Done) -> tuple[CodedTree, Quanta]:
     ]
     n = sum(s.psi.size + s.adds.size for s in tree.steps if s.level == level)
     # An error of D takes n / 2 log2(1 / D) bits: what a bit saves is D / n, nearly.
-    price = max(setting.config.integers.noise * float(np.mean(wrong)) / max(n, 1), PRICES[0])
-    importance = Importance.of((tree,), level + 1, scene.sensitivity)
+    distortion = setting.config.integers.distortion * float(np.mean(wrong))
+    price = max(distortion / max(n, 1), PRICES[0])
+    importance = Importance.of((tree,), level + 1, scene.sensitivity, first=level)
     table = importance.steps(price, Ranges.of((tree,), level + 1).extent)
-    own = _exact(table[1 + level] if level else table[0])
-    quanta = (*done.quanta, own) if level else (own, own)
-    settings = replace(PRESETS["trained"], table=quanta, n_alpha=N_ALPHA, alpha_bits=ALPHA_BITS)
+    own = _with_few_bits(table[1 + level] if level else table[0])
+    steps = (*done.quanta, own) if level else (own, own)
+    settings = replace(PRESETS["trained"], table=steps, n_alpha=N_ALPHA, alpha_bits=ALPHA_BITS)
     weights = [
-        found if step.level == level else _kept(found)
+        found if step.level == level else None
         for step, found in zip(tree.steps, importance.weights[0], strict=True)
     ]
-    return quantise((tree,), level + 1, settings, weights=[weights], price=price), quanta
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", AccuracyWarning)  # training mends that too
+        coded = quantise((tree,), level + 1, settings, weights=[weights], price=price)
+    # As they are: where values span much, the grid is coarser than was asked for.
+    own = _step_sizes(coded, 1 + level if level else 0)
+    return coded, (*done.quanta, own) if level else (own, own)
 
 
-def _kept(weights: StepWeights) -> StepWeights:
-    return StepWeights(np.full_like(weights.targets, KEPT), np.full_like(weights.new, KEPT))
-
-
-def _exact(steps: F64) -> tuple[float, ...]:
-    """The nearest numbers with few bits."""
+def _with_few_bits(steps: F64) -> tuple[float, ...]:
+    """The nearest numbers of `QUANTUM_BITS` bits."""
     mantissas, exponents = np.frexp(steps)
     found = np.ldexp(np.rint(np.ldexp(mantissas, QUANTUM_BITS)), exponents - QUANTUM_BITS)
     return tuple(found.tolist())
+
+
+def _step_sizes(coded: CodedTree, row: int) -> tuple[float, ...]:
+    """(K,) steps that a row of quantisers has: 0 of adds, 1 + level of psi."""
+    exponents = coded.grid_exponents
+    steps = enumerate(coded.quantisers[row])
+    return tuple(q.step * 2.0 ** -exponents[min(kind, 4)] for kind, q in steps)
 
 
 def _in_floats(coded: CodedTree, steps: Sequence[Step]) -> list[Step]:
     """What the integers of a tree of one tile mean, in the steps that they were made of."""
     (tile,) = coded.tiles
     kinds = [channel_class(c) for c in range(n_channels(coded.sh_degree))]
-    units = 2.0 ** -np.array([coded.grid_exponents[min(kind, 4)] for kind in kinds])
-    sizes = np.array([[row[kind].step for kind in kinds] for row in coded.quantisers]) * units
+    sizes = np.array([_step_sizes(coded, row) for row in range(len(coded.quantisers))])[:, kinds]
     origin = np.zeros(len(kinds))
-    origin[0:3] = np.array(tile.origin) * units[0:3]
+    origin[0:3] = np.array(tile.origin) * 2.0 ** -coded.grid_exponents[0]
     out = []
     for own, step in zip(tile.steps, steps, strict=True):
         tables = [coded.alpha_table(own.level, group).values() for group in range(len(own.alpha))]
@@ -226,7 +238,7 @@ def _in_floats(coded: CodedTree, steps: Sequence[Step]) -> list[Step]:
 
 
 @dataclass(frozen=True)
-class _Place:
+class _BlockColumns:
     """Where psi of a block belong: the step of the level, and (m,) columns of its psi.
 
     Attributes:
@@ -245,16 +257,20 @@ class _Place:
         return np.concatenate([x.reshape(len(x), -1) for x in shown], axis=1).T
 
 
-def _roots(step: Step, device: torch.device) -> tuple[SplatTensors, list[_Place], Live]:
+def _roots(step: Step, device: torch.device) -> tuple[SplatTensors, list[_BlockColumns], Live]:
     """Roots are a base whose splats are all refined, by nothing yet."""
     base = SplatTensors.of(SplatParams.from_channels(step.adds), device)
     rows = np.arange(step.n_adds)
-    return base, [_Place(Refined.of(rows, len(rows), base), 0, rows)], np.ones(len(rows), bool)
+    return (
+        base,
+        [_BlockColumns(Refined.of(rows, len(rows), base), 0, rows)],
+        np.ones(len(rows), bool),
+    )
 
 
 def _blocks(
     before: EvolutionTree, steps: Sequence[Step], device: torch.device
-) -> tuple[SplatTensors, list[_Place], Live]:
+) -> tuple[SplatTensors, list[_BlockColumns], Live]:
     """The leaves before a level, its splits and refines as blocks, and which slots have leaves.
 
     Slots are those of a frontier: leaves first, then the C2s block by block.
@@ -284,7 +300,7 @@ def _blocks(
                 block: Block = Collinear.of(rows, n, psi, alpha, False, device)
             else:
                 block = Refined(rows, n, splat_variables(SplatTensors.of(psi, device)))
-            places.append(_Place(block, number, columns))
+            places.append(_BlockColumns(block, number, columns))
     return base, places, live
 
 

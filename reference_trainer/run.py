@@ -81,8 +81,10 @@ def _start(config: Config, plans: list[Plan], base: EvolutionTree | None) -> tup
         raise InputError(f"method {config.method} does not build on a level 0 of others")
     if base.sh_degree != config.sh_degree:
         raise InputError(f"level 0 has SH degree {base.sh_degree}, expected {config.sh_degree}")
-    steps = tuple(step for step in base.steps if step.level == 0)
-    return 1, done.with_steps(*steps)
+    done = done.with_steps(*(step for step in base.steps if step.level == 0))
+    if base.quanta and len(plans) > 1 and plans[1].in_integers:  # it need not be rounded again
+        return 2, replace(done, quanta=base.quanta[:2])
+    return 1, done
 
 
 def _run_stage(
@@ -154,4 +156,6 @@ def _fingerprint(data: Dataset, base: EvolutionTree | None) -> dict[str, Any]:
         digest.update(np.ascontiguousarray(view.image).tobytes())
     for step in base.steps if base is not None else ():
         digest.update(step.adds.tobytes())
+    if base is not None and base.quanta:
+        digest.update(np.array(base.quanta[:2]).tobytes())
     return {"name": data.name, "background": list(data.background), "sha256": digest.hexdigest()}

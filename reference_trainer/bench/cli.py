@@ -38,7 +38,7 @@ DEFAULTS: dict[str, Any] = {
     "max_splats": None,
     "sh_degree": None,
     "integers": None,
-    "noise": None,
+    "distortion": None,
     "device": "cpu",
     "background": "white",
     "test_every": 8,
@@ -92,7 +92,7 @@ def _add_paper(benches: Commands) -> None:
     parser.add_argument("--max-splats", type=int, nargs="+", metavar="N", help="of each level")
     parser.add_argument("--sh-degree", type=int, choices=range(4))
     parser.add_argument("--integers", type=float, metavar="PART", help="as of `evogs train`")
-    parser.add_argument("--noise", type=float, metavar="PART", help="as of `evogs train`")
+    parser.add_argument("--distortion", type=float, metavar="PART", help="as of `evogs train`")
     parser.add_argument("--device", help="cpu, or cuda with gsplat installed (default: cpu)")
     parser.add_argument("--background", choices=["white", "black"], help="default: white")
     parser.add_argument("--test-every", type=int, metavar="N", help="views held out (default: 8)")

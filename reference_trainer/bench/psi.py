@@ -51,7 +51,8 @@ def section(bench: Bench) -> Section:
                 line = found[group]["centres"], found[group]["density"]
                 histograms.setdefault(group, {})[label] = line
     text = (
-        "Psi of all splits and refines above level 0, as trained, before any quantisation. "
+        "Psi of all splits and refines above level 0, as trained: of a tree in integers, multiples "
+        "of its quanta. "
         "Refinements are sorted by the norm of psi, in the raw units of the groups; numbers are "
         "its channels one by one."
     )

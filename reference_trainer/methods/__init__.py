@@ -58,9 +58,10 @@ class Done:
 
     @property
     def tree(self) -> EvolutionTree:
-        """The tree so far."""
-        tree = EvolutionTree(self.sh_degree, self.steps)
-        return replace(tree, quanta=self.quanta) if len(self.quanta) > tree.n_levels else tree
+        """The tree so far; it has quanta if its last level, not only those before, is in them."""
+        n_levels = self.steps[-1].level + 1 if self.steps else 0
+        whole = len(self.quanta) == 1 + n_levels
+        return EvolutionTree(self.sh_degree, self.steps, self.quanta if whole else ())
 
     def with_steps(self, *steps: Step) -> Done:
         """With these steps after the others."""

@@ -30,14 +30,17 @@ class Evogs:
     def plans(self, config: Config) -> list[Plan]:
         """A stage per level, and one in integers, which has the last part of its iterations.
 
-        Level 0, which other methods share, keeps all of its own.
+        Level 0, which other methods share, keeps all of its own: its integers have more.
         """
+        plans = a_plan_per_level(config)
+        if not config.integers.part:
+            return plans
         found = []
-        for plan in a_plan_per_level(config):
-            n = round(config.integers.part * plan.iterations)
-            last = replace(plan, iterations=n, in_integers=True)
-            first = plan if plan.level == 0 else replace(plan, iterations=plan.iterations - n)
-            found += [stage for stage in (first, last) if stage.iterations]
+        for plan in plans:
+            n = max(1, round(config.integers.part * plan.iterations))
+            n_floats = plan.iterations if plan.level == 0 else max(1, plan.iterations - n)
+            found.append(replace(plan, iterations=n_floats))
+            found.append(replace(plan, iterations=n, in_integers=True))
         return found
 
     def begin(self, setting: Setting, done: Done) -> Model:

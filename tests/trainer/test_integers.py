@@ -66,10 +66,10 @@ def test_without_integers_nothing_is_rounded():
 FINE = (2.0**-12,) * 6
 
 
-def begun(tree, noise):
+def begun(tree, distortion):
     """The last level of a tree, rounded: what is trained, and its pictures."""
     level = tree.n_levels - 1
-    config, data = tiny.config(integers=Integers(0.5, noise=noise)), tiny.pyramid()[1]
+    config, data = tiny.config(integers=Integers(0.5, distortion=distortion)), tiny.pyramid()[1]
     plan = Plan(level, 1, 60, 100, in_integers=True)
     setting = Setting(config, plan, data, extent(data.train), backend_for("cpu").device)
     done = Done(tree.sh_degree, tree.steps, quanta=(FINE,) * (1 + level))
@@ -83,7 +83,7 @@ def quality(splats, data):
 
 def test_training_mends_what_rounding_lost():
     tree = trained(integers=Integers())
-    model, data = begun(tree, noise=0.02)
+    model, data = begun(tree, distortion=0.02)
     before, rates = model.splats(0).params(), Integers(0.5).rates(PRESETS["quick"].rates)
     stage = Stage(data.train, data.background, 1.0, 200, 100, (0,), rates)
     training = Training(model, ScreenGradients(model.n_splats))
@@ -94,14 +94,14 @@ def test_training_mends_what_rounding_lost():
     assert quality(after, data) > quality(before, data) + 0.5 * lost
 
 
-def test_more_noise_makes_smaller_streams():
-    streams = [encode(trained(integers=Integers(0.3, noise=x))) for x in (0.001, 0.05, 1.0)]
+def test_more_distortion_makes_smaller_streams():
+    streams = [encode(trained(integers=Integers(0.3, distortion=x))) for x in (0.001, 0.05, 1.0)]
     sizes = [len(data) for data in streams]
     assert sizes[0] > 1.2 * sizes[1] > 1.2 * 1.2 * sizes[2]
 
 
 def test_zeros_stay_and_the_others_move():
-    model, _ = begun(trained(integers=Integers()), noise=0.5)
+    model, _ = begun(trained(integers=Integers()), distortion=0.5)
     for variable in model.variables():
         variable.value.detach().add_(10.0)
     before, after = (
@@ -117,7 +117,7 @@ def test_steps_with_drops_and_refines_are_the_same_in_blocks():
     tree = trained(integers=Integers(), frontier=growth)
     records = np.concatenate([step.kinds for step in tree.steps])
     assert set(Kind) - {Kind.ADD} == {Kind(kind) for kind in records}
-    model, _ = begun(tree, noise=1e-6)
+    model, _ = begun(tree, distortion=1e-6)
     right, found = tree.leaves().channels(), model.splats(0).params().channels()
     again = EvolutionTree(1, (*tree.steps[:1], *model.finished())).leaves().channels()
     assert found.shape == again.shape == right.shape

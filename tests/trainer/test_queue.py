@@ -36,7 +36,7 @@ def small_queue():
 
 def test_trees_in_other_integers_are_compared_with_the_same_baselines():
     plain = PRESETS["quick"]
-    other = replace(plain, integers=replace(plain.integers, noise=0.5))
+    other = replace(plain, integers=replace(plain.integers, distortion=0.5))
     before, after = (list(jobs(c, list(METHODS), [0], ["equal"])) for c in (plain, other))
     for old, new in zip(before, after, strict=True):
         assert (old.config == new.config) == ("evogs" not in new.name)
