@@ -58,14 +58,14 @@ class IntegerLevel:
     ) -> None:
         self.steps, self.quanta = steps, quanta
         if before.steps:
-            self._base, self._places, self._live = _blocks(before, steps, device)
+            self._base, self._columns, self._live = _blocks(before, steps, device)
         else:
-            self._base, self._places, self._live = _roots(steps[0], device)
+            self._base, self._columns, self._live = _roots(steps[0], device)
         kinds = [channel_class(c) for c in range(n_channels(before.sh_degree))]
         row = SplatParams.from_channels(np.array(quanta[-1], np.float32)[kinds][:, None])
         self._numbers = [
             _Rounded.of(variable, quantum, all_move=not before.steps)
-            for place in self._places
+            for place in self._columns
             for variable, quantum in zip(
                 _psi_of(place.block), SplatTensors.of(row, device), strict=True
             )
@@ -93,7 +93,7 @@ class IntegerLevel:
         for numbers in self._numbers:
             numbers.show()
         leaves = evolve if self._base.means.is_cpu else evolve_plain
-        blocks = [place.block for place in self._places]
+        blocks = [place.block for place in self._columns]
         return leaves(self._base, blocks, np.flatnonzero(self._live))
 
     def variables(self) -> list[Variable]:
@@ -122,7 +122,7 @@ class IntegerLevel:
         for numbers in self._numbers:
             numbers.show()
         steps = list(self.steps)
-        for place in self._places:
+        for place in self._columns:
             step, psi = steps[place.step], place.psi()
             if len(step.slots):
                 changed = step.psi.copy()

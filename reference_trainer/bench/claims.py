@@ -79,7 +79,9 @@ def _of_streams(bench: Bench) -> Iterator[dict[str, Any]]:
             continue
         text = f"encoded{how}: times smaller than raw at L{level}"
         yield _claim(text, budget, row["smaller, times"], LEAST, 8.7, "3.8")
-        text = f"encoded{how}: lost at L{level}, dB"
+        run = bench.first(budget, "evogs")
+        of = " of the tree in integers" if run is not None and run.tree().quanta else ""
+        text = f"encoded{how}: lost at L{level}{of}, dB"
         yield _claim(text, budget, row["lost, dB"], MOST, 0.1, "0.10")
 
 

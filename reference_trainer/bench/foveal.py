@@ -32,10 +32,10 @@ def section(bench: Bench) -> Section:
         found = bench.measure(run, "foveal", partial(foveal, bench.views), PRESETS["trained"])
         rows += [{"budget": budget, "method": TITLES["evogs"]} | row for row in found]
     text = (
-        f"A stream of {N_TILES} tiles, in the integers of the tree. The fovea is the tile that "
-        "makes most pixels in the middle of the views; inside are those that it makes more than "
-        "half of at the last level, drawn at full size on all held-out views. Bytes are those of "
-        "the stream of exactly these packets."
+        f"A stream of {N_TILES} tiles, in the integers of the tree if it was trained in them, else "
+        "with `--preset trained`. The fovea is the tile that makes most pixels in the middle of "
+        "the views; inside are those that it makes more than half of at the last level, drawn at "
+        "full size on all held-out views. Bytes are those of the stream of exactly these packets."
     )
     if not rows:
         return Section("The foveal case", f"{text}\n\nNo run of EvoGS with enough levels yet.")

@@ -4,16 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from conformance.rasterizer import psnr, render
 from evogs_codec import Cut, EvolutionTree, decode, encode, read_directory
 from evogs_codec.coded import channel_class
 from evogs_codec.interchange import read_tree, write_tree
-from evogs_codec.splats import n_channels
+from evogs_codec.splats import GROUP_CHANNELS, n_channels
 from evogs_codec.tree import Kind
+from reference_trainer import integers
 from reference_trainer.backends import backend_for
 from reference_trainer.config import PRESETS, Integers
 from reference_trainer.densify import ScreenGradients
+from reference_trainer.frontier import evolve_plain
 from reference_trainer.methods import Done, Plan, Setting
 from reference_trainer.methods.evogs import Evogs
 from reference_trainer.run import run
@@ -60,7 +63,62 @@ def test_a_tree_keeps_its_quanta_in_a_file(tmp_path):
 
 
 def test_without_integers_nothing_is_rounded():
-    assert trained(integers=Integers()).quanta == ()
+    tree, rounded = trained(integers=Integers()), trained()
+    assert tree.quanta == ()
+    psi = np.concatenate([step.psi for step in tree.steps], axis=1)
+    assert (psi % quanta_of(rounded, 2) != 0).mean() > 0.5
+
+
+@pytest.mark.parametrize("iterations", [(3, 40), (40, 3), (1, 1)])
+def test_every_level_has_both_stages_however_short(iterations):
+    tree = trained(iterations=iterations, integers=Integers(0.15))
+    assert [step.level for step in tree.steps][-1] == 1
+    assert len(tree.quanta) == 3
+
+
+def test_a_base_in_integers_keeps_them():
+    config = tiny.config(integers=Integers(0.3))
+    base = trained(integers=Integers(0.3, distortion=1e-3))
+    tree = run(config, tiny.pyramid(), backend_for("cpu"), base=base)
+    assert tree.quanta[:2] == base.quanta[:2]
+    assert tree.quanta[2] != base.quanta[2]
+    np.testing.assert_array_equal(tree.steps[0].adds, base.steps[0].adds)
+
+
+def test_integers_of_finished_levels_are_found_again():
+    """By the codec, when it rounds the next level: else that would mend what is not wrong."""
+    config = tiny.config(
+        iterations=(40, 40, 40), max_splats=(30, 60, 120), integers=Integers(0.3, distortion=1e-3)
+    )
+    tree = run(config, tiny.pyramid(3), backend_for("cpu"))
+    done = Done(1, tree.steps, quanta=tree.quanta[:3])
+    data = tiny.pyramid(3)[2]
+    plan = Plan(2, 2, 10, 120, in_integers=True)
+    setting = Setting(config, plan, data, 1.0, backend_for("cpu").device)
+    coded, _ = integers._coded(setting, done)
+    found = integers._in_floats(coded, done.steps)
+    n_alphas = 0
+    for before, after in zip(tree.steps, found, strict=True):
+        if before.level == 2:
+            continue
+        np.testing.assert_array_equal(after.adds, before.adds)
+        np.testing.assert_array_equal(after.psi, before.psi)
+        splits = before.psi[:, before.kinds[before.kinds != Kind.DROP] == Kind.SPLIT]
+        for group, channels in enumerate(GROUP_CHANNELS):
+            matters = splits[channels].any(axis=0)  # else any alpha will do
+            alphas = after.alpha[group, matters], before.alpha[group, matters]
+            np.testing.assert_array_equal(*alphas)
+            n_alphas += int(matters.sum())
+    assert n_alphas > 50
+
+
+def test_torch_draws_the_leaves_that_compiled_loops_draw():
+    model, _ = begun(trained(integers=Integers()), distortion=1e-3)
+    blocks = [columns.block for columns in model._columns]
+    compiled = model.splats(0)
+    plain = evolve_plain(model._base, blocks, np.flatnonzero(model._live))
+    for a, b in zip(compiled, plain, strict=True):
+        torch.testing.assert_close(a, b, rtol=0, atol=1e-6)
 
 
 FINE = (2.0**-12,) * 6
