@@ -58,8 +58,8 @@ def register(commands: Commands) -> None:
         "--integers",
         type=float,
         metavar="PART",
-        help="last part of each level of a tree that is trained in the integers of the codec, or 0"
-        " for floats (default: 0.15, 0.1 with --preset paper)",
+        help="train each level of a tree on in the integers of the codec, for this part of its"
+        " iterations, or 0 for floats alone (default: 0.15, 0.1 with --preset paper)",
     )
     parser.add_argument(
         "--distortion",

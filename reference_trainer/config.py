@@ -103,8 +103,7 @@ class Integers:
     """Training of trees in the integers of the codec, at the end of every level.
 
     Attributes:
-        part: of the iterations of a level, its last; 0 for none. Level 0, which methods share, has
-            them besides its own.
+        part: of the iterations of a level, after them; 0 for none.
         distortion: squared error that rounding adds to the pictures before descent mends it, as a
             part of the error that they have; nearly. More makes smaller streams.
         rate: of the learning rates, falling to a tenth of that. Positions have come to rest before:
@@ -116,8 +115,8 @@ class Integers:
     rate: float = 0.3
 
     def __post_init__(self) -> None:
-        if not 0 <= self.part < 1:
-            raise ValueError(f"a part of {self.part:g} in integers, expected at least 0, below 1")
+        if not 0 <= self.part <= 1:
+            raise ValueError(f"a part of {self.part:g} in integers, expected 0 to 1")
         if not 0 < self.distortion < 10:
             raise ValueError(f"distortion is {self.distortion:g}, expected above 0, below 10")
         if not 0 < self.rate <= 1:
@@ -148,7 +147,7 @@ class Config:
         method: one of `METHODS`.
         seed: of everything random.
         sh_degree: 0..3.
-        iterations: of each level; see `Integers` for level 0.
+        iterations: of each level, in floats.
         max_splats: most splats that each level may draw.
         ssim_weight: part of D-SSIM in the loss.
         rates, cloud, frontier, integers: see there.

@@ -28,19 +28,14 @@ class Evogs:
     option: str
 
     def plans(self, config: Config) -> list[Plan]:
-        """A stage per level, and one in integers, which has the last part of its iterations.
-
-        Level 0, which other methods share, keeps all of its own: its integers have more.
-        """
-        plans = a_plan_per_level(config)
-        if not config.integers.part:
-            return plans
+        """A stage per level; after each one in integers, where the configuration has them."""
+        part = config.integers.part
         found = []
-        for plan in plans:
-            n = max(1, round(config.integers.part * plan.iterations))
-            n_floats = plan.iterations if plan.level == 0 else max(1, plan.iterations - n)
-            found.append(replace(plan, iterations=n_floats))
-            found.append(replace(plan, iterations=n, in_integers=True))
+        for plan in a_plan_per_level(config):
+            found.append(plan)
+            if part:
+                n = max(1, round(part * plan.iterations))
+                found.append(replace(plan, iterations=n, in_integers=True))
         return found
 
     def begin(self, setting: Setting, done: Done) -> Model:

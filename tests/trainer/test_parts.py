@@ -64,7 +64,7 @@ def test_rates_of_integers_are_lower():
     assert lower.position == pytest.approx(2e-6)
 
 
-@pytest.mark.parametrize("wrong", [{"part": 1.0}, {"part": -0.1}, {"distortion": 0.0}])
+@pytest.mark.parametrize("wrong", [{"part": 1.1}, {"part": -0.1}, {"distortion": 0.0}, {"rate": 0}])
 def test_integers_out_of_range_are_refused(wrong):
     with pytest.raises(ValueError, match="expected"):
         Integers(**wrong)
