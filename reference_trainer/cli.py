@@ -66,7 +66,7 @@ def register(commands: Commands) -> None:
         type=float,
         metavar="PART",
         help="squared error that rounding to integers may add before training mends it, as a part"
-        " of the error of the pictures (default: 0.06): more makes smaller streams",
+        " of the error of the pictures (default: 0.07): more makes smaller streams",
     )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", default="cpu", help="cpu, or cuda with gsplat installed")

@@ -111,7 +111,7 @@ class Integers:
     """
 
     part: float = 0.0
-    distortion: float = 0.06
+    distortion: float = 0.07
     rate: float = 0.3
 
     def __post_init__(self) -> None:
