@@ -65,6 +65,7 @@ def _runs(bench: Bench, missing: Sequence[str]) -> Section:
             "seconds": round(run.seconds),
             "on": run.machine,
             "iterations": " ".join(str(n) for n in run.config["iterations"]),
+            "more in integers, %": 100 * run.config.get("integers", {}).get("part", 0.0),
             "most splats": " ".join(str(n) for n in run.config["max_splats"]),
             "SH degree": run.config["sh_degree"],
         }
