@@ -136,8 +136,7 @@ class _TileCoder:
         self.settings = settings
         total = sum(step.n_new for step in tile.steps)
         d = n_channels(tile.sh_degree)
-        # What is a multiple of its step already is still one from an origin that is one too.
-        unit = grid.quantisers[0][0].step if settings.table else 1
+        unit = grid.quantisers[0][0].step if settings.whole_origins else 1
         self.origin = unit * np.rint(middle_of(tile) * grid.scale[0:3, 0] / unit)
         self.target = np.zeros((d, total))  # the float tree on the grid, minus the origin
         self.x = np.zeros((d, total), np.int32)

@@ -35,6 +35,8 @@ class Settings:
         effort: Zstandard level.
         table: if not empty, the steps of the adds and of psi of each level, per class, in the units
             of the group: instead of all that make steps above.
+        whole_origins: origins of tiles are multiples of the position step of adds, so that adds
+            that are multiples stay as they are.
     """
 
     steps: tuple[float, ...]
@@ -48,6 +50,7 @@ class Settings:
     near_lossless: bool = False
     effort: int = 19
     table: tuple[tuple[float, ...], ...] = ()
+    whole_origins: bool = False
 
     @staticmethod
     def of_quanta(quanta: tuple[tuple[float, ...], ...]) -> Settings:
@@ -62,6 +65,7 @@ class Settings:
             n_alpha=N_ALPHA,
             alpha_bits=ALPHA_BITS,
             table=quanta,
+            whole_origins=True,
         )
 
     def finer(self, factor: float) -> Settings:

@@ -21,13 +21,13 @@ import torch
 from torch import Tensor
 
 from conformance.views import DRAWN, Views
-from evogs_codec import PRESETS, EvolutionTree, SplatParams
+from evogs_codec import EvolutionTree, SplatParams
 from evogs_codec.aiming import PRICES
 from evogs_codec.coded import CodedTree, channel_class
 from evogs_codec.grids import AccuracyWarning, Ranges
 from evogs_codec.importance import Importance
 from evogs_codec.quantize import quantise
-from evogs_codec.settings import ALPHA_BITS, N_ALPHA
+from evogs_codec.settings import Settings
 from evogs_codec.splats import F32, F64, n_channels
 from evogs_codec.tree import Kind, Step
 from reference_trainer.blocks import Block, Collinear, Refined
@@ -186,7 +186,7 @@ def _coded(setting: Setting, done: Done) -> tuple[CodedTree, Quanta]:
     table = importance.steps(price, Ranges.of((tree,), level + 1).extent)
     own = _with_few_bits(table[1 + level] if level else table[0])
     steps = (*done.quanta, own) if level else (own, own)
-    settings = replace(PRESETS["trained"], table=steps, n_alpha=N_ALPHA, alpha_bits=ALPHA_BITS)
+    settings = replace(Settings.of_quanta(steps), closed_loop=True)
     weights = [
         found if step.level == level else None
         for step, found in zip(tree.steps, importance.weights[0], strict=True)

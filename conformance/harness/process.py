@@ -163,7 +163,8 @@ def _interrupts_held() -> Iterator[None]:
 
     One that comes while a process is being started would leave a process that nobody knows.
     """
-    if threading.current_thread() is not threading.main_thread():  # others are never interrupted
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # nothing interrupts it
         yield
         return
     came: list[int] = []

@@ -344,12 +344,16 @@ def test_an_interrupt_while_a_process_starts_leaves_none(starts, tmp_path, monke
 
     popen = subprocess.Popen
     command = [sys.executable, "-c", "import time; time.sleep(60)"]
+    # What a shell starts in the background ignores interrupts, and so would this.
+    usual = signal.signal(signal.SIGINT, signal.default_int_handler)
     with monkeypatch.context() as patched:
         patched.setattr("subprocess.Popen", start)
-        before = signal.getsignal(signal.SIGINT)
-        with pytest.raises(KeyboardInterrupt):
-            process.Watched(command, tmp_path, os.environ, process.Bounds())
-    assert signal.getsignal(signal.SIGINT) is before
+        try:
+            with pytest.raises(KeyboardInterrupt):
+                process.Watched(command, tmp_path, os.environ, process.Bounds())
+            assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        finally:
+            signal.signal(signal.SIGINT, usual)
     assert [p.returncode for p in started] == [-signal.SIGKILL] * starts
 
 
