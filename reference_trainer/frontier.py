@@ -187,7 +187,7 @@ class _Evolve(torch.autograd.Function):
             [torch.empty_like(tensor) for tensor in block.tensors()] for block in ctx.blocks
         ]
         for group, grad in enumerate(grads):
-            flat = grad.reshape(len(grad), -1).numpy()
+            flat = grad.reshape(len(grad), math.prod(grad.shape[1:])).numpy()
             g = np.zeros((ctx.n_slots, flat.shape[1]), flat.dtype)
             g[ctx.live] = flat
             for block, outs in zip(reversed(ctx.blocks), reversed(found), strict=True):

@@ -125,7 +125,7 @@ def _run_stage(
         config.integers.rates(config.rates) if plan.in_integers else config.rates,
     )
     train(training, stage, config, backend, each)
-    if not model.n_splats and plan is not plans[-1]:
+    if not model.n_splats and plan.level != plans[-1].level:
         raise InputError(
             f"level {plan.level} ended without a splat: its photographs may be too small,"
             " take fewer levels or a larger size"

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from conformance.rasterizer import psnr, render
-from evogs_codec import Cut, EvolutionTree, decode, encode, read_directory
+from evogs_codec import Cut, EvolutionTree, InputError, decode, encode, read_directory
 from evogs_codec.coded import channel_class
 from evogs_codec.interchange import read_tree, write_tree
 from evogs_codec.splats import GROUP_CHANNELS, n_channels
@@ -74,6 +74,22 @@ def test_every_level_has_both_stages_however_short(iterations):
     tree = trained(iterations=iterations, integers=Integers(0.15))
     assert [step.level for step in tree.steps][-1] == 1
     assert len(tree.quanta) == 3
+
+
+@pytest.mark.parametrize("part", [0, 0.3])
+def test_a_last_level_may_lose_all_its_splats_but_no_other(part):
+    growth = replace(tiny.config().frontier, prune_opacity=0.9999)
+    tree = trained(integers=Integers(part), frontier=growth)
+    assert (tree.n_levels, tree.n_leaves) == (2, 0)
+    assert decode(encode(tree), verify=True).n_leaves == 0
+    config = tiny.config(
+        iterations=(40,) * 3,
+        max_splats=(30, 60, 120),
+        integers=Integers(part),
+        frontier=growth,
+    )
+    with pytest.raises(InputError, match="level 1 ended without a splat"):
+        run(config, tiny.pyramid(3), backend_for("cpu"))
 
 
 def test_a_base_in_integers_keeps_them():
