@@ -6,13 +6,13 @@ and `state` do, without knowing faults: where they give up, those find out why.
 
 from __future__ import annotations
 
-import zlib
 from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.crc import crc32
 from evogs_codec.frames import decompress_all
 from evogs_codec.packet_header import N_SIDES, component_channels
 from evogs_codec.scratch import Scratch
@@ -54,7 +54,7 @@ def apply_compiled(
     if len(packets) and int((offsets + sizes).max()) > len(data):
         return False
     for at, size, crc in zip(offsets.tolist(), sizes.tolist(), rows["crc"].tolist(), strict=True):
-        if zlib.crc32(data[at : at + size]) != crc:
+        if crc32(data[at : at + size]) != crc:
             return False
     components, steps = rows["component"].astype(np.int64), directory.steps[packets]
     core = rows[components == 0]  # that of step s is row s

@@ -5,7 +5,6 @@ The packet table has no offsets and no step numbers: both follow from the order 
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -13,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec import layout
+from evogs_codec.crc import crc32
 from evogs_codec.errors import Fault, StreamError
 from evogs_codec.limits import LIMITS
 from evogs_codec.packet_header import Counts
@@ -220,7 +220,7 @@ def check_crc(stored: int, offset: int, *covered: bytes | memoryview) -> None:
     """Raise E_CRC unless `stored` is the CRC-32 of what it covers (R-6.3-1)."""
     computed = 0
     for part in covered:
-        computed = zlib.crc32(part, computed)
+        computed = crc32(part, computed)
     if computed != stored:
         raise StreamError(Fault.E_CRC, f"CRC-32 {computed:#010x}, stored {stored:#010x}", offset)
 

@@ -29,7 +29,7 @@ __all__ = [
 
 _jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
 MAX_INT = 0x7FFFFFFF
-BLOCK = 512  # splats whose floats are put in order at a time
+BLOCK = 2048  # splats whose floats are written at a time
 
 
 @_jit
@@ -179,49 +179,52 @@ def second_children(
     return least, most
 
 
+def _writer(n_channels: int) -> Any:  # noqa: ANN401 - numba has no types
+    """What writes so many channels as floats; a number that is known becomes vector code."""
+
+    @_jit
+    def write(x: I32, factor: np.float32, out: F32) -> None:
+        for i in range(len(out)):
+            for c in range(n_channels):
+                out[i, c] = np.float32(x[c, i]) * factor
+
+    return write
+
+
+_write_12, _write_9, _write_4, _write_3, _write_1 = map(_writer, (12, 9, 4, 3, 1))
+
+
 @_jit
 def float_rows(x: I32, origins: I64, scale: float, out: F32) -> None:
     """out[i, c] = binary32((origins[c] + x[c, i]) * scale), rounded once (R-7.6-1).
 
-    There are 3**i * 4**j channels. A block of splats at a time, so that what is written stays in
-    cache: rows of floats, of which three or four are interleaved to one until one is left.
+    As many channels at a time as there are streams that a processor reads ahead, and a block of
+    splats at a time, so that the lines of memory which channels share stay in cache.
     """
     n, n_channels = out.shape
-    flat, factor = out.reshape(-1), np.float32(scale)
-    rows = np.empty(n_channels * BLOCK, np.float32)
-    others = np.empty_like(rows)
-    for begin in range(0, n, BLOCK):
-        size = min(BLOCK, n - begin)
-        block = flat[begin * n_channels : (begin + size) * n_channels]
-        for c in range(n_channels):
-            to = (block if n_channels == 1 else rows)[c * size : (c + 1) * size]
-            row, origin = x[c, begin : begin + size], np.float64(origins[c])
-            if origin == 0:  # a scale is a power of 2: the conversion is the only rounding
-                for i in range(size):
-                    to[i] = np.float32(row[i]) * factor
-            else:
-                for i in range(size):
-                    to[i] = np.float32((origin + np.float64(row[i])) * scale)
-        n_rows = n_channels
-        while n_rows > 1:
-            n_together = 3 if n_rows % 4 else 4
-            n_rows, length = n_rows // n_together, n_channels * size // n_rows
-            to = block if n_rows == 1 else others
-            for k in range(n_rows):
-                _interleave(rows, k, n_rows, length, n_together, to)
-            rows, others = others, rows
-
-
-@_jit
-def _interleave(rows: F32, k: int, n_rows: int, n: int, n_together: int, out: F32) -> None:
-    """Row k of `out` from the rows k, k + n_rows, k + 2 n_rows ... of n floats: one of each."""
-    first, step = k * n, n_rows * n
-    a, b, c = rows[first:][:n], rows[first + step :][:n], rows[first + 2 * step :][:n]
-    to = out[k * n_together * n :]
-    if n_together == 3:
+    if origins[:n_channels].any():  # |O + X| is below 2**53, so binary64 holds it
         for i in range(n):
-            to[3 * i], to[3 * i + 1], to[3 * i + 2] = a[i], b[i], c[i]
+            for c in range(n_channels):
+                out[i, c] = np.float32((np.float64(origins[c]) + np.float64(x[c, i])) * scale)
         return
-    d = rows[first + 3 * step :][:n]
-    for i in range(n):
-        to[4 * i], to[4 * i + 1], to[4 * i + 2], to[4 * i + 3] = a[i], b[i], c[i], d[i]
+    factor = np.float32(scale)  # a power of 2: the conversion is the only rounding
+    for begin in range(0, n, BLOCK):
+        part, to = x[:, begin : begin + BLOCK], out[begin : begin + BLOCK]
+        at = 0
+        while at < n_channels:
+            left = n_channels - at
+            if left % 12 == 0:
+                _write_12(part[at : at + 12], factor, to[:, at : at + 12])
+                at += 12
+            elif left % 9 == 0:
+                _write_9(part[at : at + 9], factor, to[:, at : at + 9])
+                at += 9
+            elif left % 4 == 0:
+                _write_4(part[at : at + 4], factor, to[:, at : at + 4])
+                at += 4
+            elif left % 3 == 0:
+                _write_3(part[at : at + 3], factor, to[:, at : at + 3])
+                at += 3
+            else:
+                _write_1(part[at : at + 1], factor, to[:, at : at + 1])
+                at += 1

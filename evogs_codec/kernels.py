@@ -180,9 +180,18 @@ def _read_records(
     has_kinds = (n_splits > 0) + (n_refines > 0) + (n_drops > 0) > 1
     gaps, kinds = np.empty(CHUNK, np.int32), np.empty(CHUNK, np.int32)
     slot, end_of_run = np.int64(-1), np.int64(-1)
+    all_split_and_live = n_splits == n_records and drop == 0
     for begin in range(0, n_records, CHUNK):
         n = min(CHUNK, n_records - begin)
         unpack(codes[0], planes, starts[0], n_records, begin, n, gaps)
+        if all_split_and_live:
+            first = n_before + begin
+            slot = _next_slots(gaps[:n], slot, born_from[first : first + n])
+            if slot >= n_before:  # R-7.2-1
+                return False
+            run = _next_runs(gaps[:n], born_from[first], plans.runs, run)
+            n_psi, at_split = n_psi + n, at_split + n
+            continue
         if has_kinds:
             unpack(codes[1], planes, starts[1], n_records, begin, n, kinds)
         for i in range(n):
@@ -233,6 +242,34 @@ def _read_records(
     for slot in plans.drops[drop:at_drop]:
         live[slot] = False
     return True
+
+
+@_jit
+def _next_slots(gaps: I32, last: int, out: I32) -> int:
+    """Slots of records after that of slot `last`, from their gaps; the last of them."""
+    slot = last
+    for i in range(len(gaps)):
+        slot += np.int64(gaps[i]) + 1
+        out[i] = slot
+    return slot
+
+
+@_jit
+def _next_runs(gaps: I32, first: int, runs: I64, run: int) -> int:
+    """Runs from `run` on, of slots from `first` on, each with its gap to the one before it.
+
+    Returns:
+        The run after them.
+    """
+    begin, slot = 0, np.int64(first)
+    for i in range(1, len(gaps)):
+        if gaps[i]:
+            runs[0, run], runs[1, run] = slot, i - begin
+            slot += i - begin + np.int64(gaps[i])
+            begin = i
+            run += 1
+    runs[0, run], runs[1, run] = slot, len(gaps) - begin
+    return run + 1
 
 
 @_jit

@@ -1,13 +1,15 @@
 """Structures of the stream, declared once (spec 5); the only module that imports construct.
 
-The spec's tables are generated from these declarations, the parsers and builders are these
-declarations, and the large tables use numpy dtypes derived from them: construct reads a field at a
-time, numpy a column.
+The spec's tables are generated from these declarations, and the builders are these declarations.
+What reads follows from them: formats of `struct`, and numpy dtypes for tables, because construct
+takes 2 us for a field.
 """
 
 from __future__ import annotations
 
 from functools import cache
+from itertools import islice
+from struct import Struct as Unpacker
 from typing import Any, TypeAlias
 
 import construct as cs
@@ -149,6 +151,7 @@ _TYPES = {
     "Q": "u64",
     "q": "s64",
 }
+_CODES = {name: code for code, name in _TYPES.items()}
 _DTYPES = {"u8": "u1", "s8": "i1", "u16": "<u2", "s16": "<i2", "u32": "<u4", "s32": "<i4"}
 _DTYPES |= {"u64": "<u8", "s64": "<i8"}
 
@@ -165,10 +168,12 @@ def parse(struct: Struct, data: memoryview, offset: int) -> Fields:
     Raises:
         StreamError: E_TRUNCATED at `offset`, the place of `data` in the file.
     """
-    size = size_of(struct)
-    if len(data) < size:
-        raise StreamError(Fault.E_TRUNCATED, f"{len(data)} bytes of {size} are there", offset)
-    return {k: v for k, v in struct.parse(bytes(data[:size])).items() if k != "_io"}
+    unpacker, counts = _unpacker(struct)
+    if len(data) < unpacker.size:
+        detail = f"{len(data)} bytes of {unpacker.size} are there"
+        raise StreamError(Fault.E_TRUNCATED, detail, offset)
+    values = iter(unpacker.unpack_from(data))
+    return {name: list(islice(values, n)) if n else next(values) for name, n in counts}
 
 
 def build(struct: Struct, **fields: Any) -> bytes:  # noqa: ANN401 - as many types as fields
@@ -193,6 +198,18 @@ def dtype_of(struct: Struct) -> np.dtype[np.void]:
         else:
             fields.append((name, _DTYPES[base], (n,)) if n else (name, _DTYPES[base]))
     return np.dtype(fields)
+
+
+@cache
+def _unpacker(struct: Struct) -> tuple[Unpacker, tuple[tuple[str, int], ...]]:
+    """What reads all fields, and (name, 0 or the length of its array) of each."""
+    codes, counts = "<", []
+    for _, name, kind, _ in describe(struct):
+        base, _, count = kind.partition("[")
+        n = int(count[:-1]) if count else 0
+        codes += f"{n or 1}{'s' if base == 'bytes' else _CODES[base]}"
+        counts.append((name, 0 if base == "bytes" else n))
+    return Unpacker(codes), tuple(counts)
 
 
 def describe(struct: Struct) -> list[tuple[int, str, str, str]]:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 __all__ = ["Scratch", "empty"]
 
 HUGE_PAGE = 2 << 20  # bytes
-CHUNK = 32 << 20  # bytes; of what is not used no page is ever made
+CHUNK = 24 << 20  # bytes; of what is not used no page is ever made
 LINE = 64  # bytes of a cache line
 
 

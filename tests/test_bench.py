@@ -13,7 +13,7 @@ from evogs_codec import PRESETS, Cut, InputError, decode_leaves, lift, read_dire
 pytest.importorskip("numba", reason="the rasterizer is compiled")
 from conformance.cli import around
 from conformance.views import Views
-from tools.bench import cli, decimate, page, plots, prefix, sog, splat_transform, subjects
+from tools.bench import cli, decimate, measure, page, plots, prefix, sog, splat_transform, subjects
 from tools.bench.surface import efforts, fronts, iterations, precision, streams
 from tools.scene import make_scene
 
@@ -215,3 +215,18 @@ def test_a_table_that_has_a_picture_shows_it(tmp_path):
     assert "![Surface](figures/surface.png)" in (tmp_path / "figures.md").read_text()
     assert (tmp_path / "figures" / "surface.png").read_bytes().startswith(b"\x89PNG")
     assert set(plots.PLOTS) <= {"surface", "surface-effort", "surface-iterations", "prefix"}
+
+
+def test_contenders_in_processes_of_their_own_take_turns(tmp_path):
+    log = tmp_path / "log"
+    before = f"import os\nlog = open({str(log)!r}, 'a', buffering=1)"
+    contenders = {
+        name: measure.Code(before, f"log.write(f'{name} {{os.getpid()}}\\n')") for name in "ab"
+    }
+    seconds = measure.take_turns_apart(contenders, 2)
+    names, processes = zip(*(line.split() for line in log.read_text().splitlines()), strict=True)
+    assert names == tuple("ababab")
+    assert processes[:2] * 3 == processes
+    assert len({*processes}) == 2
+    assert set(seconds) == {"a", "b"}
+    assert min(seconds.values()) > 0

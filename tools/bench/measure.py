@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,17 @@ import numpy as np
 from evogs_codec import EvolutionTree, SplatParams
 from evogs_codec.arrange import arrange, default_tiles
 
-__all__ = ["Cost", "cost", "errors", "least", "leaves_in_stream_order", "peak_memory", "take_turns"]
+__all__ = [
+    "Code",
+    "Cost",
+    "cost",
+    "errors",
+    "least",
+    "leaves_in_stream_order",
+    "peak_memory",
+    "take_turns",
+    "take_turns_apart",
+]
 
 
 def take_turns(contenders: Mapping[str, Callable[[], object]], turns: int) -> dict[str, float]:
@@ -28,6 +39,59 @@ def take_turns(contenders: Mapping[str, Callable[[], object]], turns: int) -> di
                 seconds[name].append(time.perf_counter() - start)
             del result
     return {name: statistics.median(times) for name, times in seconds.items()}
+
+
+class Code(NamedTuple):
+    """A contender as text, so that it can run anywhere: what goes before, and what is timed."""
+
+    before: str
+    timed: str
+
+    def runner(self) -> Callable[[], object]:
+        """What runs it here."""
+        names: dict[str, object] = {}
+        exec(f"{self.before}\ndef run():\n    return {self.timed}\n", names)
+        run = names["run"]
+        assert callable(run)
+        return run
+
+
+def take_turns_apart(contenders: Mapping[str, Code], turns: int) -> dict[str, float]:
+    """As `take_turns`, each in a process of its own: memory that one frees serves no other."""
+    seconds: dict[str, list[float]] = {name: [] for name in contenders}
+    with ExitStack() as stack:
+        workers = {
+            name: stack.enter_context(
+                subprocess.Popen(
+                    [sys.executable, "-c", _WORKER, *code],
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    text=True,
+                )
+            )
+            for name, code in contenders.items()
+        }
+        for turn in range(turns + 1):
+            for name, worker in workers.items():
+                assert worker.stdin is not None
+                assert worker.stdout is not None
+                print(file=worker.stdin, flush=True)
+                found = float(worker.stdout.readline())
+                if turn:
+                    seconds[name].append(found)
+    return {name: statistics.median(times) for name, times in seconds.items()}
+
+
+_WORKER = """
+import sys, time
+from tools.bench.measure import Code
+run = Code(*sys.argv[1:]).runner()
+for line in sys.stdin:
+    start = time.perf_counter()
+    result = run()
+    print(time.perf_counter() - start, flush=True)
+    del result
+"""
 
 
 def least(run: Callable[[], object], turns: int) -> float:
