@@ -1,10 +1,9 @@
 """`python -m tools.bench`: size, accuracy, time and memory, beside what they are measured against.
 
-Every time is the median of several turns taken one after the other by all contenders of a row, in
-one process, so that a busy machine slows all of them, or processor time, where the table says so.
-Results: `docs/figures/*.csv` and
-`docs/figures.md`, of which `--only` leaves the other tables as they are. `extremes` is a page of
-its own, `docs/extremes.md`.
+Every time is the median of several turns taken one after the other by all contenders of a table, so
+that a busy machine slows all of them, or processor time, where the table says so. Results:
+`docs/figures/*.csv` and `docs/figures.md`, of which `--only` leaves the other tables as they are.
+`extremes` is a page of its own, `docs/extremes.md`.
 """
 
 from __future__ import annotations
@@ -100,7 +99,7 @@ def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement
     """What takes trees and their pictures: of the scene, and of the tree if there is one."""
     of, command = tuple(subjects(args)), args.splat_transform
     shipped: tuple[Subject, ...] = ()
-    if args.ply and {"prefix", "decimate"} & set(args.only):
+    if args.ply and {"surface", "prefix", "decimate"} & set(args.only):
         shipped = (Subject.of_scene("shipped", make_scene(), "z"),)
     if {"rate", "first"} & set(args.only):
         from tools.bench.first import first  # these need gsply
@@ -113,7 +112,7 @@ def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement
             yield "sog", title, partial(sog, of, command, folder)
         yield "published", "Figures of others, as published or measured before", published
     if "surface" in args.only:
-        yield from surface.measurements(of, args.runs)
+        yield from surface.measurements((*shipped, *of), args.runs)
     if "prefix" in args.only:
         title = "Quality against bytes, at 20 cuts"
         yield "prefix", title, partial(prefixes, rivals((*shipped, *of), args.runs))
