@@ -30,6 +30,8 @@ Commands = Any  # argparse's sub-parsers have no public type
 Item = TypeVar("Item")
 N_ORBIT = 24
 SIZE = 400  # pixels, of a view
+# Number, elevation and distance of the cameras of a circle, as of `around`; on none that it has.
+RINGS = ((9, 0.05, 1.7), (11, 0.2, 2.4), (11, 0.5, 1.9), (9, 0.8, 2.2))
 BACKGROUNDS = {"white": (1.0, 1.0, 1.0), "black": (0.0, 0.0, 0.0)}
 
 
@@ -181,10 +183,21 @@ def around(
     )
 
 
+def rings(scene: SplatParams, up: str, times: int = 1) -> list[Camera]:
+    """`times` 40 cameras around the bulk of a scene, at four heights and distances."""
+    return [
+        camera
+        for n, elevation, distance in RINGS
+        for camera in around(scene, up, SIZE, n=times * n, elevation=elevation, distance=distance)
+    ]
+
+
 def pictures(
     scene: SplatParams, camera: Path | None, up: str, n_views: int | None = None
 ) -> Views | None:
     """Views by which `evogs encode` aims; None without numba (entry point of `evogs.pictures`).
+
+    Those that polishing goes by are others, but for those of a file.
 
     Args:
         scene: what they show.
@@ -198,8 +211,9 @@ def pictures(
     from conformance.views import Views
 
     cameras = around(scene, up, SIZE) if camera is None else load_cameras(camera)
+    others = rings(scene, up, 2) if camera is None else cameras
     every = 1 if n_views is None else -(-len(cameras) // n_views)
-    return Views(scene, cameras[::every])
+    return Views(scene, cameras[::every], others=others)
 
 
 def _add(

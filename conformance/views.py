@@ -9,11 +9,11 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from conformance.rasterizer import Camera, draw, gradients, psnr, render
+from conformance.rasterizer import Camera, Drawing, draw, gradients, psnr, render
 from evogs_codec import SplatParams
 from evogs_codec.splats import F32
 
-__all__ = ["DRAWN", "Color", "Views"]
+__all__ = ["DRAWN", "Color", "Views", "view_of"]
 
 Color = tuple[float, float, float]
 DRAWN = 12  # views that the sensitivity is estimated from, at most
@@ -27,11 +27,13 @@ class Views:
         scene: what others are compared with.
         cameras: of the views.
         background: behind the splats.
+        others: cameras of the views that descent goes by.
     """
 
     scene: SplatParams
     cameras: Sequence[Camera]
     background: Color = (1.0, 1.0, 1.0)
+    others: Sequence[Camera] = ()
 
     def psnr(self, splats: SplatParams) -> float:
         """Mean PSNR over the views, dB."""
@@ -53,15 +55,40 @@ class Views:
         for camera in chosen:
             drawing = draw(splats, camera, self.background)
             signs = rng.integers(0, 2, drawing.image.shape).astype(np.float32) * 2 - 1
-            found = gradients(drawing, splats, signs)
-            rows = SplatParams(
-                found.means, found.quats, found.log_scales, found.opacity_logits, found.sh
-            )
-            total += np.square(rows.channels()) / np.float32(signs.size)
+            total += np.square(_gradients(drawing, splats, signs)) / np.float32(signs.size)
         total /= len(chosen)
         return total
+
+    def slopes(self, splats: SplatParams, turn: int) -> F32:
+        """(D, N) gradient of the mean squared error of the view of a turn, one of the others."""
+        view = view_of(turn, len(self.others))
+        camera = self.others[view]
+        if view not in self._of_others:
+            self._of_others[view] = render(self.scene, camera, self.background)
+        drawing = draw(splats, camera, self.background)
+        error = drawing.image - self._of_others[view]
+        return _gradients(drawing, splats, error * np.float32(2 / error.size))
+
+    @cached_property
+    def _of_others(self) -> dict[int, npt.NDArray[np.float32]]:
+        """Pictures of the scene that `slopes` has drawn."""
+        return {}
 
     @cached_property
     def pictures(self) -> list[npt.NDArray[np.float32]]:
         """Of the scene, (H, W, 3) each."""
         return [render(self.scene, camera, self.background) for camera in self.cameras]
+
+
+def view_of(turn: int, n_views: int) -> int:
+    """All views in random order, then all again in another."""
+    round_, place = divmod(turn, n_views)
+    return int(np.random.default_rng(round_).permutation(n_views)[place])
+
+
+def _gradients(drawing: Drawing, splats: SplatParams, of: npt.NDArray[np.float32]) -> F32:
+    """(D, N) gradient to the numbers of splats, from that to the picture."""
+    found = gradients(drawing, splats, of)
+    return SplatParams(
+        found.means, found.quats, found.log_scales, found.opacity_logits, found.sh
+    ).channels()

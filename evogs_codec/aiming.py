@@ -10,6 +10,7 @@ import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from evogs_codec.encode import Progress, write
 from evogs_codec.errors import InputError
 from evogs_codec.grids import AccuracyWarning, Ranges, wanted_steps
 from evogs_codec.importance import Importance, StepWeights
+from evogs_codec.polish import polished
 from evogs_codec.quantize import quantise
 from evogs_codec.settings import ALPHA_BITS, N_ALPHA, Settings
 from evogs_codec.splats import F64, GROUP_CHANNELS, GROUPS
@@ -35,6 +37,9 @@ FACTORS = (1e-4, 1e4)
 MOST_TRIES = 14
 NARROW = 1e-6
 PSNR_SLACK, BYTES_SLACK = 0.1, 0.005  # dB, and part of the bytes asked for
+POLISHED = 2.0  # dB that polishing gains, about
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -45,12 +50,14 @@ class Aim:
         tree: any.
         settings: what is kept of them: the effort, and the steps where there are no pictures.
         pictures: of the tree's leaves, or None.
+        polish: iterations of `polished`, with pictures; 0 for none.
         n_tiles, info, progress: as of `encode`.
     """
 
     tree: EvolutionTree
     settings: Settings
     pictures: Pictures | None = None
+    polish: int = 0
     n_tiles: int | None = None
     info: SceneInfo | None = None
     progress: Progress | None = None
@@ -66,15 +73,26 @@ class Aim:
             raise ValueError("a PSNR needs pictures")
         pictures, coder = self.pictures, _Coder(self)
 
-        def measure(price: float) -> tuple[float, bytes]:
-            data = write(coder.coded(price), effort=self.settings.effort, digests=False)
-            return pictures.psnr(decode(data).leaves(sh_degree=self.tree.sh_degree)), data
+        def measure(coded: CodedTree) -> tuple[float, CodedTree]:
+            data = write(coded, effort=1, digests=False)
+            return pictures.psnr(decode(data).leaves(sh_degree=self.tree.sh_degree)), coded
 
-        # 3 dB for a price twice as high.
-        found = _search(measure, decibels, -10 / math.log(10), FIRST_PRICE, PRICES, PSNR_SLACK)
+        def search(
+            code: Callable[[float], CodedTree], target: float, start: float, slack: float
+        ) -> _Found[CodedTree]:
+            # 3 dB for a price twice as high.
+            slope = -10 / math.log(10)
+            return _search(lambda price: measure(code(price)), target, slope, start, PRICES, slack)
+
+        code: Callable[[float], CodedTree] = coder.coded
+        start = FIRST_PRICE
+        if self.polish:
+            start = search(code, decibels - POLISHED, start, POLISHED / 4).at
+            code = coder.polished
+        found = search(code, decibels, start, PSNR_SLACK)
         if abs(found.value - decibels) > 2 * PSNR_SLACK:
             raise InputError(f"{decibels:g} dB cannot be met: {found.value:.2f} dB is nearest")
-        return self._with_digests(coder.coded(found.at))
+        return self._with_digests(found.what)
 
     def at_bytes(self, n_bytes: int) -> bytes:
         """The stream of at most this many bytes, and at least 98 % of them.
@@ -84,16 +102,22 @@ class Aim:
         """
         coder = _Coder(self)
 
-        def measure(price: float) -> tuple[float, bytes]:
-            data = self._with_digests(coder.coded(price))
-            return math.log(len(data)), data
+        def search(code: Callable[[float], CodedTree], start: float) -> _Found[bytes]:
+            def measure(price: float) -> tuple[float, bytes]:
+                data = self._with_digests(code(price))
+                return math.log(len(data)), data
 
-        start, bounds = (FIRST_PRICE, PRICES) if self.pictures else (1.0, FACTORS)
-        aim = math.log(n_bytes) - BYTES_SLACK
-        found = _search(measure, aim, -0.1, start, bounds, BYTES_SLACK)
-        if len(found.data) > n_bytes or len(found.data) < 0.98 * n_bytes:
-            raise InputError(f"{n_bytes:,} bytes cannot be met: {len(found.data):,} is nearest")
-        return found.data
+            bounds = PRICES if self.pictures else FACTORS
+            aim = math.log(n_bytes) - BYTES_SLACK
+            return _search(measure, aim, -0.1, start, bounds, BYTES_SLACK)
+
+        found = search(coder.coded, FIRST_PRICE if self.pictures else 1.0)
+        if self.polish and self.pictures:
+            found = search(coder.polished, found.at)
+        data = found.what
+        if len(data) > n_bytes or len(data) < 0.98 * n_bytes:
+            raise InputError(f"{n_bytes:,} bytes cannot be met: {len(data):,} is nearest")
+        return data
 
     def within(self, errors: Mapping[str, float]) -> bytes:
         """The stream no number of whose leaves is further from the tree's than its group allows.
@@ -164,6 +188,14 @@ class _Coder:
         )
         return self.quantised(settings, self.importance.weights, at)
 
+    def polished(self, price: float) -> CodedTree:
+        """At a price of a bit, the integers of the last level moved by pictures."""
+        pictures, report = self.aim.pictures, self.aim.progress or (lambda _stage, _part: None)
+        assert pictures is not None, "who polishes has pictures"
+        return polished(
+            self.coded(price), pictures, price, self.aim.polish, lambda part: report("polish", part)
+        )
+
     def quantised(
         self,
         settings: Settings,
@@ -201,26 +233,26 @@ def _errors(tiles: Sequence[EvolutionTree], data: bytes, sh_degree: int) -> F64:
 
 
 @dataclass(frozen=True)
-class _Found:
-    """The best of a search: where, its value, its stream."""
+class _Found(Generic[T]):
+    """The best of a search: where, its value, and what has it."""
 
     at: float
     value: float
-    data: bytes
+    what: T
 
 
 def _search(
-    measure: Callable[[float], tuple[float, bytes]],
+    measure: Callable[[float], tuple[float, T]],
     target: float,
     slope: float,
     start: float,
     bounds: tuple[float, float],
     slack: float,
-) -> _Found:
+) -> _Found[T]:
     """Where a value that falls is nearest to `target`: secants in the logarithm, kept in brackets.
 
     Args:
-        measure: value and stream at a place.
+        measure: value at a place, and what has it.
         target: of the value.
         slope: first guess of the change of the value over that of the logarithm of the place.
         start: first place.
@@ -228,12 +260,13 @@ def _search(
         slack: a value this near is good enough.
     """
     low, high = (math.log(bound) for bound in bounds)
-    at, best = math.log(start), None
+    at = math.log(start)
+    best: _Found[T] | None = None
     before: tuple[float, float] | None = None
     for _ in range(MOST_TRIES):
-        value, data = measure(math.exp(at))
+        value, what = measure(math.exp(at))
         if best is None or abs(value - target) < abs(best.value - target):
-            best = _Found(math.exp(at), value, data)
+            best = _Found(math.exp(at), value, what)
         if abs(value - target) <= slack:
             break
         if value > target:

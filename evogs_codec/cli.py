@@ -119,6 +119,8 @@ def run_encode(args: argparse.Namespace) -> None:
     is_scene = _is_ply(args.input)
     if args.finer and (args.target_psnr or args.target_bytes or args.max_error):
         raise InputError("--finer does not go with a target: the target decides how fine steps are")
+    if args.polish and not (args.target_psnr or args.target_bytes):
+        raise InputError("--polish needs --target-psnr or --target-bytes")
     settings = _settings(args, "scene" if is_scene else "trained")
     info = _scene_info(args)
     with _progress() as progress:
@@ -317,11 +319,12 @@ def _encoded(
         )
     if not tree.n_leaves:
         raise InputError("a scene without splats has nothing to aim at")
-    aim = replace(aim, pictures=_pictures(tree, args))
+    aim = replace(aim, pictures=_pictures(tree, args), polish=args.polish or 0)
+    if aim.pictures is None and (args.polish or args.target_bytes is None):
+        option = "--polish" if args.polish else "--target-psnr"
+        raise InputError(f"{option} draws pictures: pip install 'evogs[render]'")
     if args.target_bytes is not None:
         return aim.at_bytes(args.target_bytes)
-    if aim.pictures is None:
-        raise InputError("--target-psnr draws pictures: pip install 'evogs[render]'")
     return aim.at_psnr(args.target_psnr)
 
 

@@ -32,6 +32,9 @@ class Pictures(Protocol):
     def psnr(self, splats: SplatParams) -> float:
         """Mean PSNR of pictures of `splats` against those of the scene, dB."""
 
+    def slopes(self, splats: SplatParams, turn: int) -> F32:
+        """(D, N) gradient of the mean squared error of one view, not of those of `psnr`."""
+
 
 @dataclass(frozen=True, eq=False)
 class Shown:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
+import scipy
 
 from evogs_codec.coded import component_slice
 from evogs_codec.directory import UNKNOWN_ERROR
@@ -113,5 +113,5 @@ class History:
         ):
             ways[k] = np.sqrt(np.square(shown[0:3] - last).sum(0))
             if missing.any():
-                ways[k, missing] = cKDTree(present.T).query(last[:, missing].T)[0]
+                ways[k, missing] = scipy.spatial.cKDTree(present.T).query(last[:, missing].T)[0]
         return ways

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from evogs_codec.axes import matrices, nearest_turns, turned
 from evogs_codec.splats import F64, GROUP_CHANNELS, I64
@@ -216,7 +216,7 @@ def _shapes(m: Moments, like: F64) -> F64:
     """(10, n) shapes of the Gaussians with these moments, written like those of `like` (D, n)."""
     variances, axes = np.linalg.eigh(m.cov.transpose(2, 0, 1))
     axes[:, :, 0] *= np.linalg.det(axes)[:, None]  # turned, not mirrored
-    quats = Rotation.from_matrix(axes).as_quat(scalar_first=True).T
+    quats = scipy.spatial.transform.Rotation.from_matrix(axes).as_quat(scalar_first=True).T
     log_scales = 0.5 * np.log(np.maximum(variances.T, TINY))
     turn = nearest_turns(like[4:7], like[_SCALE], quats, log_scales)
     _, g, log_scales = turned(quats, log_scales, turn)

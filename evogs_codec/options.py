@@ -54,6 +54,7 @@ def add_encode(commands: Commands, run: Run) -> None:
         "  evogs encode lego.tree.npz lego.evogs --preset trained\n"
         "  evogs encode scene.ply scene.evogs --target-psnr 45 --up=-y\n"
         "  evogs encode scene.ply scene.evogs --target-bytes 5000000\n"
+        "  evogs encode scene.ply scene.evogs --target-psnr 40 --polish\n"
         "  evogs encode scene.ply scene.evogs --max-error 0.01 position=0.0005\n"
         "  evogs encode lego.tree.npz exact.evogs --near-lossless",
     )
@@ -99,6 +100,16 @@ def add_encode(commands: Commands, run: Run) -> None:
         metavar="E",
         help="no number of a splat is further off, in units of the file; GROUP=E for one group:"
         f" {', '.join(GROUPS)}",
+    )
+    parser.add_argument(
+        "--polish",
+        type=_number(int, 2, 1_000_000),
+        nargs="?",
+        const=DEFAULT_ITERATIONS,
+        metavar="ITERATIONS",
+        help="with --target-psnr or --target-bytes: move the integers of the last level by gradient"
+        " descent on pictures, for minutes; a fifth fewer bytes at the same PSNR, or more dB"
+        f" (default: {DEFAULT_ITERATIONS})",
     )
     parser.add_argument(
         "--finer", type=_number(float, 1e-3, 1e6), metavar="F", help="divide all steps by F"
@@ -232,7 +243,7 @@ def _add_lift_options(parser: argparse.ArgumentParser) -> None:
         "--camera",
         type=Path,
         metavar="FILE.json",
-        help="views for --refine and of a target (default: around the scene)",
+        help="views for --refine, --polish and of a target (default: around the scene)",
     )
     parser.add_argument(
         "--up", choices=("x", "y", "z", "-x", "-y", "-z"), default="z", help="of views around it"

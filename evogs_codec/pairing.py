@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from evogs_codec.axes import STEP_ROTATION, STEP_SCALE
 from evogs_codec.merging import TINY, Moments, merged, sizes
@@ -112,7 +112,7 @@ def _edges(points: F64) -> tuple[I64, I64]:
     """Each node with its nearest neighbours, every pair once: (e,), (e,)."""
     n = len(points)
     k = min(N_NEIGHBOURS + 1, n)
-    _, near = cKDTree(points).query(points, k=k)
+    _, near = scipy.spatial.cKDTree(points).query(points, k=k)
     start = np.repeat(np.arange(n), k)
     end = near.ravel().astype(np.int64)
     keys = np.unique(np.minimum(start, end) * n + np.maximum(start, end))

@@ -18,7 +18,7 @@ from itertools import count
 import numpy as np
 
 from conformance.rasterizer import Camera, draw, gradients
-from conformance.views import Color, Views
+from conformance.views import Color, Views, view_of
 from evogs_codec import EvolutionTree, SplatParams
 from evogs_codec.merging import (
     MENDED,
@@ -170,7 +170,7 @@ class _Descent:
         moving = scales[slots]
         m, v = np.zeros_like(moving), np.zeros_like(moving)
         for t in range(iterations):
-            view = _view_of(t, len(self.views.cameras))
+            view = view_of(t, len(self.views.cameras))
             splats = replace(splats, log_scales=scales)
             drawing = draw(splats, self.views.cameras[view], self.views.background)
             error = drawing.image - self.views.pictures[view]
@@ -182,12 +182,6 @@ class _Descent:
         out = level.copy()
         out[SCALE] = scales.T
         return out
-
-
-def _view_of(iteration: int, n_views: int) -> int:
-    """All views in random order, then all again in another."""
-    turn, place = divmod(iteration, n_views)
-    return int(np.random.default_rng(turn).permutation(n_views)[place])
 
 
 def _splats(level: F64) -> SplatParams:

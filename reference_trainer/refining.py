@@ -10,18 +10,12 @@ import sys
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from conformance.cli import SIZE, around
-from evogs_codec import EvolutionTree, InputError, SplatParams
+from conformance.cli import rings
+from evogs_codec import EvolutionTree, InputError
 
-if TYPE_CHECKING:
-    from conformance.rasterizer import Camera
+__all__ = ["refine"]
 
-__all__ = ["refine", "rings"]
-
-# Number, elevation and distance of the cameras of a circle, as of `around`; on none that it has.
-RINGS = ((9, 0.05, 1.7), (11, 0.2, 2.4), (11, 0.5, 1.9), (9, 0.8, 2.2))
 HELD_OUT = 5  # every 5th camera
 
 
@@ -64,12 +58,3 @@ def refine(
         text = f"level {change.level}: {change.before:.2f} dB, refined {change.found:.2f} dB{kept}"
         print(f"evogs: {text}", file=sys.stderr)
     return distilled.tree
-
-
-def rings(scene: SplatParams, up: str) -> list[Camera]:
-    """40 cameras around the bulk of a scene, at four heights and distances."""
-    return [
-        camera
-        for n, elevation, distance in RINGS
-        for camera in around(scene, up, SIZE, n=n, elevation=elevation, distance=distance)
-    ]

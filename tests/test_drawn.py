@@ -77,6 +77,9 @@ class Judge:
     def sensitivity(self, splats):
         raise AssertionError("the order of packets does not need it")
 
+    def slopes(self, splats, turn):
+        raise AssertionError("the order of packets does not need them")
+
 
 class Blank(Judge):
     """Shows nothing."""

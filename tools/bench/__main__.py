@@ -99,13 +99,13 @@ def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement
     """What takes trees and their pictures: of the scene, and of the tree if there is one."""
     of, command = tuple(subjects(args)), args.splat_transform
     shipped: tuple[Subject, ...] = ()
-    if args.ply and {"surface", "prefix", "decimate"} & set(args.only):
+    if args.ply and {"rate", "surface", "prefix", "decimate"} & set(args.only):
         shipped = (Subject.of_scene("shipped", make_scene(), "z"),)
     if {"rate", "first"} & set(args.only):
         from tools.bench.first import first  # these need gsply
         from tools.bench.rate import rate
     if "rate" in args.only:
-        yield "rate", "Size against pictures, over 24 views", partial(rate, of, folder)
+        yield "rate", "Size against pictures, over 24 views", partial(rate, (*shipped, *of), folder)
     if "sog" in args.only:
         if command:
             title = "Size against SOG, SH degree 0, over 24 views"

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from conformance.cli import around
+from conformance.cli import around, rings
 from conformance.rasterizer import Camera, psnr, render
 from conformance.views import Views
 from evogs_codec import (
@@ -90,7 +90,7 @@ class Subject:
     @staticmethod
     def of_scene(name: str, splats: SplatParams, up: str) -> Subject:
         """A scene, lifted; judged by pictures of itself."""
-        views = Views(splats, around(splats, up, SIZE))
+        views = Views(splats, around(splats, up, SIZE), others=rings(splats, up, 2))
         tree = lift(splats, N_LEVELS)
         return replace(Subject.of_tree(name, tree, PRESETS["scene"], views), up=up)
 
@@ -109,7 +109,8 @@ def subjects(args: argparse.Namespace) -> Iterator[Subject]:
         yield Subject.of_scene("shipped", make_scene(), "z")
     if args.tree:
         tree, name = read_tree(args.tree), args.tree.name.split(".")[0]
-        views = Views(tree.leaves(), around(tree.leaves(), "z", SIZE))
+        leaves = tree.leaves()
+        views = Views(leaves, around(leaves, "z", SIZE), others=rings(leaves, "z", 2))
         subject = Subject.of_tree(name, tree, PRESETS["trained"], views)
         if args.photos:
             shots = [photograph.at(SIZE) for photograph in held_out(args.photos)]
