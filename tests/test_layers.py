@@ -18,12 +18,14 @@ IMPORTERS = {
     "zstandard": {"frames"},
     "plyfile": {"ply"},
     "numba": {"kernels", "kernel_headers", "kernel_values"},
+    "isal": {"crc"},
 }
+OPTIONAL = {"numba", "isal"}
 # What a machine that only decodes never needs.
 ENCODING = {
     *("encode", "settings", "arrange", "quantize", "grids", "alphas", "hints", "packing", "morton"),
     *("lifting", "merging", "pairing", "joining", "axes", "directory_writing"),
-    *("aiming", "importance", "trading", "gains", "tiling", "progression", "drawn"),
+    *("aiming", "polish", "importance", "trading", "gains", "tiling", "progression", "drawn"),
 }
 
 
@@ -95,15 +97,15 @@ def test_the_base_install_has_every_library_that_the_codec_imports():
     declared = {entry.split(">")[0].split("[")[0].strip() for entry in project["dependencies"]}
     for name, path in MODULES.items():
         needed = packages(path) - sys.stdlib_module_names - {"evogs_codec", "__future__"}
-        assert needed - {"numba"} <= declared, name
-        if "numba" in needed:
-            assert name in IMPORTERS["numba"]
+        assert needed - OPTIONAL <= declared, name
+        for library in needed & OPTIONAL:
+            assert name in IMPORTERS[library]
 
 
 def test_the_codec_works_without_the_optional_libraries():
     program = (
         "import sys\n"
-        "sys.modules['numba'] = sys.modules['torch'] = None\n"
+        "sys.modules['numba'] = sys.modules['torch'] = sys.modules['isal'] = None\n"
         "import numpy as np\n"
         "import evogs_codec, evogs_codec.cli, evogs_codec.compiled\n"
         "evogs_codec.compiled.MIN_COMPILED = 0\n"
