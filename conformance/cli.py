@@ -30,6 +30,7 @@ Commands = Any  # argparse's sub-parsers have no public type
 Item = TypeVar("Item")
 N_ORBIT = 24
 SIZE = 400  # pixels, of a view
+HELD_OUT = 5  # every 5th camera of a file judges what descends by the others
 # Number, elevation and distance of the cameras of a circle, as of `around`; on none that it has.
 RINGS = ((9, 0.05, 1.7), (11, 0.2, 2.4), (11, 0.5, 1.9), (9, 0.8, 2.2))
 BACKGROUNDS = {"white": (1.0, 1.0, 1.0), "black": (0.0, 0.0, 0.0)}
@@ -193,17 +194,24 @@ def rings(scene: SplatParams, up: str, times: int = 1) -> list[Camera]:
 
 
 def pictures(
-    scene: SplatParams, camera: Path | None, up: str, n_views: int | None = None
+    scene: SplatParams,
+    camera: Path | None,
+    up: str,
+    n_views: int | None = None,
+    *,
+    polish: bool = False,
 ) -> Views | None:
     """Views by which `evogs encode` aims; None without numba (entry point of `evogs.pictures`).
-
-    Those that polishing goes by are others, but for those of a file.
 
     Args:
         scene: what they show.
         camera: a file of cameras, or None for an orbit.
         up: axis of the orbit.
         n_views: at most so many of them.
+        polish: with others beside them, which polishing goes by.
+
+    Raises:
+        InputError: the file has a single camera, and polishing needs others.
     """
     if find_spec("numba") is None:
         return None
@@ -211,7 +219,14 @@ def pictures(
     from conformance.views import Views
 
     cameras = around(scene, up, SIZE) if camera is None else load_cameras(camera)
-    others = rings(scene, up, 2) if camera is None else cameras
+    others: list[Camera] = []
+    if polish and camera is None:
+        others = rings(scene, up, 2)
+    elif polish:
+        others = [other for k, other in enumerate(cameras) if k % HELD_OUT]
+        cameras = cameras[::HELD_OUT]
+        if not others:
+            raise InputError(f"{camera}: 1 camera, expected at least 2")
     every = 1 if n_views is None else -(-len(cameras) // n_views)
     return Views(scene, cameras[::every], others=others)
 

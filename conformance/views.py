@@ -60,7 +60,13 @@ class Views:
         return total
 
     def slopes(self, splats: SplatParams, turn: int) -> F32:
-        """(D, N) gradient of the mean squared error of the view of a turn, one of the others."""
+        """(D, N) gradient of the mean squared error of the view of a turn, one of the others.
+
+        Raises:
+            ValueError: there are no others.
+        """
+        if not self.others:
+            raise ValueError("there are no other views to descend by")
         view = view_of(turn, len(self.others))
         camera = self.others[view]
         if view not in self._of_others:

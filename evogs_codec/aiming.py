@@ -37,7 +37,7 @@ FACTORS = (1e-4, 1e4)
 MOST_TRIES = 14
 NARROW = 1e-6
 PSNR_SLACK, BYTES_SLACK = 0.1, 0.005  # dB, and part of the bytes asked for
-POLISHED = 2.0  # dB that polishing gains, about
+POLISH_GAIN = 2.0  # dB, about
 
 T = TypeVar("T")
 
@@ -50,7 +50,7 @@ class Aim:
         tree: any.
         settings: what is kept of them: the effort, and the steps where there are no pictures.
         pictures: of the tree's leaves, or None.
-        polish: iterations of `polished`, with pictures; 0 for none.
+        polish: iterations of `polished`, where pictures decide; 0 for none.
         n_tiles, info, progress: as of `encode`.
     """
 
@@ -84,13 +84,16 @@ class Aim:
             slope = -10 / math.log(10)
             return _search(lambda price: measure(code(price)), target, slope, start, PRICES, slack)
 
-        code: Callable[[float], CodedTree] = coder.coded
-        start = FIRST_PRICE
-        if self.polish:
-            start = search(code, decibels - POLISHED, start, POLISHED / 4).at
-            code = coder.polished
-        found = search(code, decibels, start, PSNR_SLACK)
-        if abs(found.value - decibels) > 2 * PSNR_SLACK:
+        def is_met(found: _Found[CodedTree] | None) -> bool:
+            return found is not None and abs(found.value - decibels) <= 2 * PSNR_SLACK
+
+        found = None
+        if coder.polishes:
+            near = search(coder.coded, decibels - POLISH_GAIN, FIRST_PRICE, POLISH_GAIN / 4)
+            found = search(coder.polished, decibels, near.at, PSNR_SLACK)
+        if found is None or not is_met(found):
+            found = search(coder.coded, decibels, FIRST_PRICE, PSNR_SLACK)
+        if not is_met(found):
             raise InputError(f"{decibels:g} dB cannot be met: {found.value:.2f} dB is nearest")
         return self._with_digests(found.what)
 
@@ -111,13 +114,12 @@ class Aim:
             aim = math.log(n_bytes) - BYTES_SLACK
             return _search(measure, aim, -0.1, start, bounds, BYTES_SLACK)
 
-        found = search(coder.coded, FIRST_PRICE if self.pictures else 1.0)
-        if self.polish and self.pictures:
-            found = search(coder.polished, found.at)
-        data = found.what
-        if len(data) > n_bytes or len(data) < 0.98 * n_bytes:
-            raise InputError(f"{n_bytes:,} bytes cannot be met: {len(data):,} is nearest")
-        return data
+        plain = search(coder.coded, FIRST_PRICE if self.pictures else 1.0)
+        found = [search(coder.polished, plain.at), plain] if coder.polishes else [plain]
+        for data in (one.what for one in found):
+            if 0.98 * n_bytes <= len(data) <= n_bytes:
+                return data
+        raise InputError(f"{n_bytes:,} bytes cannot be met: {len(plain.what):,} is nearest")
 
     def within(self, errors: Mapping[str, float]) -> bytes:
         """The stream no number of whose leaves is further from the tree's than its group allows.
@@ -132,7 +134,7 @@ class Aim:
         if not all(error > 0 for error in errors.values()):
             raise ValueError("largest errors are above 0")
         asked = np.array([errors.get(name, math.inf) for name in GROUPS])
-        coder = _Coder(replace(self, pictures=None))
+        coder = _Coder(replace(self, pictures=None, polish=0))
         table = coder.first_table()
         groups = np.minimum(np.arange(table.shape[1]), 4)
         table = np.where(np.isinf(asked[groups]), table, 2 * asked[groups])
@@ -164,6 +166,9 @@ class _Coder:
     def __init__(self, aim: Aim) -> None:
         self.aim = aim
         self.n_levels = max(aim.tree.n_levels, 1)
+        if aim.polish and aim.pictures is None:
+            raise ValueError("polishing needs pictures")
+        self.polishes = aim.polish > 0 and self.n_levels > 1
         report = aim.progress or (lambda _stage, _part: None)
         report("arrange", 0.0)
         self.tiles = arrange(aim.tree, aim.n_tiles or default_tiles(aim.tree.n_leaves))

@@ -323,6 +323,8 @@ def _encoded(
     if aim.pictures is None and (args.polish or args.target_bytes is None):
         option = "--polish" if args.polish else "--target-psnr"
         raise InputError(f"{option} draws pictures: pip install 'evogs[render]'")
+    if args.polish and tree.n_levels < 2:
+        warnings.warn("--polish changes nothing: the tree has one level", stacklevel=1)
     if args.target_bytes is not None:
         return aim.at_bytes(args.target_bytes)
     return aim.at_psnr(args.target_psnr)
@@ -354,7 +356,10 @@ def _pictures(
 ) -> Pictures | None:
     """Of the leaves, where something can draw them."""
     for entry in entry_points(group="evogs.pictures"):
-        found: Pictures | None = entry.load()(tree.leaves(), args.camera, args.up, n_views)
+        draw = entry.load()
+        found: Pictures | None = draw(
+            tree.leaves(), args.camera, args.up, n_views, polish=bool(args.polish)
+        )
         return found
     return None
 

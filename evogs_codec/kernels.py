@@ -180,11 +180,11 @@ def _read_records(
     has_kinds = (n_splits > 0) + (n_refines > 0) + (n_drops > 0) > 1
     gaps, kinds = np.empty(CHUNK, np.int32), np.empty(CHUNK, np.int32)
     slot, end_of_run = np.int64(-1), np.int64(-1)
-    all_split_and_live = n_splits == n_records and drop == 0
+    all_split = n_splits == n_records and drop == 0  # of slots that are all live
     for begin in range(0, n_records, CHUNK):
         n = min(CHUNK, n_records - begin)
         unpack(codes[0], planes, starts[0], n_records, begin, n, gaps)
-        if all_split_and_live:
+        if all_split:
             first = n_before + begin
             slot = _next_slots(gaps[:n], slot, born_from[first : first + n])
             if slot >= n_before:  # R-7.2-1

@@ -20,6 +20,7 @@ from evogs_codec.cut import Cut
 from evogs_codec.decode import decode
 from evogs_codec.drawn import Pictures
 from evogs_codec.encode import write
+from evogs_codec.planes import MAX_STORED
 from evogs_codec.refine import MAX_X, RangeError, StepPlan, apply_channel
 from evogs_codec.splats import F32, F64, GROUP_CHANNELS, I32, SplatParams
 from evogs_codec.tree import N_GROUPS
@@ -46,9 +47,12 @@ def polished(
         price: mean squared error of pictures that a bit is worth.
         iterations: a view each.
         progress: called with the part that is done.
+
+    Hints (`CodedStep.error`, `gain`) stay those of the tree as it was.
     """
     last = tree.n_levels - 1
-    if last == 0 or not any(step.psi.size for tile in tree.tiles for step in tile.steps):
+    steps = [step for tile in tree.tiles for step in tile.steps]
+    if last == 0 or not any(step.level == last and step.psi.any() for step in steps):
         return tree
     data = write(tree, effort=1, digests=False)
     before = decode(data, lambda directory: Cut.of_level(directory, last - 1))
@@ -102,19 +106,19 @@ class _Tile:
     def leaves(self) -> F32:
         """(D, N) what a decoder has, nearly: products of alpha are not rounded."""
         x = self.x.copy()
-        for step in self.moving:
-            step.apply(x)
+        for moving in self.moving:
+            moving.apply(x)
         return x[:, self.live]
 
     def descend(self, slopes: F32, rate: float, t: int) -> None:
         """An iteration, from the slopes (D, N) of the leaves."""
         g = np.zeros_like(self.x)
         g[:, self.live] = slopes
-        for step in reversed(self.moving):
-            step.descend(g, rate, t)
+        for moving in reversed(self.moving):
+            moving.descend(g, rate, t)
 
     def coded(self) -> CodedTile:
-        """The tile with the integers of now, or as it was if they leave the range of a grid."""
+        """The tile with the integers of now, or as it was if they are too large for the format."""
         level, n = self.tree.n_levels - 1, self.before.shape[1]
         x = np.zeros(self.x.shape, np.int32)
         x[:, :n] = self.before
@@ -123,6 +127,8 @@ class _Tile:
         rest = self.tile.steps[len(steps) :]
         for moving, step in zip(self.moving, rest, strict=True):
             psi = moving.integers()
+            if np.abs(psi).max(initial=0) > MAX_STORED // 2 - 1:
+                return self.tile
             for c, kind in enumerate(self.kinds):
                 table = self.tree.alpha_table(level, min(kind, 4))
                 a = np.array(table.entries, np.int32)[step.alpha[min(kind, 4)]]
@@ -200,7 +206,7 @@ class _Moving:
     def descend(self, g: F32, rate: float, t: int) -> None:
         """Follow the slopes (D, n) after the step, in place of which come those before it."""
         plan, s = self.plan, self._splits
-        step = np.float32(rate / (1 - BETA1**t) * np.sqrt(1 - BETA2**t))
+        stride = np.float32(rate / (1 - BETA1**t) * np.sqrt(1 - BETA2**t))
         for group, part in enumerate(GROUP_CHANNELS):
             first, second = g[part, plan.targets], g[part, self._new]
             slope = first.copy()
@@ -212,7 +218,7 @@ class _Moving:
             m, v = self.m[part], self.v[part]
             m += (1 - BETA1) * (slope - m)
             v += (1 - BETA2) * (np.square(slope) - v)
-            self.q[part] -= step * m / (np.sqrt(v) + EPS)
+            self.q[part] -= stride * m / (np.sqrt(v) + EPS)
 
     @property
     def _splits(self) -> npt.NDArray[np.int64] | slice:

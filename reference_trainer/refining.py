@@ -11,12 +11,10 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 
-from conformance.cli import rings
+from conformance.cli import HELD_OUT, rings
 from evogs_codec import EvolutionTree, InputError
 
 __all__ = ["refine"]
-
-HELD_OUT = 5  # every 5th camera
 
 
 def refine(

@@ -1,5 +1,6 @@
 """Polishing: integers of the last level that pictures like better, in a stream that is legal."""
 
+from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
@@ -10,9 +11,10 @@ from hypothesis import strategies as st
 
 pytest.importorskip("numba", reason="the rasterizer is compiled")
 from conformance import oracle
-from conformance.cli import RINGS, around
+from conformance.cli import RINGS, around, pictures
+from conformance.rasterizer import save_cameras
 from conformance.views import Views, view_of
-from evogs_codec import PRESETS, decode, lift, polish
+from evogs_codec import PRESETS, InputError, aiming, decode, lift, polish
 from evogs_codec.aiming import Aim, _Coder
 from evogs_codec.cli import main
 from evogs_codec.encode import write
@@ -98,6 +100,40 @@ def test_a_tile_whose_integers_leave_the_range_stays_as_it_was(monkeypatch):
     coded = _Coder(aim()).coded(1e-10)
     monkeypatch.setattr(polish, "apply_channel", too_large)
     assert quietly(coded, scene()[1], 1e-10, 2).tiles == coded.tiles
+
+
+def test_a_tile_whose_integers_need_too_many_bits_stays_as_it_was(monkeypatch):
+    coded = _Coder(aim()).coded(1e-10)
+    monkeypatch.setattr(polish, "MAX_STORED", 4)
+    assert quietly(coded, scene()[1], 1e-10, 2).tiles == coded.tiles
+
+
+def test_where_polishing_misses_a_target_the_plain_stream_meets_it(monkeypatch):
+    def nothing(tree, *_):
+        return replace(tree, tiles=())
+
+    monkeypatch.setattr(aiming, "polished", nothing)
+    assert aim(polish=2).at_psnr(38) == aim().at_psnr(38)
+    assert aim(polish=2).at_bytes(12_000) == aim().at_bytes(12_000)
+
+
+def test_it_needs_pictures_and_other_views():
+    tree, views = scene()
+    with pytest.raises(ValueError, match="needs pictures"):
+        Aim(tree, PRESETS["scene"], polish=2).at_bytes(12_000)
+    with pytest.raises(ValueError, match="no other views"):
+        Views(views.scene, views.cameras).slopes(views.scene, 0)
+
+
+def test_views_of_a_file_judge_or_are_descended_by(tmp_path):
+    views = scene()[1]
+    save_cameras(tmp_path / "many.json", views.cameras[:6])
+    save_cameras(tmp_path / "one.json", views.cameras[:1])
+    found = pictures(views.scene, tmp_path / "many.json", "z", polish=True)
+    assert found is not None
+    assert (len(found.cameras), len(found.others)) == (2, 4)
+    with pytest.raises(InputError, match="expected at least 2"):
+        pictures(views.scene, tmp_path / "one.json", "z", polish=True)
 
 
 def test_a_psnr_is_met_in_fewer_bytes():

@@ -169,8 +169,8 @@ def test_without_numba_the_extra_is_named(monkeypatch):
 
 
 def test_refining_says_what_became_of_each_level(capsys, monkeypatch):
-    monkeypatch.setattr(refining, "SIZE", SIZE)
-    monkeypatch.setattr(refining, "RINGS", ((5, 0.2, 2.0),))
+    monkeypatch.setattr("conformance.cli.SIZE", SIZE)
+    monkeypatch.setattr("conformance.cli.RINGS", ((5, 0.2, 2.0),))
     parts: list[float] = []
     tree = refining.refine(lifted(), None, "z", 4, parts.append)
     assert parts == sorted(parts)
