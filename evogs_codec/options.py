@@ -108,8 +108,8 @@ def add_encode(commands: Commands, run: Run) -> None:
         const=DEFAULT_ITERATIONS,
         metavar="ITERATIONS",
         help="with --target-psnr or --target-bytes: move the integers of the last level by gradient"
-        " descent on pictures, for minutes; a tenth to a fifth fewer bytes at the same PSNR, or"
-        " 1 to 2 dB more; of --camera, every 5th view judges"
+        " descent on pictures, for minutes; up to a fifth fewer bytes at the same PSNR;"
+        " of --camera, every 5th view judges"
         f" (default: {DEFAULT_ITERATIONS})",
     )
     parser.add_argument(

@@ -295,8 +295,10 @@ WRONG = (
         "positions meet the view matrix in float32",
         (
             TO_CAMERA,
-            "    x, y, z = camera.rotation.astype(np.float32) @ mean.astype(np.float32)"
-            " + camera.translation.astype(np.float32)\n",
+            # Not `@`, whose last bits depend on the processor.
+            "    r, p = camera.rotation.astype(np.float32), mean.astype(np.float32)\n"
+            "    turned = r[:, 0] * p[0] + r[:, 1] * p[1] + r[:, 2] * p[2]\n"
+            "    x, y, z = turned + camera.translation.astype(np.float32)\n",
         ),
     ),
     _wrong("black-background", "the background is black", (ENDS, "    image += 0.0\n")),

@@ -159,7 +159,7 @@ def test_training_mends_what_rounding_lost():
     tree = trained(integers=Integers())
     model, data = begun(tree, distortion=0.02)
     before, rates = model.splats(0).params(), Integers(0.5).rates(PRESETS["quick"].rates)
-    stage = Stage(data.train, data.background, 1.0, 200, 100, (0,), rates)
+    stage = Stage(data.train, data.background, 1.0, 600, 100, (0,), rates)
     training = Training(model, ScreenGradients(model.n_splats))
     train(training, stage, tiny.config(), backend_for("cpu"), lambda _: None)
     after = EvolutionTree(1, (*tree.steps[:1], *model.finished())).leaves()
