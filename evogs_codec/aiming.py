@@ -69,13 +69,10 @@ class Aim:
             InputError: no price of a bit gives it.
             ValueError: there are no pictures.
         """
-        if self.pictures is None:
-            raise ValueError("a PSNR needs pictures")
-        pictures, coder = self.pictures, _Coder(self)
+        coder = _Coder(self)
 
         def measure(coded: CodedTree) -> tuple[float, CodedTree]:
-            data = write(coded, effort=1, digests=False)
-            return pictures.psnr(decode(data).leaves(sh_degree=self.tree.sh_degree)), coded
+            return self._psnr(write(coded, effort=1, digests=False)), coded
 
         def search(
             code: Callable[[float], CodedTree], target: float, start: float, slack: float
@@ -84,18 +81,15 @@ class Aim:
             slope = -10 / math.log(10)
             return _search(lambda price: measure(code(price)), target, slope, start, PRICES, slack)
 
-        def is_met(found: _Found[CodedTree] | None) -> bool:
-            return found is not None and abs(found.value - decibels) <= 2 * PSNR_SLACK
-
-        found = None
+        plain = search(coder.coded, decibels, FIRST_PRICE, PSNR_SLACK)
+        found = [plain]
         if coder.polishes:
             near = search(coder.coded, decibels - POLISH_GAIN, FIRST_PRICE, POLISH_GAIN / 4)
-            found = search(coder.polished, decibels, near.at, PSNR_SLACK)
-        if found is None or not is_met(found):
-            found = search(coder.coded, decibels, FIRST_PRICE, PSNR_SLACK)
-        if not is_met(found):
-            raise InputError(f"{decibels:g} dB cannot be met: {found.value:.2f} dB is nearest")
-        return self._with_digests(found.what)
+            found.append(search(coder.polished, decibels, near.at, PSNR_SLACK))
+        met = [one.what for one in found if abs(one.value - decibels) <= 2 * PSNR_SLACK]
+        if not met:
+            raise InputError(f"{decibels:g} dB cannot be met: {plain.value:.2f} dB is nearest")
+        return min(map(self._with_digests, met), key=len)
 
     def at_bytes(self, n_bytes: int) -> bytes:
         """The stream of at most this many bytes, and at least 98 % of them.
@@ -116,10 +110,10 @@ class Aim:
 
         plain = search(coder.coded, FIRST_PRICE if self.pictures else 1.0)
         found = [search(coder.polished, plain.at), plain] if coder.polishes else [plain]
-        for data in (one.what for one in found):
-            if 0.98 * n_bytes <= len(data) <= n_bytes:
-                return data
-        raise InputError(f"{n_bytes:,} bytes cannot be met: {len(plain.what):,} is nearest")
+        met = [one.what for one in found if 0.98 * n_bytes <= len(one.what) <= n_bytes]
+        if not met:
+            raise InputError(f"{n_bytes:,} bytes cannot be met: {len(plain.what):,} is nearest")
+        return met[0] if len(met) == 1 else max(met, key=self._psnr)
 
     def within(self, errors: Mapping[str, float]) -> bytes:
         """The stream no number of whose leaves is further from the tree's than its group allows.
@@ -155,6 +149,12 @@ class Aim:
         worst = int(np.argmax(found / asked))
         name, least = GROUPS[worst], found[worst]
         raise InputError(f"{name}: an error of {errors[name]:g} cannot be kept: {least:.3g}")
+
+    def _psnr(self, data: bytes) -> float:
+        """Of the leaves of a stream; a ValueError without pictures."""
+        if self.pictures is None:
+            raise ValueError("a PSNR needs pictures")
+        return self.pictures.psnr(decode(data).leaves(sh_degree=self.tree.sh_degree))
 
     def _with_digests(self, coded: CodedTree) -> bytes:
         return write(coded, effort=self.settings.effort, progress=self.progress)
