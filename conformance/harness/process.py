@@ -8,6 +8,7 @@ file size and processor time are limited as well, for what escapes the watch.
 
 from __future__ import annotations
 
+import atexit
 import os
 import resource
 import signal
@@ -89,6 +90,7 @@ class Watched:
                     stderr=stderr,
                     start_new_session=True,
                 )
+                _running.add(self)
         except KeyboardInterrupt:
             if "process" in vars(self):
                 self.end()
@@ -143,6 +145,7 @@ class Watched:
         if not pid:
             return None
         self.process.returncode = code = os.waitstatus_to_exitcode(status)
+        _running.discard(self)
         self._kill()  # what it started and left behind
         if usage.ru_maxrss > self._ours:
             self.peak = max(self.peak, usage.ru_maxrss * RSS_UNIT)
@@ -155,6 +158,16 @@ class Watched:
     def _kill(self) -> None:
         with suppress(ProcessLookupError, PermissionError):  # macOS: only zombies are left
             os.killpg(self.process.pid, signal.SIGKILL)
+
+
+_running: set[Watched] = set()
+
+
+@atexit.register
+def _end_all() -> None:
+    """End what an interrupt has left running, wherever it came."""
+    for watched in list(_running):
+        watched._kill()
 
 
 @contextmanager
