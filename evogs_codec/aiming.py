@@ -105,8 +105,8 @@ class Aim:
                 return math.log(len(data)), data
 
             bounds = PRICES if self.pictures else FACTORS
-            aim = math.log(n_bytes) - BYTES_SLACK
-            return _search(measure, aim, -0.1, start, bounds, BYTES_SLACK)
+            most = math.log(n_bytes)
+            return _search(measure, most - BYTES_SLACK, -0.1, start, bounds, BYTES_SLACK, most)
 
         plain = search(coder.coded, FIRST_PRICE if self.pictures else 1.0)
         found = [search(coder.polished, plain.at), plain] if coder.polishes else [plain]
@@ -253,6 +253,7 @@ def _search(
     start: float,
     bounds: tuple[float, float],
     slack: float,
+    most: float = math.inf,
 ) -> _Found[T]:
     """Where a value that falls is nearest to `target`: secants in the logarithm, kept in brackets.
 
@@ -263,14 +264,19 @@ def _search(
         start: first place.
         bounds: no place is outside.
         slack: a value this near is good enough.
+        most: a value above it is the best only where none is below.
     """
+
+    def badness(value: float) -> tuple[bool, float]:
+        return value > most, abs(value - target)
+
     low, high = (math.log(bound) for bound in bounds)
     at = math.log(start)
     best: _Found[T] | None = None
     before: tuple[float, float] | None = None
     for _ in range(MOST_TRIES):
         value, what = measure(math.exp(at))
-        if best is None or abs(value - target) < abs(best.value - target):
+        if best is None or badness(value) < badness(best.value):
             best = _Found(math.exp(at), value, what)
         if abs(value - target) <= slack:
             break

@@ -101,13 +101,10 @@ def add_encode(commands: Commands, run: Run) -> None:
         help="no number of a splat is further off, in units of the file; GROUP=E for one group:"
         f" {', '.join(GROUPS)}",
     )
-    parser.add_argument(
+    _add_descent(
+        parser,
         "--polish",
-        type=_number(int, 2, 1_000_000),
-        nargs="?",
-        const=DEFAULT_ITERATIONS,
-        metavar="ITERATIONS",
-        help="with --target-psnr or --target-bytes: move the integers of the last level by gradient"
+        "with --target-psnr or --target-bytes: move the integers of the last level by gradient"
         " descent on pictures, for minutes; up to a fifth fewer bytes at the same PSNR;"
         " of --camera, every 5th view judges"
         f" (default: {DEFAULT_ITERATIONS})",
@@ -231,13 +228,10 @@ def _add_lift_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--drop-invalid", action="store_true", help="leave out splats with NaN or infinite numbers"
     )
-    parser.add_argument(
+    _add_descent(
+        parser,
         "--refine",
-        type=_number(int, 2, 1_000_000),
-        nargs="?",
-        const=DEFAULT_ITERATIONS,
-        metavar="ITERATIONS",
-        help="make coarse levels of a lifted scene look more like it, by gradient descent on"
+        "make coarse levels of a lifted scene look more like it, by gradient descent on"
         f" pictures of it (default: {DEFAULT_ITERATIONS} of each level)",
     )
     parser.add_argument(
@@ -248,6 +242,18 @@ def _add_lift_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--up", choices=("x", "y", "z", "-x", "-y", "-z"), default="z", help="of views around it"
+    )
+
+
+def _add_descent(parser: argparse.ArgumentParser, option: str, help_: str) -> None:
+    """An option that draws pictures for so many iterations."""
+    parser.add_argument(
+        option,
+        type=_number(int, 2, 1_000_000),
+        nargs="?",
+        const=DEFAULT_ITERATIONS,
+        metavar="ITERATIONS",
+        help=help_,
     )
 
 

@@ -14,7 +14,7 @@ from conformance import oracle
 from conformance.cli import around
 from conformance.views import Views
 from evogs_codec import PRESETS, Cut, EvolutionTree, InputError, decode, encode, lift
-from evogs_codec.aiming import Aim
+from evogs_codec.aiming import Aim, _search
 from evogs_codec.arrange import arrange
 from evogs_codec.cli import main
 from evogs_codec.importance import Importance
@@ -196,6 +196,15 @@ def float_view(decoded):
             x[part] *= 2.0**-exponent
         parts.append(x)
     return np.concatenate(parts, axis=1)
+
+
+@pytest.mark.parametrize(("most", "found"), [(math.inf, 1.006), (1.0, 0.98), (0.5, 1.006)])
+def test_what_is_below_a_limit_is_better_than_what_is_nearer_above_it(most, found):
+    def jump(at):
+        value = 1.006 if at < 3 else 0.98
+        return value, value
+
+    assert _search(jump, 0.995, -0.1, 1.0, (0.01, 100.0), 0.005, most).what == found
 
 
 def test_targets_that_cannot_be_met_are_refused():

@@ -236,7 +236,7 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_work(tmp_path, m
     def never(*_, **__):
         raise AssertionError("the work began")
 
-    monkeypatch.setattr("evogs_codec.cli.read_ply", never)
+    monkeypatch.setattr("evogs_codec.encoding.read_ply", never)
     scene = tmp_path / "scene.ply"
     scene.write_bytes(b"ply\n")
     assert main(["encode", str(scene), str(tmp_path / "no folder" / "x.evogs")]) == 1

@@ -192,7 +192,7 @@ def evogs(monkeypatch, *arguments, refiners=()):
     def entries(group):
         return [SimpleNamespace(load=lambda r=r: r) for r in refiners if group == "evogs.refiners"]
 
-    monkeypatch.setattr(cli, "entry_points", entries)
+    monkeypatch.setattr("evogs_codec.encoding.entry_points", entries)
     return cli.main([str(argument) for argument in arguments])
 
 
