@@ -17,7 +17,7 @@ from evogs_codec.errors import Fault, StreamError
 from evogs_codec.packet_header import Counts
 from evogs_codec.packets import Packet, Values, check_kinds, unpack
 from evogs_codec.refine import MAX_X, AlphaTable, Quantiser, RangeError, StepPlan, apply_channel
-from evogs_codec.scratch import Scratch, empty
+from evogs_codec.scratch import Scratch
 from evogs_codec.splats import I32, I64, n_channels
 from evogs_codec.tree import N_GROUPS
 
@@ -43,7 +43,7 @@ class TileState:
         self.directory = directory
         self.tile = tile
         n = n_channels(directory.sh_degree)
-        take = scratch.take if scratch else empty
+        take = scratch.take if scratch else np.empty
         self.x = take((n, capacity), np.int32)
         self.live = take((capacity,), np.bool_)
         self.live[:] = False

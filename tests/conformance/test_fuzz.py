@@ -7,8 +7,8 @@ from random import Random
 import numpy as np
 import pytest
 
-from conformance import fuzz
-from conformance.builder import build, repaired
+from conformance import fuzz, memory
+from conformance.builder import Packet, Stream, X, build, repaired
 from conformance.cases.scenes import SMALL
 from conformance.fuzz import Finding, check, smaller
 from conformance.mutants import MUTANTS, load
@@ -99,6 +99,13 @@ def test_a_wrong_decoder_is_found_and_its_stream_made_smaller(name: str) -> None
                 assert found.run == Run() or found.run.mode == "progressive" or found.run.level
                 return
     raise AssertionError("not found")
+
+
+def test_a_state_of_megabytes_keeps_to_the_memory_of_its_counts() -> None:
+    data = build(Stream([Packet(adds={X: range(40_000)})]))
+    decode(data)
+    allowed = memory.bound(data)
+    assert memory.peak(lambda: decode(data), allowed) <= allowed
 
 
 def test_exceptions_endless_loops_and_memory_are_findings(monkeypatch: pytest.MonkeyPatch) -> None:
