@@ -208,14 +208,15 @@ def _apply(step: Step, values: F64, live: npt.NDArray[np.bool_], n: int) -> int:
     """Apply `step` in place to `n` used slots; returns the new count."""
     has_psi = step.kinds != Kind.DROP
     is_split = step.kinds[has_psi] == Kind.SPLIT
+    splits = slice(None) if is_split.all() else np.flatnonzero(is_split)
     target = step.slots[has_psi]
-    psi = step.psi.astype(np.float64)
-    parents = values[:, target]
-    values[:, target] = parents + psi
-    c2 = parents[:, is_split] - alpha_channels(step.alpha, len(values)) * psi[:, is_split]
-    n_splits = c2.shape[1]
-    values[:, n : n + n_splits] = c2
-    values[:, n + n_splits : n + step.n_new] = step.adds
+    new = slice(n, n + step.alpha.shape[1])
+    for alpha, channels in zip(step.alpha.astype(np.float64), GROUP_CHANNELS, strict=True):
+        for x, psi in zip(values[channels], step.psi[channels].astype(np.float64), strict=True):
+            parents = x[target]
+            x[target] = parents + psi
+            x[new] = parents[splits] - alpha * psi[splits]
+    values[:, new.stop : n + step.n_new] = step.adds
     live[n : n + step.n_new] = True
     dropped = step.slots[~has_psi]
     live[dropped] = False
