@@ -2,14 +2,16 @@
 
 Other packages add commands through the entry-point group `evogs.commands`; each entry is a
 function that takes the sub-parsers. Exit codes: 0 done, 1 the input is bad or a file cannot be
-used, 2 usage, 130 interrupted.
+used, 2 usage, 130 interrupted, 141 nobody reads what is printed.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
+import warnings
 from collections.abc import Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -17,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from evogs_codec import options
-from evogs_codec.cut import Cut
+from evogs_codec.cut import Cut, tiles_meeting, tiles_within
 from evogs_codec.decode import Decoded, decode, decode_leaves, replay
 from evogs_codec.directory import Directory, read_directory
 from evogs_codec.encoding import run_encode, run_lift
@@ -41,11 +43,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with plain_warnings():
             if "output" in args:
                 check_target(args.output)
-            return int(args.run(args) or 0)
+            code = int(args.run(args) or 0)
+            sys.stdout.flush()
+            return code
     except StreamError as error:
         return _fail(f"{args.input}: {error}")
     except InputError as error:
         return _fail(str(error))
+    except BrokenPipeError:
+        # Nobody reads what is printed any more; Python would say so once more as it ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141  # 128 + SIGPIPE, as shells have it
     except OSError as error:
         return _fail(f"{error.filename or args.input}: {error.strerror or error}")
     except ValueError as error:
@@ -179,9 +187,20 @@ def _cut(directory: Directory, args: argparse.Namespace) -> Cut:
     degree = args.sh_degree
     if degree is not None:
         degree = min(degree, directory.sh_degree)
+    if args.box:
+        _warn_of_box(directory, args.box)
     return choose_cut(
         directory, level=args.level, sh_degree=degree, box=args.box, max_bytes=args.max_bytes
     )
+
+
+def _warn_of_box(directory: Directory, box: Sequence[float]) -> None:
+    met = tiles_meeting(directory, box)
+    if len(met) and not met.any():
+        warnings.warn("the box meets no tile: nothing is left", stacklevel=1)
+    elif met.all() and not tiles_within(directory, box).all():
+        more = "; `evogs encode --tiles N` makes more" if len(met) == 1 else ""
+        warnings.warn(f"the box meets all tiles: nothing is left out{more}", stacklevel=1)
 
 
 if __name__ == "__main__":

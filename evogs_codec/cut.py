@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.directory import Directory
-from evogs_codec.splats import I64
+from evogs_codec.splats import F64, I64
 
 __all__ = ["Cut"]
 
@@ -91,9 +91,27 @@ class Cut:
 
 def tiles_meeting(directory: Directory, box: Sequence[float]) -> npt.NDArray[np.bool_]:
     """(n_tiles,) True where the box of a tile meets `box` (x0 y0 z0 x1 y1 z1, scene units)."""
-    corners = np.sort(np.asarray(box, np.float64).reshape(2, 3), axis=0)
-    scale = 2.0 ** -directory.grid_exponents[0]
-    low = (directory.tiles["origin"] + directory.tiles["box_min"]) * scale
-    high = (directory.tiles["origin"] + directory.tiles["box_max"]) * scale
+    (low, high), corners = _tile_boxes(directory), _corners(box)
     met: npt.NDArray[np.bool_] = ((low <= corners[1]) & (high >= corners[0])).all(1)
     return met
+
+
+def tiles_within(directory: Directory, box: Sequence[float]) -> npt.NDArray[np.bool_]:
+    """(n_tiles,) True where the box of a tile is inside `box`, as of `tiles_meeting`."""
+    (low, high), corners = _tile_boxes(directory), _corners(box)
+    inside: npt.NDArray[np.bool_] = ((low >= corners[0]) & (high <= corners[1])).all(1)
+    return inside
+
+
+def _tile_boxes(directory: Directory) -> tuple[F64, F64]:
+    """(n_tiles, 3) lowest and highest positions, scene units."""
+    scale = 2.0 ** -directory.grid_exponents[0]
+    origin = directory.tiles["origin"]
+    low, high = (origin + directory.tiles[end] for end in ("box_min", "box_max"))
+    return low * scale, high * scale
+
+
+def _corners(box: Sequence[float]) -> F64:
+    """(2, 3) lowest and highest, whichever come first."""
+    out: F64 = np.sort(np.asarray(box, np.float64).reshape(2, 3), axis=0)
+    return out

@@ -96,8 +96,8 @@ def print_omissions(left_out: list[dict[str, Any]]) -> None:
 
 
 def print_levels(directory: Directory) -> None:
-    """A row per level: splats, bytes, error."""
-    print(f"\n{'level':>6} {'splats':>10} {'bytes':>12} {'so far':>12} {'':>7} {'error':>9}")
+    """A row per level: splats, bytes, how far splats are from where they end."""
+    print(f"\n{'level':>6} {'splats':>10} {'bytes':>12} {'so far':>12} {'':>7} {'to move':>9}")
     so_far = directory.data_offset
     for level in levels(directory):
         so_far += level.n_bytes

@@ -163,9 +163,9 @@ def test_options_out_of_range_are_refused(command, refused, made, tmp_path):
 def test_a_box_may_have_its_corners_reversed_and_its_numbers_in_any_notation(evogs, made, tmp_path):
     whole = None
     for corners in (
-        ["-100", "-100", "-100", "100", "100", "100"],
-        ["100", "100", "100", "-100", "-100", "-100"],
-        ["-1e2", "1e2", "-1E+2", "1e2", "-.1e3", "100."],
+        ["-1000", "-1000", "-1000", "1000", "1000", "1000"],
+        ["1000", "1000", "1000", "-1000", "-1000", "-1000"],
+        ["-1e3", "1e3", "-1E+3", "1e3", "-.1e4", "1000."],
     ):
         code, _, err = evogs("extract", made / "scene.evogs", tmp_path / "b", "--box", *corners)
         assert (code, err) == (0, "")
@@ -241,6 +241,32 @@ def test_the_help_of_every_command_has_examples_that_parse(command, evogs):
         assert args.run.__name__ == f"run_{words[1]}"
 
 
+@pytest.mark.parametrize("words", [("--up", "-y"), ("--up=-y",), ("--up-axis", "-z")])
+def test_an_axis_may_begin_with_a_minus(words):
+    args = cli._parser().parse_args(["encode", "a.ply", "a.evogs", *words])
+    assert (args.up, args.up_axis) in (("-y", "unspecified"), ("z", "-z"))
+
+
+def test_a_box_that_leaves_out_nothing_or_all_is_said_to(made, tmp_path, evogs):
+    def said(stream, *box):
+        code, _, err = evogs("extract", stream, tmp_path / "part.evogs", "--box", *box)
+        assert code == 0
+        return err
+
+    whole = (-1e9, -1e9, -1e9, 1e9, 1e9, 1e9)
+    tiles = tmp_path / "tiles.evogs"
+    assert evogs("encode", made / "scene.ply", tiles, "--tiles", 8)[0] == 0
+    splat = decode(tiles.read_bytes()).leaves().means[0]
+    assert said(made / "scene.evogs", *splat, *splat) == (
+        "evogs: warning: the box meets all tiles: nothing is left out;"
+        " `evogs encode --tiles N` makes more\n"
+    )
+    assert said(made / "scene.evogs", *whole) == said(tiles, *whole) == ""
+    assert "no tile: nothing is left" in said(tiles, *[1e8] * 3, *[1e9] * 3)
+    assert said(tiles, *splat, *splat) == ""
+    assert (tmp_path / "part.evogs").stat().st_size < tiles.stat().st_size
+
+
 def test_without_a_command_or_with_an_unknown_one_the_usage_is_shown(refused):
     refused(code=2, words=["usage: evogs", "COMMAND"])
     refused("frobnicate", code=2, words=["usage: evogs", "frobnicate"])
@@ -254,6 +280,23 @@ def test_the_version_is_shown(evogs):
 
 
 # --- as a program --------------------------------------------------------------------------------
+
+
+def test_who_stops_reading_gets_no_error_and_what_was_written(made, tmp_path):
+    command = [sys.executable, "-m", "evogs_codec.cli", "extract"]
+    target = tmp_path / "x.evogs"
+    with subprocess.Popen(
+        [*command, made / "scene.evogs", target],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as process:
+        assert process.stdout is not None
+        process.stdout.close()
+        process.stdout = None
+        _, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (141, b"")
+    assert target.read_bytes() == (made / "scene.evogs").read_bytes()
 
 
 def program(*arguments):

@@ -3,6 +3,8 @@
 import re
 from pathlib import Path
 
+from conformance.harness.cli import VECTORS
+from conformance.harness.explain import explain
 from evogs_codec import write_ply
 from tools.scene import make_scene
 
@@ -16,6 +18,17 @@ def test_the_examples_of_the_api_page_run(tmp_path, monkeypatch):
     write_ply(tmp_path / "scene.ply", make_scene(3000))
     monkeypatch.chdir(tmp_path)
     exec(compile("\n".join(blocks), "docs/api.md", "exec"), {})
+
+
+def test_vectors_that_the_pages_explain_are_there():
+    pages = [ROOT / "README.md", *ROOT.glob("docs/*.md"), *ROOT.glob("conformance/*.md")]
+    text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
+    text += (ROOT / "conformance" / "harness" / "cli.py").read_text(encoding="utf-8")
+    ids = re.findall(r"conformance explain ([a-z][a-z0-9@-]+)(?![a-z0-9@.-])", text)
+    ids += re.findall(r"a case: ([a-z0-9@-]+)", text)
+    assert len(ids) >= 2
+    for name in ids:
+        assert explain(VECTORS, name), name
 
 
 def test_every_command_of_the_readme_is_a_target_or_a_command():

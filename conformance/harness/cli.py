@@ -116,7 +116,9 @@ def _add_explain(commands: Commands) -> None:
         description="Show what a vector tests, what is expected, and every byte of it.",
     )
     parser.set_defaults(run=run_explain)
-    parser.add_argument("id", metavar="ID", help="a vector, or a case: every-prefix-example@371")
+    parser.add_argument(
+        "id", metavar="ID", help="a vector, or a case: every-prefix-of-core-two-tiles@371"
+    )
     parser.add_argument("--vectors", type=Path, default=VECTORS, metavar="DIR")
 
 
@@ -151,7 +153,9 @@ def _add_run(commands: Commands) -> None:
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N")
     parser.add_argument("--no-batch", action="store_true", help="one process per run")
     parser.add_argument("--timeout", type=float, default=20.0, metavar="S", help="per run")
-    parser.add_argument("--memory", type=int, default=1024, metavar="MiB", help="per process")
+    parser.add_argument(
+        "--memory", type=int, default=1024, metavar="MiB", help="of all its processes"
+    )
     parser.add_argument("--again", type=int, default=12, metavar="N", help="runs asked again")
     parser.add_argument(
         "--env", action="append", default=[], metavar="NAME", help="pass this variable on"

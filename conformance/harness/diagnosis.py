@@ -16,7 +16,7 @@ from pathlib import Path
 from conformance.harness.judging import Result
 from conformance.harness.manifest import SuiteError
 
-__all__ = ["Diagnosis", "Fingerprint", "Likeness", "diagnose", "read_fingerprints"]
+__all__ = ["Diagnosis", "Fingerprint", "Likeness", "accepts_any", "diagnose", "read_fingerprints"]
 
 LEAST_SHARE = 0.5  # below it, to name a mutant would mislead
 LEAST_OWN = 0.75  # of the wrong runs of one among several: some are hidden by another's
@@ -69,16 +69,22 @@ class Diagnosis:
         alike: single mutants, best first.
         together: mutants that explain more between them, if none explains all alone.
         n_explained, n_wrong: wrong runs that these explain, of all.
+        accepts: whether any legal stream was accepted.
     """
 
     alike: tuple[Likeness, ...] = ()
     together: tuple[Likeness, ...] = ()
     n_explained: int = 0
     n_wrong: int = 0
+    accepts: bool = True
 
     def sentences(self) -> list[str]:
         """For people."""
         best = [one for one in self.alike if one.share == self.alike[0].share]
+        if not self.accepts:
+            names = ", ".join(one.name for one in best)
+            like = f", as of {names}, looks alike" if names else " looks alike"
+            return [f"no legal stream was accepted: any check that always fails{like}"]
         said = []
         for one in best:
             how = "all" if one.share == 1 else f"{one.n_same} of {one.n_runs}"
@@ -143,6 +149,12 @@ def diagnose(
         len(explained),
         len(symptoms),
     )
+
+
+def accepts_any(results: Sequence[Result]) -> bool:
+    """Whether some legal stream was accepted, or none was asked for."""
+    legal = [one for one in results if one.case.run.exit in (0, 3) and one.kind != "skipped"]
+    return not legal or any(one.answer.exit in (0, 3) for one in legal)
 
 
 @dataclass(frozen=True)

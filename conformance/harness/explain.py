@@ -22,7 +22,7 @@ SPEC = Path(__file__).resolve().parents[2] / "spec" / "evogs.md"
 
 
 def explain(folder: Path, name: str) -> str:
-    """The text for a vector, or for a case of a family ("every-prefix-example@371").
+    """The text for a vector, or for a case of a family ("every-prefix-of-core-two-tiles@371").
 
     Raises:
         SuiteError: there is no such vector.

@@ -13,7 +13,13 @@ from pathlib import Path
 
 from conformance.harness.canary import canaries
 from conformance.harness.capabilities import Capabilities, CapabilityError, ask_capabilities
-from conformance.harness.diagnosis import Diagnosis, Fingerprint, diagnose, read_fingerprints
+from conformance.harness.diagnosis import (
+    Diagnosis,
+    Fingerprint,
+    accepts_any,
+    diagnose,
+    read_fingerprints,
+)
 from conformance.harness.families import expand
 from conformance.harness.fresh import LackingError, make_fresh
 from conformance.harness.judging import Result
@@ -189,7 +195,8 @@ def _conclude(trial: Trial, fingerprints: Mapping[str, Fingerprint]) -> None:
     trial.n_again, trial.again = ask_again(trial.results, options)
     covered = [result for result in trial.results if result.case.id in trial.vector_runs]
     codes = trial.capabilities is not None and trial.capabilities.codes
-    trial.diagnosis = diagnose(covered, fingerprints, codes=codes)
+    found = diagnose(covered, fingerprints, codes=codes)
+    trial.diagnosis = replace(found, accepts=accepts_any(covered))
     n_missing = trial.n_cases - len(trial.results)
     if n_missing:
         trial.incomplete.append(f"given up after {options.patience} hangs: {n_missing} runs left")

@@ -1,13 +1,14 @@
 """Verdicts on single answers: what is expected, what came, and how the difference is told."""
 
 import hashlib
+from dataclasses import replace
 
 import pytest
 
 from conformance.harness import manifest
 from conformance.harness.answers import Answer, AnswerError, read_entry, read_fault
 from conformance.harness.canary import canaries
-from conformance.harness.diagnosis import Fingerprint, diagnose
+from conformance.harness.diagnosis import Fingerprint, accepts_any, diagnose
 from conformance.harness.dumps import channel_name, difference
 from conformance.harness.families import expand
 from conformance.harness.judging import KINDS, judge
@@ -210,6 +211,22 @@ def test_codes_tell_wrong_decoders_apart_if_they_are_reported(made_suite):
     assert diagnose(results, fingerprints, codes=False).alike == ()
     (found,) = diagnose(crash, fingerprints, codes=True).alike
     assert found.name == "loop"
+
+
+def test_nothing_is_told_of_a_decoder_that_accepts_no_legal_stream(made_suite):
+    right = results_of(made_suite, {})
+    legal = [result.case.id for result in right if result.case.run.exit in (0, 3)]
+    results = results_of(made_suite, {case: Answer(1, code="E_CRC", offset=0) for case in legal})
+    assert not accepts_any(results)
+    prints = {"crc": Fingerprint("refuses", dict.fromkeys(legal, "1:-"), {})}
+    found = replace(diagnose(results, prints, codes=True), accepts=False)
+    (sentence,) = found.sentences()
+    assert sentence.startswith(
+        "no legal stream was accepted: any check that always fails, as of cr"
+    )
+    one_wrong = results_of(made_suite, {legal[0]: Answer(1)})
+    assert accepts_any(one_wrong)
+    assert accepts_any([result for result in results if result.case.run.exit == 1])
 
 
 def test_several_things_wrong_at_once_are_told_together(made_suite):
