@@ -81,6 +81,8 @@ def _parser() -> argparse.ArgumentParser:
     options.add_extract(commands, run_extract)
     for entry in entry_points(group="evogs.commands"):
         entry.load()(commands)
+    for command in commands.choices.values():
+        command._negative_number_matcher = options.NO_OPTION
     return parser
 
 

@@ -1,4 +1,4 @@
-"""Errors at the border: `StreamError` for bad streams, `InputError` for bad input files.
+"""Errors at the border: `StreamError` for bad streams, `InputError` for what else was asked for.
 
 Caller mistakes raise plain `ValueError` or `TypeError`; anything else that escapes is our bug.
 """
@@ -11,7 +11,7 @@ __all__ = ["Fault", "InputError", "StreamError"]
 
 
 class InputError(ValueError):
-    """A file or folder that cannot be used; the message is one line and says what to do."""
+    """A file that cannot be used, or a target that cannot be met: one line that says what to do."""
 
 
 class StreamError(Exception):

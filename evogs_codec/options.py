@@ -17,6 +17,10 @@ __all__ = ["add_decode", "add_encode", "add_extract", "add_info", "add_lift", "a
 DEFAULT_LEVELS = 5
 DEFAULT_ITERATIONS = 200
 
+# What argparse is not to take for an option, as it does before Python 3.14 with -1e3, and always
+# with an axis (`--up -y`).
+NO_OPTION = re.compile(r"-((\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[xyz])$")
+
 Commands: TypeAlias = Any  # argparse's sub-parsers have no public type
 Run: TypeAlias = Callable[[argparse.Namespace], int | None]
 
@@ -36,8 +40,6 @@ def _command(
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(run=run)
-    # Before Python 3.14 argparse takes -1e3 for an option; and always an axis, as of `--up -y`.
-    parser._negative_number_matcher = re.compile(r"-((\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[xyz])$")
     return parser
 
 

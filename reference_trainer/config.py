@@ -231,7 +231,7 @@ PRESETS = {
         integers=Integers(part=0.1),
         checkpoint_every=5000,
     ),
-    # Half an hour at 400 x 400 on two cores.
+    # Eleven to sixteen minutes at 400 x 400 on two cores.
     "two-cores": _TWO_CORES,
     # A minute at 128 x 128.
     "quick": replace(

@@ -244,6 +244,7 @@ def test_the_help_of_every_command_has_examples_that_parse(command, evogs):
 @pytest.mark.parametrize("words", [("--up", "-y"), ("--up=-y",), ("--up-axis", "-z")])
 def test_an_axis_may_begin_with_a_minus(words):
     args = cli._parser().parse_args(["encode", "a.ply", "a.evogs", *words])
+    assert cli._parser().parse_args(["render", "a.ply", "a.png", "--up", "-y"]).up == "-y"
     assert (args.up, args.up_axis) in (("-y", "unspecified"), ("z", "-z"))
 
 

@@ -31,8 +31,10 @@ def write_paper(bench: Bench, path: Path, command: str, missing: Sequence[str]) 
     data = bench.views.pyramid[-1]
     camera = bench.views.held_out(len(bench.views.pyramid) - 1)[0].camera
     held_out = f"{len(data.test)} held out" if data.test else "none held out: measured on these"
+    in_integers = any(run.config.get("integers", {}).get("part", 0.0) for run in bench.runs)
+    numbers = "trained in integers" if in_integers else "in floats"
     head = (
-        "# The paper's comparison\n\n"
+        f"# The paper's comparison, {camera.width} pixels, {numbers}\n\n"
         f"Made by `{command}`: the photographs of `{data.name}`, {camera.width} x {camera.height} "
         f"at the last of {len(bench.views.pyramid)} levels, {len(data.train)} to train on and "
         f"{held_out}. Every number is in a CSV file beside this page."

@@ -20,9 +20,10 @@ def quality(bench: Bench, lpips: Lpips) -> Section:
     """Table 1: all methods at all levels."""
     rows = means(bench, lpips)
     text = (
-        "Means over the held-out views, then over seeds. Storage is what a client must have for a "
-        "level: numbers times four bytes, without compression. Memory is that of the splats drawn. "
-        "Monolithic stores a model per level, Single one in all. " + lpips.says
+        "Means over the held-out views, then over seeds; each level at the size of its own "
+        "photographs, of which the first are an eighth as large. Storage is what a client must "
+        "have for a level: numbers times four bytes, without compression. Memory is that of the "
+        "splats drawn. Monolithic stores a model per level, Single one in all. " + lpips.says
     )
     if not rows:
         return Section("Quality, storage and memory", f"{text}\n\nNo run yet.")

@@ -15,6 +15,8 @@ from tools.bench import plots
 
 __all__ = ["Rows", "markdown", "text_of", "write"]
 
+SCENES = "Where the scenes, photographs and trees come from: [datasets.md](datasets.md)."
+
 Rows = list[dict[str, object]]
 Table = tuple[str, str, Rows]  # title, what the reader has to know, numbers
 
@@ -38,7 +40,7 @@ def write(out: Path, command: str, tables: dict[str, Table], *, keep_others: boo
     path = out / "figures.md"
     made = f"Made by `{command}` on {machine()}."
     keep_others = keep_others and path.exists()
-    head, sections = _read_page(path) if keep_others else (f"# Figures\n\n{made}", {})
+    head, sections = _read_page(path) if keep_others else (f"# Figures\n\n{made}\n\n{SCENES}", {})
     for name, (title, text, rows) in tables.items():
         _write_csv(out / "figures" / f"{name}.csv", rows)
         parts = [made if keep_others else "", text, "\n".join(markdown(rows))]
