@@ -136,10 +136,8 @@ def _load(
 
 def _cameras(args: argparse.Namespace, scene: SplatParams) -> list[Camera]:
     """Those of the file, or `N_ORBIT` around the scene."""
-    from conformance.rasterizer import load_cameras
-
     if args.camera is not None:
-        return [camera.resized(args.size, args.size) for camera in load_cameras(args.camera)]
+        return [camera.resized(args.size, args.size) for camera in cameras_of(args.camera)]
     return around(scene, args.up, args.size)
 
 
@@ -184,6 +182,16 @@ def around(
     )
 
 
+def cameras_of(path: Path) -> list[Camera]:
+    """The cameras of a file; an InputError where it has none, or an impossible one."""
+    from conformance.rasterizer import load_cameras
+
+    try:
+        return load_cameras(path)
+    except ValueError as error:
+        raise InputError(str(error)) from None
+
+
 def rings(scene: SplatParams, up: str, times: int = 1) -> list[Camera]:
     """`times` 40 cameras around the bulk of a scene, at four heights and distances."""
     return [
@@ -215,10 +223,9 @@ def pictures(
     """
     if find_spec("numba") is None:
         return None
-    from conformance.rasterizer import load_cameras
     from conformance.views import Views
 
-    cameras = around(scene, up, SIZE) if camera is None else load_cameras(camera)
+    cameras = around(scene, up, SIZE) if camera is None else cameras_of(camera)
     others: list[Camera] = []
     if polish and camera is None:
         others = rings(scene, up, 2)

@@ -16,6 +16,7 @@ from evogs_codec.splats import F32
 __all__ = ["DRAWN", "Color", "Views", "view_of"]
 
 Color = tuple[float, float, float]
+MOST = 150.0  # dB of a view: of one without any error, for a mean that is a number
 DRAWN = 12  # views that the sensitivity is estimated from, at most
 
 
@@ -36,10 +37,13 @@ class Views:
     others: Sequence[Camera] = ()
 
     def psnr(self, splats: SplatParams) -> float:
-        """Mean PSNR over the views, dB."""
+        """Mean PSNR over the views, dB; over those that show the scene, if some do."""
+        empty = np.array(self.background, np.float32)
+        shows = [bool((picture != empty).any()) for picture in self.pictures]
         found = [
-            psnr(render(splats, camera, self.background), picture)
-            for camera, picture in zip(self.cameras, self.pictures, strict=True)
+            min(psnr(render(splats, camera, self.background), picture), MOST)
+            for camera, picture, is_shown in zip(self.cameras, self.pictures, shows, strict=True)
+            if is_shown or not any(shows)
         ]
         return float(np.mean(found))
 

@@ -51,6 +51,7 @@ class Aim:
         settings: what is kept of them: the effort, and the steps where there are no pictures.
         pictures: of the tree's leaves, or None.
         polish: iterations of `polished`, where pictures decide; 0 for none.
+        off: (5,) per group, how far the tree's leaves are from what they stand for.
         n_tiles, info, progress: as of `encode`.
     """
 
@@ -58,6 +59,7 @@ class Aim:
     settings: Settings
     pictures: Pictures | None = None
     polish: int = 0
+    off: tuple[float, ...] = (0.0,) * len(GROUPS)
     n_tiles: int | None = None
     info: SceneInfo | None = None
     progress: Progress | None = None
@@ -116,7 +118,7 @@ class Aim:
         return met[0] if len(met) == 1 else max(met, key=self._psnr)
 
     def within(self, errors: Mapping[str, float]) -> bytes:
-        """The stream no number of whose leaves is further from the tree's than its group allows.
+        """The stream no number of whose leaves is further off than its group allows.
 
         Args:
             errors: largest error per name of a group, in its own units; of some or all groups.
@@ -139,7 +141,7 @@ class Aim:
             else:
                 settings = replace(self.settings, table=tuple(map(tuple, table.tolist())))
             data = self._with_digests(coder.quantised(settings))
-            found = _errors(coder.tiles, data, self.tree.sh_degree)
+            found = _errors(coder.tiles, data, self.tree.sh_degree) + self.off
             if np.all(found <= asked):
                 return data
             finer = np.where(
@@ -148,7 +150,12 @@ class Aim:
             table = table * np.maximum(finer, 0.02)[groups]
         worst = int(np.argmax(found / asked))
         name, least = GROUPS[worst], found[worst]
-        raise InputError(f"{name}: an error of {errors[name]:g} cannot be kept: {least:.3g}")
+        why = (
+            ", as float32 rounds the tree: try --levels 1"
+            if self.off[worst] > asked[worst] / 2
+            else ""
+        )
+        raise InputError(f"{name}: an error of {errors[name]:g} cannot be kept: {least:.3g}{why}")
 
     def _psnr(self, data: bytes) -> float:
         """Of the leaves of a stream; a ValueError without pictures."""
@@ -191,7 +198,8 @@ class _Coder:
             n_alpha=N_ALPHA,
             alpha_bits=ALPHA_BITS,
         )
-        return self.quantised(settings, self.importance.weights, at)
+        weights = self.importance.raised(at, self.ranges.extent)
+        return self.quantised(settings, weights, at)
 
     def polished(self, price: float) -> CodedTree:
         """At a price of a bit, the integers of the last level moved by pictures."""

@@ -17,11 +17,11 @@ from evogs_codec.encode import Progress, encode
 from evogs_codec.errors import InputError
 from evogs_codec.files import write_atomic
 from evogs_codec.interchange import read_tree, write_tree
-from evogs_codec.lifting import lift
+from evogs_codec.lifting import Lifted, lift_with_order, off_of
 from evogs_codec.ply import drop_non_finite, read_ply
 from evogs_codec.reports import level_figures, print_levels
 from evogs_codec.settings import PRESETS, TREE_PSNR, Settings
-from evogs_codec.splats import SplatParams
+from evogs_codec.splats import GROUPS, SplatParams
 from evogs_codec.terminal import progress_bar, version
 from evogs_codec.tree import EvolutionTree
 
@@ -36,16 +36,22 @@ def run_encode(args: argparse.Namespace) -> None:
     if args.polish and not (args.target_psnr or args.target_bytes):
         raise InputError("--polish needs --target-psnr or --target-bytes")
     settings = _settings(args, "scene" if is_scene else "trained")
+    if args.finer and (settings.range_bits or settings.near_lossless):
+        raise InputError("--finer divides steps: for finer ranges --bits, for more --max-error")
     info = _scene_info(args)
+    off = (0.0,) * len(GROUPS)
     with progress_bar() as progress:
         if is_scene:
             splats = _read_splats(args.input, drop_invalid=args.drop_invalid)
-            tree = _lifted(splats, args, progress)
+            lifted = _lifted(splats, args, progress)
+            tree = lifted.tree
+            if args.max_error:
+                off = off_of(tree, splats, lifted.leaf_of)
         elif args.refine:
             raise InputError("--refine is for .ply scenes: a tree has its levels")
         else:
             tree = read_tree(args.input)
-        data = _encoded(tree, settings, info, args, progress)
+        data = _encoded(tree, settings, info, args, progress, off)
     write_atomic(args.output, data)
     directory = read_directory(memoryview(data))
     n = tree.n_leaves
@@ -67,7 +73,7 @@ def run_lift(args: argparse.Namespace) -> None:
     """`evogs lift`."""
     with progress_bar() as progress:
         splats = _read_splats(args.input, drop_invalid=args.drop_invalid)
-        tree = _lifted(splats, args, progress)
+        tree = _lifted(splats, args, progress).tree
     write_tree(args.output, tree)
     print(f"{args.output}: {tree.n_leaves:,} splats, {tree.n_levels} levels")
 
@@ -93,20 +99,21 @@ def _read_splats(path: Path, *, drop_invalid: bool) -> SplatParams:
     return splats
 
 
-def _lifted(splats: SplatParams, args: argparse.Namespace, progress: Progress) -> EvolutionTree:
-    """Its coarse levels refined, if that is asked for."""
-    tree = lift(splats, args.levels, progress=lambda part: progress("lift", part))
+def _lifted(splats: SplatParams, args: argparse.Namespace, progress: Progress) -> Lifted:
+    """Its coarse levels refined, if that is asked for; the leaves and their order stay."""
+    lifted = lift_with_order(splats, args.levels, progress=lambda part: progress("lift", part))
     if not args.refine:
-        return tree
+        return lifted
     refiners = entry_points(group="evogs.refiners")
     if not refiners:
         raise InputError("--refine draws pictures: pip install 'evogs[render]'")
+    tree = lifted.tree
     for entry in refiners:
         refine = entry.load()
         tree = refine(
             tree, args.camera, args.up, args.refine, lambda part: progress("refine", part)
         )
-    return tree
+    return replace(lifted, tree=tree)
 
 
 # --- how it is encoded ---------------------------------------------------------------------------
@@ -127,9 +134,10 @@ def _encoded(
     info: SceneInfo,
     args: argparse.Namespace,
     progress: Progress,
+    off: tuple[float, ...],
 ) -> bytes:
-    """At a target, if there is one."""
-    aim = Aim(tree, settings, n_tiles=args.tiles, info=info, progress=progress)
+    """At a target, if there is one; `off` as of `Aim`."""
+    aim = Aim(tree, settings, off=off, n_tiles=args.tiles, info=info, progress=progress)
     if args.max_error:
         errors: dict[str, float] = {}
         for given in sorted(args.max_error, key=len, reverse=True):  # one for all groups first
@@ -152,8 +160,10 @@ def _encoded(
     if aim.pictures is None and (args.polish or args.target_bytes is None):
         option = "--polish" if args.polish else "--target-psnr"
         raise InputError(f"{option} draws pictures: pip install 'evogs[render]'")
-    if args.polish and tree.n_levels < 2:
-        warnings.warn("--polish changes nothing: the tree has one level", stacklevel=1)
+    if args.polish and not any(
+        s.level == tree.n_levels - 1 > 0 and s.psi.any() for s in tree.steps
+    ):
+        warnings.warn("--polish changes nothing: the last level refines nothing", stacklevel=1)
     if args.target_bytes is not None:
         return aim.at_bytes(args.target_bytes)
     return aim.at_psnr(args.target_psnr)

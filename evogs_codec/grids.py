@@ -33,6 +33,9 @@ __all__ = [
 FINEST_STEP = 16  # grid units of the finest step: steps are then right to a few per cent
 MAX_STATE = 1 << 27  # |X| aimed at: leaves room for errors and for Delta of adds (R-7.3-1)
 MAX_ORIGIN = 1 << 52  # R-5.5-1
+SAMPLED, MANY = 16, 4096  # every 16th splat tells the extent, of tiles with many
+FEW = 256  # points, of which one far away would move a percentile that is interpolated
+MOST_COARSER = 6  # levels above the last, beyond which steps stay as they are
 MAX_EXACT = 1 << 22  # near-lossless: differences of two states fit 24 bits
 
 
@@ -80,15 +83,28 @@ class Ranges:
                             psi[row, kind, 0] = min(psi[row, kind, 0], low)
                             psi[row, kind, 1] = max(psi[row, kind, 1], high)
             if state is not None:
-                leaves.append(state.values[0:3][:, state.live][:, ::16])
+                own = state.values[0:3][:, state.live]
+                leaves.append(own[:, :: SAMPLED if own.shape[1] >= MANY else 1])
         points = np.concatenate([np.zeros((3, 0)), *leaves], axis=1)
-        spread = np.ptp(np.percentile(points, (1, 99), axis=1), axis=0) if points.size else [0.0]
         return Ranges(
-            extent=float(np.max(spread)) or 1.0,
+            extent=_extent(points),
             largest=tuple(largest),
             furthest=max(float(np.abs(middle_of(tile)).max()) for tile in tiles),
             psi=tuple(tuple(np.ptp(row, axis=1)) for row in psi),
         )
+
+
+def _extent(points: F64) -> float:
+    """What 98 % of points (3, n) span along the widest axis; of few, all but the outermost."""
+    n = points.shape[1]
+    if n == 0:
+        return 1.0
+    if n < FEW:
+        low, high = math.ceil(0.01 * (n - 1)), math.floor(0.99 * (n - 1))
+        spread = np.ptp(np.sort(points, axis=1)[:, [low, high]], axis=1)
+    else:
+        spread = np.ptp(np.percentile(points, (1, 99), axis=1), axis=0)
+    return float(spread.max()) or float(np.ptp(points, axis=1).max()) or 1.0
 
 
 def middle_of(tile: EvolutionTree) -> F64:
@@ -118,7 +134,8 @@ def wanted_steps(settings: Settings, ranges: Ranges, n_levels: int) -> F64:
     if settings.relative:
         base[0] *= ranges.extent
     factor = np.array(settings.coarser[:classes])
-    parts = np.where(factor > 0, factor, 1.0) ** np.arange(n_levels - 1, -1, -1)[:, None]
+    above = np.minimum(np.arange(n_levels - 1, -1, -1), MOST_COARSER)
+    parts = np.where(factor > 0, factor, 1.0) ** above[:, None]
     shared = np.where(np.arange(classes) == 0, parts.sum(0), np.sqrt(np.square(parts).sum(0)))
     psi = base * parts / np.where(factor > 0, shared, 1.0)
     return np.concatenate([psi[:1] * settings.adds, psi])

@@ -29,6 +29,7 @@ Sensitivity: TypeAlias = Callable[[SplatParams], F32]
 # (a lifted scene, a trained tree); the others 1.0 to 1.9.
 MISSED = (4.0, 2.0, 2.0, 1.4, 1.0, 1.0, 1.0, 1.0)
 SEEN = 0.98  # the rest of a weight is the mean of the class: the views do not show everything
+PER_BIT = 6.0 / math.log(2)  # of the price of a bit is what a squared step is worth
 MENDED = 0.05  # of an error that psi of the children can mend, because that costs bits
 # Beyond these a step has nothing to do with the linear estimate; position: part of the extent.
 LARGEST_STEPS = (0.02, 0.3, 0.5, 1.0, 0.5, 0.7, 0.7, 0.7)
@@ -39,10 +40,12 @@ class StepWeights:
     """Mean squared error of the pictures per squared error of a number that a step makes.
 
     Attributes:
+        level: of the step.
         targets: (K, P) of the splats that are refined or become C1.
         new: (K, n_new) of the C2s, then of the adds.
     """
 
+    level: int
     targets: F32
     new: F32
 
@@ -81,11 +84,33 @@ class Importance:
 
         With step s and weight w an error costs w s^2 / 12, a quarter of that with another bit.
         """
+        found = np.sqrt(PER_BIT * price / np.maximum(self.means, 1e-300))
+        steps: F64 = np.minimum(found, self._largest(extent))
+        return steps
+
+    def raised(self, price: float, extent: float) -> tuple[tuple[StepWeights, ...], ...]:
+        """The weights, and more where the largest step is taken.
+
+        Pictures that hardly show an error say nothing of one that is many steps large. What would
+        have asked for that step is added, as far as splats that no view shows have it elsewhere.
+        """
+        asking = PER_BIT * price / np.square(self._largest(extent))
+        lack = ((1 - SEEN) * np.maximum(asking - self.means, 0))[1:, :, None].astype(np.float32)
+        if not lack.any():
+            return self.weights
+        return tuple(
+            tuple(
+                StepWeights(w.level, w.targets + lack[w.level], w.new + lack[w.level])
+                for w in steps
+            )
+            for steps in self.weights
+        )
+
+    def _largest(self, extent: float) -> F64:
+        """(K,) steps."""
         largest = np.array(LARGEST_STEPS[: self.means.shape[1]])
         largest[0] *= extent
-        found = np.sqrt(6.0 / math.log(2) * price / np.maximum(self.means, 1e-300))
-        steps: F64 = np.minimum(found, largest)
-        return steps
+        return largest
 
 
 def _none(splats: SplatParams) -> F32:
@@ -122,7 +147,8 @@ def _of_tile(tile: EvolutionTree, cuts: Sequence[F32]) -> tuple[StepWeights, ...
             later[:, np.flatnonzero(live[k])] += cuts[level]  # they are leaves of these levels
         n = n_after - step.n_new
         has_psi = step.kinds != Kind.DROP
-        out.append(StepWeights(later[:, step.slots[has_psi]], later[:, n:n_after].copy()))
+        new = later[:, n:n_after].copy()
+        out.append(StepWeights(step.level, later[:, step.slots[has_psi]], new))
         _pass_on(later, step, n)
     return tuple(reversed(out))
 

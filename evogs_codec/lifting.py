@@ -89,6 +89,25 @@ def lift(
     return lift_with_order(splats, n_levels, progress=progress).tree
 
 
+def off_of(tree: EvolutionTree, splats: SplatParams, leaf_of: I64) -> tuple[float, ...]:
+    """(5,) per group, how far the leaves of a lifted tree are from its splats: psi are float32.
+
+    A leaf is written like its relatives: log-scales are compared in order, and rotations are not.
+    """
+    leaves, right = tree.leaves(), splats.take(leaf_of)
+
+    def most(a: F32, b: F32) -> float:
+        return float(np.abs(a.astype(np.float64) - b).max(initial=0))
+
+    return (
+        most(leaves.means, right.means),
+        0.0,
+        most(np.sort(leaves.log_scales, axis=1), np.sort(right.log_scales, axis=1)),
+        most(leaves.opacity_logits, right.opacity_logits),
+        most(leaves.sh, right.sh),
+    )
+
+
 def lift_with_order(
     splats: SplatParams, n_levels: int = 5, *, progress: Progress | None = None
 ) -> Lifted:

@@ -81,7 +81,7 @@ def add_encode(commands: Commands, run: Run) -> None:
     accuracy.add_argument(
         "--near-lossless",
         action="store_true",
-        help="every number within a grid unit of a 24-bit grid",
+        help="every number within a unit of a grid of at least 4 million units over its range",
     )
     accuracy.add_argument(
         "--target-psnr",
@@ -296,12 +296,12 @@ def _add_cut_options(parser: argparse.ArgumentParser) -> None:
 
 def _error_of_group(text: str) -> dict[str, float]:
     """`E`, of all groups, or `GROUP=E`."""
-    name, _, number = text.rpartition("=")
-    if name and name not in GROUPS:
+    name, is_of_group, number = text.rpartition("=")
+    if is_of_group and name not in GROUPS:
         raise argparse.ArgumentTypeError(f"{name} is none of {', '.join(GROUPS)}")
     error = float(number)
-    if not 0 < error < float("inf"):
-        raise argparse.ArgumentTypeError(f"{number} is not above 0")
+    if not 1e-30 <= error <= 1e30:
+        raise argparse.ArgumentTypeError(f"{number} is not in 1e-30..1e30")
     return {name: error} if name else dict.fromkeys(GROUPS, error)
 
 

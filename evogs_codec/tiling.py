@@ -37,10 +37,11 @@ def _kd_tiles(positions: F32, weight: npt.NDArray[np.integer], n_tiles: int) -> 
     """(n,) tile per root: the heaviest part is halved along its longest axis, again and again."""
     parts = [np.arange(positions.shape[1])]
     while len(parts) < n_tiles:
-        heaviest = max(range(len(parts)), key=lambda k: int(weight[parts[k]].sum()))
-        part = parts[heaviest]
-        if len(part) < 2:
+        divisible = [k for k, part in enumerate(parts) if len(part) > 1]
+        if not divisible:
             break
+        heaviest = max(divisible, key=lambda k: int(weight[parts[k]].sum()))
+        part = parts[heaviest]
         spread = np.ptp(np.percentile(positions[:, part], (2, 98), axis=1), axis=0)
         order = part[np.argsort(positions[int(np.argmax(spread)), part], kind="stable")]
         half = np.cumsum(weight[order])

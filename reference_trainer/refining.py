@@ -11,7 +11,7 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 
-from conformance.cli import HELD_OUT, rings
+from conformance.cli import HELD_OUT, cameras_of, rings
 from evogs_codec import EvolutionTree, InputError
 
 __all__ = ["refine"]
@@ -38,14 +38,13 @@ def refine(
     """
     if find_spec("numba") is None:
         raise InputError("--refine draws pictures: pip install 'evogs[render]'")
-    from conformance.rasterizer import load_cameras
     from reference_trainer.distil import distil
     from reference_trainer.memory import keep_freed_memory
 
     keep_freed_memory()
     if not tree.n_leaves:
         return tree
-    cameras = rings(tree.leaves(), up) if camera is None else load_cameras(camera)
+    cameras = rings(tree.leaves(), up) if camera is None else cameras_of(camera)
     held_out = cameras[::HELD_OUT]
     others = [other for k, other in enumerate(cameras) if k % HELD_OUT]
     if not others:

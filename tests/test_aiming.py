@@ -308,6 +308,16 @@ def test_the_command_aims(tmp_path, capsys):
     assert "cannot be met" in capsys.readouterr().err
     assert main([*encoded, "--target-psnr", "40", "--finer", "2"]) == 1
     assert "--finer does not go with a target" in capsys.readouterr().err
+    for options in (["--bits", "8"], ["--preset", "paper"], ["--near-lossless"]):
+        assert main([*encoded, *options, "--finer", "2"]) == 1
+        assert "--finer divides steps" in capsys.readouterr().err
+    for text, says in (('{"cameras": []}', "no camera in it"), ("", "is not a list of cameras")):
+        camera = tmp_path / "views.json"
+        camera.write_text(text)
+        assert main([*encoded, "--camera", str(camera)]) == 1
+        said = capsys.readouterr().err
+        assert said.startswith(f"evogs: {camera}")
+        assert says in said
 
 
 @pytest.mark.parametrize("text", ["shape=1", "0", "-1", "nan", "position=x"])
@@ -323,3 +333,48 @@ def test_errors_that_are_none_are_refused(tmp_path, text, capsys):
         main(arguments)
     assert caught.value.code == 2
     assert "max-error" in capsys.readouterr().err
+
+
+# --- scenes that pictures hardly show -------------------------------------------------------------
+
+
+def scattered(n, *, log_scale=-4.0, centre=0.0, extent=1.0, seed=8):
+    rng = np.random.default_rng(seed)
+    channels = rng.normal(size=(14, n))
+    channels[0:3] = rng.uniform(-0.5, 0.5, (3, n)) * extent + centre
+    channels[7:10] = log_scale + 0.6 * channels[7:10]
+    return SplatParams.from_channels(channels.astype(np.float32))
+
+
+def test_splats_too_small_to_show_keep_their_scales_at_a_target():
+    splats = scattered(600, log_scale=-11.0)
+    views = Views(splats, around(splats, up="z", size=64)[::8])
+    data = Aim(lift(splats, 5), PRESETS["scene"], views).at_psnr(40)
+    scales = decode(data).leaves().log_scales
+    assert scales.max() < splats.log_scales.max() + 3
+    assert abs(views.psnr(decode(data).leaves()) - 40) < 0.2
+
+
+def test_errors_are_kept_against_the_file_and_not_against_its_rounded_tree(tmp_path, capsys):
+    splats = scattered(300, centre=1e5)
+    scene, out = tmp_path / "far.ply", tmp_path / "far.evogs"
+    write_ply(scene, splats)
+    encoded = ["encode", str(scene), str(out), "--max-error", "1"]
+    assert main([*encoded, "position=0.001"]) == 1
+    assert "position: an error of 0.001 cannot be kept" in capsys.readouterr().err
+    assert not out.exists()
+    for options, largest in ((["position=0.05"], 0.05), (["position=1e-9", "--levels", "1"], 0)):
+        assert main([*encoded, *options]) == 0
+        found = float_view(oracle.decode(out.read_bytes()))[0:3].T
+        nearest = np.abs(found[:, None] - splats.means[None]).max(2).min(0)
+        assert nearest.max() <= largest
+
+
+def test_a_view_that_shows_no_splat_does_not_count():
+    _, views = scene()
+    splats = views.scene
+    away = replace(views.cameras[0], translation=views.cameras[0].translation - [0, 0, 1e6])
+    with_blind = Views(splats, [*views.cameras, away])
+    coarse = lift(splats, 3).leaves(1)
+    assert with_blind.psnr(coarse) == views.psnr(coarse)
+    assert Views(splats, [away]).psnr(coarse) == 150

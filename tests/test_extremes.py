@@ -1,6 +1,7 @@
 """Every row of docs/extremes.md with small counts: no bound is broken."""
 
 import re
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,9 @@ from hypothesis import strategies as st
 
 from conformance.rasterizer.options import DEFAULT
 from conformance.rasterizer.oracle import render_exactly
-from evogs_codec import PRESETS, EvolutionTree, lift
+from evogs_codec import PRESETS, EvolutionTree, decode, encode, lift
+from evogs_codec.grids import AccuracyWarning
+from evogs_codec.tiling import _kd_tiles
 from tools.extremes import (
     codec,
     decimals,
@@ -26,6 +29,7 @@ from tools.extremes import (
 )
 from tools.extremes.measured import measure
 from tools.extremes.row import Row, attempted, outcome
+from tools.scene import make_scene
 
 
 def assert_holds(rows):
@@ -69,6 +73,29 @@ def test_the_float_view_is_rounded_once_at_the_largest_origins():
     rows = list(integers.float_view(8))
     assert_holds(rows)
     assert "`StreamError`: E_TILE" in rows[0].beyond
+
+
+@pytest.mark.parametrize("n", [2, 16, 17])
+def test_few_splats_close_together_stay_apart(n):
+    rng = np.random.default_rng(n)
+    splats = make_scene(n)
+    means = (rng.uniform(size=(n, 3)) * 1e-5).astype(np.float32)
+    splats = replace(splats, means=means, log_scales=splats.log_scales - 15)
+    data = encode(EvolutionTree.of_splats(splats), PRESETS["scene"])
+    off = np.abs(np.sort(decode(data).leaves().means, axis=0) - np.sort(means, axis=0))
+    assert off.max() < 1e-3 * np.ptp(means)
+
+
+def test_many_levels_ask_for_no_finer_steps_than_some():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", AccuracyWarning)
+        encode(lift(make_scene(300), 64), PRESETS["scene"])
+
+
+def test_there_are_as_many_tiles_as_asked_for_while_roots_can_be_divided():
+    weight = np.array([1000, 3, 3, 3, 3, 3, 3, 3])
+    positions = np.arange(24, dtype=np.float32).reshape(3, 8)
+    assert len(set(_kd_tiles(positions, weight, 8).tolist())) == 8
 
 
 def test_what_is_too_large_is_refused_and_what_is_coarser_is_warned_of():

@@ -53,6 +53,8 @@ class Camera:
                 raise ValueError(f"{name} is not {shape} finite numbers")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+        if not all(type(side) is int for side in (self.width, self.height)):
+            raise ValueError(f"{self.width} x {self.height} pixels, expected whole numbers")
         if not (1 <= self.width <= MAX_SIDE and 1 <= self.height <= MAX_SIDE):
             raise ValueError(f"{self.width} x {self.height} pixels, expected 1..{MAX_SIDE} a side")
         if not (0 < self.fx < math.inf and 0 < self.fy < math.inf):
@@ -188,10 +190,12 @@ def load_cameras(path: Path) -> list[Camera]:
     """Read what `save_cameras` wrote.
 
     Raises:
-        ValueError: the file is something else, or a camera in it is impossible.
+        ValueError: the file is something else, has no camera, or an impossible one.
     """
     try:
-        rows = json.loads(path.read_text(encoding="utf-8"))["cameras"]
-        return [Camera(**row) for row in rows]
-    except (KeyError, TypeError) as error:
+        cameras = [Camera(**row) for row in json.loads(path.read_text(encoding="utf-8"))["cameras"]]
+    except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path} is not a list of cameras: {error}") from error
+    if not cameras:
+        raise ValueError(f"{path}: no camera in it")
+    return cameras

@@ -95,10 +95,12 @@ def test_a_file_of_cameras_gives_the_same_numbers_back(tmp_path):
         assert (ours.width, ours.height) == (theirs.width, theirs.height)
 
 
-@pytest.mark.parametrize("text", ['{"frames": []}', '{"cameras": [{"width": 3}]}', "[]", "{"])
+@pytest.mark.parametrize(
+    "text", ['{"frames": []}', '{"cameras": [{"width": 3}]}', '{"cameras": []}', "[]", "{", ""]
+)
 def test_a_file_of_something_else_is_refused(tmp_path, text):
     (tmp_path / "x.json").write_text(text)
-    with pytest.raises(ValueError, match=r"."):
+    with pytest.raises(ValueError, match=r"x\.json"):
         load_cameras(tmp_path / "x.json")
 
 
@@ -106,6 +108,8 @@ def test_a_file_of_something_else_is_refused(tmp_path, text):
     "wrong",
     [
         {"width": 0},
+        {"width": 48.0},
+        {"height": True},
         {"fx": 0.0},
         {"cx": float("nan")},
         {"rotation": -np.eye(3)},
