@@ -33,7 +33,7 @@ __all__ = [
 FINEST_STEP = 16  # grid units of the finest step: steps are then right to a few per cent
 MAX_STATE = 1 << 27  # |X| aimed at: leaves room for errors and for Delta of adds (R-7.3-1)
 MAX_ORIGIN = 1 << 52  # R-5.5-1
-SAMPLED, MANY = 16, 4096  # every 16th splat tells the extent, of tiles with many
+SAMPLED, MANY = 16, 4096  # every 16th splat tells the extent, where there are many
 FEW = 256  # points, of which one far away would move a percentile that is interpolated
 MOST_COARSER = 6  # levels above the last, beyond which steps stay as they are
 MAX_EXACT = 1 << 22  # near-lossless: differences of two states fit 24 bits
@@ -67,6 +67,7 @@ class Ranges:
         largest = [0.0] * N_GROUPS
         psi = np.zeros((n_levels + 1, classes, 2))
         leaves = []
+        every = SAMPLED if sum(tile.n_leaves for tile in tiles) >= MANY else 1
         for tile in tiles:
             middle = middle_of(tile)
             state = None
@@ -83,8 +84,7 @@ class Ranges:
                             psi[row, kind, 0] = min(psi[row, kind, 0], low)
                             psi[row, kind, 1] = max(psi[row, kind, 1], high)
             if state is not None:
-                own = state.values[0:3][:, state.live]
-                leaves.append(own[:, :: SAMPLED if own.shape[1] >= MANY else 1])
+                leaves.append(state.values[0:3][:, state.live][:, ::every])
         points = np.concatenate([np.zeros((3, 0)), *leaves], axis=1)
         return Ranges(
             extent=_extent(points),
