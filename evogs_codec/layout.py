@@ -37,7 +37,7 @@ FILE_HEADER: Struct = cs.Struct(
     "flags"
     / cs.Int16ul
     * "bit 0: the scene was made for an antialiased renderer; bits 1..7 unused;"
-    " bits 8..15 reserved",
+    " bit 8: the stream has a palette; bits 9..15 reserved",
     "coordinate_system" / cs.Int8ul * "registry, section 8.4; an unknown value reads as 0",
     "up_axis" / cs.Int8ul * "registry; an unknown value reads as 0",
     "unit" / cs.Int8ul * "registry; an unknown value reads as 0",
@@ -77,11 +77,11 @@ TILE_ENTRY: Struct = cs.Struct(
 
 PACKET_ENTRY: Struct = cs.Struct(
     "tile" / cs.Int32ul * "row of the tile table",
-    "component" / cs.Int8ul * "0 core, b the SH band b",
+    "component" / cs.Int8ul * "0 core, b the SH band b; with a palette 1 picks, 2 palette",
     "level" / cs.Int8ul * "label of the step (core), 0 otherwise",
     "reserved" / cs.Int16ul * "zero",
     "size" / cs.Int32ul * "bytes of the packet",
-    "n_adds" / cs.Int32ul * "adds of the step (core), 0 otherwise",
+    "n_adds" / cs.Int32ul * "adds of the step (core), entries (palette), 0 otherwise",
     "n_splits" / cs.Int32ul * "splits of the step (core), 0 otherwise",
     "n_refines" / cs.Int32ul * "refines of the step (core), 0 otherwise",
     "n_drops" / cs.Int32ul * "drops of the step (core), 0 otherwise",
@@ -102,7 +102,7 @@ META_ENTRY: Struct = cs.Struct(
 )
 
 PACKET_HEADER: Struct = cs.Struct(
-    "flags" / cs.Int8ul * "bit 0: psi of SH is YCoCg-R; bit 1: adds of SH are; bits 2..7 reserved",
+    "flags" / cs.Int8ul * "bit 0: psi of SH is YCoCg-R; bit 1: adds of SH, or entries, are; bits 2..7 reserved",
     "n_frames" / cs.Int8ul * "number of frames; the coding bytes follow, then the frame entries,"
     " then the frames",
 )
