@@ -15,6 +15,7 @@ from conformance.builder.stream import Chunk, Packet, Stream, Tile
 __all__ = ["build"]
 
 SIGNATURE = b"\x89EVG\r\n\x1a\n"
+HAS_PALETTE = 1 << 8  # of `flags`
 Fields = tuple[tuple[str, str], ...]
 
 HEADER: Fields = (
@@ -63,6 +64,7 @@ def _file(stream: Stream, chunks: Iterable[Chunk], data: bytes) -> bytes:
         "sh_degree": stream.degree,
         "n_levels": stream.n_levels,
         "grid_exponents": struct.pack("<5b", *stream.grid),
+        "flags": HAS_PALETTE if stream.has_palette else 0,
         "n_tiles": len(stream.tiles),
         "n_packets": len(stream.packets),
         "chunks_size": len(area),
@@ -129,18 +131,20 @@ def _packets(stream: Stream) -> tuple[list[bytes], list[bytes]]:
     """Bodies and rows."""
     bodies, rows = list[bytes](), list[bytes]()
     chains: dict[tuple[int, int], list[Packet]] = {}
+    n_entry_channels = 3 * ((stream.degree + 1) ** 2 - 1) if stream.has_palette else 0
     for packet in stream.packets:
         chain = chains.setdefault((packet.tile, packet.component), [])
         cores = chains.get((packet.tile, 0), [])
+        has_counts = packet.component == 0 or (packet.component == 2 and stream.has_palette)
         # A band packet without its core, which is a fault, has no records.
-        core = packet if packet.component == 0 else Packet()
-        if packet.component > 0 and len(chain) < len(cores):
+        core = packet if has_counts else Packet()
+        if not has_counts and len(chain) < len(cores):
             core = cores[len(chain)]
         chain.append(packet)
-        body = packet.edit(packet_body(packet, core.counts))
+        body = packet.edit(packet_body(packet, core.counts, n_entry_channels))
         bodies.append(body)
         fields = {"tile": packet.tile, "component": packet.component, "level": packet.level}
-        fields |= packet.counts if packet.component == 0 else {}
+        fields |= packet.counts if has_counts else {}
         fields |= {"size": len(body), "error": 0xFFFFFFFF, "crc": zlib.crc32(body)}
         rows.append(_pack(ROW, fields | dict(packet.row)))
     return bodies, rows

@@ -14,13 +14,21 @@ PSI_YCOCG, ADDS_YCOCG = 1, 2
 DELTA = 64  # bit of a coding byte
 
 
-def packet_body(packet: Packet, counts: Mapping[str, int]) -> bytes:
-    """The bytes of a packet of a step with these counts."""
-    if not packet.is_explicit and not packet.stored and not packet.psi and not packet.adds:
-        is_zero = packet.component > 0 and not packet.coding_bytes
+def packet_body(packet: Packet, counts: Mapping[str, int], n_entry_channels: int = 0) -> bytes:
+    """The bytes of a packet of a step with these counts.
+
+    Args:
+        packet: the packet.
+        counts: those of its own row for core and the palette, else of the core of its step.
+        n_entry_channels: of an entry of the palette; 0 in a stream without one.
+    """
+    is_palette = n_entry_channels > 0 and packet.component == 2
+    integers = (packet.stored, packet.psi, packet.adds, packet.picks)
+    if not packet.is_explicit and not any(integers):
+        is_zero = packet.component > 0 and not is_palette and not packet.coding_bytes
         if is_zero or not any(counts.values()):
             return b""
-    lists = _lists(packet, counts)
+    lists = _lists(packet, counts, n_entry_channels)
     codings, planes = list[int](), list[bytes]()
     for name, values in lists.items():
         coding = packet.codings.get(name, coding_for(values))
@@ -37,18 +45,27 @@ def packet_body(packet: Packet, counts: Mapping[str, int]) -> bytes:
     return bytes([packet.flags, len(entries), *codings]) + table + b"".join(frames)
 
 
-def _lists(packet: Packet, counts: Mapping[str, int]) -> dict[str, list[int]]:
+def _lists(
+    packet: Packet, counts: Mapping[str, int], n_entry_channels: int
+) -> dict[str, list[int]]:
     """The stored integers of each list, in the order of the coding bytes."""
     slots, lists = sorted(packet.records), dict[str, list[int]]()
     n_psi = counts["n_splits"] + counts["n_refines"]
     n_channels = N_CORE if packet.component == 0 else 3 * (2 * packet.component + 1)
+    sides = [("psi", packet.psi, n_psi), ("adds", packet.adds, counts["n_adds"])]
+    if n_entry_channels and packet.component == 1:
+        n_new = counts["n_splits"] + counts["n_adds"]
+        lists["picks"] = list(packet.picks) if packet.picks else [0] * n_new
+        sides = []
+    elif n_entry_channels and packet.component == 2:
+        n_channels, sides = n_entry_channels, sides[1:]
     if packet.component == 0:
         kinds = [packet.records[slot] for slot in slots]
         lists["gaps"] = [b - a - 1 for a, b in zip([-1, *slots], slots, strict=False)]
         lists["kinds"] = kinds if len(set(kinds)) > 1 else []
         for group in range(N_GROUPS):
             lists[f"alpha {group}"] = list(packet.alpha.get(group, ()))
-    for kind, values, n in (("psi", packet.psi, n_psi), ("adds", packet.adds, counts["n_adds"])):
+    for kind, values, n in sides:
         for channel in range(n_channels):
             q = values.get(channel, ())
             name = f"{kind} {channel}"

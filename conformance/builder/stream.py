@@ -33,16 +33,18 @@ class Packet:
 
     Attributes:
         adds, psi: q by channel of the component; a channel that is not named has coding byte 0.
+            The adds of a packet of the palette are its entries, channel 0 being channel 14.
+        picks: of the new slots, in a packet of picks; by default all 0.
         records: kind by slot; n_splits and the like follow.
         alpha: indices by group, one per split.
         n_adds: by default, as many as the longest list of adds.
         flags: of the packet header.
-        codings: coding byte by name of the list ("gaps", "kinds", "alpha 3", "psi 0", "adds 13");
-            by default the smallest of a few.
+        codings: coding byte by name of the list ("gaps", "kinds", "alpha 3", "psi 0", "adds 13",
+            "picks"); by default the smallest of a few.
         stored: integers by name of the list, instead of what follows from the above.
         frames: planes of each frame; by default all in one.
         style: makes each frame of its content.
-        is_explicit: a packet of a band is written although all its integers are 0.
+        is_explicit: a packet of a band or of picks is written although all its integers are 0.
         coding_bytes: written instead of the coding bytes that the planes have.
         entries: changes the frame entries (n_planes, size).
         edit: changes the bytes at the end, before the checksum.
@@ -50,6 +52,7 @@ class Packet:
     """
 
     adds: Values = field(default_factory=dict)
+    picks: Sequence[int] = ()
     records: Mapping[int, int] = field(default_factory=dict)
     psi: Values = field(default_factory=dict)
     alpha: Mapping[int, Sequence[int]] = field(default_factory=dict)
@@ -70,7 +73,7 @@ class Packet:
 
     @property
     def counts(self) -> dict[str, int]:
-        """The four counts of a core packet."""
+        """The four counts of a packet of core or of the palette."""
         kinds = list(self.records.values())
         lengths = [len(q) for q in self.adds.values() if not isinstance(q, int)]
         n_adds = max(lengths, default=0) if self.n_adds is None else self.n_adds
@@ -101,6 +104,7 @@ class Stream:
     Attributes:
         packets: in the order of the file.
         degree: of SH.
+        has_palette: component 1 is picks, component 2 the palette; bit 8 of `flags` says so.
         n_levels: labels that steps may have.
         tiles: by default one, as large as may be.
         quantisers: (M, E) by (row of STEP, class); (1, 0) elsewhere.
@@ -114,6 +118,7 @@ class Stream:
 
     packets: Sequence[Packet] = ()
     degree: int = 0
+    has_palette: bool = False
     n_levels: int = 1
     tiles: Sequence[Tile] = (Tile(),)
     quantisers: Mapping[tuple[int, int], tuple[int, int]] = field(default_factory=dict)

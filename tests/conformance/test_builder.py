@@ -66,6 +66,32 @@ def test_bands_take_the_counts_of_their_core():
     assert tile.channels[22] == [4, 5]
 
 
+def test_a_palette_has_its_own_counts_and_picks_those_of_their_core():
+    stream = Stream(
+        [
+            Packet(adds={X: [1, 2]}),
+            Packet(component=2, n_adds=2, adds={0: [3, 3], 23: -1}, codings={"adds 0": 4 | DELTA}),
+            Packet(component=1, picks=[1, 0]),
+            Packet(records={0: SPLIT}, psi={X: 1}),
+            Packet(component=1, is_explicit=True),
+        ],
+        degree=2,
+        has_palette=True,
+    )
+    data = build(stream)
+    assert data[18:20] == b"\0\1"
+    table = places(data).chunks[b"PACK"] + 12
+    rows = [data[at : at + 36] for at in range(table, table + 5 * 36, 36)]
+    assert [row[4] for row in rows] == [0, 2, 1, 0, 1]
+    assert [row[12:16] for row in rows[1:3]] == [b"\2\0\0\0", bytes(4)]
+    core, palette, picks, _, zeros = (data[begin:end] for begin, end in places(data).packets)
+    assert palette[:26] == bytes([0, 1, 4 | DELTA, *[0] * 22, 1])
+    assert palette.endswith(b"\x06\x03")  # 3, then a difference of 0; -1 twice in a bit each
+    assert picks == bytes([0, 1, 1, 1, *len(raw(b"?")).to_bytes(4, "little")]) + raw(b"\1")
+    assert zeros == bytes(3)
+    assert core == build(Stream([Packet(adds={X: [1, 2]})]))[-len(core) :]
+
+
 def test_differences_and_colours_are_stored_as_told():
     packet = Packet(adds={X: [10, 7, 300]}, codings={"adds 0": 0x18 | DELTA}, flags=ADDS_YCOCG)
     assert oracle.decode(build(Stream([packet]))).tiles[0].channels[X] == [10, 7, 300]
