@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +16,7 @@ from evogs_codec import layout
 from evogs_codec.crc import crc32
 from evogs_codec.errors import Fault, StreamError
 from evogs_codec.limits import LIMITS
-from evogs_codec.packet_header import Counts
+from evogs_codec.packet_header import FLAG_PALETTE, PALETTE, Counts
 from evogs_codec.packet_table import read_packet_table
 from evogs_codec.refine import SYMMETRIC, AlphaTable, Quantiser
 from evogs_codec.splats import I64, MAX_SH_DEGREE
@@ -34,6 +35,7 @@ CHUNK_HEADER_SIZE = layout.size_of(layout.CHUNK_HEADER)
 CRITICAL = (b"STEP", b"ALFA", b"TILE", b"PACK")  # in this order (R-5.2-3)
 ANCILLARY = (b"dGST", b"mETa")
 FLAG_ANTIALIASED = 1
+RESERVED_FLAGS = 0xFE00
 UNKNOWN_ERROR = 0xFFFFFFFF  # of a packet entry (spec 5.6)
 
 
@@ -55,6 +57,7 @@ class Directory:
 
     Attributes:
         sh_degree, n_levels, tier, grid_exponents: of the header.
+        has_palette: SH above band 0 are entries of a palette (spec 3.7).
         info: metadata.
         quantisers: [0] of adds, [1 + level] of psi; one per class each.
         alpha: tables by (level, group); `alpha_table` gives the default.
@@ -73,6 +76,7 @@ class Directory:
     sh_degree: int
     n_levels: int
     grid_exponents: tuple[int, ...]
+    has_palette: bool
     info: SceneInfo
     quantisers: tuple[tuple[Quantiser, ...], ...]
     alpha: Mapping[tuple[int, int], AlphaTable]
@@ -90,8 +94,19 @@ class Directory:
 
     @property
     def n_components(self) -> int:
-        """Core, and the SH bands above 0."""
-        return self.sh_degree + 1
+        """Components of a tile: core, and the SH bands above 0, or picks if there is a palette."""
+        return 2 if self.has_palette else self.sh_degree + 1
+
+    @cached_property
+    def palette_packets(self) -> I64:
+        """Rows of the packets of the palette, which belong to no tile."""
+        rows = self.packets["component"] == PALETTE if self.has_palette else ()
+        return np.flatnonzero(rows).astype(np.int64)
+
+    @property
+    def n_entries(self) -> int:
+        """Entries of the whole palette."""
+        return int(self.packets["n_adds"][self.palette_packets].sum(dtype=np.int64))
 
     def alpha_table(self, level: int, group: int) -> AlphaTable:
         """The table of a level and group (spec 5.4)."""
@@ -105,8 +120,13 @@ class Directory:
         )
 
     def chain_lengths(self, packets: slice | I64 = slice(None)) -> I64:
-        """(n_tiles, n_components) how many of these packets, by default all, each chain has."""
+        """(n_tiles, n_components) how many of these packets, by default all, each chain has.
+
+        The chain of the palette is not among them: it belongs to no tile.
+        """
         rows = self.packets[packets]
+        if self.has_palette:
+            rows = rows[rows["component"] != PALETTE]
         shape = (len(self.tiles), self.n_components)
         chain = rows["tile"].astype(np.int64) * shape[1] + rows["component"]
         return np.bincount(chain, minlength=shape[0] * shape[1]).reshape(shape).astype(np.int64)
@@ -130,7 +150,7 @@ def read_header(data: memoryview, limits: Mapping[str, int] | None = None) -> la
     if fields["version_major"] != layout.VERSION[0]:
         raise StreamError(Fault.E_VERSION, f"major version {fields['version_major']}", 0)
     check_crc(fields["crc"], 0, data[: HEADER_SIZE - 4])
-    if fields["flags"] >> 8 or any(fields["reserved"]):
+    if fields["flags"] & RESERVED_FLAGS or any(fields["reserved"]):
         raise StreamError(Fault.E_RESERVED, "a reserved bit of the header is set", 0)
     exponents = fields["grid_exponents"]
     for name, valid in (
@@ -138,6 +158,7 @@ def read_header(data: memoryview, limits: Mapping[str, int] | None = None) -> la
         ("sh_degree", fields["sh_degree"] <= MAX_SH_DEGREE),
         ("n_levels", fields["n_levels"] >= 1),
         ("grid_exponents", all(-16 <= exponent <= 40 for exponent in exponents)),
+        ("flags", not fields["flags"] & FLAG_PALETTE or fields["sh_degree"] > 0),  # R-5.1-9
     ):
         if not valid:
             raise StreamError(Fault.E_HEADER, f"{name} {fields[name]}", 0)
@@ -192,6 +213,7 @@ def read_directory(data: memoryview, limits: Mapping[str, int] | None = None) ->
         sh_degree=sh_degree,
         n_levels=n_levels,
         grid_exponents=tuple(header["grid_exponents"]),
+        has_palette=bool(header["flags"] & FLAG_PALETTE),
         info=SceneInfo(
             coordinate_system=header["coordinate_system"],
             up_axis=header["up_axis"],
@@ -210,7 +232,7 @@ def read_directory(data: memoryview, limits: Mapping[str, int] | None = None) ->
         digests_offset=chunks[b"dGST"][1] if b"dGST" in chunks else 0,
         copied_chunks=copied,
         version_minor=header["version_minor"],
-        unused_flags=header["flags"] & ~FLAG_ANTIALIASED,
+        unused_flags=header["flags"] & ~(FLAG_ANTIALIASED | FLAG_PALETTE),
         data_offset=end,
         size=end + header["data_size"],
     )

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from evogs_codec import layout
 from evogs_codec.directory import FLAG_ANTIALIASED, Directory, SceneInfo
 from evogs_codec.limits import LIMITS
+from evogs_codec.packet_header import FLAG_PALETTE
 from evogs_codec.refine import AlphaTable, Quantiser
 from evogs_codec.tables import is_key
 
@@ -28,6 +29,7 @@ def build_directory(
     tiles: npt.NDArray[np.void],
     packets: npt.NDArray[np.void],
     digests: Mapping[tuple[int, int, int], bytes],
+    has_palette: bool = False,
     copied_chunks: bytes = b"",
     version_minor: int = layout.VERSION[1],
     unused_flags: int = 0,
@@ -64,7 +66,9 @@ def build_directory(
         "sh_degree": sh_degree,
         "n_levels": n_levels,
         "grid_exponents": list(grid_exponents),
-        "flags": unused_flags | (FLAG_ANTIALIASED if info.antialiased else 0),
+        "flags": unused_flags
+        | (FLAG_ANTIALIASED if info.antialiased else 0)
+        | (FLAG_PALETTE if has_palette else 0),
         "coordinate_system": info.coordinate_system,
         "up_axis": info.up_axis,
         "unit": info.unit,
@@ -96,6 +100,7 @@ def rebuild_directory(
         tiles=tiles,
         packets=packets,
         digests=digests,
+        has_palette=directory.has_palette,
         copied_chunks=directory.copied_chunks,
         version_minor=directory.version_minor,
         unused_flags=directory.unused_flags,
@@ -137,16 +142,16 @@ def _tier(
 ) -> int:
     """The lowest tier whose limits the stream keeps (R-8.2-2)."""
     new = packets["n_adds"].astype(np.int64) + packets["n_splits"]
-    core = packets["component"] == 0
     tile = packets["tile"].astype(np.int64)
     per_tile = np.bincount(tile, weights=new, minlength=1)
-    steps = np.bincount(tile[core], minlength=1)
+    chains = tile * 256 + packets["component"]
+    steps = np.unique(chains, return_counts=True)[1]
     counts = {
         "n_tiles": len(tiles),
         "n_packets": len(packets),
         "n_levels": n_levels,
         "chunks_size": chunks_size,
-        "tile_steps": int(steps.max()),
+        "tile_steps": int(steps.max(initial=0)),
         "tile_slots": int(per_tile.max()),
         "slots": int(new.sum()),
     }

@@ -36,7 +36,7 @@ def choose_cut(
     Args:
         directory: of the stream.
         level: no steps above this level.
-        sh_degree: no SH bands above this one.
+        sh_degree: no SH bands above this one; of a palette all, or nothing for 0.
         box: only tiles that meet x0 y0 z0 x1 y1 z1, scene units.
         max_bytes: of these packets the longest prefix whose extracted file is no larger.
 
@@ -59,7 +59,7 @@ def choose_cut(
     if n == 0 or (n == 1 and len(selected)):
         least = sizes[min(1, len(selected))]
         raise ValueError(f"{max_bytes} bytes are too few: the first packet needs {least}")
-    return Cut(directory.chain_lengths(selected[: n - 1]))
+    return Cut.of_rows(directory, selected[: n - 1])
 
 
 def extract(data: bytes | memoryview, cut: Cut, *, box: Box | None = None) -> bytes:
@@ -75,17 +75,20 @@ def extract(data: bytes | memoryview, cut: Cut, *, box: Box | None = None) -> by
     """
     view = memoryview(data)
     directory = read_directory(view)
-    selected = cut.packets(directory)
-    rows = directory.packets[selected].copy()
-    kept = _kept_tiles(directory, box)
-    number = np.cumsum(kept) - 1
-    if not kept[rows["tile"]].all():
+    selected, kept = cut.packets(directory), _kept_tiles(directory, box)
+    of_palette = np.zeros(len(selected), bool)
+    of_palette[directory.palette_packets] = True
+    selected &= ~of_palette | kept.any()
+    keys = _keys(directory, np.flatnonzero(selected))
+    rows, of_palette = directory.packets[selected].copy(), of_palette[selected]
+    if not (kept[rows["tile"]] | of_palette).all():
         raise ValueError("the cut has packets of tiles outside the box")
-    rows["tile"] = number[rows["tile"]]
+    number = np.cumsum(kept) - 1
+    rows["tile"] = np.where(of_palette, 0, number[rows["tile"]])
     digests = {
-        (int(number[tile]), component, step): digest
-        for (tile, component, step), digest in directory.digests.items()
-        if step < cut.steps[tile, component]
+        (tile, *key[1:]): directory.digests[key]
+        for key, tile in zip(keys, rows["tile"].tolist(), strict=True)
+        if key in directory.digests
     }
     head = rebuild_directory(directory, directory.tiles[kept], rows, digests)
     bodies = []
@@ -104,15 +107,17 @@ def _kept_tiles(directory: Directory, box: Box | None) -> npt.NDArray[np.bool_]:
     return tiles_meeting(directory, box)
 
 
+def _keys(directory: Directory, packets: I64) -> list[tuple[int, int, int]]:
+    """(tile, component, step) of each of these packets, as digests name them."""
+    rows, steps = directory.packets[packets], directory.steps[packets]
+    columns = rows["tile"].tolist(), rows["component"].tolist(), steps.tolist()
+    return list(zip(*columns, strict=True))
+
+
 def _extracted_sizes(directory: Directory, selected: I64, box: Box | None) -> I64:
     """(len(selected) + 1,) bytes of the file with the first 0, 1, ... of these packets."""
     rows = directory.packets[selected]
-    keys = zip(
-        rows["tile"].tolist(),
-        rows["component"].tolist(),
-        directory.steps[selected].tolist(),
-        strict=True,
-    )
+    keys = _keys(directory, selected)
     has_digest = np.array([key in directory.digests for key in keys], bool)
     per_packet = rows["size"].astype(np.int64) + size_of(PACKET_ENTRY)
     per_packet += has_digest * size_of(DIGEST_ENTRY)

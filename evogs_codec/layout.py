@@ -102,7 +102,9 @@ META_ENTRY: Struct = cs.Struct(
 )
 
 PACKET_HEADER: Struct = cs.Struct(
-    "flags" / cs.Int8ul * "bit 0: psi of SH is YCoCg-R; bit 1: adds of SH, or entries, are; bits 2..7 reserved",
+    "flags"
+    / cs.Int8ul
+    * "bit 0: psi of SH is YCoCg-R; bit 1: adds of SH, or entries, are; bits 2..7 reserved",
     "n_frames" / cs.Int8ul * "number of frames; the coding bytes follow, then the frame entries,"
     " then the frames",
 )

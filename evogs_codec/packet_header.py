@@ -13,9 +13,20 @@ from evogs_codec.errors import Fault, StreamError
 from evogs_codec.planes import ABSENT, CODINGS, Coding
 from evogs_codec.tree import N_GROUPS
 
-__all__ = ["N_CORE", "Counts", "PacketHeader", "component_channels", "read_packet_header"]
+__all__ = [
+    "FLAG_PALETTE",
+    "N_CORE",
+    "PALETTE",
+    "PICKS",
+    "Counts",
+    "PacketHeader",
+    "component_channels",
+    "read_packet_header",
+]
 
 N_CORE = 14  # channels of core: geometry and SH band 0
+PICKS, PALETTE = 1, 2  # components of a stream with a palette (spec 3.7)
+FLAG_PALETTE = 1 << 8  # of the file header
 CORE_SH = slice(11, 14)
 N_SIDES = 2 + N_GROUPS  # lists of core before psi: slots, kinds, alpha
 FLAG_PSI_YCOCG, FLAG_ADDS_YCOCG = 1, 2

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from evogs_codec import layout
 from evogs_codec.errors import Fault, StreamError
 from evogs_codec.limits import LIMITS
-from evogs_codec.packet_header import MAX_RECORDS_PER_BYTE
+from evogs_codec.packet_header import FLAG_PALETTE, MAX_RECORDS_PER_BYTE, PALETTE, PICKS
 from evogs_codec.splats import I64
 from evogs_codec.tables import read_rows
 
@@ -48,6 +48,10 @@ class _PacketTable:
         self.rows = rows
         self.header = header
         self.is_core = rows["component"] == 0
+        has_palette = bool(header["flags"] & FLAG_PALETTE)
+        self.last_component = PALETTE if has_palette else header["sh_degree"]
+        self.is_palette = (rows["component"] == PALETTE) & has_palette
+        self.is_picks = (rows["component"] == PICKS) & has_palette
         self.tile = rows["tile"].astype(np.int64)
         chain = self.tile * 256 + rows["component"]
         self.step = _running(chain, np.ones(len(rows), np.int64))
@@ -61,24 +65,29 @@ class _PacketTable:
     ) -> Iterator[tuple[Fault, npt.NDArray[np.bool_], str]]:
         """(fault, bad rows, detail), in the order of the ids within a row."""
         rows, header, core, tile = self.rows, self.header, self.is_core, self.tile
+        palette, has_counts = self.is_palette, core | self.is_palette
         adds, splits = self.counts["n_adds"], self.counts["n_splits"]
         size, level = rows["size"].astype(np.int64), rows["level"].astype(np.int64)
         n_records = splits + self.counts["n_refines"] + self.counts["n_drops"]
         some = (n_records + adds) > 0
         yield Fault.E_RESERVED, rows["reserved"] != 0, "a reserved byte is set"
-        unknown = (tile >= header["n_tiles"]) | (rows["component"] > header["sh_degree"])
+        unknown = (tile >= header["n_tiles"]) | (rows["component"] > self.last_component)
         yield Fault.E_CHAIN, unknown, "no such tile or component"
-        early = ~core & (self.step >= _running(tile, core.astype(np.int64)))
+        early = ~has_counts & (self.step >= _running(tile, core.astype(np.int64)))
         yield Fault.E_CHAIN, early, "the packet is before the core packet it requires"
         falls = core & ((level >= header["n_levels"]) | (level < _previous(tile, core, level)))
         yield Fault.E_CHAIN, falls, "the level is too large or falls"
-        yield Fault.E_COUNT, ~core & (some | (level > 0)), "level or counts beside core"
-        yield Fault.E_COUNT, core & (some != (size > 0)), "size and counts contradict each other"
-        live = _running(tile, adds - self.counts["n_drops"] + splits)
+        beside = ~core & ((level > 0) | (n_records > 0) | (adds > 0) & ~palette)
+        yield Fault.E_COUNT, beside, "level or counts beside core"
+        wrong = has_counts & (some != (size > 0))
+        yield Fault.E_COUNT, wrong, "size and counts contradict each other"
+        live = _running(tile, np.where(core, adds - self.counts["n_drops"] + splits, 0))
         yield Fault.E_COUNT, n_records > live, "more records than live splats"
         many = adds + n_records > MAX_RECORDS_PER_BYTE * size
         yield Fault.E_AMPLIFICATION, many, "too many records for its size"
         yield Fault.E_CRC, (size == 0) & (rows["crc"] != 0), "the CRC-32 of no bytes is 0"
+        late = palette & ((tile > 0) | np.logical_or.accumulate(self.is_picks))
+        yield Fault.E_CHAIN, late, "a packet of the palette has another tile, or is after picks"
         new = adds + splits
         columns = {
             "tile_steps": self.step + 1,
