@@ -52,6 +52,8 @@ def require(condition: bool, code: str, detail: str) -> None:
 
 REFINE, SPLIT, DROP = range(3)  # 3.3
 N_GROUPS = 5  # 3.1: position, rotation, scale, opacity, SH
+PICKS, PALETTE = 1, 2  # 3.7: components above core where there is a palette
+N_CORE = 14  # 7.4: the first channel above SH band 0
 LIMITS = {  # 8.2: tiers 1, 2, 3
     "n_tiles": (64, 4096, 65536),
     "n_packets": (16384, 262144, 4194304),
@@ -74,7 +76,7 @@ def class_of(channel: int) -> int:
 
 
 def channels_of(component: int) -> range:
-    """3.5: core, or the coefficients b*b .. (b+1)*(b+1)-1 of band b, each R G B."""
+    """3.5: core, or the coefficients b*b .. (b+1)*(b+1)-1 of band b, each R G B; no palette."""
     first = 11 + 3 * component**2 if component > 0 else 0
     return range(first, 11 + 3 * (component + 1) ** 2)
 
@@ -117,6 +119,21 @@ class Header:
     data_size: int
     reserved: bytes
     crc: int
+
+    @property
+    def has_palette(self) -> bool:
+        """3.7."""
+        return self.flags >> 8 & 1 == 1
+
+    @property
+    def last_component(self) -> int:
+        """3.5, 3.7: components are numbered from 0, core, up to this one."""
+        return PALETTE if self.has_palette else self.sh_degree
+
+    @property
+    def above_core(self) -> range:
+        """3.7: the channels of picks and of entries."""
+        return range(N_CORE, 11 + 3 * (self.sh_degree + 1) ** 2)
 
 
 @dataclass
@@ -166,7 +183,7 @@ class Tile:
     box_min: tuple[int, ...]
     box_max: tuple[int, ...]
     x: list[list[int]]  # by channel; those of a late band have fewer slots (7.4)
-    cut: list[int]  # applied steps of each component
+    cut: list[int]  # applied steps of each component; of the palette, in tile 0
     n_slots: int = 0
     live: list[bool] = field(default_factory=list)
     born_from: list[int | None] = field(default_factory=list)
@@ -183,6 +200,7 @@ class Scene:
     quantisers: list[list[tuple[int, int]]] = field(default_factory=list)  # [0 or 1 + level][class]
     alphas: dict[tuple[int, int], tuple[int, list[int]]] = field(default_factory=dict)  # K, a
     tiles: list[Tile] = field(default_factory=list)
+    palette: list[list[int]] = field(default_factory=list)  # 7.4: entries of channels from 14 on
     packets: list[Packet] = field(default_factory=list)
     digests: dict[tuple[int, int, int], bytes] = field(default_factory=dict)
     metadata: dict[str, str] = field(default_factory=dict)
@@ -198,7 +216,7 @@ class Scene:
 
     def state_digest(self, tile: int, component: int) -> bytes:
         """7.7. Assumed: before the first step the state is that of no slots."""
-        return hashlib.sha256(state_bytes(self.tiles[tile], component)).digest()
+        return hashlib.sha256(state_bytes(self, tile, component)).digest()
 
     def float_view(self) -> list[tuple[float, ...]]:
         """7.6: the live splats in order of tile and slot, D numbers each."""
@@ -226,11 +244,12 @@ def read_header(data: bytes, own: dict[str, int]) -> Header:
     h = Header(*[*fields[:6], fields[6:11], *fields[11:]])
     require(h.version_major == 1, "E_VERSION", "R-5.1-2")
     require(h.crc == zlib.crc32(data[:60]), "E_CRC", "R-6.3-1")
-    require(h.flags >> 8 == 0 and not any(h.reserved), "E_RESERVED", "R-4.4-1")
+    require(h.flags >> 9 == 0 and not any(h.reserved), "E_RESERVED", "R-4.4-1")
     require(1 <= h.tier <= 3, "E_HEADER", "R-5.1-4")
     require(h.sh_degree <= 3, "E_HEADER", "R-5.1-5")
     require(h.n_levels >= 1, "E_HEADER", "R-5.1-6")
     require(all(-16 <= g <= 40 for g in h.grid_exponents), "E_HEADER", "R-5.1-7")
+    require(h.sh_degree > 0 or not h.has_palette, "E_HEADER", "R-5.1-9")
     for name in ("n_levels", "n_tiles", "n_packets", "chunks_size"):
         check_limit(name, getattr(h, name), h.tier, own)
     registries = {"coordinate_system": 5, "up_axis": 6, "unit": 5, "colour_space": 2}  # 8.4
@@ -315,35 +334,43 @@ def read_tiles(scene: Scene, body: bytes) -> None:
         ordered = all(-bound <= low[axis] <= high[axis] <= bound for axis in range(3))
         require(ordered, "E_TILE", "R-5.5-2")
         x: list[list[int]] = [[] for _ in range(channels_of(degree).stop)]
-        scene.tiles.append(Tile(origin, low, high, x, [0] * (degree + 1)))
+        cut = [0] * (scene.header.last_component + 1)
+        scene.tiles.append(Tile(origin, low, high, x, cut))
 
 
 def read_packets(scene: Scene, body: bytes, own: dict[str, int]) -> None:
     """5.6, 8.2."""
     h = scene.header
     require(len(body) == h.n_packets * PACKET_ENTRY.size, "E_CHUNK", "R-5.2-5")
-    rows = [[0] * (h.sh_degree + 1) for _ in range(h.n_tiles)]  # so far
+    rows = [[0] * (h.last_component + 1) for _ in range(h.n_tiles)]  # so far
     level, live, slots = [0] * h.n_tiles, [0] * h.n_tiles, [0] * h.n_tiles
-    data_size, all_slots = 0, 0
+    data_size, all_slots, picks_came = 0, 0, False
     for row in PACKET_ENTRY.iter_unpack(body):
         p, t = Packet(*row), row[0]
         n_new, no_counts = p.n_adds + p.n_splits, p.n_adds + p.n_records == 0
+        is_picks, is_palette = (h.has_palette and p.component == c for c in (PICKS, PALETTE))
         require(p.reserved == 0, "E_RESERVED", "R-4.4-1")
-        require(t < h.n_tiles and p.component <= h.sh_degree, "E_CHAIN", "R-5.6-1")
-        if p.component > 0:
+        require(t < h.n_tiles and p.component <= h.last_component, "E_CHAIN", "R-5.6-1")
+        if p.component > 0 and not is_palette:
             require(rows[t][0] > rows[t][p.component], "E_CHAIN", "R-5.6-2")
             require(p.level == 0 and no_counts, "E_COUNT", "R-5.6-4")
+        elif is_palette:
+            require(p.level == 0 and p.n_records == 0, "E_COUNT", "R-5.6-4")
         else:
             require(level[t] <= p.level < h.n_levels, "E_CHAIN", "R-5.6-3")
-            require((p.size == 0) == no_counts, "E_COUNT", "R-5.6-5")
             level[t] = p.level
+        if p.component == 0 or is_palette:
+            require((p.size == 0) == no_counts, "E_COUNT", "R-5.6-5")
         require(p.n_records <= live[t], "E_COUNT", "R-5.6-6")
         require(p.n_adds + p.n_records <= 16 * p.size, "E_AMPLIFICATION", "R-5.6-7")
         require(p.size > 0 or p.crc == 0, "E_CRC", "R-5.6-8")
+        require(not is_palette or (t == 0 and not picks_came), "E_CHAIN", "R-5.6-10")
         p.step, p.start = rows[t][p.component], HEADER.size + h.chunks_size + data_size
         scene.packets.append(p)
         rows[t][p.component] += 1
-        live[t] += n_new - p.n_drops
+        picks_came |= is_picks
+        if not is_palette:
+            live[t] += n_new - p.n_drops
         slots[t], all_slots = slots[t] + n_new, all_slots + n_new
         data_size += p.size
         check_limit("tile_steps", rows[t][p.component], h.tier, own)
@@ -400,6 +427,7 @@ def read_tables(data: bytes, own: dict[str, int]) -> Scene:
     for kind, (at, body) in chunks.items():
         with structure_at(at):
             readers[kind](scene, body)
+    scene.palette = [[] for _ in header.above_core]
     return scene
 
 
@@ -448,6 +476,27 @@ def read_payload(packet: Packet, core: Packet, body: bytes) -> Payload:
     if is_core:
         n_kinds = core.n_records if kinds_stored else 0
         lengths = [core.n_records, n_kinds] + [core.n_splits] * N_GROUPS + lengths
+    flags, codings, lists = read_lists(body, lengths, first_add=len(lengths) - n_channels)
+    sides = lists[: -2 * n_channels]
+    return Payload(
+        gaps=sides[0] if is_core else [],
+        kinds=sides[1] if is_core else [],
+        indices=sides[2:],
+        psi=lists[len(sides) : len(sides) + n_channels],
+        adds=lists[len(sides) + n_channels :],
+        codings=codings[len(sides) :],
+        flags=flags,
+        first_sh=11 if is_core else 0,
+    )
+
+
+def read_lists(
+    body: bytes, lengths: list[int], first_add: int
+) -> tuple[int, bytes, list[list[int]]]:
+    """A packet of size above 0: its flags, coding bytes and stored integers.
+
+    Lists from number `first_add` on may be of differences.
+    """
     entries_at = 2 + len(lengths)
     require(len(body) >= entries_at, "E_PACKET", "R-5.9-1")
     flags, n_frames, codings = body[0], body[1], body[2:entries_at]
@@ -455,7 +504,6 @@ def read_payload(packet: Packet, core: Packet, body: bytes) -> Payload:
     require(not reserved, "E_RESERVED", "R-4.4-1")
     legal = all(c & 15 <= 8 and c >> 4 & 3 <= 2 and c != 64 for c in codings)
     require(legal, "E_PACKET", "R-5.9-2")
-    first_add = len(lengths) - n_channels
     require(not any(c & 64 for c in codings[:first_add]), "E_PACKET", "R-5.9-3")
     unused = any(c != 0 and n == 0 for c, n in zip(codings, lengths, strict=True))
     require(not unused, "E_PACKET", "R-5.9-4")
@@ -483,17 +531,7 @@ def read_payload(packet: Packet, core: Packet, body: bytes) -> Payload:
         own = [next(rest) for _ in plane_sizes(coding, n)]
         check_low_plane(coding, own, n)
         lists.append(unpack(coding, own, n))
-    sides = lists[: -2 * n_channels]
-    return Payload(
-        gaps=sides[0] if is_core else [],
-        kinds=sides[1] if is_core else [],
-        indices=sides[2:],
-        psi=lists[len(sides) : len(sides) + n_channels],
-        adds=lists[len(sides) + n_channels :],
-        codings=codings[len(sides) :],
-        flags=flags,
-        first_sh=11 if is_core else 0,
-    )
+    return flags, codings, lists
 
 
 def check_low_plane(coding: int, planes: list[bytes], n: int) -> None:
@@ -621,6 +659,11 @@ def apply_packet(scene: Scene, packet: Packet, body: bytes) -> None:
     """6.1 step 4, for a packet all of whose bytes are there."""
     require(zlib.crc32(body) == packet.crc, "E_CRC", "R-6.3-1")
     tile, component = scene.tiles[packet.tile], packet.component
+    if scene.header.has_palette and component > 0:
+        apply = append_entries if component == PALETTE else apply_picks
+        apply(scene, packet, body)
+        tile.cut[component] += 1
+        return
     core = packet if component == 0 else tile.steps[packet.step].core
     channels = channels_of(component)
     if packet.size == 0:  # 5.6: all psi and all adds are 0
@@ -679,6 +722,34 @@ def finish_core_step(tile: Tile, step: Step) -> None:
     tile.steps.append(step)
 
 
+def append_entries(scene: Scene, packet: Packet, body: bytes) -> None:
+    """7.4: a packet of the palette."""
+    if packet.size == 0:  # R-5.6-5: without entries
+        return
+    channels = scene.header.above_core
+    flags, codings, lists = read_lists(body, [packet.n_adds] * len(channels), first_add=0)
+    _, entries = Payload([], [], [], [], lists, codings, flags, 0).transformed()
+    for channel, own, qs in zip(channels, scene.palette, entries, strict=True):
+        own += [in_range(delta_of(q, *scene.quantisers[0][class_of(channel)])) for q in qs]
+
+
+def apply_picks(scene: Scene, packet: Packet, body: bytes) -> None:
+    """7.4: new slots get the entries that their picks number from 1."""
+    tile = scene.tiles[packet.tile]
+    step = tile.steps[packet.step]
+    n_new = step.core.n_splits + step.core.n_adds
+    picks = [0] * n_new  # 5.6: those of a packet of no bytes
+    if packet.size > 0:
+        _, _, (picks,) = read_lists(body, [n_new], first_add=1)
+    require(all(pick <= len(scene.palette[0]) for pick in picks), "E_INDEX", "R-7.2-4")
+    for channel, entries in zip(scene.header.above_core, scene.palette, strict=True):
+        x = tile.x[channel]
+        for slot, kind in zip(step.slots, step.kinds, strict=True):
+            if kind == DROP:
+                x[slot] = 0
+        x.extend(entries[pick - 1] if pick > 0 else 0 for pick in picks)
+
+
 # ---- 7.5 SH that comes late, 7.6 float view, 7.7 states ----
 
 
@@ -705,9 +776,13 @@ def numbers(channels: list[list[int]]) -> bytes:
     return b"".join(struct.pack(f"<{len(x)}i", *x) for x in channels)
 
 
-def state_bytes(tile: Tile, component: int) -> bytes:
-    """7.7: the state of a component after its last applied step."""
-    channels = [tile.x[c] for c in channels_of(component)]
+def state_bytes(scene: Scene, number: int, component: int) -> bytes:
+    """7.7: the state of a component of tile `number` after its last applied step."""
+    tile, channels = scene.tiles[number], scene.palette
+    if not scene.header.has_palette or component == 0:
+        channels = [tile.x[c] for c in channels_of(component)]
+    elif component == PICKS:
+        channels = [tile.x[c] for c in scene.header.above_core]
     n_slots, slots = len(channels[0]), b""
     if component == 0:
         born_from = [-1 if slot is None else slot for slot in tile.born_from]
@@ -722,14 +797,24 @@ Ranges = list[tuple[int, int]]  # begin and end of the bytes that are there
 
 
 def cut_by_level(scene: Scene, level: int) -> list[list[int]]:
-    """3.6: core packets with labels of at most `level`; of bands what is there, not more."""
-    cut = [[0] * (scene.header.sh_degree + 1) for _ in scene.tiles]
+    """3.6: core packets with labels of at most `level`; of bands what is there, not more.
+
+    A cut says in tile 0 how many steps of the palette it takes: here, all.
+    """
+    cut = [[0] * (scene.header.last_component + 1) for _ in scene.tiles]
     for p in scene.packets:
         cut[p.tile][0] += p.component == 0 and p.level <= level
     for p in scene.packets:
         steps = cut[p.tile]
         steps[p.component] += p.component > 0 and steps[p.component] < steps[0]
+    if scene.header.has_palette and cut:
+        cut[0][PALETTE] = n_palette_packets(scene)
     return cut
+
+
+def n_palette_packets(scene: Scene) -> int:
+    """3.7: packets of the palette; those of picks require them all."""
+    return sum(scene.header.has_palette and p.component == PALETTE for p in scene.packets)
 
 
 def check_cut(scene: Scene, cut: list[list[int]]) -> None:
@@ -737,7 +822,11 @@ def check_cut(scene: Scene, cut: list[list[int]]) -> None:
     most = cut_by_level(scene, scene.header.n_levels)
     valid = [len(steps) for steps in cut] == [len(steps) for steps in most]
     for steps, limits in zip(cut, most, strict=False):
-        valid &= all(0 <= n <= min(m, steps[0]) for n, m in zip(steps, limits, strict=False))
+        valid &= all(0 <= n <= m for n, m in zip(steps, limits, strict=False))
+        of_tile = steps[:PALETTE] if scene.header.has_palette else steps
+        valid &= all(n <= steps[0] for n in of_tile)
+    if valid and scene.header.has_palette and any(steps[PICKS] for steps in cut):
+        valid = cut[0][PALETTE] == most[0][PALETTE]
     if not valid:
         raise ValueError("the cut is not valid")
 
@@ -787,7 +876,7 @@ def decode(
             if digest != scene.digests[p.tile, p.component, p.step]:
                 wrong.add((p.tile, p.component, p.step))
         if trace is not None:
-            trace(p.tile, p.step, p.component, state_bytes(scene.tiles[p.tile], p.component))
+            trace(p.tile, p.step, p.component, state_bytes(scene, p.tile, p.component))
     finish(scene, [(0, len(data))])
     # 6.1 step 6. Assumed: a fault of dGST; a digest of a packet outside the cut is not checked.
     with structure_at(scene.chunk_offsets.get(b"dGST", 0)):
@@ -813,9 +902,14 @@ def decode_pieces(
             pieces.append((begin, end))
     head = data[: pieces[0][1]] if pieces and pieces[0][0] == 0 else b""
     scene = read_tables(head, limits or {})
+    n_palette = n_palette_packets(scene)
     for p in scene.packets:
         steps = scene.tiles[p.tile].cut
         required = p.step == steps[p.component] and (p.component == 0 or p.step < steps[0])  # 3.5
+        if scene.header.has_palette and p.component == PALETTE:  # 3.7
+            required = p.step == steps[PALETTE]
+        elif scene.header.has_palette and p.component == PICKS:
+            required &= scene.tiles[0].cut[PALETTE] == n_palette
         if required and is_there(pieces, p):
             with structure_at(p.start):
                 apply_packet(scene, p, data[p.start : p.start + p.size])

@@ -258,7 +258,8 @@ def test_faults_of_the_header_are_at_offset_0_and_the_signature_comes_first() ->
     assert fault(b"") == ("E_TRUNCATED", 0)
     assert fault(data[:8] + b"\x02" + data[9:]) == ("E_VERSION", 0)
     assert fault(data[:10] + b"\x02" + data[11:]) == ("E_CRC", 0)
-    assert fault(stream(ROWS, flags=256)) == ("E_RESERVED", 0)
+    assert fault(stream(ROWS, flags=512)) == ("E_RESERVED", 0)
+    assert fault(stream(ROWS, flags=256)) == ("E_HEADER", 0)  # a palette without SH
     assert fault(stream(ROWS, degree=4)) == ("E_HEADER", 0)
     assert fault(stream(ROWS, n_tiles=65)) == ("E_TIER", 0)
     assert fault(data, limits={"n_packets": 3}) == ("E_LIMIT", 0)
