@@ -16,6 +16,7 @@ from hypothesis import given
 from hypothesis import settings as budget
 
 from conformance import oracle
+from conformance.builder import DROP, RED, REFINE, SPLIT, Packet, Stream, Tile, X, build
 from evogs_codec import refine
 from evogs_codec.decode import decode
 from evogs_codec.encode import encode, write
@@ -172,8 +173,17 @@ def decode_with_pseudo_code(data: bytes) -> bytes:
         tile = scene.tiles[p.tile]
         if p.component == 0:
             cores[p.tile, p.step] = core = SimpleNamespace(packet=p)
+        body = data[p.start : p.start + p.size]
+        if scene.header.has_palette and p.component == oracle.PALETTE:
+            spec.palette_step(scene.palette, stored_entries(spec, scene, p, body))
+            continue
         core = cores[p.tile, p.step]
-        lists = stored_lists(spec, p, core.packet, data[p.start : p.start + p.size])
+        if scene.header.has_palette and p.component == oracle.PICKS:
+            n_new = core.packet.n_splits + core.packet.n_adds
+            (picks,) = unpacked(spec, [n_new], 1, body)
+            spec.picks_step(tile, core, picks, scene.palette)
+            continue
+        lists = stored_lists(spec, p, core.packet, body)
         channels = oracle.channels_of(p.component)
         if p.component == 0:
             read_records(spec, scene, core, lists[:7])
@@ -196,7 +206,26 @@ def stored_lists(spec, p, core, body: bytes) -> list[list[int]]:
     n_kinds = core.n_records if [core.n_splits, core.n_refines, core.n_drops].count(0) < 2 else 0
     sides = [core.n_records, n_kinds, *[core.n_splits] * 5] if p.component == 0 else []
     lengths = [*sides, *[core.n_psi] * n_channels, *[core.n_adds] * n_channels]
-    flags = body[0] if body else 0
+    lists = unpacked(spec, lengths, len(sides), body)
+    first_sh = 11 if p.component == 0 else 0
+    for bit, begin in ((1, len(sides)), (2, len(sides) + n_channels)):
+        if body and body[0] & bit:
+            undo_ycocg(spec, lists, range(begin + first_sh, begin + n_channels, 3))
+    return lists
+
+
+def stored_entries(spec, scene, p, body: bytes) -> list[list[int]]:
+    """The entries of a packet of the palette, Delta by channel (7.4)."""
+    channels = scene.header.above_core
+    lists = unpacked(spec, [p.n_adds] * len(channels), 0, body)
+    if body and body[0] & 2:
+        undo_ycocg(spec, lists, range(0, len(lists), 3))
+    steps = [scene.quantisers[0][oracle.class_of(channel)] for channel in channels]
+    return [[spec.delta_of(q, *step) for q in qs] for step, qs in zip(steps, lists, strict=True)]
+
+
+def unpacked(spec, lengths: list[int], n_sides: int, body: bytes) -> list[list[int]]:
+    """The lists of a packet; those after `n_sides` as q, before YCoCg-R is undone."""
     codings = body[2 : 2 + len(lengths)] if body else bytes(len(lengths))
     content = contents(body, 2 + len(lengths)) if body else b""
     lists = []
@@ -208,16 +237,18 @@ def stored_lists(spec, p, core, body: bytes) -> list[list[int]]:
             planes.append(content[:size])
             content = content[size:]
         values = spec.unpack(low, high, planes, n) if c else [0] * n
-        if number >= len(sides):
+        if number >= n_sides:
             values = [spec.unzigzag(z) for z in values]
         lists.append(spec.undelta(values) if c & 64 else values)
     assert content == b""
-    first_sh = 11 if p.component == 0 else 0
-    for bit, begin in ((1, len(sides)), (2, len(sides) + n_channels)):
-        for k in range(begin + first_sh, begin + n_channels, 3) if flags & bit else ():
-            triples = [spec.inverse_ycocg(*t) for t in zip(*lists[k : k + 3], strict=True)]
-            lists[k : k + 3] = [[t[i] for t in triples] for i in range(3)]
     return lists
+
+
+def undo_ycocg(spec, lists: list[list[int]], firsts: range) -> None:
+    """Y, Co and Cg of each SH triple become R, G and B, in place; `firsts` are the lists of Y."""
+    for k in firsts:
+        triples = [spec.inverse_ycocg(*t) for t in zip(*lists[k : k + 3], strict=True)]
+        lists[k : k + 3] = [[t[i] for t in triples] for i in range(3)]
 
 
 def contents(body: bytes, entries_at: int) -> bytes:
@@ -261,6 +292,62 @@ def test_the_pseudo_code_of_section_7_decodes_as_the_codec_does(tree):
 def test_the_pseudo_code_decodes_streams_of_the_encoder(tree):
     data = encode(tree, PRESETS["trained"], n_tiles=2)
     assert decode_with_pseudo_code(data) == decode(data).dump()
+
+
+def palette_stream(*late: Packet) -> bytes:
+    """Two palette packets, picks of two tiles, a split, a drop and an add; then `late`."""
+    entries = {0: [1, -2], 1: [3, 4], 2: [0, 5], 8: [7, 7]}
+    return build(
+        Stream(
+            [
+                Packet(component=2, adds=entries, flags=2, codings={"adds 8": 0x44}),
+                Packet(adds={X: [1, 2]}),
+                Packet(component=2, adds={3: [-9]}),
+                Packet(tile=1, adds={X: [5]}),
+                Packet(component=1, picks=[3, 1]),
+                Packet(records={0: SPLIT, 1: DROP}, psi={X: [1]}, adds={X: [8]}),
+                Packet(tile=1, component=1, picks=[2]),
+                Packet(component=1, picks=[2, 0]),
+                Packet(records={0: REFINE, 2: SPLIT}, psi={RED: [3, -1]}),
+                *late,
+            ],
+            degree=1,
+            has_palette=True,
+            tiles=(Tile(), Tile()),
+            quantisers={(0, 5): (3, 1)},
+        )
+    )
+
+
+@pytest.mark.parametrize(
+    "late", [(), (Packet(component=1),), (Packet(component=1, picks=[1]),)], ids=len
+)
+def test_the_pseudo_code_decodes_streams_with_a_palette_as_the_oracle_does(late):
+    data = palette_stream(*late)
+    assert decode_with_pseudo_code(data) == oracle.decode(data).dump()
+
+
+def test_a_palette_gives_the_numbers_worked_out_by_hand():
+    # Y Co Cg of (1, 3, 0) are R G B of (3, 1, 0), of (-2, 4, 5) of (-2, 1, -6); q is 6 units.
+    scene = oracle.decode(palette_stream())
+    assert scene.palette[:3] == [[18, -12, 0], [6, 6, 0], [0, -36, 0]]
+    # Differences 7 and 0 are Cg of 7 twice, and B of -3; the second packet begins anew.
+    assert (scene.palette[3], scene.palette[8]) == ([0, 0, -54], [-18, -18, 0])
+    # Slot 1, with entry 1, was dropped; slot 2 was split from 0 and has entry 2, slot 3 has none.
+    assert scene.tiles[0].x[14] == [0, 0, -12, 0]
+    assert scene.tiles[1].x[14] == [-12]
+    # Slot 4 was split from 2, and its pick has not come.
+    assert scene.tiles[0].channels[14] == [0, 0, -12, 0, -12]
+
+
+def test_a_pick_past_the_palette_is_refused_by_the_pseudo_code():
+    data = palette_stream(Packet(component=1, picks=[4]))
+    with pytest.raises(oracle.Reject) as caught:
+        decode_with_pseudo_code(data)
+    assert caught.value.code == "E_INDEX"
+    with pytest.raises(oracle.Reject) as caught:
+        oracle.decode(data)
+    assert caught.value.code == "E_INDEX"
 
 
 @pytest.mark.parametrize(
