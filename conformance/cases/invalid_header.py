@@ -30,7 +30,7 @@ def fields() -> Iterator[Case]:
          "refuses only versions above its own"),
         ("version-2", {"version_major": 2}, "R-5.1-2", "E_VERSION", "major version 2",
          "reads a later major version as if it were 1"),
-        ("flag-8", {"flags": 1 << 8}, "R-4.4-1", "E_RESERVED", "the lowest reserved flag is set",
+        ("flag-9", {"flags": 1 << 9}, "R-4.4-1", "E_RESERVED", "the lowest reserved flag is set",
          "ignores reserved flags like unused ones"),
         ("flag-15", {"flags": 1 << 15}, "R-4.4-1", "E_RESERVED", "the highest reserved flag is set",
          "masks the flags with 0x7FFF"),
