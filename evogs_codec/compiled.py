@@ -13,14 +13,17 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.crc import crc32
+from evogs_codec.errors import StreamError
 from evogs_codec.frames import decompress_all
-from evogs_codec.packet_header import N_SIDES, component_channels
+from evogs_codec.packet_header import N_SIDES, PICKS, component_channels
+from evogs_codec.palette import unpack_picks
 from evogs_codec.scratch import Scratch
 from evogs_codec.splats import I64
 from evogs_codec.tree import N_GROUPS
 
 if TYPE_CHECKING:
     from evogs_codec.directory import Directory
+    from evogs_codec.kernels import Plans
     from evogs_codec.state import TileState
 
 __all__ = ["apply_compiled", "kernels_for"]
@@ -64,7 +67,12 @@ def apply_compiled(
     n_records, n_splits = int(core_counts[:, 1:].sum()), int(core_counts[:, 1].sum())
     plans = kernels.Plans.empty(scratch, len(core), n_records, n_splits)
     tables = _tables(kernels, directory, state.tile)
-    for part in _parts(components, counts):
+    is_compiled = np.ones(len(packets), bool)
+    if directory.has_palette:
+        is_compiled = components != PICKS
+    others = np.flatnonzero(is_compiled)
+    for within in _parts(components[others], counts[others]):
+        part = others[within]
         headers = _headers(
             kernels, data, offsets[part], sizes[part], components[part], counts[part]
         )
@@ -76,9 +84,24 @@ def apply_compiled(
             kernels.Headers(*args, planes), tables, plans, state.x, state.live, state.born_from
         ):
             return False
+    try:
+        for packet in packets[~is_compiled].tolist():
+            _apply_picks(state, data, packet, plans)
+    except StreamError:
+        return False
     applied = np.bincount(components, minlength=directory.n_components).tolist()
     state.set_applied(applied, plans.places[1:, 0].tolist(), levels[components == 0].tolist())
     return True
+
+
+def _apply_picks(state: TileState, data: memoryview, packet: int, plans: Plans) -> None:
+    """The picks of a step (spec 7.4), of whose slots `plans` says where they are."""
+    directory, step = state.directory, int(state.directory.steps[packet])
+    offset, size = int(directory.offsets[packet]), int(directory.packets["size"][packet])
+    (first, _, _, drop, _), (end, _, _, end_of_drops, _) = plans.places[step : step + 2].tolist()
+    body = data[offset : offset + size]
+    picks = unpack_picks(body, end - first, directory.n_entries, offset)
+    state.set_picks(first, picks, plans.drops[drop:end_of_drops])
 
 
 def _parts(components: I64, counts: I64) -> list[slice]:

@@ -35,7 +35,7 @@ class Decoded:
     @property
     def sh_degree(self) -> int:
         """Highest SH band with a step in the cut; the float view stops there."""
-        return _degree_of(self.cut)
+        return _degree_of(self.directory, self.cut)
 
     def leaves(self, cut: Cut | None = None, *, sh_degree: int | None = None) -> SplatParams:
         """Float view (spec 7.6) of the live splats, tile by tile, in slot order.
@@ -48,7 +48,7 @@ class Decoded:
             ValueError: `cut` has steps that this cut does not have.
         """
         if cut is not None:
-            if cut.steps.shape != self.cut.steps.shape or (cut.steps > self.cut.steps).any():
+            if not self.cut.has(cut):
                 raise ValueError("the cut has steps that were not decoded")
             return replay(self.directory, self.data, cut).leaves(sh_degree=sh_degree)
         degree = self.sh_degree if sh_degree is None else sh_degree
@@ -124,13 +124,15 @@ def decode_leaves(
     view = memoryview(data)
     directory, cut = _directory_and_cut(view, cut, limits)
     packets = cut.packets(directory)
+    packets[directory.palette_packets] = False
     rows = directory.packets[packets]
     if len(rows) and int((directory.offsets[packets] + rows["size"]).max()) > len(view):
         # A table may promise any number of splats: this finds the fault before it pays for them.
         replay(directory, view, cut)
     born = rows["n_adds"].astype(np.int64) + rows["n_splits"] - rows["n_drops"]
     n_live = np.bincount(rows["tile"], born, len(directory.tiles)).astype(np.int64)
-    leaves = FloatView(directory, n_live, _degree_of(cut) if sh_degree is None else sh_degree)
+    degree = _degree_of(directory, cut) if sh_degree is None else sh_degree
+    leaves = FloatView(directory, n_live, degree)
     replay_tiles(directory, view, cut, leaves.write, verify=verify, progress=progress)
     return leaves.splats()
 
@@ -159,7 +161,8 @@ def _directory_and_cut(
     return directory, cut if isinstance(cut, Cut) else cut(directory)
 
 
-def _degree_of(cut: Cut) -> int:
-    """Highest SH band with a step in the cut."""
+def _degree_of(directory: Directory, cut: Cut) -> int:
+    """Highest SH band with a step in the cut; picks are of all bands."""
     applied = np.flatnonzero(cut.steps.any(0))
-    return int(applied[-1]) if len(applied) else 0
+    highest = int(applied[-1]) if len(applied) else 0
+    return directory.sh_degree if directory.has_palette and highest else highest

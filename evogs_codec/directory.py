@@ -103,7 +103,7 @@ class Directory:
         rows = self.packets["component"] == PALETTE if self.has_palette else ()
         return np.flatnonzero(rows).astype(np.int64)
 
-    @property
+    @cached_property
     def n_entries(self) -> int:
         """Entries of the whole palette."""
         return int(self.packets["n_adds"][self.palette_packets].sum(dtype=np.int64))

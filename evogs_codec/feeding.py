@@ -14,6 +14,8 @@ from evogs_codec.decode import Decoded
 from evogs_codec.directory import HEADER_SIZE, Directory, check_crc, read_directory, read_header
 from evogs_codec.errors import Fault, StreamError
 from evogs_codec.floats import float_view
+from evogs_codec.packet_header import PALETTE, PICKS
+from evogs_codec.palette import PaletteState
 from evogs_codec.splats import SplatParams
 from evogs_codec.state import TileState
 
@@ -22,7 +24,10 @@ __all__ = ["Decoder", "StepReady"]
 
 @dataclass(frozen=True)
 class StepReady:
-    """A packet was applied: a step of a component of a tile; `level` is its label."""
+    """A packet was applied: a step of a component of a tile; `level` is its label.
+
+    A packet of a palette is of component 2 of tile 0, and of no level: that is 0.
+    """
 
     tile: int
     component: int
@@ -49,6 +54,7 @@ class Decoder:
         self._parts: dict[int, _Ranges] = {}
         self._whole: dict[int, bytes] = {}
         self._tiles: list[TileState] = []
+        self._palette: PaletteState | None = None
         self._done = np.zeros(0, bool)
         self._faults: dict[int, StreamError] = {}
         self._at = 0
@@ -112,7 +118,8 @@ class Decoder:
         if self.directory is None:
             raise ValueError("header and chunks have not come yet")
         shape = (len(self._tiles), self.directory.n_components)
-        return Cut(np.array([t.n_applied for t in self._tiles], np.int64).reshape(shape))
+        steps = np.array([t.n_applied for t in self._tiles], np.int64).reshape(shape)
+        return Cut(steps, self._palette.n_applied if self._palette else 0)
 
     @property
     def fault(self) -> StreamError | None:
@@ -150,13 +157,16 @@ class Decoder:
         self.directory = directory
         rows = directory.packets
         # Slots are made as packets come: a table may promise any number.
-        self._tiles = [TileState(directory, t, 0) for t in range(len(directory.tiles))]
+        self._palette = PaletteState(directory, 0) if directory.has_palette else None
+        n_tiles = len(directory.tiles)
+        self._tiles = [TileState(directory, t, 0, self._palette) for t in range(n_tiles)]
         self._done = np.zeros(len(rows), bool)
         self._next: list[list[list[int]]] = [
             [[] for _ in range(directory.n_components)] for _ in self._tiles
         ]
         for packet, (tile, component) in enumerate(rows[["tile", "component"]].tolist()):
-            self._next[tile][component].append(packet)
+            if component < directory.n_components:  # else it is of the palette
+                self._next[tile][component].append(packet)
         for packet in np.flatnonzero(rows["size"] == 0).tolist():
             self._whole[packet] = b""
         return True
@@ -188,7 +198,22 @@ class Decoder:
                     del self._parts[packet]
             if packet in self._whole:
                 touched.add(int(directory.packets["tile"][packet]))
-        return [ready for tile in sorted(touched) for ready in self._advance(tile)]
+        return [
+            *self._advance_palette(),
+            *(ready for tile in sorted(touched) for ready in self._advance(tile)),
+        ]
+
+    def _advance_palette(self) -> list[StepReady]:
+        """Apply the packets of the palette that are complete, as far as none before is missing."""
+        directory, palette, ready = self.directory, self._palette, []
+        assert directory is not None
+        while palette is not None and not palette.is_whole:
+            step = palette.n_applied
+            packet = int(directory.palette_packets[step])
+            if packet not in self._whole or not self._try(packet, palette):
+                break
+            ready.append(StepReady(0, PALETTE, step, 0))
+        return ready
 
     def _advance(self, tile: int) -> list[StepReady]:
         """Apply the packets of a tile that are complete and whose chains have reached them."""
@@ -201,21 +226,25 @@ class Decoder:
                 step = state.n_applied[component]
                 packet = chain[step]
                 blocked = component > 0 and state.n_applied[0] <= step
-                if packet not in self._whole or packet in self._faults or blocked:
+                if self._palette is not None and component == PICKS:
+                    blocked |= not self._palette.is_whole
+                if blocked or packet not in self._whole or not self._try(packet, state):
                     break
-                body = self._whole[packet]
-                try:
-                    row, offset = directory.packets[packet], int(directory.offsets[packet])
-                    check_crc(int(row["crc"]), offset, body)
-                    state.apply(packet, memoryview(body))
-                except StreamError as fault:
-                    self._faults[packet] = fault
-                    del self._whole[packet]
-                    break
-                del self._whole[packet]
-                self._done[packet] = True
                 ready.append(StepReady(tile, component, step, state.level(step)))
         return ready
+
+    def _try(self, packet: int, state: TileState | PaletteState) -> bool:
+        """Apply a packet that is complete; False if it has a fault, which is kept."""
+        assert self.directory is not None
+        body, offset = self._whole.pop(packet), int(self.directory.offsets[packet])
+        try:
+            check_crc(int(self.directory.packets["crc"][packet]), offset, body)
+            state.apply(packet, memoryview(body))
+        except StreamError as fault:
+            self._faults[packet] = fault
+            return False
+        self._done[packet] = True
+        return True
 
     def _raise_first_fault(self) -> None:
         if self._faults:

@@ -8,12 +8,13 @@ import numpy as np
 
 from evogs_codec.compiled import kernels_for
 from evogs_codec.directory import Directory
+from evogs_codec.packet_header import CORE_SH
 from evogs_codec.scratch import empty
 from evogs_codec.splats import F32, GROUP_CHANNELS, I32, I64, SplatParams
 from evogs_codec.state import TileState
 from evogs_codec.threads import each
 
-__all__ = ["FloatView", "float_rows", "float_view"]
+__all__ = ["FloatView", "float_picks", "float_rows", "float_view"]
 
 BLOCK = 4096  # splats that are transposed at a time: their channels stay in cache
 
@@ -38,11 +39,14 @@ class FloatView:
         n = int(n_live.sum())
         n_sh = 3 * (min(sh_degree, directory.sh_degree) + 1) ** 2
         self.groups = [empty((n, size), np.float32) for size in (3, 4, 3, 1, n_sh)]
-        self.write_rows = getattr(kernels_for(n), "float_rows", float_rows)
+        kernels = kernels_for(n)
+        self.write_rows = getattr(kernels, "float_rows", float_rows)
+        self.write_picks = getattr(kernels, "float_picks", float_picks)
 
     def write(self, tile: TileState) -> None:
         """Put the live splats of a tile in their place."""
-        x, live = tile.channels(), tile.live[: tile.n_slots]
+        live = tile.live[: tile.n_slots]
+        x = tile.channels() if tile.palette is None else tile.x[:, : tile.n_slots]
         if not live.all():
             x = x[:, live]
         end = int(self.ends[tile.tile])
@@ -53,6 +57,13 @@ class FloatView:
         ):
             channels = slice(part.start, part.start + out.shape[1])
             to = out[end - x.shape[1] : end]
+            if channels.stop > len(x):
+                assert tile.palette is not None
+                picks = tile.shown_picks()
+                rows = tile.palette.rows(out.shape[1] - 3, self.write_rows)
+                picks = picks if live.all() else picks[live]
+                self.write_picks(x[CORE_SH], 2.0**-exponent, picks, rows, to)
+                continue
             self.write_rows(x[channels], origins[channels], 2.0**-exponent, to)
 
     def splats(self) -> SplatParams:
@@ -65,6 +76,13 @@ class FloatView:
         return SplatParams(
             means, quats, log_scales, opacity_logits[:, 0], sh.reshape(n, n_coefficients, 3)
         )
+
+
+def float_picks(x: I32, scale: float, picks: I32, rows: F32, out: F32) -> None:
+    """out[:, :3] = x * scale, of SH band 0; out[i, 3:] = rows[picks[i]], blockwise."""
+    float_rows(x, np.zeros(len(x), np.int64), scale, out[:, : len(x)])
+    for at in range(0, len(out), BLOCK):
+        out[at : at + BLOCK, len(x) :] = rows[picks[at : at + BLOCK]]
 
 
 def float_rows(x: I32, origins: I64, scale: float, out: F32) -> None:

@@ -18,6 +18,7 @@ __all__ = [
     "MAX_INT",
     "children",
     "first_children",
+    "float_picks",
     "float_rows",
     "inverse_ycocg",
     "products_fit",
@@ -228,3 +229,18 @@ def float_rows(x: I32, origins: I64, scale: float, out: F32) -> None:
             else:
                 _write_1(part[at : at + 1], factor, to[:, at : at + 1])
                 at += 1
+
+
+@_jit
+def float_picks(x: I32, scale: float, picks: I32, rows: F32, out: F32) -> None:
+    """SH of splats with picks: out[i, :3] is that of band 0, x[:, i] * scale, the rest a row.
+
+    Each line of memory is written once, from its begin to its end.
+    """
+    n_rest, factor = rows.shape[1], np.float32(scale)
+    for i in range(len(out)):
+        row, to = rows[picks[i]], out[i]
+        for c in range(3):
+            to[c] = np.float32(x[c, i]) * factor
+        for c in range(n_rest):
+            to[3 + c] = row[c]

@@ -34,6 +34,7 @@ from evogs_codec.kernel_values import (
     MAX_INT,
     children,
     first_children,
+    float_picks,
     float_rows,
     inverse_ycocg,
     products_fit,
@@ -54,6 +55,7 @@ __all__ = [
     "Plans",
     "Tables",
     "apply_packets",
+    "float_picks",
     "float_rows",
     "read_headers",
 ]

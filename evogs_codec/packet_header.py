@@ -21,7 +21,9 @@ __all__ = [
     "Counts",
     "PacketHeader",
     "component_channels",
+    "read_list_header",
     "read_packet_header",
+    "value_counts",
 ]
 
 N_CORE = 14  # channels of core: geometry and SH band 0
@@ -74,11 +76,12 @@ class PacketHeader:
 
     Attributes:
         flags: of the packet header.
-        codings: of slots, kinds, alpha of each group (core only), psi and adds of each channel.
+        codings: of slots, kinds, alpha of each group (core only), psi and adds of each channel; of
+            picks; or of each channel of entries.
         lengths: values of each.
         frames: (planes, bytes) of each frame.
         size: bytes before the first frame.
-        first: index of the coding of the first channel of psi.
+        first: index of the coding of the first channel, of psi where there is psi.
     """
 
     flags: int
@@ -116,16 +119,28 @@ def value_counts(component: int, counts: Counts) -> tuple[int, ...]:
 def read_packet_header(
     body: memoryview, component: int, counts: Counts, offset: int
 ) -> PacketHeader:
-    """The header of a packet of size above 0, checked (spec 5.9).
+    """The header of a packet of core or a band, of size above 0, checked (spec 5.9).
 
     Raises:
         StreamError: E_PACKET or E_RESERVED at `offset`.
+    """
+    lengths, n_channels = value_counts(component, counts), component_channels(component)
+    first_add = len(lengths) - n_channels
+    return read_list_header(body, lengths, first_add, first_add - n_channels, offset)
+
+
+def read_list_header(
+    body: memoryview, lengths: tuple[int, ...], first_delta: int, first: int, offset: int
+) -> PacketHeader:
+    """The header of a packet with lists of these lengths, of which those from one on may be deltas.
+
+    Raises:
+        StreamError: as `read_packet_header`.
     """
 
     def refuse(detail: str) -> StreamError:
         return StreamError(Fault.E_PACKET, detail, offset)
 
-    lengths = value_counts(component, counts)
     fixed = layout.size_of(layout.PACKET_HEADER)
     at = fixed + len(lengths)
     if len(body) < at:  # R-5.9-1
@@ -138,9 +153,8 @@ def read_packet_header(
     codings = tuple(coding for coding in found if coding is not None)
     if len(codings) != len(found):  # R-5.9-2
         raise refuse("a coding byte is not valid")
-    first_add = len(lengths) - component_channels(component)
-    if any(coding.delta for coding in codings[:first_add]):  # R-5.9-3
-        raise refuse("delta is set for other values than adds")
+    if any(coding.delta for coding in codings[:first_delta]):  # R-5.9-3
+        raise refuse("delta is set for other values than adds and entries")
     if any(c and n == 0 for c, n in zip(coding_bytes, lengths, strict=True)):  # R-5.9-4
         raise refuse("values are coded that do not occur")
     entry = layout.size_of(layout.FRAME_ENTRY)
@@ -154,5 +168,5 @@ def read_packet_header(
         lengths=lengths,
         frames=tuple(zip(frames_["n_planes"].tolist(), frames_["size"].tolist(), strict=True)),
         size=at + n_frames * entry,
-        first=first_add - component_channels(component),
+        first=first,
     )

@@ -35,10 +35,11 @@ from evogs_codec.planes import (
     undelta,
     unzigzag,
 )
+from evogs_codec.refine import Quantiser
 from evogs_codec.splats import I32, I64, U8
 from evogs_codec.tree import N_GROUPS, Kind
 
-__all__ = ["Packet", "Values", "unpack"]
+__all__ = ["Deltas", "Packet", "Values", "check_bits", "read_planes", "unpack"]
 
 Stored: TypeAlias = npt.NDArray[np.integer]  # uint8, uint16 or int32, as `join_planes` gives them
 
@@ -71,10 +72,8 @@ def unpack(body: memoryview, component: int, counts: Counts, offset: int) -> Pac
         return _empty_packet(component, counts, offset)
     head = read_packet_header(body, component, counts, offset)
     data = read_planes(body, head, offset)
+    check_bits(data, head, offset)
     starts = head.starts
-    for coding, n, start in zip(head.codings, head.lengths, starts, strict=True):
-        if coding.low and stray_bits(planes_at(data, start, coding, n), coding, n):  # R-5.9-9
-            raise StreamError(Fault.E_PACKET, "a low plane has a bit above its bits", offset)
     slots: I64 = np.empty(0, np.int64)
     kinds: Stored = np.empty(0, np.uint8)
     alpha: tuple[Stored | None, ...] = (None,) * N_GROUPS
@@ -126,6 +125,13 @@ def read_planes(body: memoryview, head: PacketHeader, offset: int) -> U8:
         contents.append(frames.decompress(body[at : at + size], content, offset))
         at, plane = at + size, plane + n_planes
     return np.frombuffer(contents[0] if len(contents) == 1 else b"".join(contents), np.uint8)
+
+
+def check_bits(data: U8, head: PacketHeader, offset: int) -> None:
+    """Raise E_PACKET if a low plane has a bit that belongs to no value (R-5.9-9)."""
+    for coding, n, start in zip(head.codings, head.lengths, head.starts, strict=True):
+        if coding.low and stray_bits(planes_at(data, start, coding, n), coding, n):
+            raise StreamError(Fault.E_PACKET, "a low plane has a bit above its bits", offset)
 
 
 def _kinds(values: Stored | None, counts: Counts) -> Stored:
@@ -230,3 +236,21 @@ class Values:
         planes = planes_at(self.data, int(self.starts[channel]), coding, self.n)
         q = unzigzag(join_planes(planes, coding, self.n))
         return undelta(q, self.offset) if coding.delta else q
+
+
+class Deltas:
+    """Delta of the channels of psi or adds, asked for in order; a triple is turned back once."""
+
+    def __init__(self, values: Values) -> None:
+        self.values = values
+        self._rows: dict[int, I32] = {}
+
+    def delta(self, channel: int, quantiser: Quantiser) -> I32 | None:
+        """Delta of a channel; None if all are 0."""
+        values = self.values
+        if values.n == 0 or values.is_zero(channel):
+            return None
+        if channel not in self._rows:
+            rows = values.rows(channel)
+            self._rows = {channel + k: row for k, row in enumerate(rows)}
+        return quantiser.delta(self._rows[channel], values.bound(channel))

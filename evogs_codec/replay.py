@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from itertools import count
+from operator import call
+from threading import Event
 from types import ModuleType
 from typing import Any, TypeAlias
 
@@ -14,6 +17,8 @@ from evogs_codec.compiled import apply_compiled, kernels_for
 from evogs_codec.cut import Cut
 from evogs_codec.directory import Directory, check_crc
 from evogs_codec.errors import Fault, StreamError
+from evogs_codec.packet_header import PALETTE, PICKS
+from evogs_codec.palette import PaletteState
 from evogs_codec.scratch import Scratch
 from evogs_codec.splats import I64
 from evogs_codec.state import TileState
@@ -38,7 +43,11 @@ def replay_tiles(
     Raises:
         StreamError: the first fault in file order; else trailing bytes; else a digest (spec 6.1).
     """
-    packets = np.flatnonzero(cut.packets(directory))
+    selected = cut.packets(directory)
+    of_palette = directory.palette_packets[: cut.palette]
+    n_packets = int(selected.sum())
+    selected[of_palette] = False
+    packets = np.flatnonzero(selected)
     tile_of = directory.packets["tile"][packets]
     order = np.argsort(tile_of, kind="stable")
     ends = np.searchsorted(tile_of[order], np.arange(1, len(directory.tiles)))
@@ -51,20 +60,25 @@ def replay_tiles(
 
     def tick() -> None:
         if progress is not None:
-            progress(next(n_done) / len(packets))
+            progress(next(n_done) / n_packets)
+
+    palette = _PaletteJob(directory, data, of_palette, digests, tick)
 
     def run(tile: int) -> _Outcome:
         scratch = free.pop() if free else Scratch()
-        job = _Job(directory, data, tile, of_tile[tile], digests, tick, scratch)
+        job = _Job(directory, data, tile, of_tile[tile], palette, digests, tick, scratch)
         outcome = job.run(kernels, keeps=use is None)
-        if use is not None and outcome.fault is None:
+        if use is not None and outcome.fault is None and palette.is_good():
             use(outcome.state)
             outcome.state = None
         scratch.rewind()
         free.append(scratch)
         return outcome
 
-    outcomes = list(each(run, range(len(of_tile))))
+    # The palette begins before the tiles, which wait for it where they need it.
+    jobs: list[Callable[[], _Outcome]] = [palette.run] if len(of_palette) else []
+    jobs += [partial(run, tile) for tile in range(len(of_tile))]
+    outcomes = list(each(call, jobs))
     faults = [(outcome.packet, outcome.fault) for outcome in outcomes if outcome.fault is not None]
     if faults:
         raise min(faults, key=lambda item: item[0])[1]
@@ -96,6 +110,7 @@ class _Job:
     data: memoryview
     tile: int
     packets: I64
+    palette: _PaletteJob
     digests: Mapping[Key, bytes]
     tick: Callable[[], None]
     scratch: Scratch
@@ -110,16 +125,18 @@ class _Job:
         ]
         capacity = _slots_there(self.directory, self.packets, len(self.data))
         memory = None if keeps else self.scratch
+        palette = self.palette.state if self.directory.has_palette else None
         last = {component: (tile, component, step) for tile, component, step in keys}
         on_the_way = self.digests.keys() & set(keys) - set(last.values())
         if kernels is not None and not on_the_way:
-            state = TileState(self.directory, self.tile, capacity, memory)
+            state = TileState(self.directory, self.tile, capacity, palette, memory)
             if apply_compiled(kernels, state, self.data, self.packets, self.scratch):
                 for _ in keys:
                     self.tick()
                 wrong = tuple(key for key in last.values() if self._is_wrong(state, key))
                 return _Outcome(state, wrong=wrong)
-        return self._one_by_one(TileState(self.directory, self.tile, capacity, memory), keys)
+        state = TileState(self.directory, self.tile, capacity, palette, memory)
+        return self._one_by_one(state, keys)
 
     def _one_by_one(self, state: TileState, keys: list[Key]) -> _Outcome:
         wrong = []
@@ -134,8 +151,53 @@ class _Job:
         return _Outcome(state, wrong=tuple(wrong))
 
     def _is_wrong(self, state: TileState, key: Key) -> bool:
-        """R-5.7-3."""
-        return key in self.digests and state.digest(key[1]) != self.digests[key]
+        """R-5.7-3; nobody asks what picks show of a palette with a fault, which is reported."""
+        if key not in self.digests or (key[1] == PICKS and not self.palette.is_good()):
+            return False
+        return state.digest(key[1]) != self.digests[key]
+
+
+class _PaletteJob:
+    """The packets of the palette in a cut; tiles run beside it, and wait where they show picks."""
+
+    def __init__(
+        self,
+        directory: Directory,
+        data: memoryview,
+        packets: I64,
+        digests: Mapping[Key, bytes],
+        tick: Callable[[], None],
+    ) -> None:
+        self.state = PaletteState(directory, _slots_there(directory, packets, len(data)))
+        self._directory, self._data, self._packets = directory, data, packets
+        self._digests, self._tick = digests, tick
+        self._is_good = not len(packets)
+        self._done = Event()
+        if self._is_good:
+            self._done.set()
+
+    def run(self) -> _Outcome:
+        """Apply them."""
+        wrong = []
+        packet = -1
+        try:
+            for step, packet in enumerate(self._packets.tolist()):
+                self.state.apply(packet, packet_body(self._directory, self._data, packet))
+                key = (0, PALETTE, step)
+                if key in self._digests and self.state.digest() != self._digests[key]:
+                    wrong.append(key)
+                self._tick()
+            self._is_good = True
+        except StreamError as fault:
+            return _Outcome(None, packet, fault)
+        finally:
+            self._done.set()
+        return _Outcome(None, wrong=tuple(wrong))
+
+    def is_good(self) -> bool:
+        """Whether all of them were applied, once that is known."""
+        self._done.wait()
+        return self._is_good
 
 
 def _slots_there(directory: Directory, packets: I64, size: int) -> int:

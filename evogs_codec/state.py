@@ -14,9 +14,10 @@ from evogs_codec import layout
 from evogs_codec.coded import channel_class, component_slice
 from evogs_codec.directory import Directory
 from evogs_codec.errors import Fault, StreamError
-from evogs_codec.packet_header import Counts
-from evogs_codec.packets import Packet, Values, check_kinds, unpack
-from evogs_codec.refine import MAX_X, AlphaTable, Quantiser, RangeError, StepPlan, apply_channel
+from evogs_codec.packet_header import N_CORE, PICKS, Counts
+from evogs_codec.packets import Deltas, Packet, Values, check_kinds, unpack
+from evogs_codec.palette import PaletteState, unpack_picks
+from evogs_codec.refine import MAX_X, AlphaTable, RangeError, StepPlan, apply_channel
 from evogs_codec.scratch import Scratch
 from evogs_codec.splats import I32, I64, n_channels
 from evogs_codec.tree import N_GROUPS
@@ -30,25 +31,34 @@ class TileState:
     """Slots of one tile after some of its packets.
 
     Attributes:
-        x: (D, capacity) int32 on the grids of the groups.
+        x: (D, capacity) int32 on the grids of the groups; with a palette only the 14 of core.
         live: (capacity,) bool.
         born_from: (capacity,) int32 slot each slot was split from, -1 for adds.
         n_applied: steps applied per component.
+        palette: of the stream, if it has one; others fill it before what picks show is asked.
+        picks: (capacity,) int32 of each slot, where there is a palette.
     """
 
     def __init__(
-        self, directory: Directory, tile: int, capacity: int, scratch: Scratch | None = None
+        self,
+        directory: Directory,
+        tile: int,
+        capacity: int,
+        palette: PaletteState | None = None,
+        scratch: Scratch | None = None,
     ) -> None:
         """An empty state with room for `capacity` slots, in memory of its own or in `scratch`."""
         self.directory = directory
         self.tile = tile
-        n = n_channels(directory.sh_degree)
+        self.palette = palette
+        n = n_channels(directory.sh_degree) if palette is None else N_CORE
         take = scratch.take if scratch else np.empty
         self.x = take((n, capacity), np.int32)
         self.live = take((capacity,), np.bool_)
         self.live[:] = False
         self.born_from = take((capacity,), np.int32)
         self.born_from[:] = -1
+        self.picks = take((0 if palette is None else capacity,), np.int32)
         self.n_applied = [0] * directory.n_components
         self._n_after: list[int] = []  # slots after each core step
         self._plans: list[StepPlan] = []
@@ -93,8 +103,10 @@ class TileState:
             if component == 0:
                 counts = self.directory.counts(packet)
                 self._apply_core(unpack(body, 0, counts, offset), counts, int(row["level"]), offset)
-            else:
+            elif self.palette is None:
                 self._apply_band(component, body, offset)
+            else:
+                self._apply_picks(body, offset)
         except RangeError as error:
             raise StreamError(Fault.E_RANGE, str(error), offset) from None
         self.n_applied[component] += 1
@@ -129,6 +141,8 @@ class TileState:
             self.x = np.concatenate([self.x, np.empty((len(self.x), len(spare)), np.int32)], 1)
             self.live = np.concatenate([self.live, spare])
             self.born_from = np.concatenate([self.born_from, np.full(len(spare), -1, np.int32)])
+            if self.palette is not None:
+                self.picks = np.concatenate([self.picks, np.zeros(len(spare), np.int32)])
 
     def _apply_band(self, component: int, body: memoryview, offset: int) -> None:
         step = self.n_applied[component]
@@ -138,6 +152,17 @@ class TileState:
         alpha = (None,) * SH_GROUP + (self._sh_alpha[step],)
         tables = [table] * N_GROUPS
         self._apply_channels(component, plan, level, packet.psi, packet.adds, alpha, tables)
+
+    def _apply_picks(self, body: memoryview, offset: int) -> None:
+        plan = self._plans[self.n_applied[PICKS]]
+        n = plan.n_splits + plan.n_adds
+        picks = unpack_picks(body, n, self.directory.n_entries, offset)
+        self.set_picks(plan.n_before, picks, plan.drops)
+
+    def set_picks(self, first: int, picks: npt.NDArray[np.integer], drops: I64) -> None:
+        """Give the new slots of a step their picks, from slot `first` on; those it drops show 0."""
+        self.picks[first : first + len(picks)] = picks
+        self.picks[drops] = 0
 
     def _apply_channels(
         self,
@@ -155,7 +180,7 @@ class TileState:
         groups = [min(kind, SH_GROUP) for kind in kinds]
         of_psi, of_adds = self.directory.quantisers[1 + level], self.directory.quantisers[0]
         alphas = [_alpha_of(table, indices) for table, indices in zip(tables, alpha, strict=True)]
-        psi_deltas, add_deltas = _Deltas(psi), _Deltas(adds)
+        psi_deltas, add_deltas = Deltas(psi), Deltas(adds)
         for k, (kind, group) in enumerate(zip(kinds, groups, strict=True)):
             a, shift = alphas[group]
             delta = psi_deltas.delta(k, of_psi[kind])
@@ -187,13 +212,23 @@ class TileState:
             late = late[slots[late] >= n_band]
         return slots
 
+    def shown_picks(self) -> I32:
+        """(n,) the picks that the slots show, whether live or not."""
+        slots = self.shown(PICKS)
+        if slots is None:
+            return self.picks[: self.n_slots]
+        picks: I32 = np.where(slots >= 0, self.picks[slots], np.int32(0))
+        return picks
+
     def channels(self) -> I32:
         """(D, n) integers as shown, 0 in empty slots; a view of the state if that is the same."""
         n = self.n_slots
         x = self.x[:, :n]
         all_live = self.live[:n].all()
         late = [c for c in range(1, self.directory.n_components) if self.band_slots(c) != n]
-        if late or not all_live:
+        if self.palette is not None:
+            x, late = np.concatenate([x, self.palette.channels(self.shown_picks())]), []
+        elif late or not all_live:
             x = x.copy()
         for component in late:
             rows = x[component_slice(component)]
@@ -211,7 +246,11 @@ class TileState:
         if component == 0:
             digest.update(self.live[:n].astype(np.uint8).data)
             digest.update(self.born_from[:n].astype("<i4").data)
-        for row in self.x[component_slice(component), :n]:
+        if component and self.palette is not None:
+            rows = self.palette.channels(self.picks[:n])
+        else:
+            rows = self.x[component_slice(component), :n]
+        for row in rows:
             digest.update(np.ascontiguousarray(row, "<i4").data)
         return digest.digest()
 
@@ -230,21 +269,3 @@ def _alpha_of(table: AlphaTable, indices: npt.NDArray[np.integer] | None) -> tup
     if indices is None:
         return table.entries[0], table.shift
     return np.array(table.entries, np.int32)[indices], table.shift
-
-
-class _Deltas:
-    """Delta of the channels of psi or adds, asked for in order; a triple is turned back once."""
-
-    def __init__(self, values: Values) -> None:
-        self.values = values
-        self._rows: dict[int, I32] = {}
-
-    def delta(self, channel: int, quantiser: Quantiser) -> I32 | None:
-        """Delta of a channel; None if all are 0."""
-        values = self.values
-        if values.n == 0 or values.is_zero(channel):
-            return None
-        if channel not in self._rows:
-            rows = values.rows(channel)
-            self._rows = {channel + k: row for k, row in enumerate(rows)}
-        return quantiser.delta(self._rows[channel], values.bound(channel))

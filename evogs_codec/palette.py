@@ -1,0 +1,142 @@
+"""The palette of a stream: SH above band 0 that tiles share, and the picks among them (spec 3.7).
+
+Letters: C channels above core, E entries, n picks.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from threading import Lock
+
+import numpy as np
+
+from evogs_codec.coded import channel_class
+from evogs_codec.directory import Directory
+from evogs_codec.errors import Fault, StreamError
+from evogs_codec.packet_header import FLAG_ADDS_YCOCG, N_CORE, read_list_header
+from evogs_codec.packets import Deltas, Stored, Values, check_bits, read_planes
+from evogs_codec.planes import join_planes, planes_at
+from evogs_codec.refine import RangeError
+from evogs_codec.scratch import empty
+from evogs_codec.splats import F32, I32, I64, n_channels
+from evogs_codec.tree import N_GROUPS
+
+__all__ = ["PaletteState", "unpack_entries", "unpack_picks"]
+
+
+class PaletteState:
+    """Entries after some packets of the palette; what it says of picks holds once all are there.
+
+    Attributes:
+        x: (C, 1 + capacity) int32 on the grid of SH; column 0 is what the pick 0 shows.
+        n_entries: entries so far.
+        n_applied: packets applied.
+    """
+
+    def __init__(self, directory: Directory, capacity: int) -> None:
+        """An empty palette with room for `capacity` entries."""
+        self.directory = directory
+        n = n_channels(directory.sh_degree) - N_CORE
+        self.x = empty((n, 1 + capacity), np.int32)
+        self.x[:, 0] = 0
+        self.n_entries = 0
+        self.n_applied = 0
+        self._rows: F32 | None = None
+        self._lock = Lock()
+
+    @property
+    def is_whole(self) -> bool:
+        """No packet of the stream is missing."""
+        return self.n_applied == len(self.directory.palette_packets)
+
+    def apply(self, packet: int, body: memoryview) -> None:
+        """Append the entries of the next packet, whose CRC-32 is right.
+
+        Raises:
+            StreamError: the packet breaks a rule; the palette must not be used any more.
+        """
+        offset = int(self.directory.offsets[packet])
+        n = int(self.directory.packets["n_adds"][packet])
+        self._reserve(n)
+        new = self.x[:, 1 + self.n_entries : 1 + self.n_entries + n]
+        if len(body):
+            deltas = Deltas(unpack_entries(body, n, len(self.x), offset))
+            try:
+                for k, row in enumerate(new):
+                    quantiser = self.directory.quantisers[0][channel_class(N_CORE + k)]
+                    delta = deltas.delta(k, quantiser)
+                    row[:] = 0 if delta is None else delta
+            except RangeError as error:
+                raise StreamError(Fault.E_RANGE, str(error), offset) from None
+        self.n_entries += n
+        self.n_applied += 1
+        self._rows = None
+
+    def _reserve(self, n: int) -> None:
+        """Make room for n more entries, with more to spare: growing costs a copy."""
+        capacity = self.x.shape[1]
+        if 1 + self.n_entries + n > capacity:
+            spare = max(1 + self.n_entries + n - capacity, capacity)
+            self.x = np.concatenate([self.x, np.empty((len(self.x), spare), np.int32)], 1)
+
+    def channels(self, picks: I32) -> I32:
+        """(C, n) integers of picks."""
+        return self.x.take(picks, axis=1)
+
+    def rows(self, n_channels: int, write_rows: Callable[[I32, I64, float, F32], None]) -> F32:
+        """(1 + E, n_channels) the first channels of what each pick shows, binary32 (spec 7.6).
+
+        Args:
+            n_channels: of the C.
+            write_rows: `floats.float_rows`, or what does the same.
+        """
+        with self._lock:  # whichever tile is first makes them
+            if self._rows is None or self._rows.shape[1] != n_channels:
+                rows = empty((1 + self.n_entries, n_channels), np.float32)
+                x = self.x[:n_channels, : len(rows)]
+                scale = 2.0 ** -self.directory.grid_exponents[N_GROUPS - 1]
+                write_rows(x, np.zeros(n_channels, np.int64), scale, rows)
+                self._rows = rows
+            return self._rows
+
+    def digest(self) -> bytes:
+        """SHA-256 of the state (spec 7.7)."""
+        digest = hashlib.sha256(self.n_entries.to_bytes(4, "little"))
+        for row in self.x[:, 1 : 1 + self.n_entries]:
+            digest.update(np.ascontiguousarray(row, "<i4").data)
+        return digest.digest()
+
+
+def unpack_entries(body: memoryview, n: int, n_channels: int, offset: int) -> Values:
+    """The q of n entries in a packet of size above 0, whose CRC-32 is right (spec 5.9).
+
+    Raises:
+        StreamError: with the faults of spec 5.9 and 5.10.
+    """
+    head = read_list_header(body, (n,) * n_channels, 0, 0, offset)
+    data = read_planes(body, head, offset)
+    check_bits(data, head, offset)
+    return Values(
+        n,
+        np.frombuffer(head.coding_bytes, np.uint8),
+        data,
+        np.array(head.starts, np.int64),
+        bool(head.flags & FLAG_ADDS_YCOCG),
+        0,
+        offset,
+    )
+
+
+def unpack_picks(body: memoryview, n: int, n_entries: int, offset: int) -> Stored:
+    """The n picks of a packet among so many entries; faults as `unpack_entries`, and E_INDEX."""
+    if len(body) == 0:
+        return np.zeros(n, np.uint8)
+    head = read_list_header(body, (n,), 1, 0, offset)
+    data = read_planes(body, head, offset)
+    check_bits(data, head, offset)
+    coding = head.codings[0]
+    picks = join_planes(planes_at(data, 0, coding, n), coding, n)
+    if n and int(picks.max()) > n_entries:  # R-7.2-4
+        raise StreamError(Fault.E_INDEX, "a pick is past the palette", offset)
+    return picks
