@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 """A decoder of EvoGS 1.0 streams, written from the text of the specification alone.
 
-It was written from an earlier version of the text and then brought to this one; nothing else that
-reads or writes such streams was seen. It follows the text: header and chunks (5.1 to 5.8), packets
-and frames (5.9, 5.10), steps (7), cuts and progressive decoding (6), the dump (7.7), the command.
-It decodes what came when no more comes: of 6.4 it needs only the end. Requirement ids stand beside
-the lines that check them.
+It was written from an earlier version of the text and then brought to this one, as palettes (3.7)
+were later; nothing else that reads or writes such streams was seen. It follows the text: header and
+chunks (5.1 to 5.8), packets and frames (5.9, 5.10), steps (7), cuts and progressive decoding (6),
+the dump (7.7), the command. It decodes what came when no more comes: of 6.4 it needs only the end.
+Requirement ids stand beside the lines that check them.
 """
 
 from __future__ import annotations
@@ -75,7 +75,10 @@ TileRow = tuple[int, ...]  # origin, box_min, box_max
 
 
 class Row(NamedTuple):
-    """A row of the packet table; level and counts are those of the core row of the step."""
+    """A row of the packet table; level and counts are those of the core row of the step.
+
+    A row of entries belongs to no step of a tile (3.7): level and counts are its own.
+    """
 
     tile: int
     component: int
@@ -83,6 +86,7 @@ class Row(NamedTuple):
     start: int
     size: int
     crc: int
+    holds: str  # "core", "band", "picks" or "entries"
     level: int
     n_adds: int
     n_splits: int
@@ -103,6 +107,8 @@ class Stream:
     chunks_size: int
     data_size: int
     own: Limits  # the limits of this decoder
+    widths: Sequence[int] = ()  # channels of the components that tiles have
+    palette: list[array[int]] = field(default_factory=list)  # channels of entries; none: no palette
     chunks: dict[bytes, tuple[int, memoryview]] = field(default_factory=dict)
     quantisers: list[list[tuple[int, int]]] = field(default_factory=list)
     alpha: dict[tuple[int, int], tuple[int, Sequence[int]]] = field(default_factory=dict)
@@ -128,10 +134,14 @@ def read_header(source: Source, own: Limits) -> Stream:
     major, _, tier, degree, levels, grids, flags, tiles, packets, chunks, size, zero, crc = fields
     require(major == 1, "E_VERSION")  # R-5.1-2
     require(zlib.crc32(source.data[:60]) == crc, "E_CRC")  # R-6.3-1
-    require(flags < 256 and not any(zero), "E_RESERVED")  # R-4.4-1
+    require(flags < 512 and not any(zero), "E_RESERVED")  # R-4.4-1
     require(1 <= tier <= 3 and degree <= 3 and levels >= 1, "E_HEADER")  # R-5.1-4 to R-5.1-6
     require(within(struct.unpack("5b", grids), -16, 40), "E_HEADER")  # R-5.1-7
+    require(flags < 256 or degree > 0, "E_HEADER")  # R-5.1-9
     stream = Stream(tier, degree, levels, grids, tiles, packets, chunks, size, own)
+    bands = [3 * (2 * b + 1) for b in range(1, degree + 1)]
+    stream.widths = [N_CORE, *([sum(bands)] if flags & 256 else bands)]
+    stream.palette = [array("i") for _ in range(sum(bands))] if flags & 256 else []
     for name in ("n_levels", "n_tiles", "n_packets", "chunks_size"):
         stream.limit(name, getattr(stream, name))
     return stream
@@ -209,31 +219,38 @@ def read_pack(body: memoryview, stream: Stream) -> None:
     require(len(body) == 36 * stream.n_packets, "E_CHUNK")  # R-5.2-5
     chains: dict[tuple[int, int], list[Row]] = {}
     splats, slots = [0] * stream.n_tiles, [0] * stream.n_tiles
-    all_slots, start = 0, 64 + stream.chunks_size
+    all_slots, start, picked = 0, 64 + stream.chunks_size, False
+    held = ["core"] + (["picks", "entries"] if stream.palette else ["band"] * stream.sh_degree)
     for entry in struct.iter_unpack("<IBBHIIIIIII", body):
         tile, component, level, zero, size, *counts, _, crc = entry  # R-5.6-9: the error is a hint
         adds, splits, refines, drops = counts
         require(zero == 0, "E_RESERVED")  # R-4.4-1
-        require(tile < stream.n_tiles and component <= stream.sh_degree, "E_CHAIN")  # R-5.6-1
+        require(tile < stream.n_tiles and component < len(held), "E_CHAIN")  # R-5.6-1
         core, own = chains.setdefault((tile, 0), []), chains.setdefault((tile, component), [])
-        if component > 0:
-            require(len(core) > len(own), "E_CHAIN")  # R-5.6-2
-            require(level == 0 and not any(counts), "E_COUNT")  # R-5.6-4
-            level, *counts = core[len(own)][-5:]
-        else:
+        holds, n_records = held[component], sum(counts)
+        if holds == "core":
             least = core[-1].level if core else 0
             require(least <= level < stream.n_levels, "E_CHAIN")  # R-5.6-3
-            require((size == 0) == (not any(counts)), "E_COUNT")  # R-5.6-5
+            require((size == 0) == (n_records == 0), "E_COUNT")  # R-5.6-5
             require(splits + refines + drops <= splats[tile], "E_COUNT")  # R-5.6-6
-            require(sum(counts) <= 16 * size, "E_AMPLIFICATION")  # R-5.6-7
+            splats[tile] += adds + splits - drops
+        elif holds == "entries":
+            require(level == 0 and n_records == adds, "E_COUNT")  # R-5.6-4
+            require((size == 0) == (n_records == 0), "E_COUNT")  # R-5.6-5
+        else:
+            require(len(core) > len(own), "E_CHAIN")  # R-5.6-2
+            require(level == 0 and n_records == 0, "E_COUNT")  # R-5.6-4
+            level, *counts = core[len(own)][-5:]
+        require(n_records <= 16 * size, "E_AMPLIFICATION")  # R-5.6-7
         require(size > 0 or crc == 0, "E_CRC")  # R-5.6-8
-        splats[tile] += adds + splits - drops  # of core: all counts of other rows are 0
-        slots[tile] += adds + splits
+        require(holds != "entries" or (tile == 0 and not picked), "E_CHAIN")  # R-5.6-10
+        picked = picked or holds == "picks"
+        slots[tile] += adds + splits  # of core; and entries, which count for tile 0
         all_slots += adds + splits
         stream.limit("tile_steps", len(own) + 1)
         stream.limit("tile_slots", slots[tile])
         stream.limit("slots", all_slots)
-        own.append(Row(tile, component, len(own), start, size, crc, level, *counts))
+        own.append(Row(tile, component, len(own), start, size, crc, holds, level, *counts))
         stream.rows.append(own[-1])
         start += size
 
@@ -272,6 +289,7 @@ def read_meta(body: memoryview, _: Stream) -> None:
 # 5.9, 5.10: packets and frames
 N_CORE = 14
 CORE_CLASSES: tuple[int, ...] = (0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 3, 4, 4, 4)
+ENTRY_CLASSES = (5,) * 9 + (6,) * 15 + (7,) * 21  # of the channels from 14 on
 PACKED = {  # the 8 / low values of a byte of a packed plane
     low: [tuple((b >> i) & ((1 << low) - 1) for i in range(0, 8, low)) for b in range(256)]
     for low in (1, 2, 4)
@@ -305,7 +323,7 @@ class Stored(NamedTuple):
         return values
 
     def numbers(self) -> Numbers:
-        """Give the numbers q of psi or adds before YCoCg."""
+        """Give the numbers q of psi, adds or entries before YCoCg."""
         if self.code == 0:
             return None
         values = [(z >> 1) ^ -(z & 1) for z in self.integers()]
@@ -315,20 +333,24 @@ class Stored(NamedTuple):
         return values
 
 
-def list_counts(row: Row) -> list[int]:
-    """Count the integers of the lists of a packet, in order."""
+def list_counts(row: Row, stream: Stream) -> tuple[list[int], int]:
+    """Count the integers of the lists of a packet, in order; tell where adds or entries begin."""
+    if row.holds == "picks":
+        return [row.n_splits + row.n_adds], 1
+    if row.holds == "entries":
+        return [row.n_adds] * len(stream.palette), 0
     by_kind = [row.n_refines, row.n_splits, row.n_drops]
-    if row.component > 0:
-        c, counts = 3 * (2 * row.component + 1), []
-    else:
+    c, counts = stream.widths[row.component], []
+    if row.holds == "core":
         n_kinds = sum(by_kind) if by_kind.count(0) < 2 else 0
-        c, counts = N_CORE, [sum(by_kind), n_kinds] + [row.n_splits] * 5
-    return counts + [row.n_splits + row.n_refines] * c + [row.n_adds] * c
+        counts = [sum(by_kind), n_kinds] + [row.n_splits] * 5
+    counts += [row.n_splits + row.n_refines] * c
+    return counts + [row.n_adds] * c, len(counts)
 
 
-def read_packet(data: memoryview, row: Row) -> tuple[int, list[Stored]]:
+def read_packet(data: memoryview, row: Row, stream: Stream) -> tuple[int, list[Stored]]:
     """Flags and lists of a packet: 6.1 step 4 from the crc up to R-5.9-9."""
-    counts = list_counts(row)
+    counts, first_adds = list_counts(row, stream)
     if row.size == 0:
         return 0, [Stored(n, 0, []) for n in counts]
     require(zlib.crc32(data) == row.crc, "E_CRC")  # R-6.3-1
@@ -337,7 +359,6 @@ def read_packet(data: memoryview, row: Row) -> tuple[int, list[Stored]]:
     flags, n_frames, codes = data[0], data[1], bytes(data[2:at])
     require(flags < 4 and max(codes) < 128, "E_RESERVED")  # R-4.4-1
     lists = [Stored(n, code, []) for n, code in zip(counts, codes, strict=True)]
-    first_adds = len(lists) - (N_CORE if row.component == 0 else len(lists) // 2)
     for i, (n, code, _) in enumerate(lists):
         require(code & 15 <= 8 and (code >> 4) & 3 <= 2 and code != 64, "E_PACKET")  # R-5.9-2
         require(code < 64 or i >= first_adds, "E_PACKET")  # R-5.9-3
@@ -405,24 +426,24 @@ class Step(NamedTuple):
 class Tile:
     """The state of a tile; x[component][channel of the component][slot]."""
 
-    def __init__(self, row: TileRow, sh_degree: int) -> None:
+    def __init__(self, row: TileRow, widths: Sequence[int]) -> None:
         self.row = row
         self.live = bytearray()
         self.born_from = array("i")
-        sizes = [N_CORE] + [3 * (2 * b + 1) for b in range(1, sh_degree + 1)]
-        self.x = [[array("i") for _ in range(size)] for size in sizes]
+        self.x = [[array("i") for _ in range(width)] for width in widths]
         self.steps: dict[int, Step] = {}  # while packets of the cut need them (8.3)
-
-    def state(self, component: int) -> bytes:
-        """Give the state of a component (7.7)."""
-        n_slots = struct.pack("<I", len(self.x[component][0]))
-        of_core = [bytes(self.live), s32(self.born_from)] if component == 0 else []
-        return b"".join([n_slots, *of_core, *map(s32, self.x[component])])
 
 
 def s32(values: Sequence[int]) -> bytes:
     """Give numbers as s32."""
     return struct.pack(f"<{len(values)}i", *values)
+
+
+def state(row: Row, stream: Stream, tile: Tile) -> bytes:
+    """Give the state (7.7) of what the packets of this component make."""
+    x = stream.palette if row.holds == "entries" else tile.x[row.component]
+    of_core = [bytes(tile.live), s32(tile.born_from)] if row.holds == "core" else []
+    return b"".join([struct.pack("<I", len(x[0])), *of_core, *map(s32, x)])
 
 
 def within(values: Sequence[int], low: int, high: int) -> bool:
@@ -447,6 +468,17 @@ def deltas(q: Numbers, quantiser: tuple[int, int]) -> Numbers:
     most = ((1 << 28) >> e) // m
     require(within(q, -most, most), "E_RANGE")  # R-7.3-1
     return [v * (m << e) for v in q]
+
+
+def read_deltas(
+    lists: list[Stored], classes: Sequence[int], ycocg: bool, quantisers: list[tuple[int, int]]
+) -> list[Numbers]:
+    """Give Delta of psi, adds or entries of channels of these classes (7.1, 7.3)."""
+    q = [of.numbers() for of in lists]
+    if ycocg:
+        for i in range(sum(c < 4 for c in classes), len(q), 3):
+            q[i : i + 3] = inverse_ycocg(q[i : i + 3], lists[i].n)
+    return [deltas(v, quantisers[c]) for v, c in zip(q, classes, strict=True)]
 
 
 def read_records(lists: list[Stored], row: Row, stream: Stream, tile: Tile) -> Step:
@@ -491,27 +523,38 @@ def apply_channel(x: array[int], step: Step, psi: Numbers, group: int, adds: Num
     x.extend([0] * step.n_adds if adds is None else adds)  # within 2^28: R-7.3-3
 
 
+def apply_picks(picks: list[int], step: Step, stream: Stream, tile: Tile) -> None:
+    """`picks_step` of 7.4."""
+    require(within(picks, 0, len(stream.palette[0])), "E_INDEX")  # R-7.2-4
+    for x, entries in zip(tile.x[1], stream.palette, strict=True):
+        for slot in step.dropped:
+            x[slot] = 0
+        x.extend([entries[pick - 1] if pick > 0 else 0 for pick in picks])
+
+
 def apply_packet(data: memoryview, row: Row, stream: Stream, tile: Tile) -> None:
     """Apply a packet: 6.1 step 4 from the crc on, and its effect on the state (7.4)."""
-    flags, lists = read_packet(data, row)
-    if row.component == 0:
+    flags, lists = read_packet(data, row, stream)
+    if row.holds == "entries":
+        classes = ENTRY_CLASSES[: len(lists)]
+        entries = read_deltas(lists, classes, flags & 2 > 0, stream.quantisers[0])
+        for of_channel, more in zip(stream.palette, entries, strict=True):
+            of_channel.extend([0] * row.n_adds if more is None else more)  # R-7.3-3 as for adds
+        return
+    if row.holds == "core":
         tile.steps[row.step] = read_records(lists, row, stream, tile)
-        classes, first, first_sh = CORE_CLASSES, 7, N_CORE - 3
-    else:
-        size = len(tile.x[row.component])
-        classes, first, first_sh = (4 + row.component,) * size, 0, 0
-    step, n = tile.steps[row.step], len(classes)
-    changes = []
-    for flag, rank, base in ((1, 1 + row.level, first), (2, 0, first + n)):
-        q = [of.numbers() for of in lists[base : base + n]]
-        if flags & flag:
-            for i in range(first_sh, n, 3):
-                q[i : i + 3] = inverse_ycocg(q[i : i + 3], lists[base].n)
-        quantisers = stream.quantisers[rank]
-        changes.append([deltas(v, quantisers[c]) for v, c in zip(q, classes, strict=True)])
-    for x, c, psi, adds in zip(tile.x[row.component], classes, *changes, strict=True):
-        apply_channel(x, step, psi, min(c, 4), adds)
-    if row.component == 0:
+    step = tile.steps[row.step]
+    if row.holds == "picks":
+        apply_picks(lists[0].integers(), step, stream, tile)
+        return
+    n = len(tile.x[row.component])
+    classes = CORE_CLASSES if row.holds == "core" else (4 + row.component,) * n
+    of_level, of_adds = stream.quantisers[1 + row.level], stream.quantisers[0]
+    psis = read_deltas(lists[-2 * n : -n], classes, flags & 1 > 0, of_level)
+    adds = read_deltas(lists[-n:], classes, flags & 2 > 0, of_adds)
+    for x, c, psi, added in zip(tile.x[row.component], classes, psis, adds, strict=True):
+        apply_channel(x, step, psi, min(c, 4), added)
+    if row.holds == "core":
         for slot in step.dropped:
             tile.live[slot] = 0
         n_before = len(tile.live)
@@ -528,17 +571,20 @@ def choose(source: Source, stream: Stream, level: int | None, progressive: bool)
     """Give the packets of the cut; progressively, of the largest cut that came whole."""
     cut: list[Row] = []
     taken: set[tuple[int, int, int]] = set()
+    whole = True  # all entries so far; picks come after the last (R-5.6-10)
     for row in stream.rows:
         if level is not None and row.level > level:
             continue  # not asked for: R-6.2-3
         tile, component, step = row[:3]
         ready = step == 0 or (tile, component, step - 1) in taken
-        ready = ready and (component == 0 or (tile, 0, step) in taken)
+        ready = ready and (row.holds in ("core", "entries") or (tile, 0, step) in taken)
+        ready = ready and (row.holds != "picks" or whole)  # 3.7
         if not progressive or (ready and source.has(row.start, row.size)):  # R-6.4-1, R-6.4-3
             taken.add(row[:3])
             cut.append(row)
-        elif stream.missing is None:
-            stream.missing = row.start
+        else:
+            whole = whole and row.holds != "entries"
+            stream.missing = row.start if stream.missing is None else stream.missing
     return cut
 
 
@@ -551,20 +597,21 @@ def decode(
     if level is not None and not 0 <= level < stream.n_levels:
         raise ValueError(f"the stream has no level {level}")  # the mistake of a caller: 3.6
     cut = choose(source, stream, level, progressive)
-    last = {(row.tile, row.step): row for row in cut}  # that need the records of a step
+    of_tiles = [row for row in cut if row.holds != "entries"]
+    last = {(row.tile, row.step): row for row in of_tiles}  # that need the records of a step
     digests_kept = True
     for row in cut:
         source.at = row.start
         require(source.has(row.start, row.size), "E_TRUNCATED")  # R-6.2-2
         if row.tile not in stream.states:
-            stream.states[row.tile] = Tile(stream.tiles[row.tile], stream.sh_degree)
+            stream.states[row.tile] = Tile(stream.tiles[row.tile], stream.widths)
         tile = stream.states[row.tile]
         apply_packet(source.data[row.start : row.start + row.size], row, stream, tile)
-        if last[row.tile, row.step] is row:
+        if last.get((row.tile, row.step)) is row:
             del tile.steps[row.step]
         digest = stream.digests.get(row[:3])
         if verify and digest is not None:
-            digests_kept &= hashlib.sha256(tile.state(row.component)).digest() == digest
+            digests_kept &= hashlib.sha256(state(row, stream, tile)).digest() == digest
     source.at = 64 + stream.chunks_size + stream.data_size
     require(source.there.find(1, source.at) < 0, "E_TRAILING")  # R-6.2-1
     if not digests_kept:
@@ -578,7 +625,7 @@ def write_dump(stream: Stream, out: BinaryIO) -> None:
     fields = (b"EVGD", 1, stream.sh_degree, stream.grid_exponents, 0, stream.n_tiles)
     out.write(struct.pack("<4sBB5sBI", *fields))
     for i, row in enumerate(stream.tiles):
-        tile = stream.states.get(i) or Tile(row, stream.sh_degree)
+        tile = stream.states.get(i) or Tile(row, stream.widths)
         live, born_from = tile.live, tile.born_from
         out.write(struct.pack("<3qI", *row[:3], len(live)) + live)
         for channels in tile.x:
