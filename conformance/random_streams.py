@@ -1,8 +1,8 @@
 """Random streams that are legal, or nearly always are, and unlike what any encoder writes.
 
 Everything that spec 5 leaves free is drawn: order of packets, steps and bands that are empty, late
-or missing, quantisers and alpha tables at their limits, coding bytes wider than needed, any
-partition into frames of any blocks, ancillary chunks.
+or missing, palettes of any size, quantisers and alpha tables at their limits, coding bytes wider
+than needed, any partition into frames of any blocks, ancillary chunks.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ QUANTISERS = ((1, 0), (3, 1), (255, 8), (65535, 0), (1, 24), (65535, 24), (40000
 ENTRIES = (1, 1, -1, 0, 2, -3, 64, 4096, 32767, -32768)
 SPREADS = (0, 0, 1, 3, 7, 100, 3000, 1 << 15, (1 << 23) - 1)  # of q; values have 24 bits
 MAX_DELTA, MAX_PRODUCT = 1 << 28, 1 << 30
+HAS_PALETTE, PICKS, PALETTE = 1 << 8, 1, 2  # bit of the flags; components above core
 ANCILLARY = (b"teSt", b"abCD", b"zZZz", b"aaAa")
 
 
@@ -53,18 +54,21 @@ def random_stream(rng: Random, times: int = 1) -> bytes:
     degree = rng.choice((0, 0, 0, 1, 1, 2, 3))
     n_levels, n_tiles = rng.choice((1, 2, 2, 3, 3, 5)), rng.choice((1, 1, 1, 2, 3, 0))
     n_levels = 64 if rng.random() < 0.02 else n_levels
+    has_palette = degree > 0 and rng.random() < 0.25
     rows = [(row, c) for row in range(1 + n_levels) for c in range(5 + degree)]
     quantisers = {at: _quantiser(rng) for at in rows} if rng.random() < 0.7 else {}
     alphas = _alphas(rng, n_levels)
+    flags = rng.choice((0, 1, 0xFE)) | (HAS_PALETTE if has_palette else 0)
     stream = Stream(
         degree=degree,
+        has_palette=has_palette,
         n_levels=n_levels,
         tiles=[Tile(_origin(rng)) for _ in range(n_tiles)],
         quantisers=quantisers,
         alphas=alphas,
         grid=tuple(rng.choice((-16, 0, 10, 40)) for _ in range(5)),  # type: ignore[arg-type]
         tier=rng.randint(1, 3),
-        header={"version_minor": rng.choice((0, 0, 1, 255)), "flags": rng.choice((0, 1, 0xFE))},
+        header={"version_minor": rng.choice((0, 0, 1, 255)), "flags": flags},
     )
     packets = _packets(rng, stream, times)
     stream = replace(stream, packets=packets, metadata=_metadata(rng))
@@ -85,22 +89,38 @@ def _built(stream: Stream) -> bytes:
 
 
 def _packets(rng: Random, stream: Stream, times: int) -> list[Packet]:
-    """Packets of all tiles and bands in an order that chains allow."""
+    """Packets of all tiles, bands and the palette in an order that chains allow."""
     n_left, packets = rng.choice((0, 1, 2, 4, 6, 10)) if stream.tiles else 0, list[Packet]()
     branches = [Branch([], 0, 0, [], [0] * 4) for _ in stream.tiles]
+    palette = _palette(rng, stream) if stream.has_palette and stream.tiles else []
+    n_entries = sum(packet.counts["n_adds"] for packet in palette)
     while n_left:
         n_left -= 1
         t = rng.randrange(len(branches))
         branch = branches[t]
-        late = [b for b in range(1, stream.degree + 1) if branch.bands[b] < len(branch.steps)]
-        if late and rng.random() < 0.6:
+        bands = (PICKS,) if stream.has_palette else range(1, stream.degree + 1)
+        late = [b for b in bands if branch.bands[b] < len(branch.steps)]
+        if palette and rng.random() < 0.3:
+            packets.append(palette.pop(0))
+            n_left += 1
+        elif late and rng.random() < 0.6:
             band = rng.choice(late)
             core = branch.steps[branch.bands[band]]
-            packets.append(_band(rng, stream, core, band))
+            if stream.has_palette:
+                packets += [*palette, _picks(rng, core, n_entries)]
+                palette.clear()  # all of it comes before the first picks
+            else:
+                packets.append(_band(rng, stream, core, band))
             branch.bands[band] += 1
             n_left += 1  # bands come on top
         else:
             packets.append(_core(rng, stream, branch, t, times))
+    packets += palette
+    if stream.has_palette and rng.random() < 0.6:  # few picks came: most steps are late
+        for branch in branches:
+            packets += [
+                _picks(rng, core, n_entries) for core in branch.steps[branch.bands[PICKS] :]
+            ]
     return packets
 
 
@@ -141,16 +161,46 @@ def _band(rng: Random, stream: Stream, core: Packet, band: int) -> Packet:
     return packet if rng.random() < 0.2 else _filled(rng, stream, packet, core)
 
 
+def _palette(rng: Random, stream: Stream) -> list[Packet]:
+    """Packets of the palette, several or none, some without entries."""
+    n_packets = rng.choice((0, 1, 1, 1, 2, 2, 4))
+    sizes = rng.choices((0, 1, 2, 7, 30, 300), (2, 4, 4, 4, 4, 1), k=n_packets)
+    packets = [Packet(component=PALETTE, n_adds=n) for n in sizes]
+    return [_filled(rng, stream, packet, packet) for packet in packets]
+
+
+def _picks(rng: Random, core: Packet, n_entries: int) -> Packet:
+    """A packet of picks, now and then of no bytes."""
+    packet = Packet(tile=core.tile, component=PICKS)
+    if n_entries == 0 or rng.random() < 0.2:
+        return packet
+    n_new = core.counts["n_splits"] + core.counts["n_adds"]
+    most = rng.choice((0, 1, n_entries, n_entries))
+    picks = [rng.choice((0, n_entries, *[rng.randint(0, most)] * 3)) for _ in range(n_new)]
+    codings = {"picks": _coding(rng, max(picks))} if picks and rng.random() < 0.5 else {}
+    return replace(
+        packet,
+        picks=picks,
+        codings=codings,
+        flags=rng.choice((0, 0, 1, 2, 3)),
+        is_explicit=True,
+        style=_style(rng),
+    )
+
+
 def _filled(rng: Random, stream: Stream, packet: Packet, core: Packet) -> Packet:
     """The packet with integers, coding bytes and frames."""
     counts, band = core.counts, packet.component
-    n_channels = 14 if band == 0 else 3 * (2 * band + 1)
+    channels = oracle.channels_of(band)
+    is_palette = stream.has_palette and band == PALETTE
+    if is_palette:
+        channels = range(oracle.N_CORE, oracle.channels_of(stream.degree).stop)
     n_psi = counts["n_splits"] + counts["n_refines"]
     adds, psi = dict[int, list[int]](), dict[int, list[int]]()
     codings = dict[str, int]()
     ycocg = rng.choice((0, 0, 1, 2, 3))
-    for channel in range(n_channels):
-        kind = oracle.class_of(channel) if band == 0 else 4 + band
+    for channel in range(len(channels)):
+        kind = oracle.class_of(channels[channel])
         is_sh = kind >= 4
         # What YCoCg-R gives is up to three times as large.
         share = 24 if is_sh else 8
@@ -162,6 +212,8 @@ def _filled(rng: Random, stream: Stream, packet: Packet, core: Packet) -> Packet
         for name, values in ((f"psi {channel}", psi[channel]), (f"adds {channel}", adds[channel])):
             if values and name not in codings and rng.random() < 0.3:
                 codings[name] = _coding(rng, max(2 * abs(q) for q in values))
+    if is_palette and counts["n_adds"] > 16 * (2 + len(channels)):
+        codings.setdefault("adds 0", _coding(rng, max(2 * abs(q) for q in adds[0])))  # R-5.6-7
     filled = replace(
         packet,
         adds=adds if counts["n_adds"] else {},
@@ -172,7 +224,7 @@ def _filled(rng: Random, stream: Stream, packet: Packet, core: Packet) -> Packet
         style=_style(rng),
     )
     if not any(counts.values()):
-        return replace(packet, is_explicit=band > 0)
+        return replace(packet, is_explicit=band > 0 and not stream.has_palette)
     return filled
 
 

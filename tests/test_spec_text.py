@@ -7,6 +7,7 @@ import subprocess
 import sys
 from functools import cache
 from pathlib import Path
+from random import Random
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
@@ -17,6 +18,7 @@ from hypothesis import settings as budget
 
 from conformance import oracle
 from conformance.builder import DROP, RED, REFINE, SPLIT, Packet, Stream, Tile, X, build
+from conformance.random_streams import random_stream
 from evogs_codec import refine
 from evogs_codec.decode import decode
 from evogs_codec.encode import encode, write
@@ -320,11 +322,23 @@ def palette_stream(*late: Packet) -> bytes:
 
 
 @pytest.mark.parametrize(
-    "late", [(), (Packet(component=1),), (Packet(component=1, picks=[1]),)], ids=len
+    "late",
+    [(), (Packet(component=1),), (Packet(component=1, picks=[1]),)],
+    ids=["picks that are late", "picks of no bytes", "a pick for each slot"],
 )
 def test_the_pseudo_code_decodes_streams_with_a_palette_as_the_oracle_does(late):
     data = palette_stream(*late)
     assert decode_with_pseudo_code(data) == oracle.decode(data).dump()
+
+
+def test_the_pseudo_code_decodes_random_streams_with_a_palette_as_the_oracle_does():
+    streams = [random_stream(Random(f"pseudo-code {seed}")) for seed in range(250)]
+    scenes = [oracle.decode(data) for data in streams]
+    shared = [k for k, scene in enumerate(scenes) if scene.header.has_palette]
+    assert any(tile.cut[0] > tile.cut[1] > 0 for k in shared for tile in scenes[k].tiles)
+    assert sum(bool(scenes[k].palette[0]) for k in shared) > 10
+    for k in shared:
+        assert decode_with_pseudo_code(streams[k]) == scenes[k].dump()
 
 
 def test_a_palette_gives_the_numbers_worked_out_by_hand():
