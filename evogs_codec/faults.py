@@ -28,7 +28,7 @@ class Fault(Enum):
         "a packet entry names a tile or component or level that its place does not allow",
     )
     E_COUNT = ("5.6", "the record counts of a packet entry contradict its size or the live splats")
-    E_AMPLIFICATION = ("5.6", "a packet has more records than its size allows")
+    E_AMPLIFICATION = ("5.6", "a packet has more records or entries than its size allows")
     E_META = ("5.8", "metadata is malformed")
     E_TRAILING = ("6.2", "bytes follow the last packet")
     E_PACKET = ("5.9", "a packet header is malformed")
@@ -39,7 +39,7 @@ class Fault(Enum):
     E_ZSTD = ("5.10", "the content of a frame breaks RFC 8878 or does not regenerate its size")
     E_SLOT = ("7.2", "a record names a slot that is not live before the step")
     E_KIND = ("7.2", "the kinds contradict the counts of the packet entry")
-    E_INDEX = ("7.2", "an alpha index is past the end of its table")
+    E_INDEX = ("7.2", "an alpha index or a pick is past the end of its table")
     E_RANGE = ("7.3", "a number leaves its range")
     E_DIGEST = ("7.7", "a digest differs from that of the decoded integers")
     E_LIMIT = ("8.3", "the stream is within its tier but over the limits given to this decoder")
