@@ -43,6 +43,7 @@ TILE_SIZE, TILE_FIELDS = (
 )
 STEP_FIELDS, DIGEST_FIELDS = ((0, 2), (2, 1)), ((0, 4), (4, 1), (5, 4), (9, 1), (40, 1))
 FRAMES_AT = {0: 37, 1: 20, 2: 32, 3: 44}  # flags, n_frames and coding bytes, by component
+PICKS, PALETTE = 1, 2  # components where bit 0 of byte 19, bit 8 of the flags, is set
 
 
 @dataclass
@@ -78,6 +79,13 @@ class Parts:
         rows = self.table()
         at = packet * ROW_SIZE + 4
         return rows[at] if at < len(rows) else 0
+
+    def frames_at(self, packet: int) -> int:
+        """Where the frame entries of a packet begin, if its row is right."""
+        component = self.component(packet)
+        if self.header[19] & 1 and component in (PICKS, PALETTE):
+            return 3 if component == PICKS else 3 * (min(self.header[11], 3) + 1) ** 2 - 1
+        return FRAMES_AT.get(component, 37)
 
     def fit(self) -> None:
         """Make the sizes that follow from the packets right."""
@@ -220,7 +228,7 @@ def _packet(rng: Random, parts: Parts) -> None:
     if not full:
         return
     k = rng.choice(full)
-    packet, frames_at = parts.packets[k], FRAMES_AT.get(parts.component(k), 37)
+    packet, frames_at = parts.packets[k], parts.frames_at(k)
     place = rng.randrange(6)
     if place == 0:
         _set(rng, packet, rng.choice((0, 1)), 1)
@@ -238,12 +246,14 @@ def _packet(rng: Random, parts: Parts) -> None:
 
 
 def _frame(rng: Random, parts: Parts) -> None:
-    """A frame: its headers, its blocks, or its content packed anew."""
-    full = [k for k, packet in enumerate(parts.packets) if len(packet) > 2 and packet[1]]
-    if not full:
-        return
-    k = rng.choice(full)
-    packet, frames_at = parts.packets[k], FRAMES_AT.get(parts.component(k), 37)
+    """A frame of any packet."""
+    if full := [k for k, packet in enumerate(parts.packets) if len(packet) > 2 and packet[1]]:
+        _frame_of(rng, parts, rng.choice(full))
+
+
+def _frame_of(rng: Random, parts: Parts, k: int) -> None:
+    """A frame of a packet that has some: its headers, its blocks, or its content packed anew."""
+    packet, frames_at = parts.packets[k], parts.frames_at(k)
     entries = frames_at + 5 * packet[1]
     if entries > len(packet):
         return
@@ -256,6 +266,36 @@ def _frame(rng: Random, parts: Parts) -> None:
     size = table[which][1] + len(changed) - len(frame)
     struct.pack_into("<I", packet, frames_at + 5 * which + 1, size % (1 << 32))
     parts.fit()
+
+
+def _palette(rng: Random, parts: Parts) -> None:
+    """What a palette adds to a stream: its flag, its rows and those of picks, and their packets."""
+    rows = parts.table()
+    n = min(len(rows) // ROW_SIZE, len(parts.packets))
+    own = [k for k in range(n) if parts.component(k) in (PICKS, PALETTE)]
+    if not parts.header[19] & 1 or not own or rng.random() < 0.1:
+        parts.header[19] ^= 1
+        return
+    k = rng.choice(own)
+    packet, action = parts.packets[k], rng.randrange(4)
+    if action == 0:
+        at, width = rng.choice(ROW_FIELDS)
+        _set(rng, rows, k * ROW_SIZE + at, width)
+    elif action == 1:  # mostly entries behind picks, or picks before core
+        _move(parts, k, rng.randrange(n))
+    elif action == 2 and len(packet) > 2 and packet[1]:
+        _frame_of(rng, parts, k)
+    else:
+        rows[k * ROW_SIZE + 4] = rng.choice((PICKS, PALETTE, 0, 3))
+
+
+def _move(parts: Parts, a: int, b: int) -> None:
+    """Row and packet a stand at b."""
+    rows = parts.table()
+    cut = [Body(rows[at : at + ROW_SIZE]) for at in range(0, len(rows), ROW_SIZE)]
+    for items in (cut, parts.packets):
+        items.insert(b, items.pop(a))
+    rows[:] = b"".join(cut)
 
 
 def _frame_bytes(rng: Random, frame: bytes) -> bytes:
@@ -305,5 +345,5 @@ def _packed(rng: Random, content: bytes | Body) -> bytes:
 
 DAMAGE: Sequence[Callable[[Random, Parts], None]] = (
     *(_header, _chunk, _table, _table, _table, _rows, _rows),
-    *(_packet, _packet, _packet, _frame, _frame, _frame, _frame),
+    *(_packet, _packet, _packet, _frame, _frame, _frame, _frame, _palette),
 )
