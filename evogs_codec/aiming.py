@@ -74,7 +74,7 @@ class Aim:
         coder = _Coder(self)
 
         def measure(coded: CodedTree) -> tuple[float, CodedTree]:
-            return self._psnr(write(coded, effort=1, digests=False)), coded
+            return self.psnr(write(coded, effort=1, digests=False)), coded
 
         def search(
             code: Callable[[float], CodedTree], target: float, start: float, slack: float
@@ -115,7 +115,7 @@ class Aim:
         met = [one.what for one in found if 0.98 * n_bytes <= len(one.what) <= n_bytes]
         if not met:
             raise InputError(f"{n_bytes:,} bytes cannot be met: {len(plain.what):,} is nearest")
-        return met[0] if len(met) == 1 else max(met, key=self._psnr)
+        return met[0] if len(met) == 1 else max(met, key=self.psnr)
 
     def within(self, errors: Mapping[str, float]) -> bytes:
         """The stream no number of whose leaves is further off than its group allows.
@@ -141,7 +141,7 @@ class Aim:
             else:
                 settings = replace(self.settings, table=tuple(map(tuple, table.tolist())))
             data = self._with_digests(coder.quantised(settings))
-            found = _errors(coder.tiles, data, self.tree.sh_degree) + self.off
+            found = _errors(coder.tiles, data, self.tree.shown_degree) + self.off
             if np.all(found <= asked):
                 return data
             finer = np.where(
@@ -157,11 +157,15 @@ class Aim:
         )
         raise InputError(f"{name}: an error of {errors[name]:g} cannot be kept: {least:.3g}{why}")
 
-    def _psnr(self, data: bytes) -> float:
-        """Of the leaves of a stream; a ValueError without pictures."""
+    def psnr(self, data: bytes) -> float:
+        """Of the leaves of a stream, dB.
+
+        Raises:
+            ValueError: there are no pictures.
+        """
         if self.pictures is None:
             raise ValueError("a PSNR needs pictures")
-        return self.pictures.psnr(decode(data).leaves(sh_degree=self.tree.sh_degree))
+        return self.pictures.psnr(decode(data).leaves(sh_degree=self.tree.shown_degree))
 
     def _with_digests(self, coded: CodedTree) -> bytes:
         return write(coded, effort=self.settings.effort, progress=self.progress)
@@ -224,6 +228,7 @@ class _Coder:
                 self.n_levels,
                 settings,
                 weights=weights,
+                entry_weights=self.importance.entries if weights and self.importance else None,
                 price=price,
                 info=self.aim.info,
             )

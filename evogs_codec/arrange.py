@@ -11,6 +11,7 @@ Letters: R records of a step that name a slot, S splits, A adds.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -43,7 +44,7 @@ def arrange(tree: EvolutionTree, n_tiles: int) -> list[EvolutionTree]:
         tree: any tree.
         n_tiles: tiles wanted; fewer come back if there are fewer roots.
     """
-    tree = EvolutionTree(tree.sh_degree, tuple(_adds_before_refines(tree.steps)))
+    tree = replace(tree, steps=tuple(_adds_before_refines(tree.steps)), quanta=())
     tile_of_slot = tiles_of_slots(tree, n_tiles)
     n = int(tile_of_slot.max()) + 1 if len(tile_of_slot) else 1
     builders = [_TileBuilder(tile_of_slot == tile) for tile in range(n)]
@@ -62,7 +63,7 @@ def arrange(tree: EvolutionTree, n_tiles: int) -> list[EvolutionTree]:
         shown[splits] += visibility(second)
         for builder in builders:
             builder.take(group, n_before, change, shown)
-    return [EvolutionTree(tree.sh_degree, tuple(builder.steps)) for builder in builders]
+    return [replace(tree, steps=tuple(builder.steps)) for builder in builders]
 
 
 def morton(positions: F32 | F64) -> npt.NDArray[np.uint64]:
@@ -168,6 +169,7 @@ class _TileBuilder:
         has_psi = source.kinds != Kind.DROP
         is_split = source.kinds == Kind.SPLIT
         splits = (np.cumsum(is_split) - 1)[rows[is_split[rows]]]
+        born = np.concatenate([splits, source.alpha.shape[1] + adds])
         self.steps.append(
             Step(
                 level=source.level,
@@ -176,9 +178,10 @@ class _TileBuilder:
                 psi=source.psi[:, (np.cumsum(has_psi) - 1)[rows[has_psi[rows]]]],
                 alpha=source.alpha[:, splits],
                 adds=source.adds[:, adds],
+                picks=source.picks[born] if len(source.picks) else source.picks,
             )
         )
-        new = n_before + np.concatenate([splits, source.alpha.shape[1] + adds])
+        new = n_before + born
         self.name[new] = self.n_slots + np.arange(len(new), dtype=np.int32)
         self.n_slots += len(new)
         return np.concatenate([source.slots[rows], new.astype(np.int32)])

@@ -15,6 +15,7 @@ from evogs_codec.directory import SceneInfo
 from evogs_codec.packet_header import N_CORE
 from evogs_codec.refine import SYMMETRIC, AlphaTable, Quantiser
 from evogs_codec.splats import I32, U8
+from evogs_codec.tree import Palette
 
 __all__ = ["CodedStep", "CodedTile", "CodedTree", "channel_class", "component_slice"]
 
@@ -33,6 +34,7 @@ class CodedStep:
         error: estimates per component for the packet entries (spec 5.6).
         gain: mean squared error of pictures that the packet of each component takes off; for the
             order of packets, no part of the stream.
+        picks: (S + A,) int32 of the new slots, where there is a palette.
     """
 
     level: int
@@ -43,6 +45,7 @@ class CodedStep:
     adds: I32
     error: tuple[int, ...] = ()
     gain: tuple[float, ...] = ()
+    picks: I32 = field(default_factory=lambda: np.empty(0, np.int32))
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +60,11 @@ class CodedTile:
 
 @dataclass(frozen=True, eq=False)
 class CodedTree:
-    """All that a stream says of a scene, but for the bytes it says it in."""
+    """All that a stream says of a scene, but for the bytes it says it in.
+
+    Where there is a palette (spec 3.7), `entries` (C, n) int32 are its q; psi and adds have the
+    channels of core alone.
+    """
 
     sh_degree: int
     n_levels: int
@@ -66,10 +73,25 @@ class CodedTree:
     alpha: Mapping[tuple[int, int], AlphaTable]
     tiles: tuple[CodedTile, ...]
     info: SceneInfo = field(default_factory=SceneInfo)
+    entries: I32 | None = None
 
     def alpha_table(self, level: int, group: int) -> AlphaTable:
         """The table of a level and group; symmetric where none is stored."""
         return self.alpha.get((level, group), SYMMETRIC)
+
+    @property
+    def n_components(self) -> int:
+        """Of a tile: with a palette core and picks, else core and a component per SH band."""
+        return 1 + self.sh_degree if self.entries is None else 2
+
+    def palette(self) -> Palette | None:
+        """The entries as a decoder has them."""
+        if self.entries is None:
+            return None
+        kinds = [channel_class(N_CORE + k) for k in range(len(self.entries))]
+        units = np.array([self.quantisers[0][kind].step for kind in kinds])
+        values = self.entries * units[:, None] * 2.0 ** -self.grid_exponents[4]
+        return Palette(self.sh_degree, values.astype(np.float32))
 
 
 def component_slice(component: int) -> slice:

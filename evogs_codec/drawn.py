@@ -42,7 +42,8 @@ class Shown:
 
     Attributes:
         levels: (n_levels,) by the level after the one before, or after nothing, with all SH.
-        bands: (degree,) by SH bands 1.., of the last level, after the bands below.
+        bands: (degree,) by SH bands 1.., of the last level, after the bands below; with a palette
+            (1,), by all of them together.
     """
 
     levels: F64
@@ -54,7 +55,7 @@ class Shown:
         leaves = tree.leaves()
         coarse = [tree.leaves(level) for level in range(tree.n_levels - 1)]
         blank = leaves.take(np.zeros(0, np.int64))
-        degrees = range(tree.sh_degree)
+        degrees = range(tree.sh_degree if tree.palette is None else 1)
         plain = [replace(leaves, sh=leaves.sh[:, : (k + 1) ** 2]) for k in degrees]
         return Shown(
             -np.diff(list(_errors(pictures, [blank, *coarse]))),
@@ -68,7 +69,7 @@ class Shown:
         """
         if not self.levels.sum() > 0:
             return tree
-        estimated = np.zeros((tree.n_levels, tree.sh_degree + 1))
+        estimated = np.zeros((tree.n_levels, tree.n_components))
         for share, tile in zip(leaf_shares(tree), tree.tiles, strict=True):
             for step in tile.steps:
                 estimated[step.level] += share * np.array(step.gain)

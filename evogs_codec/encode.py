@@ -25,8 +25,9 @@ from evogs_codec.directory import (
 )
 from evogs_codec.directory_writing import build_directory
 from evogs_codec.drawn import Pictures, Shown
-from evogs_codec.packing import pack
-from evogs_codec.progression import Place, packet_order
+from evogs_codec.packet_header import PALETTE, PICKS
+from evogs_codec.packing import pack, pack_entries, pack_picks
+from evogs_codec.progression import PALETTE_PLACE, Place, packet_order
 from evogs_codec.quantize import quantise
 from evogs_codec.settings import PRESETS, Settings
 from evogs_codec.threads import each
@@ -99,7 +100,11 @@ def write(
 
     def pack_one(place: Place) -> bytes:
         tile, number, component = place
+        if tree.entries is not None and component == PALETTE:
+            return pack_entries(tree.entries, effort=effort)
         step = tree.tiles[tile].steps[number]
+        if tree.entries is not None and component == PICKS:
+            return pack_picks(step.picks, effort=effort)
         part = component_slice(component)
         alpha = [
             step.alpha[group] if len(tree.alpha_table(step.level, group).entries) > 1 else None
@@ -119,8 +124,10 @@ def write(
         (tile, number, component)
         for tile, own in enumerate(tree.tiles)
         for number in range(len(own.steps))
-        for component in range(tree.sh_degree + 1)
+        for component in range(tree.n_components)
     ]
+    if tree.entries is not None and tree.entries.size:
+        places.insert(0, PALETTE_PLACE)
     bodies: dict[Place, bytes] = {}
     for k, (place, body) in enumerate(zip(places, each(pack_one, places), strict=True)):
         report("pack", k / len(places))
@@ -129,9 +136,12 @@ def write(
     entries = np.zeros(len(order), layout.dtype_of(layout.PACKET_ENTRY))
     for row, (tile, number, component) in zip(entries, order, strict=True):
         body = bodies[tile, number, component]
-        step = tree.tiles[tile].steps[number]
-        for name, value in _entry(step, component).items():
-            row[name] = value
+        if (tile, number, component) == PALETTE_PLACE and tree.entries is not None:
+            row["n_adds"], row["error"] = tree.entries.shape[1], UNKNOWN_ERROR
+        else:
+            step = tree.tiles[tile].steps[number]
+            for name, value in _entry(step, component).items():
+                row[name] = value
         row["tile"], row["component"] = tile, component
         row["size"], row["crc"] = len(body), zlib.crc32(body)
     tiles = np.zeros(len(tree.tiles), layout.dtype_of(layout.TILE_ENTRY))
@@ -149,6 +159,7 @@ def write(
             tiles=tiles,
             packets=entries,
             digests=found,
+            has_palette=tree.entries is not None,
         )
 
     data = b"".join(bodies[place] for place in order)
@@ -161,14 +172,18 @@ def write(
 
 
 def final_digests(directory: Directory, stream: bytes) -> dict[Place, bytes]:
-    """Digests of the last state of each tile and component (spec 5.7)."""
+    """Digests of the last state of each tile and component, and of the palette (spec 5.7)."""
     decoded = replay(directory, memoryview(stream), Cut.full(directory))
-    return {
+    digests = {
         (tile, component, n - 1): decoded.tiles[tile].digest(component)
         for tile, row in enumerate(decoded.cut.steps.tolist())
         for component, n in enumerate(row)
         if n
     }
+    palette = decoded.tiles[0].palette if directory.n_entries else None
+    if palette is not None:
+        digests[0, PALETTE, palette.n_applied - 1] = palette.digest()
+    return digests
 
 
 def _entry(step: CodedStep, component: int) -> dict[str, int]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -21,6 +22,7 @@ from evogs_codec.lifting import Lifted, lift_with_order, off_of
 from evogs_codec.ply import drop_non_finite, read_ply
 from evogs_codec.reports import level_figures, print_levels
 from evogs_codec.settings import PRESETS, TREE_PSNR, Settings
+from evogs_codec.sharing import shared_sh, with_palette
 from evogs_codec.splats import GROUPS, SplatParams
 from evogs_codec.terminal import progress_bar, version
 from evogs_codec.tree import EvolutionTree
@@ -40,18 +42,22 @@ def run_encode(args: argparse.Namespace) -> None:
         raise InputError("--finer divides steps: for finer ranges --bits, for more --max-error")
     info = _scene_info(args)
     off = (0.0,) * len(GROUPS)
+    shared: EvolutionTree | None = None
     with progress_bar() as progress:
         if is_scene:
             splats = _read_splats(args.input, drop_invalid=args.drop_invalid)
             lifted = _lifted(splats, args, progress)
             tree = lifted.tree
+            palette = None if args.no_palette else shared_sh(splats)
+            if palette is not None:
+                shared = with_palette(tree, lifted.leaf_of, *palette)
             if args.max_error:
-                off = off_of(tree, splats, lifted.leaf_of)
+                off = off_of(shared or tree, splats, lifted.leaf_of)
         elif args.refine:
             raise InputError("--refine is for .ply scenes: a tree has its levels")
         else:
             tree = read_tree(args.input)
-        data = _encoded(tree, settings, info, args, progress, off)
+        data = _encoded(tree, shared, settings, info, args, progress, off)
     write_atomic(args.output, data)
     directory = read_directory(memoryview(data))
     n = tree.n_leaves
@@ -130,14 +136,20 @@ def _settings(args: argparse.Namespace, default: str) -> Settings:
 
 def _encoded(
     tree: EvolutionTree,
+    shared: EvolutionTree | None,
     settings: Settings,
     info: SceneInfo,
     args: argparse.Namespace,
     progress: Progress,
     off: tuple[float, ...],
 ) -> bytes:
-    """At a target, if there is one; `off` as of `Aim`."""
-    aim = Aim(tree, settings, off=off, n_tiles=args.tiles, info=info, progress=progress)
+    """At a target, if there is one; `off` as of `Aim`.
+
+    Where splats share their SH, `shared` is the tree with a palette. At a target that leaves few
+    bits a stream without may be the smaller one, so both are made.
+    """
+    best = shared or tree
+    aim = Aim(best, settings, off=off, n_tiles=args.tiles, info=info, progress=progress)
     if args.max_error:
         errors: dict[str, float] = {}
         for given in sorted(args.max_error, key=len, reverse=True):  # one for all groups first
@@ -152,7 +164,7 @@ def _encoded(
                 return nearest
         pictures = _pictures(tree, args, ORDERING_VIEWS) if tree.n_leaves else None
         return encode(
-            tree, settings, n_tiles=args.tiles, info=info, pictures=pictures, progress=progress
+            best, settings, n_tiles=args.tiles, info=info, pictures=pictures, progress=progress
         )
     if not tree.n_leaves:
         raise InputError("a scene without splats has nothing to aim at")
@@ -164,9 +176,32 @@ def _encoded(
         s.level == tree.n_levels - 1 > 0 and s.psi.any() for s in tree.steps
     ):
         warnings.warn("--polish changes nothing: the last level refines nothing", stacklevel=1)
+    aims = [aim, replace(aim, tree=tree)] if shared else [aim]
     if args.target_bytes is not None:
-        return aim.at_bytes(args.target_bytes)
-    return aim.at_psnr(args.target_psnr)
+        return _met(
+            aims, lambda one: one.at_bytes(args.target_bytes), lambda one, data: one.psnr(data)
+        )
+    return _met(aims, lambda one: one.at_psnr(args.target_psnr), lambda _, data: -len(data))
+
+
+def _met(
+    aims: Sequence[Aim],
+    make: Callable[[Aim], bytes],
+    worth: Callable[[Aim, bytes], float],
+) -> bytes:
+    """The stream worth most of those that meet the target; an `InputError` if none does."""
+    found: list[tuple[float, bytes]] = []
+    failed: list[InputError] = []
+    for aim in aims:
+        try:
+            data = make(aim)
+        except InputError as error:
+            failed.append(error)
+        else:
+            found.append((worth(aim, data) if len(aims) > 1 else 0.0, data))
+    if not found:
+        raise failed[0]
+    return max(found, key=lambda one: one[0])[1]
 
 
 def _is_open(args: argparse.Namespace) -> bool:

@@ -14,6 +14,7 @@ import numpy as np
 
 from evogs_codec.coded import channel_class
 from evogs_codec.directory import n_classes
+from evogs_codec.packet_header import N_CORE
 from evogs_codec.refine import Quantiser
 from evogs_codec.settings import Settings
 from evogs_codec.splats import F64, GROUP_CHANNELS, GROUPS, n_channels
@@ -24,6 +25,7 @@ __all__ = [
     "Grid",
     "NotRepresentable",
     "Ranges",
+    "TooFine",
     "grid_exponents",
     "middle_of",
     "wanted_steps",
@@ -51,18 +53,21 @@ class Ranges:
         extent: robust extent of the scene: the longest axis of its 1st to 99th percentiles.
         largest: per group the largest magnitude of a state; positions from the tile's middle.
         furthest: largest coordinate of the middle of a tile.
-        psi: [level][class] range of psi; [n_levels] of adds.
+        psi: [level][class] range of psi; [n_levels] of adds, and of the entries of a palette.
+        has_palette: classes above 4 are those of its entries.
     """
 
     extent: float
     largest: tuple[float, ...]
     furthest: float
     psi: tuple[tuple[float, ...], ...]
+    has_palette: bool = False
 
     @staticmethod
     def of(tiles: Sequence[EvolutionTree], n_levels: int) -> Ranges:
         """What the states, the psi and the adds of these trees span."""
-        classes = n_classes(tiles[0].sh_degree)
+        palette = tiles[0].palette
+        classes = n_classes(tiles[0].shown_degree)
         channels = [channel_class(c) for c in range(n_channels(tiles[0].sh_degree))]
         largest = [0.0] * N_GROUPS
         psi = np.zeros((n_levels + 1, classes, 2))
@@ -85,12 +90,18 @@ class Ranges:
                             psi[row, kind, 1] = max(psi[row, kind, 1], high)
             if state is not None:
                 leaves.append(state.values[0:3][:, state.live][:, ::every])
+        if palette is not None and palette.entries.size:
+            largest[4] = max(largest[4], float(np.abs(palette.entries).max()))
+            for c, row in enumerate(palette.entries, start=N_CORE):
+                low, high = psi[n_levels, channel_class(c)]
+                psi[n_levels, channel_class(c)] = min(low, row.min()), max(high, row.max())
         points = np.concatenate([np.zeros((3, 0)), *leaves], axis=1)
         return Ranges(
             extent=_extent(points),
             largest=tuple(largest),
             furthest=max(float(np.abs(middle_of(tile)).max()) for tile in tiles),
             psi=tuple(tuple(np.ptp(row, axis=1)) for row in psi),
+            has_palette=palette is not None,
         )
 
 
@@ -138,7 +149,10 @@ def wanted_steps(settings: Settings, ranges: Ranges, n_levels: int) -> F64:
     parts = np.where(factor > 0, factor, 1.0) ** above[:, None]
     shared = np.where(np.arange(classes) == 0, parts.sum(0), np.sqrt(np.square(parts).sum(0)))
     psi = base * parts / np.where(factor > 0, shared, 1.0)
-    return np.concatenate([psi[:1] * settings.adds, psi])
+    steps: F64 = np.concatenate([psi[:1] * settings.adds, psi])
+    if ranges.has_palette:
+        steps[:, 5:] = base[5:]  # splats have entries as they are: no level adds to their errors
+    return steps
 
 
 def grid_exponents(settings: Settings, ranges: Ranges, steps: F64) -> tuple[int, ...]:
@@ -199,6 +213,14 @@ class Grid:
     def channel_quantisers(self, row: int) -> list[Quantiser]:
         """The quantiser of each channel: row 0 of adds, 1 + level of psi."""
         return [self.quantisers[row][kind] for kind in self.classes]
+
+
+class TooFine(Exception):  # noqa: N818 - no error: the caller tries a coarser grid
+    """A number of this group leaves its range on its grid."""
+
+    def __init__(self, group: int) -> None:
+        super().__init__(group)
+        self.group = group
 
 
 class AccuracyWarning(UserWarning):

@@ -14,7 +14,7 @@ from evogs_codec.directory import UNKNOWN_ERROR
 from evogs_codec.gains import area, visibility
 from evogs_codec.grids import Grid
 from evogs_codec.splats import F64, I32, I64
-from evogs_codec.tree import EvolutionTree, Kind
+from evogs_codec.tree import EvolutionTree, Kind, Palette
 
 __all__ = ["History"]
 
@@ -32,7 +32,10 @@ class History:
 
     def __init__(self, tile: EvolutionTree, grid: Grid) -> None:
         self.grid = grid
+        self.palette, self.n_components = tile.palette, tile.n_components
+        self.picks = np.concatenate([np.empty(0, np.int32), *(step.picks for step in tile.steps)])
         self.snapshots: list[I32] = []
+        self.stands: list[I64] = []
         self.missing: list[npt.NDArray[np.bool_]] = []
         self.present: list[I32] = []
         total = sum(step.n_new for step in tile.steps)
@@ -63,6 +66,7 @@ class History:
         first = np.argmax(exists, axis=0)
         slot = self.ancestors[first, np.arange(exists.shape[1])]
         found = exists.any(0)
+        self.stands.append(np.where(found, slot, -1))
         self.snapshots.append(np.where(found, x[:, np.where(found, slot, 0)], 0).astype(np.int32))
         self.missing.append(np.logical_not(found))
         self.present.append(x[0:3, : 0 if found.all() else n].copy())
@@ -74,7 +78,7 @@ class History:
         earlier one does too. A gain is how much of the mean squared error of pictures goes, in the
         units of a picture from 0 to 1.
         """
-        n_steps, components = len(self.snapshots), range(self.grid.sh_degree + 1)
+        n_steps, components = len(self.snapshots), range(self.n_components)
         if not len(self.leaves):
             return [((UNKNOWN_ERROR,) * len(components), (0.0,) * len(components))] * n_steps
         last = final[:, self.leaves].astype(np.float64)
@@ -88,7 +92,11 @@ class History:
         errors[:, 0] = np.sqrt(np.square(ways).mean(1))
         farthest = np.maximum(ways.max(0), np.sqrt(area(values)) * self.grid.scale[0])
         left[0, 0], left[1:, 0] = BLANK, COARSE * (ways / farthest).mean(1) ** POWER
-        for b in components[1:]:
+        if self.palette is not None:
+            squares = self._off_picks(self.palette)
+            errors[:, 1] = np.sqrt(squares[1:].mean((1, 2))) * self.grid.scale[-1]
+            left[:, 1] = SH * (squares.sum(1) @ weights) / 3
+        for b in components[1:] if self.palette is None else ():
             part = component_slice(b)
             off = [
                 np.square(x[part] - last[part])
@@ -101,6 +109,14 @@ class History:
         whole = np.minimum(np.rint(errors), UNKNOWN_ERROR - 1).astype(np.int64)
         gains = -np.diff(left, axis=0)
         return [(tuple(e), tuple(g)) for e, g in zip(whole.tolist(), gains.tolist(), strict=True)]
+
+    def _off_picks(self, palette: Palette) -> F64:
+        """(1 + K, C, L) squared errors of the SH above band 0, of none and then after each step."""
+        last = palette.of(self.picks[self.leaves]).astype(np.float64)
+        # Slots keep their picks: -1 takes the one behind the last, which is 0.
+        picks = np.append(self.picks, np.int32(0))
+        off = [-last, *(palette.of(picks[slots]) - last for slots in self.stands)]
+        return np.square(np.stack(off))
 
     def _ways(self, last: F64) -> F64:
         """(K, L) from what stands for each leaf after a step to its last position, grid units.

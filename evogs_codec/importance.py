@@ -57,10 +57,13 @@ class Importance:
     Attributes:
         weights: of every step of every tile.
         means: (1 + n_levels, K) mean over the numbers of the adds, then of psi of each level.
+        entries: (degree, n) of the numbers of the entries of a palette, per SH band; None without.
+            Their means stand in `means`, after those of the classes of core.
     """
 
     weights: tuple[tuple[StepWeights, ...], ...]
     means: F64
+    entries: F32 | None = None
 
     @staticmethod
     def of(
@@ -77,7 +80,12 @@ class Importance:
             _of_tile(tile, [share * cut[k] for share, cut in zip(shares, cuts, strict=True)])
             for k, tile in enumerate(tiles)
         )
-        return Importance(weights, _means(tiles, weights, n_levels))
+        means = _means(tiles, weights, n_levels)
+        if tiles[0].palette is None:
+            return Importance(weights, means)
+        entries = _of_entries(tiles, cuts[-1])
+        of_bands = np.broadcast_to(entries.mean(1), (1 + n_levels, len(entries)))
+        return Importance(weights, np.concatenate([means, of_bands], axis=1), entries)
 
     def steps(self, price: float, extent: float) -> F64:
         """(1 + n_levels, K) steps at which a bit more saves `price` of mean squared error.
@@ -100,7 +108,11 @@ class Importance:
             return self.weights
         return tuple(
             tuple(
-                StepWeights(w.level, w.targets + lack[w.level], w.new + lack[w.level])
+                StepWeights(
+                    w.level,
+                    w.targets + lack[w.level, : len(w.targets)],
+                    w.new + lack[w.level, : len(w.new)],
+                )
                 for w in steps
             )
             for steps in self.weights
@@ -118,13 +130,27 @@ def _none(splats: SplatParams) -> F32:
     return np.zeros((n_channels(splats.sh_degree), len(splats)), np.float32)
 
 
+def _of_entries(tiles: Sequence[EvolutionTree], leaves: Sequence[F32]) -> F32:
+    """(degree, n) of each entry: the sum of those of the leaves that pick it."""
+    palette = tiles[0].palette
+    assert palette is not None, "who has entries has a palette"
+    sums = np.zeros((palette.degree, 1 + palette.entries.shape[1]))
+    for tile, cut in zip(tiles, leaves, strict=True):
+        for state in tile.states():
+            picks, live = state.picks, state.live
+        if tile.steps:
+            for band, row in enumerate(cut[5:]):
+                sums[band] += np.bincount(picks[live], row, sums.shape[1])
+    return sums[:, 1:].astype(np.float32)
+
+
 def _cut(tiles: Sequence[EvolutionTree], level: int, sensitivity: Sensitivity) -> list[F32]:
-    """(K, N) weights of the leaves of a level, tile by tile."""
+    """(K, N) weights of the leaves of a level, tile by tile, of all bands that splats have."""
     # A tile may end before the last level.
     parts = [tile.leaves(min(level, tile.n_levels - 1)) for tile in tiles]
     channels = np.concatenate([part.channels() for part in parts], axis=1)
     if not channels.shape[1]:
-        return [np.zeros((_n_classes(tile), 0), np.float32) for tile in tiles]
+        return [np.zeros((5 + tile.shown_degree, 0), np.float32) for tile in tiles]
     found = sensitivity(SplatParams.from_channels(channels))
     kinds = np.array([channel_class(c) for c in range(len(found))])
     weights = np.stack(
@@ -144,7 +170,8 @@ def _of_tile(tile: EvolutionTree, cuts: Sequence[F32]) -> tuple[StepWeights, ...
         step, n_after = tile.steps[k], len(live[k])
         last = k + 1 == len(tile.steps)
         for level in range(step.level, len(cuts) if last else tile.steps[k + 1].level):
-            later[:, np.flatnonzero(live[k])] += cuts[level]  # they are leaves of these levels
+            # They are leaves of these levels.
+            later[:, np.flatnonzero(live[k])] += cuts[level][: len(later)]
         n = n_after - step.n_new
         has_psi = step.kinds != Kind.DROP
         new = later[:, n:n_after].copy()

@@ -118,6 +118,12 @@ def add_encode(commands: Commands, run: Run) -> None:
         "--finer", type=_number(float, 1e-3, 1e6), metavar="F", help="divide all steps by F"
     )
     parser.add_argument(
+        "--no-palette",
+        action="store_true",
+        help="store SH above band 0 splat by splat and band by band, also where most splats of a"
+        " .ply share them (as in scenes that were SOG files)",
+    )
+    parser.add_argument(
         "--tiles",
         type=_number(int, 1, 65536),
         metavar="N",

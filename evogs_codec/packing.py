@@ -34,7 +34,7 @@ from evogs_codec.planes import (
 from evogs_codec.splats import I32, U8
 from evogs_codec.tree import Kind
 
-__all__ = ["pack"]
+__all__ = ["decorrelate", "pack", "pack_entries", "pack_picks"]
 
 Coded: TypeAlias = tuple[Coding, npt.NDArray[np.integer]]
 
@@ -79,7 +79,7 @@ def pack(
     flags = 0
     sh = sh_channels(component)
     for values, flag in ((psi, FLAG_PSI_YCOCG), (adds, FLAG_ADDS_YCOCG)):
-        rows, is_ycocg = _decorrelate(values, sh)
+        rows, is_ycocg = decorrelate(values, sh)
         flags |= flag if is_ycocg else 0
         sides += [_code_channel(row, may_delta=flag == FLAG_ADDS_YCOCG) for row in rows]
     if component and all(coding == ABSENT for coding, _ in sides):
@@ -90,7 +90,31 @@ def pack(
     return body
 
 
-def _decorrelate(values: I32, sh: slice) -> tuple[I32, bool]:
+def pack_picks(picks: I32, *, effort: int) -> bytes:
+    """The bytes of a packet of picks (spec 3.7), (n,)."""
+    coding = choose_coding(picks)[0]
+    return b"" if coding == ABSENT else _join(0, [(coding, picks)], effort)
+
+
+def pack_entries(entries: I32, *, effort: int) -> bytes:
+    """The bytes of a packet of the palette, (C, n) integers.
+
+    Raises:
+        ValueError: an integer needs more than 24 bits.
+    """
+    n = entries.shape[1]
+    if not n:
+        return b""
+    rows, is_ycocg = decorrelate(entries, slice(None))
+    flags = FLAG_ADDS_YCOCG if is_ycocg else 0
+    lists = [_code_channel(row, may_delta=True) for row in rows]
+    body = _join(flags, lists, effort)
+    if n > MAX_RECORDS_PER_BYTE * len(body):
+        body = _pad(flags, lists, Counts(n, 0, 0, 0))
+    return body
+
+
+def decorrelate(values: I32, sh: slice) -> tuple[I32, bool]:
     """YCoCg-R on the SH triples, if that lowers the entropy."""
     rows = values[sh]
     if rows.size == 0 or not rows.any() or int(np.abs(rows).max()) >= MAX_STORED // 8:

@@ -60,10 +60,12 @@ def polished(
         _Tile(tree, tile, state.x[:, : state.n_slots], state.live[: state.n_slots])
         for tile, state in zip(tree.tiles, before.tiles, strict=True)
     ]
+    picked = [tile.picked() for tile in tiles]  # palettes do not move
     for t in range(iterations):
         leaves = [tile.leaves() for tile in tiles]
-        splats = SplatParams.from_channels(np.concatenate(leaves, axis=1))
-        slopes = pictures.slopes(splats, t) / np.float32(price)  # in bits
+        shown = [np.concatenate(parts) for parts in zip(leaves, picked, strict=True)]
+        splats = SplatParams.from_channels(np.concatenate(shown, axis=1))
+        slopes = pictures.slopes(splats, t)[: len(leaves[0])] / np.float32(price)  # in bits
         rate = RATE * (LAST_RATE / RATE) ** (t / iterations)
         ends = np.cumsum([part.shape[1] for part in leaves])
         for tile, part in zip(tiles, np.split(slopes, ends[:-1], axis=1), strict=True):
@@ -109,6 +111,14 @@ class _Tile:
         for moving in self.moving:
             moving.apply(x)
         return x[:, self.live]
+
+    def picked(self) -> F32:
+        """(C, N) SH of the leaves that a palette has; none of a tree without one."""
+        palette = self.tree.palette()
+        if palette is None:
+            return np.empty((0, int(np.count_nonzero(self.live))), np.float32)
+        picks = np.concatenate([np.empty(0, np.int32), *(s.picks for s in self.tile.steps)])
+        return palette.of(picks[self.live])
 
     def descend(self, slopes: F32, rate: float, t: int) -> None:
         """An iteration, from the slopes (D, N) of the leaves."""

@@ -15,12 +15,15 @@ import numpy as np
 
 from evogs_codec import layout
 from evogs_codec.coded import CodedTile, CodedTree
+from evogs_codec.packet_header import PICKS
 from evogs_codec.splats import F64
 from evogs_codec.tree import Kind
 
-__all__ = ["Place", "leaf_shares", "packet_order"]
+__all__ = ["PALETTE_PLACE", "Place", "leaf_shares", "packet_order"]
 
 Place: TypeAlias = tuple[int, int, int]  # tile, step, component
+Key: TypeAlias = tuple[float, int, int]  # what places are sorted by
+PALETTE_PLACE: Place = (0, 0, 2)  # of a palette, which is one packet (spec 3.7)
 
 
 def packet_order(tree: CodedTree, sizes: Mapping[Place, int]) -> list[Place]:
@@ -33,13 +36,36 @@ def packet_order(tree: CodedTree, sizes: Mapping[Place, int]) -> list[Place]:
     keyed = []
     for number, (share, tile) in enumerate(zip(leaf_shares(tree), tree.tiles, strict=True)):
         core = np.full(len(tile.steps), np.inf)
-        for component in range(tree.sh_degree + 1):
+        for component in range(tree.n_components):
             places = [(number, k, component) for k in range(len(tile.steps))]
             gains = [share * step.gain[component] if step.gain else 0.0 for step in tile.steps]
             slopes = np.minimum(_falling(gains, [sizes[place] for place in places]), core)
             core = slopes if component == 0 else core
             keyed += [((-slope, p[1], number), p) for slope, p in zip(slopes, places, strict=True)]
-    return [place for _, place in sorted(keyed)]
+    if PALETTE_PLACE not in sizes or tree.entries is None:
+        return [place for _, place in sorted(keyed)]
+    return _after_palette(tree, keyed, sizes)
+
+
+def _after_palette(
+    tree: CodedTree, keyed: Sequence[tuple[Key, Place]], sizes: Mapping[Place, int]
+) -> list[Place]:
+    """The places in order: no pick pays more than all do with the palette, which is before them."""
+    gain = sum(
+        share * step.gain[PICKS]
+        for share, tile in zip(leaf_shares(tree), tree.tiles, strict=True)
+        for step in tile.steps
+        if step.gain
+    )
+    size = sum(n for place, n in sizes.items() if place[2] != 0)
+    all_together = -gain / max(size, 1)
+    capped = [
+        ((max(key[0], all_together), *key[1:]), place) if place[2] == PICKS else (key, place)
+        for key, place in keyed
+    ]
+    places = [place for _, place in sorted(capped)]
+    first = next((k for k, place in enumerate(places) if place[2] == PICKS), len(places))
+    return [*places[:first], PALETTE_PLACE, *places[first:]]
 
 
 def leaf_shares(tree: CodedTree) -> list[float]:

@@ -18,10 +18,12 @@ import numpy.typing as npt
 from evogs_codec.alphas import alpha_tables, nearest, serving_both, serving_second
 from evogs_codec.coded import CodedStep, CodedTile, CodedTree
 from evogs_codec.directory import SceneInfo
+from evogs_codec.entries import coded_entries, renumbered
 from evogs_codec.grids import (
     Grid,
     NotRepresentable,
     Ranges,
+    TooFine,
     grid_exponents,
     middle_of,
     wanted_steps,
@@ -41,7 +43,7 @@ from evogs_codec.refine import (
     apply_channel,
 )
 from evogs_codec.settings import Settings
-from evogs_codec.splats import F64, GROUP_CHANNELS, GROUPS, I32, I64, U8, n_channels
+from evogs_codec.splats import F32, F64, GROUP_CHANNELS, GROUPS, I32, I64, U8, n_channels
 from evogs_codec.trading import Worth
 from evogs_codec.tree import N_GROUPS, EvolutionTree, Kind, Step
 
@@ -56,6 +58,7 @@ def quantise(
     settings: Settings,
     *,
     weights: Sequence[Sequence[StepWeights | None]] | None = None,
+    entry_weights: F32 | None = None,
     price: float = 1.0,
     info: SceneInfo | None = None,
     progress: Callable[[float], None] | None = None,
@@ -68,6 +71,7 @@ def quantise(
         settings: how.
         weights: importance of each step of each tile; then bits are saved where they do little. A
             step that has None keeps its alphas and multiples of steps as they are.
+        entry_weights: (degree, n) likewise of the entries of a palette, per SH band.
         price: mean squared error that a bit is worth.
         info: metadata.
         progress: called with the part that is done.
@@ -75,7 +79,7 @@ def quantise(
     Raises:
         NotRepresentable: values too large for any grid.
     """
-    sh_degree = tiles[0].sh_degree
+    sh_degree, palette = tiles[0].sh_degree, tiles[0].palette
     ranges = Ranges.of(tiles, n_levels)
     steps = wanted_steps(settings, ranges, n_levels)
     exponents = grid_exponents(settings, ranges, steps)
@@ -89,7 +93,11 @@ def quantise(
                 report(k / len(tiles))
                 own = None if weights is None else weights[k]
                 coded.append(_TileCoder(tile, grid, alpha, settings, own, price).code())
-        except _TooFine as error:
+            entries = None
+            if palette is not None:
+                entries, number = coded_entries(palette, grid, entry_weights, price)
+                coded = [renumbered(tile, number) for tile in coded]
+        except TooFine as error:
             if exponents[error.group] <= -16:
                 raise NotRepresentable(
                     f"{GROUPS[error.group]}: a value is too large for any grid"
@@ -99,22 +107,15 @@ def quantise(
         break
     warn_if_coarser(grid, steps, settings)
     return CodedTree(
-        sh_degree=sh_degree,
+        sh_degree=tiles[0].shown_degree,
         n_levels=n_levels,
         grid_exponents=exponents,
         quantisers=grid.quantisers,
         alpha=alpha,
         tiles=tuple(coded),
         info=info or SceneInfo(),
+        entries=entries,
     )
-
-
-class _TooFine(Exception):  # noqa: N818 - no error: the caller tries a coarser grid
-    """A number of this group leaves its range on its grid."""
-
-    def __init__(self, group: int) -> None:
-        super().__init__(group)
-        self.group = group
 
 
 class _TileCoder:
@@ -200,12 +201,12 @@ class _TileCoder:
                 q = np.rint(u) if worth is None else worth.integers(u, table, indices[group], s)
             limit = np.array([[min(k.max_q, MAX_STORED // 2 - 1)] for k in quantisers[part]])
             if np.any(np.abs(q) > limit):
-                raise _TooFine(group)
+                raise TooFine(group)
             psi[part] = q
             self._keep_products(group, part, psi, indices, plan, table, quantisers)
         adds = self._code_adds(step, new_adds)
         self._apply(plan, step.level, psi, indices, adds)
-        coded = CodedStep(step.level, step.slots, step.kinds, indices, psi, adds)
+        coded = CodedStep(step.level, step.slots, step.kinds, indices, psi, adds, picks=step.picks)
         self.history.note(self.x, self.n)
         return coded, plan
 
@@ -263,10 +264,10 @@ class _TileCoder:
         over = largest * entries[indices[group]] > room
         if over.any():
             if not self.settings.near_lossless:  # which mends what another alpha does
-                raise _TooFine(group)
+                raise TooFine(group)
             indices[group][over] = int(np.argmin(entries))
             if np.any(largest * int(entries.min()) > room):
-                raise _TooFine(group)
+                raise TooFine(group)
 
     def _code_adds(self, step: Step, new: slice) -> I32:
         quantisers = self.grid.channel_quantisers(0)
@@ -276,7 +277,7 @@ class _TileCoder:
         q = np.rint(self.target[:, new] / steps)
         for channel, quantiser in enumerate(quantisers):
             if np.abs(q[channel]).max() > min(quantiser.max_q, MAX_STORED // 2 - 1):
-                raise _TooFine(min(self.grid.classes[channel], 4))
+                raise TooFine(min(self.grid.classes[channel], 4))
         return q.astype(np.int32)
 
     def _apply(self, plan: StepPlan, level: int, psi: I32, indices: U8, adds: I32) -> None:
@@ -297,9 +298,9 @@ class _TileCoder:
                     of_adds[channel].delta(adds[channel]),
                 )
             except RangeError:
-                raise _TooFine(group) from None
+                raise TooFine(group) from None
             if largest > MAX_X:
-                raise _TooFine(group)
+                raise TooFine(group)
         self.n = plan.n_after
         written = [self.x[0:3, plan.targets], self.x[0:3, plan.n_before : plan.n_after]]
         for part in written:

@@ -12,7 +12,7 @@ D channels (`splats`).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from itertools import islice
 
@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from evogs_codec.splats import F32, F64, GROUP_CHANNELS, I32, U8, SplatParams, n_channels
 
-__all__ = ["EvolutionTree", "Kind", "Slots", "Step"]
+__all__ = ["EvolutionTree", "Kind", "Palette", "Slots", "Step"]
 
 N_GROUPS = 5
 
@@ -36,6 +36,28 @@ class Kind(IntEnum):
 
 
 @dataclass(frozen=True, eq=False)
+class Palette:
+    """SH above band 0 that splats share (spec 3.7).
+
+    Attributes:
+        degree: 1..3.
+        entries: (C, n) float32, a row per channel from 14 on; entry k of the text is column k - 1.
+    """
+
+    degree: int
+    entries: F32
+
+    def of(self, picks: npt.NDArray[np.integer]) -> F32:
+        """(C, N) the SH of picks (N,): 0 for the pick 0."""
+        nothing = np.zeros((len(self.entries), 1), np.float32)
+        return np.concatenate([nothing, self.entries], axis=1)[:, picks]
+
+
+def _no_picks() -> I32:
+    return np.empty(0, np.int32)
+
+
+@dataclass(frozen=True, eq=False)
 class Step:
     """Records applied together.
 
@@ -46,6 +68,7 @@ class Step:
         psi: (D, P) float32, a column per refine or split, in slot order.
         alpha: (5, S) float32, a column per split, rows in group order.
         adds: (D, A) float32, a column per add.
+        picks: (n_new,) int32 of a tree with a palette: of each C2, then of each add.
     """
 
     level: int
@@ -54,6 +77,7 @@ class Step:
     psi: F32
     alpha: F32
     adds: F32
+    picks: I32 = field(default_factory=_no_picks)
 
     @property
     def n_adds(self) -> int:
@@ -105,14 +129,22 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Slots:
-    """State of the slots after some steps: `values` (D, n) float64, `live` (n,) bool."""
+    """State of the slots after some steps: `values` (D, n) float64, `live` (n,) bool.
+
+    With a palette also `picks` (n,).
+    """
 
     values: F64
     live: npt.NDArray[np.bool_]
+    palette: Palette | None = None
+    picks: I32 = field(default_factory=_no_picks)
 
     def splats(self) -> SplatParams:
         """The live splats in slot order."""
-        return SplatParams.from_channels(self.values[:, self.live])
+        values = self.values[:, self.live]
+        if self.palette is not None:
+            values = np.concatenate([values, self.palette.of(self.picks[self.live])])
+        return SplatParams.from_channels(values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,11 +152,12 @@ class EvolutionTree:
     """Steps over slots; step 0 holds only adds (spec 3.4).
 
     Attributes:
-        sh_degree: 0..3.
+        sh_degree: 0..3, of the channels of the steps; 0 of a tree with a palette.
         steps: in order.
         quanta: of a tree that was trained in integers, (1 + n_levels, 5 + sh_degree): the steps of
             quantisers (spec 5.3) that its adds and the psi of each level are multiples of, per
             class (spec 3.2). Else empty.
+        palette: the SH above band 0, where splats share them.
 
     Raises:
         ValueError: on construction, if a step breaks a rule, or quanta have another shape or are
@@ -134,6 +167,7 @@ class EvolutionTree:
     sh_degree: int
     steps: tuple[Step, ...]
     quanta: tuple[tuple[float, ...], ...] = ()
+    palette: Palette | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "steps", tuple(self.steps))
@@ -142,6 +176,8 @@ class EvolutionTree:
         level = 0
         for k, step in enumerate(self.steps):
             _check_step(step, k, live, level, n_channels(self.sh_degree))
+            if self.palette is not None:
+                _check_picks(step, k, self.palette)
             live = np.concatenate([live, np.ones(step.n_new, bool)])
             live[step.slots[step.kinds == Kind.DROP]] = False
             level = step.level
@@ -150,6 +186,16 @@ class EvolutionTree:
             found = np.array(self.quanta) if len(set(map(len, self.quanta))) == 1 else np.empty(0)
             if found.shape != shape or not np.all(np.isfinite(found) & (found > 0)):
                 raise ValueError(f"quanta are not {shape} finite numbers above 0")
+
+    @property
+    def shown_degree(self) -> int:
+        """SH degree of the splats."""
+        return self.sh_degree if self.palette is None else self.palette.degree
+
+    @property
+    def n_components(self) -> int:
+        """Of a tile in a stream (spec 3.5, 3.7)."""
+        return 1 + self.sh_degree if self.palette is None else 2
 
     @property
     def n_levels(self) -> int:
@@ -170,10 +216,12 @@ class EvolutionTree:
         total = sum(step.n_new for step in self.steps)
         values = np.zeros((n_channels(self.sh_degree), total), np.float64)
         live = np.zeros(total, bool)
+        picks = np.zeros(total, np.int32)
         n = 0
         for step in self.steps:
+            picks[n : n + len(step.picks)] = step.picks
             n = _apply(step, values, live, n)
-            yield Slots(values[:, :n], live[:n])
+            yield Slots(values[:, :n], live[:n], self.palette, picks[:n])
 
     def leaves(self, level: int | None = None) -> SplatParams:
         """Splats a renderer draws at `level` (the last one by default), in slot order.
@@ -187,7 +235,7 @@ class EvolutionTree:
             raise ValueError(f"level {level} is not one of 0..{last}")
         n_steps = sum(step.level <= level for step in self.steps)
         if not n_steps:
-            return SplatParams.from_channels(np.zeros((n_channels(self.sh_degree), 0)))
+            return SplatParams.from_channels(np.zeros((n_channels(self.shown_degree), 0)))
         return next(islice(self.states(), n_steps - 1, None)).splats()
 
     @staticmethod
@@ -247,6 +295,13 @@ def _check_step(step: Step, k: int, live: npt.NDArray[np.bool_], level: int, d: 
     if not live[step.slots].all():
         dead = int(step.slots[~live[step.slots]][0])
         raise ValueError(f"step {k}: slot {dead} was dropped earlier")
+
+
+def _check_picks(step: Step, k: int, palette: Palette) -> None:
+    if step.picks.shape != (step.n_new,):
+        raise ValueError(f"step {k}: {len(step.picks)} picks of {step.n_new} new slots")
+    if step.n_new and not 0 <= step.picks.min() <= step.picks.max() <= palette.entries.shape[1]:
+        raise ValueError(f"step {k}: picks must be in 0..{palette.entries.shape[1]}")
 
 
 def _check_numbers(array: F32, shape: tuple[int, ...], name: str) -> None:

@@ -70,7 +70,7 @@ def written_at_random(tree, seed):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(packing, "choose_coding", any_coding)
-        patch.setattr(packing, "_decorrelate", any_turn)
+        patch.setattr(packing, "decorrelate", any_turn)
         patch.setattr(frames, "compress", lambda plane, _effort: frames.store(plane))
         return write(tree, digests=False)
 
@@ -347,7 +347,7 @@ def test_running_sums_are_refused_just_above_2_to_the_28(sign, last, is_legal):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(packing, "choose_coding", with_delta)
-        patch.setattr(packing, "_decorrelate", lambda values, _sh: (values, False))
+        patch.setattr(packing, "decorrelate", lambda values, _sh: (values, False))
         data = write(
             tile_of([adding(adds)], of_adds=Quantiser(1, 0), of_psi=Quantiser(1, 0)), digests=False
         )

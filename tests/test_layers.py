@@ -26,6 +26,7 @@ ENCODING = {
     *("encode", "settings", "arrange", "quantize", "grids", "alphas", "hints", "packing", "morton"),
     *("lifting", "merging", "pairing", "joining", "axes", "directory_writing"),
     *("aiming", "polish", "importance", "trading", "gains", "tiling", "progression", "drawn"),
+    *("sharing", "entries"),
 }
 
 

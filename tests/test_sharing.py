@@ -1,0 +1,269 @@
+"""SH that splats share: found, kept exactly, coded as a palette, chosen where it pays."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from conformance import oracle
+from conformance.cli import around
+from conformance.views import Views
+from evogs_codec import PRESETS, EvolutionTree, decode, encode, read_directory
+from evogs_codec.aiming import Aim
+from evogs_codec.arrange import arrange
+from evogs_codec.cli import main
+from evogs_codec.entries import coded_entries
+from evogs_codec.grids import Grid
+from evogs_codec.lifting import lift_with_order
+from evogs_codec.packet_header import PALETTE, PICKS
+from evogs_codec.ply import write_ply
+from evogs_codec.progression import PALETTE_PLACE, packet_order
+from evogs_codec.quantize import quantise
+from evogs_codec.sharing import shared_sh, with_palette
+from evogs_codec.tree import Palette, Step
+from tools.scene import make_scene
+
+
+def shared_scene(n=1200, n_vectors=60, degree=2, seed=0):
+    """A scene whose SH above band 0 are some of a few vectors, 0 among them."""
+    splats = make_scene(n)
+    rng = np.random.default_rng(seed)
+    vectors = rng.normal(0, 0.1, (n_vectors, (degree + 1) ** 2 - 1, 3)).astype(np.float32)
+    vectors[0] = 0
+    rest = vectors[rng.integers(0, n_vectors, n)]
+    return replace(splats, sh=np.concatenate([splats.sh[:, :1], rest], axis=1))
+
+
+def shared_tree(splats, n_levels=4):
+    lifted = lift_with_order(splats, n_levels)
+    found = shared_sh(splats)
+    assert found is not None
+    return lifted, with_palette(lifted.tree, lifted.leaf_of, *found)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    splats = shared_scene()
+    return splats, *shared_tree(splats)
+
+
+# --- finding -------------------------------------------------------------------------------------
+
+
+def test_every_splat_has_its_own_sh_in_the_palette(scene):
+    splats, *_ = scene
+    palette, picks = shared_sh(splats)
+    assert palette.entries.shape == (24, 59)
+    assert palette.degree == 2
+    np.testing.assert_array_equal(palette.of(picks), splats.sh[:, 1:].reshape(len(splats), -1).T)
+    assert np.any(picks == 0)
+
+
+def test_zeros_of_either_sign_are_one_and_need_no_entry():
+    splats = shared_scene(n_vectors=1)
+    sh = splats.sh.copy()
+    sh[::2, 1:] = -0.0
+    palette, picks = shared_sh(replace(splats, sh=sh))
+    assert palette.entries.shape == (24, 0)
+    assert not picks.any()
+
+
+@pytest.mark.parametrize("splats", [make_scene(500), shared_scene(200, 190)], ids=["own", "few"])
+def test_splats_that_do_not_share_have_no_palette(splats):
+    assert shared_sh(splats) is None
+
+
+def test_no_bands_no_palette():
+    splats = make_scene(50)
+    assert shared_sh(replace(splats, sh=splats.sh[:, :1])) is None
+    assert shared_sh(splats.take(np.zeros(0, np.int64))) is None
+
+
+# --- trees ---------------------------------------------------------------------------------------
+
+
+def test_the_leaves_of_a_tree_with_a_palette_have_their_sh_exactly(scene):
+    splats, lifted, tree = scene
+    leaves = tree.leaves()
+    np.testing.assert_array_equal(leaves.sh[:, 1:], splats.take(lifted.leaf_of).sh[:, 1:])
+    np.testing.assert_array_equal(leaves.means, lifted.tree.leaves().means)
+    assert tree.shown_degree == 2
+    assert tree.n_components == 2
+    known = {row.tobytes() for row in splats.sh[:, 1:]}
+    for level in range(tree.n_levels):
+        assert {row.tobytes() for row in tree.leaves(level).sh[:, 1:]} <= known
+
+
+def test_arranging_moves_picks_with_their_splats(scene):
+    _, _, tree = scene
+    for level in range(tree.n_levels):
+        rows = [
+            np.concatenate([part.channels() for part in cut], axis=1)
+            for cut in ([t.leaves(level) for t in arrange(tree, 3)], [tree.leaves(level)])
+        ]
+        np.testing.assert_array_equal(*(x[:, np.lexsort(x)] for x in rows))
+
+
+def test_picks_are_checked():
+    palette = Palette(1, np.ones((9, 2), np.float32))
+    step = Step.of_adds(0, np.zeros((14, 2), np.float32))
+    with pytest.raises(ValueError, match="0 picks of 2 new slots"):
+        EvolutionTree(0, (step,), palette=palette)
+    with pytest.raises(ValueError, match=r"picks must be in 0\.\.2"):
+        EvolutionTree(0, (replace(step, picks=np.array([1, 3], np.int32)),), palette=palette)
+
+
+# --- streams -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("n_tiles", [1, 3])
+@pytest.mark.parametrize("preset", ["scene", "near-lossless", "paper"])
+def test_a_stream_has_the_sh_of_every_level(scene, preset, n_tiles):
+    """The oracle decodes what was written, and errors are those of the steps."""
+    _, _, tree = scene
+    data = encode(tree, PRESETS[preset], n_tiles=n_tiles)
+    directory = read_directory(memoryview(data))
+    assert directory.has_palette
+    assert directory.sh_degree == 2
+    decoded = decode(data, verify=True)
+    assert oracle.decode(data, check_digests=True).dump() == decoded.dump()
+    step = directory.quantisers[0][5].step * 2.0 ** -directory.grid_exponents[4]
+    leaves = np.concatenate([t.leaves().sh[:, 1:] for t in arrange(tree, n_tiles)])
+    assert np.abs(decoded.leaves().sh[:, 1:] - leaves).max() <= 0.501 * step
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_entries_that_round_to_the_same_become_one(seed):
+    rng = np.random.default_rng(seed)
+    palette = Palette(1, rng.integers(-2, 3, (9, 40)).astype(np.float32) * np.float32(0.3))
+    tree = EvolutionTree(
+        0,
+        (
+            replace(
+                Step.of_adds(0, rng.normal(size=(14, 60)).astype(np.float32)),
+                picks=rng.integers(0, 41, 60).astype(np.int32),
+            ),
+        ),
+        palette=palette,
+    )
+    settings = PRESETS["scene"].finer(float(rng.choice([0.1, 0.3, 1, 10])))
+    coded = quantise(arrange(tree, 1), 1, settings)
+    entries = coded.entries
+    assert entries.any(axis=0).all(), "no entry is 0"
+    assert np.unique(entries, axis=1).shape == entries.shape
+    step = coded.quantisers[0][5].step * 2.0 ** -coded.grid_exponents[4]
+    own = arrange(tree, 1)[0].steps[0].picks
+    want = palette.of(own)
+    assert np.abs(coded.palette().of(coded.tiles[0].steps[0].picks) - want).max() <= 0.501 * step
+
+
+def test_entries_in_order_take_fewer_bytes():
+    rng = np.random.default_rng(0)
+    palette = Palette(1, rng.normal(0, 0.2, (9, 5000)).astype(np.float32))
+    steps = np.full((2, 6), 0.02)
+    grid = Grid.of(0, 1, (10,) * 5, steps, PRESETS["scene"])
+    entries, number = coded_entries(palette, grid, None, 1.0)
+    coded = encode_entries(entries)
+    shuffled = encode_entries(entries[:, rng.permutation(entries.shape[1])])
+    assert len(coded) < 0.85 * len(shuffled)
+    np.testing.assert_array_equal(np.sort(number[1:]), np.arange(1, 5001))
+
+
+def encode_entries(entries):
+    from evogs_codec.packing import pack_entries
+
+    return pack_entries(entries, effort=19)
+
+
+def test_a_palette_that_is_nearly_free_keeps_the_bound_of_amplification():
+    """1,000 entries whose difference is 1: fewer bytes than R-5.6-7 allows, unless padded."""
+    entries = np.zeros((9, 1000), np.int32)
+    entries[0] = np.arange(1, 1001)
+    assert 16 * len(encode_entries(entries)) >= 1000
+
+
+def test_the_palette_comes_before_all_picks_and_after_the_first_core(scene):
+    _, _, tree = scene
+    coded = quantise(arrange(tree, 2), tree.n_levels, PRESETS["scene"])
+    sizes = {PALETTE_PLACE: 5000}
+    for number, tile in enumerate(coded.tiles):
+        for k in range(len(tile.steps)):
+            sizes |= {(number, k, 0): 1000, (number, k, PICKS): 200}
+    order = packet_order(coded, sizes)
+    assert sorted(order) == sorted(sizes)
+    at = order.index(PALETTE_PLACE)
+    assert all(place[2] != PICKS for place in order[:at])
+    assert order[0][2] == 0
+    assert order[at + 1][2] == PICKS
+
+
+def test_coarse_levels_have_hints_of_their_picks(scene):
+    _, _, tree = scene
+    coded = quantise(arrange(tree, 1), tree.n_levels, PRESETS["scene"])
+    errors = [step.error[PICKS] for step in coded.tiles[0].steps]
+    gains = [step.gain[PICKS] for step in coded.tiles[0].steps]
+    assert errors == sorted(errors, reverse=True)
+    assert errors[0] > errors[-1] == 0
+    assert min(gains) >= 0
+    assert sum(gains) > 0
+
+
+def test_a_step_without_picks_takes_no_bytes():
+    splats = shared_scene(300, 1)
+    _, tree = shared_tree(splats)
+    data = encode(tree, PRESETS["scene"])
+    rows = read_directory(memoryview(data)).packets
+    assert not rows["size"][rows["component"] == PICKS].any()
+    assert not np.any(rows["component"] == PALETTE)
+    assert not decode(data).leaves(sh_degree=2).sh[:, 1:].any()
+
+
+# --- targets -------------------------------------------------------------------------------------
+
+
+def test_a_psnr_is_met_with_entries_as_coarse_as_pictures_allow(scene):
+    _, _, tree = scene
+    views = Views(tree.leaves(), around(tree.leaves(), "z", 96)[::4])
+    steps, sizes = [], []
+    for decibels in (38, 50):
+        data = Aim(tree, PRESETS["scene"], views).at_psnr(decibels)
+        found = views.psnr(decode(data).leaves(sh_degree=2))
+        assert found == pytest.approx(decibels, abs=0.2)
+        directory = read_directory(memoryview(data))
+        steps.append(directory.quantisers[0][5].step * 2.0 ** -directory.grid_exponents[4])
+        sizes.append(len(data))
+    assert steps[0] > 2 * steps[1]
+    assert sizes[0] < sizes[1]
+
+
+def test_errors_of_sh_are_kept(scene):
+    _, _, tree = scene
+    data = Aim(tree, PRESETS["scene"]).within({"sh": 0.001})
+    leaves = np.concatenate([t.leaves().sh for t in arrange(tree, 1)])
+    assert np.abs(decode(data).leaves(sh_degree=2).sh - leaves).max() <= 0.001
+
+
+@pytest.mark.parametrize("option", [["--target-psnr", "43"], ["--target-bytes", "30000"], []])
+def test_the_command_takes_a_palette_where_it_pays(tmp_path, capsys, option):
+    write_ply(tmp_path / "a.ply", shared_scene())
+    sizes = []
+    for name, more in (("with", []), ("without", ["--no-palette"])):
+        out = tmp_path / f"{name}.evogs"
+        main(["encode", str(tmp_path / "a.ply"), str(out), "--json", *option, *more])
+        assert json.loads(capsys.readouterr().out)["bytes"] == out.stat().st_size
+        data = out.read_bytes()
+        assert read_directory(memoryview(data)).has_palette == (name == "with")
+        sizes.append(len(data))
+    assert sizes[0] < sizes[1] or "--target-bytes" in option
+
+
+def test_polishing_leaves_the_palette_alone(scene):
+    _, _, tree = scene
+    cameras = around(tree.leaves(), "z", 96)
+    views = Views(tree.leaves(), cameras[::4], others=cameras[1::4])
+    data = Aim(tree, PRESETS["scene"], views, polish=40).at_psnr(38)
+    assert views.psnr(decode(data).leaves(sh_degree=2)) == pytest.approx(38, abs=0.2)
+    assert oracle.decode(data, check_digests=True).dump() == decode(data).dump()
