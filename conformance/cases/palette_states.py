@@ -23,14 +23,15 @@ PICKS = (picks(5, 1, 0), picks(2, 3, 4), picks(1, 2), picks(6))
 # Packets 0 to 8: two of the palette, and steps of two tiles.
 SCENE = with_palette(
     ADD,
-    entries(2),
-    entries(2, seed=1),
+    entries(2, 2),
+    entries(2, 2, seed=1),
     picks(1, 0, 2),
     GROW,
     picks(4, 3),
     replace(ADD, tile=1),
     picks(2, 1, 1, tile=1),
     replace(GROW, tile=1),
+    degree=2,
     n_tiles=2,
 )
 ARRIVED = "arrival-palette-last"  # SCENE
@@ -144,14 +145,22 @@ def levels() -> Iterator[Case]:
 
 def digests() -> Iterator[Case]:
     """States of picks and of the palette."""
-    keys = [(0, 0, 0), (0, 0, 1), (0, 1, 0), (0, 1, 1), (0, 2, 0), (0, 2, 1), (1, 1, 0)]
-    right: dict[tuple[int, int, int], bytes | None] = dict.fromkeys(keys)
+    of_picks, of_palette = [(0, 1, 0), (0, 1, 1), (1, 1, 0)], [(0, 2, 0), (0, 2, 1)]
+    right: dict[tuple[int, int, int], bytes | None] = dict.fromkeys(sorted(of_picks + of_palette))
     yield case(
-        "digests",
-        replace(SCENE, digests=right),
+        "digests-of-picks",
+        replace(SCENE, digests={(0, 0, 0): None} | dict.fromkeys(of_picks)),
         "R-5.7-1 R-5.7-2 R-5.7-3 R-5.7-4 7.7",
-        "digests of picks after each step, with a drop, and of the palette after each packet",
-        "leaves a dropped slot its SH, or hashes picks, the last entries only, or other counts",
+        "digests of picks after each step, with a drop",
+        "leaves a dropped slot its SH, or hashes picks, or the channels of band 1",
+        runs=(FILE, VERIFY, Run(verify=True, level=0)),
+    )
+    yield case(
+        "digests-of-the-palette",
+        replace(SCENE, digests=dict.fromkeys(of_palette)),
+        "R-5.7-1 R-5.7-2 R-5.7-3 R-5.7-4 3.7 7.7",
+        "digests of the palette after each of its packets",
+        "hashes the entries of the packet, the slots of tile 0, or entry by entry",
         runs=(FILE, VERIFY, Run(verify=True, level=0)),
     )
     for name, key, tests in (

@@ -36,6 +36,7 @@ ROWS = {
     ),
     b"dGST": (("tile", "I"), ("component", "B"), ("step", "I"), ("digest", "32s")),
 }
+PALETTE_COMPONENTS = {1: ": picks", 2: ": palette"}
 CLASSES = ("position", "rotation", "scale", "opacity", *(f"SH band {band}" for band in range(4)))
 
 
@@ -61,11 +62,14 @@ class _Reader(Reader):
         while self.at < end:
             yield from self.chunk(end)
         counts: dict[tuple[int, int], int] = {}
+        has_palette = self.number("flags") >> 8 & 1 == 1
+        palette_degree = min(self.number("sh_degree"), 3) if has_palette else 0
         for number, row in enumerate(self.packets):
             key = row["tile"], row["component"]
             step = counts[key] = counts.get(key, -1) + 1
-            name = f"packet {number} (tile {key[0]}, step {step}, component {key[1]})"
-            yield from packet_anatomy(self, name, row)
+            holds = PALETTE_COMPONENTS.get(key[1], "") if palette_degree else ""
+            name = f"packet {number} (tile {key[0]}, step {step}, component {key[1]}{holds})"
+            yield from packet_anatomy(self, name, row, palette_degree)
         if self.at < len(self.data):
             remark = "bytes follow the last packet (R-6.2-1)"
             yield self.take(len(self.data), "rest", "", remark, "what follows the packets")

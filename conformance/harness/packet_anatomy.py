@@ -15,11 +15,22 @@ __all__ = ["packet_anatomy"]
 MAGIC = b"\x28\xb5\x2f\xfd"
 BLOCKS = ("raw", "RLE", "compressed", "reserved")
 GROUPS = ("position", "rotation", "scale", "opacity", "SH")
+PICKS, PALETTE = 1, 2  # components of a stream with a palette
+Lists = list[tuple[str, list[str]]]  # title and names, in the order of their coding bytes
 SIDES = ("gaps", "kinds", *(f"alpha {group}" for group in GROUPS))
 
 
-def packet_anatomy(reader: Reader, name: str, row: dict[str, int]) -> Iterator[Piece]:
-    """The pieces of a packet, as its row of the packet table has it."""
+def packet_anatomy(
+    reader: Reader, name: str, row: dict[str, int], palette_degree: int = 0
+) -> Iterator[Piece]:
+    """The pieces of a packet, as its row of the packet table has it.
+
+    Args:
+        reader: stands where the packet begins.
+        name: of the packet.
+        row: fields of its row.
+        palette_degree: of SH, in a stream with a palette; 0 in any other.
+    """
     begin, end = reader.at, min(reader.at + row["size"], len(reader.data))
     if begin == end:
         return
@@ -27,7 +38,8 @@ def packet_anatomy(reader: Reader, name: str, row: dict[str, int]) -> Iterator[P
     remark = "cut short (R-6.2-2)" if len(raw) < row["size"] else ""
     if not remark and zlib.crc32(raw) != row["crc"]:
         remark = f"CRC-32 {zlib.crc32(raw):#010x}, stored {row['crc']:#010x} (R-6.3-1)"
-    for piece in _pieces(reader, name.partition(" (")[0], row["component"], end):
+    lists = _lists(row["component"], palette_degree)
+    for piece in _pieces(reader, name.partition(" (")[0], lists, end):
         if piece.at == begin:
             both = "; ".join(filter(None, (remark, piece.remark)))
             yield replace(piece, remark=both, starts=name)
@@ -35,7 +47,7 @@ def packet_anatomy(reader: Reader, name: str, row: dict[str, int]) -> Iterator[P
             yield piece
 
 
-def _pieces(reader: Reader, name: str, component: int, end: int) -> Iterator[Piece]:
+def _pieces(reader: Reader, name: str, lists: Lists, end: int) -> Iterator[Piece]:
     flags = reader.data[reader.at]
     remark = "reserved bits are set (R-4.4-1)" if flags >> 2 else ""
     yield reader.take(reader.at + 1, f"{name}: flags", str(flags), remark)
@@ -43,10 +55,10 @@ def _pieces(reader: Reader, name: str, component: int, end: int) -> Iterator[Pie
         return
     n_frames = reader.data[reader.at]
     yield reader.take(reader.at + 1, f"{name}: n_frames", str(n_frames))
-    for title, lists in _lists(component):
-        stop = min(reader.at + len(lists), end)
+    for title, names in lists:
+        stop = min(reader.at + len(names), end)
         if reader.at < stop:
-            codings = _codings(lists, reader.data[reader.at : stop])
+            codings = _codings(names, reader.data[reader.at : stop])
             yield reader.take(stop, f"coding bytes of {title}", codings)
     sizes = []
     for number in range(n_frames):
@@ -90,12 +102,20 @@ def _frame(reader: Reader, name: str, end: int) -> Iterator[Piece]:
         yield reader.take(end, f"{name}: rest", "", f"{remark} (R-5.10-5)")
 
 
-def _lists(component: int) -> list[tuple[str, list[str]]]:
+def _lists(component: int, palette_degree: int) -> Lists:
     """The lists of a packet by name, in the order of spec 5.9."""
-    first = 11 + 3 * component**2 if component else 0
-    channels = [channel_name(c) for c in range(first, 11 + 3 * (component + 1) ** 2)]
+    if palette_degree and component == PICKS:
+        return [("picks", ["picks"])]
+    if palette_degree and component == PALETTE:
+        return [("entries", _channels(14, palette_degree))]
+    channels = _channels(11 + 3 * component**2 if component else 0, component)
     sides = [("gaps, kinds, alpha", list(SIDES))] if component == 0 else []
     return [*sides, ("psi", channels), ("adds", channels)]
+
+
+def _channels(first: int, band: int) -> list[str]:
+    """Names of the channels from `first` to the last of an SH band."""
+    return [channel_name(channel) for channel in range(first, 11 + 3 * (band + 1) ** 2)]
 
 
 def _codings(lists: list[str], codings: bytes) -> str:

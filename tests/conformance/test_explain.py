@@ -1,9 +1,11 @@
 """Vectors are explained byte by byte, whatever is wrong with them."""
 
 import random
+from dataclasses import replace
 
 import pytest
 
+from conformance.builder import DELTA, Packet, Stream, X, build
 from conformance.harness.anatomy import anatomy
 from conformance.harness.cli import main
 from conformance.harness.explain import explain
@@ -41,6 +43,31 @@ def test_what_is_wrong_is_remarked():
     assert "R-6.3-1" in remarks[457]
     assert "R-5.10-1" in remarks[499]
     assert "R-6.2-1" in remarks[519]
+
+
+def test_packets_of_a_palette_have_their_own_lists():
+    stream = Stream(
+        [
+            Packet(adds={X: [1, 2]}),
+            Packet(component=2, adds={0: [3, 3], 23: [-1, 0]}, codings={"adds 0": 4 | DELTA}),
+            Packet(component=1, picks=[2, 0]),
+        ],
+        degree=2,
+        has_palette=True,
+    )
+    found = values(build(stream))
+    assert found["coding bytes of entries"] == "SH 1 R (band 1) 4+0d, SH 8 B (band 2) 1+0"
+    assert found["coding bytes of picks"] == "picks 2+0"
+    pieces = [piece for piece in anatomy(build(stream)) if piece.name.startswith("coding bytes of")]
+    assert [len(piece.raw) for piece in pieces[-2:]] == [24, 1]
+    starts = [piece.starts for piece in anatomy(build(stream)) if piece.starts.startswith("packet")]
+    assert starts[1:] == [
+        "packet 1 (tile 0, step 0, component 2: palette)",
+        "packet 2 (tile 0, step 0, component 1: picks)",
+    ]
+    assert not any(piece.remark for piece in anatomy(build(stream)))
+    bands = values(build(replace(stream, has_palette=False, header={"flags": 0})))
+    assert "coding bytes of picks" not in bands
 
 
 @pytest.mark.parametrize("size", range(0, len(EXAMPLE), 7))
