@@ -343,7 +343,8 @@ def read_packets(scene: Scene, body: bytes, own: dict[str, int]) -> None:
     h = scene.header
     require(len(body) == h.n_packets * PACKET_ENTRY.size, "E_CHUNK", "R-5.2-5")
     rows = [[0] * (h.last_component + 1) for _ in range(h.n_tiles)]  # so far
-    level, live, slots = [0] * h.n_tiles, [0] * h.n_tiles, [0] * h.n_tiles
+    level, live = [0] * h.n_tiles, [0] * h.n_tiles
+    slots = [0] * (h.n_tiles + 1)  # 8.2: of each tile, and entries of the palette
     data_size, all_slots, picks_came = 0, 0, False
     for row in PACKET_ENTRY.iter_unpack(body):
         p, t = Packet(*row), row[0]
@@ -371,10 +372,11 @@ def read_packets(scene: Scene, body: bytes, own: dict[str, int]) -> None:
         picks_came |= is_picks
         if not is_palette:
             live[t] += n_new - p.n_drops
-        slots[t], all_slots = slots[t] + n_new, all_slots + n_new
+        of = h.n_tiles if is_palette else t
+        slots[of], all_slots = slots[of] + n_new, all_slots + n_new
         data_size += p.size
         check_limit("tile_steps", rows[t][p.component], h.tier, own)
-        check_limit("tile_slots", slots[t], h.tier, own)
+        check_limit("tile_slots", slots[of], h.tier, own)
         check_limit("slots", all_slots, h.tier, own)
     with structure_at(0):  # Assumed: a fault of the header, though found here.
         require(h.data_size == data_size, "E_HEADER", "R-5.1-8")

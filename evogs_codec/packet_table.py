@@ -91,7 +91,7 @@ class _PacketTable:
         new = adds + splits
         columns = {
             "tile_steps": self.step + 1,
-            "tile_slots": _running(tile, new) + new,
+            "tile_slots": _running(np.where(palette, -1, tile), new) + new,
             "slots": np.cumsum(new),
         }
         for name, column in columns.items():

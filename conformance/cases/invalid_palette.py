@@ -117,7 +117,7 @@ def counts() -> Iterator[Case]:
 
 
 def limits() -> Iterator[Case]:
-    """Entries are slots of tile 0."""
+    """Entries are bounded like the slots of a tile, and are among those of all."""
     stream = with_palette(
         ADD,
         entries(4),
@@ -128,7 +128,7 @@ def limits() -> Iterator[Case]:
         n_tiles=2,
     )
     rows = [
-        ("tile-slots", 9, "tile 0 has three slots and six entries"),
+        ("tile-slots", 6, "tiles have three slots, and there are six entries in two packets"),
         ("slots", 12, "two tiles have three slots each, and there are six entries"),
         ("tile-steps", 2, "the palette has two steps, each tile one"),
     ]
@@ -139,7 +139,7 @@ def limits() -> Iterator[Case]:
             stream,
             "R-8.3-1 R-4.1-2 8.2 8.3",
             f"{tests}: limits of {most - 1} and of {most}",
-            "counts no entries, or those of a packet, or counts them for each tile",
+            "counts no entries, those of a packet, or entries and slots of tile 0 together",
             "E_LIMIT",
             TWIN,
             runs=(
@@ -148,13 +148,19 @@ def limits() -> Iterator[Case]:
                 Run(level=0, limits={limit: most - 1}),
             ),
         )
-    claim = Packet(component=2, edit=lambda _: b"", row={"n_adds": 1048574, "size": 65537})
+
+    def claim(n: int) -> Stream:
+        row = {"n_adds": n, "size": 65537}
+        packet = Packet(component=2, edit=lambda _: b"", row=row)
+        return replace(with_palette(ADD, packet), header={"data_size": 65537 + len(_bodies(ADD))})
+
     yield from refused([
-        ("limit-of-the-tier",
-         replace(with_palette(ADD, claim), header={"data_size": 65537 + len(_bodies(ADD))}),
-         "R-8.2-1 R-5.6-7 8.2", "E_TIER",
-         "three slots and 1048574 entries, one more than a tile has; they are not there",
-         "counts slots without entries"),
+        ("limit-of-the-tier", claim((1 << 20) + 1), "R-8.2-1 R-5.6-7 8.2", "E_TIER",
+         "1048577 entries, one more than a tile has slots; they are not there",
+         "counts slots without entries, or looks for the packet first"),
+        ("limit-of-the-tier-reached", claim(1 << 20), "R-8.2-1 R-6.2-2 8.2", "E_TRUNCATED",
+         "1048576 entries, as many as a tile has slots, and three splats; they are not there",
+         "counts entries and slots of tile 0 together"),
         ("limit-of-steps-of-the-tier", with_palette(*[entries(0)] * 1025), "R-8.2-1 8.2", "E_TIER",
          "1025 packets of the palette in tier 1", "has no bound on the palette"),
     ], FILE)  # fmt: skip
@@ -291,7 +297,7 @@ def order() -> Iterator[Case]:
         ("order-place-and-limit", with_palette(ADD, picks(), entries(4)), "R-6.1-1 R-5.6-10 6.1",
          "E_CHAIN", "a row of the palette behind picks, with more entries than the decoder's limit",
          "looks at limits before places"),
-    ], Run(limits={"tile_slots": 5}))  # fmt: skip
+    ], Run(limits={"tile_slots": 3}))  # fmt: skip
 
 
 RECIPES: tuple[Recipe, ...] = (header, chains, counts, limits, packets, values, order)

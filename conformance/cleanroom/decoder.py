@@ -218,7 +218,8 @@ def read_pack(body: memoryview, stream: Stream) -> None:
     """5.6: the packets, with their starts and steps."""
     require(len(body) == 36 * stream.n_packets, "E_CHUNK")  # R-5.2-5
     chains: dict[tuple[int, int], list[Row]] = {}
-    splats, slots = [0] * stream.n_tiles, [0] * stream.n_tiles
+    splats = [0] * stream.n_tiles
+    slots = [0] * (stream.n_tiles + 1)  # the last are entries, bounded like those of a tile (8.2)
     all_slots, start, picked = 0, 64 + stream.chunks_size, False
     held = ["core"] + (["picks", "entries"] if stream.palette else ["band"] * stream.sh_degree)
     for entry in struct.iter_unpack("<IBBHIIIIIII", body):
@@ -245,10 +246,11 @@ def read_pack(body: memoryview, stream: Stream) -> None:
         require(size > 0 or crc == 0, "E_CRC")  # R-5.6-8
         require(holds != "entries" or (tile == 0 and not picked), "E_CHAIN")  # R-5.6-10
         picked = picked or holds == "picks"
-        slots[tile] += adds + splits  # of core; and entries, which count for tile 0
+        of = stream.n_tiles if holds == "entries" else tile
+        slots[of] += adds + splits
         all_slots += adds + splits
         stream.limit("tile_steps", len(own) + 1)
-        stream.limit("tile_slots", slots[tile])
+        stream.limit("tile_slots", slots[of])
         stream.limit("slots", all_slots)
         own.append(Row(tile, component, len(own), start, size, crc, holds, level, *counts))
         stream.rows.append(own[-1])
