@@ -51,7 +51,10 @@ def _tables(directory: Directory, size: int) -> int:
 
 
 def _state(directory: Directory) -> int:
-    """Integers, liveness and `born_from` of all slots; what is kept for SH bands."""
+    """Integers, liveness and `born_from` of all slots; what is kept for SH bands.
+
+    Entries of a palette count as slots.
+    """
     rows = directory.packets
     n_slots = int(rows["n_adds"].sum(dtype=np.int64) + rows["n_splits"].sum(dtype=np.int64))
     n_channels = 11 + 3 * (directory.sh_degree + 1) ** 2
@@ -61,8 +64,11 @@ def _state(directory: Directory) -> int:
 def _packet(directory: Directory) -> int:
     """Planes of the largest packet, at most 3 bytes a value, and arrays of its records."""
     component = directory.packets["component"].astype(np.int64)
-    n_values = np.where(component == 0, 14 + 7, 3 * (2 * component + 1))
-    # An entry of an SH band has no counts: those of the core packets bound them.
+    of_bands = 3 * (2 * component + 1)
+    if directory.has_palette:  # a pick is one number, an entry is the SH of all bands above 0
+        of_bands = np.where(component == 1, 1, 3 * (directory.sh_degree + 1) ** 2 - 3)
+    n_values = np.where(component == 0, 14 + 7, of_bands)
+    # A row of an SH band has no counts: those of the core packets bound them.
     most = int(_records(directory).max(initial=0))
     return most * (3 * int(n_values.max(initial=0)) + 4 * ARRAYS)
 

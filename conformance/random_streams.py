@@ -164,7 +164,7 @@ def _band(rng: Random, stream: Stream, core: Packet, band: int) -> Packet:
 def _palette(rng: Random, stream: Stream) -> list[Packet]:
     """Packets of the palette, several or none, some without entries."""
     n_packets = rng.choice((0, 1, 1, 1, 2, 2, 4))
-    sizes = rng.choices((0, 1, 2, 7, 30, 300), (2, 4, 4, 4, 4, 1), k=n_packets)
+    sizes = rng.choices((0, 1, 2, 7, 30, 300), (4, 6, 6, 6, 6, 3), k=n_packets)
     packets = [Packet(component=PALETTE, n_adds=n) for n in sizes]
     return [_filled(rng, stream, packet, packet) for packet in packets]
 

@@ -268,25 +268,36 @@ def _frame_of(rng: Random, parts: Parts, k: int) -> None:
     parts.fit()
 
 
+def _of_palette(rng: Random, parts: Parts) -> None:
+    """Damage to what a palette adds; where there is none, mostly to rows."""
+    if parts.header[19] & 1 or rng.random() < 0.4:
+        _palette(rng, parts)
+    else:
+        _rows(rng, parts)
+
+
 def _palette(rng: Random, parts: Parts) -> None:
-    """What a palette adds to a stream: its flag, its rows and those of picks, and their packets."""
+    """The flag, or a row of the palette or of picks, or its packet."""
     rows = parts.table()
     n = min(len(rows) // ROW_SIZE, len(parts.packets))
     own = [k for k in range(n) if parts.component(k) in (PICKS, PALETTE)]
-    if not parts.header[19] & 1 or not own or rng.random() < 0.1:
+    action = rng.randrange(6) if parts.header[19] & 1 and own else 0
+    if action == 0:
         parts.header[19] ^= 1
         return
     k = rng.choice(own)
-    packet, action = parts.packets[k], rng.randrange(4)
-    if action == 0:
+    packet, row = parts.packets[k], k * ROW_SIZE
+    if action == 1:
         at, width = rng.choice(ROW_FIELDS)
-        _set(rng, rows, k * ROW_SIZE + at, width)
-    elif action == 1:  # mostly entries behind picks, or picks before core
+        _set(rng, rows, row + at, width)
+    elif action == 2:
+        struct.pack_into("<I", rows, row + 12, rng.choice((0, 1, 2)))  # the number of entries
+    elif action == 3:  # mostly entries behind picks, or picks before core
         _move(parts, k, rng.randrange(n))
-    elif action == 2 and len(packet) > 2 and packet[1]:
+    elif action == 4 and len(packet) > 2 and packet[1]:
         _frame_of(rng, parts, k)
     else:
-        rows[k * ROW_SIZE + 4] = rng.choice((PICKS, PALETTE, 0, 3))
+        rows[row + 4] = rng.choice((PICKS, PALETTE, 0, 3))
 
 
 def _move(parts: Parts, a: int, b: int) -> None:
@@ -345,5 +356,5 @@ def _packed(rng: Random, content: bytes | Body) -> bytes:
 
 DAMAGE: Sequence[Callable[[Random, Parts], None]] = (
     *(_header, _chunk, _table, _table, _table, _rows, _rows),
-    *(_packet, _packet, _packet, _frame, _frame, _frame, _frame, _palette),
+    *(_packet, _packet, _packet, _frame, _frame, _frame, _frame, _of_palette, _of_palette),
 )

@@ -234,13 +234,19 @@ def test_a_palette_needs_sh_and_is_looked_for_after_grid_exponents() -> None:
     assert fault(wrong_grid)[:2] == ("E_HEADER", "R-5.1-7")
 
 
-@pytest.mark.parametrize(("name", "n_found"), [("tile_steps", 2), ("tile_slots", 9), ("slots", 12)])
-def test_entries_count_as_slots_of_tile_0_and_the_palette_as_a_chain(name, n_found) -> None:
-    # 4 entries, 3 adds, a split and an add in tile 0; 3 adds in tile 1.
-    data = build(stream(*PACKETS, replace(ADDS, tile=1), n_tiles=2))
-    oracle.decode(data, limits={name: n_found})
-    at_pack = data.index(b"PACK")
-    assert fault(data, limits={name: n_found - 1}) == ("E_LIMIT", name, at_pack)
+@pytest.mark.parametrize(
+    ("name", "most", "packets"),
+    [
+        ("tile_steps", 3, (*[ENTRIES] * 3, ADDS)),
+        ("tile_slots", 4, (ENTRIES, ADDS, MORE)),  # 4 entries; 3 slots of tile 0 stand apart
+        ("tile_slots", 5, PACKETS),
+        ("slots", 12, (*PACKETS, replace(ADDS, tile=1))),  # 5 and 3 slots, 4 entries
+    ],
+)
+def test_the_palette_is_bounded_like_a_tile_and_counts_among_all_slots(name, most, packets) -> None:
+    data = build(stream(*packets, n_tiles=2))
+    oracle.decode(data, limits={name: most})
+    assert fault(data, limits={name: most - 1}) == ("E_LIMIT", name, data.index(b"PACK"))
 
 
 @pytest.mark.parametrize(

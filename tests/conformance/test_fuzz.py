@@ -2,12 +2,13 @@
 
 from collections import Counter
 from functools import partial
+from itertools import pairwise
 from random import Random
 
 import numpy as np
 import pytest
 
-from conformance import fuzz, memory
+from conformance import fuzz, memory, oracle
 from conformance.builder import Packet, Stream, X, build, repaired
 from conformance.cases.scenes import SMALL
 from conformance.fuzz import Finding, check, smaller
@@ -61,6 +62,58 @@ def test_random_streams_are_legal_and_use_what_the_text_leaves_free() -> None:
     assert min(kinds[kind] for kind in ("degree 3", "no tiles", "empty packet")) > 5
 
 
+def test_random_streams_have_palettes_of_every_kind() -> None:
+    kinds = Counter[str]()
+    for seed in range(600):
+        data = random_stream(Random(f"palette {seed}"))
+        kinds["streams with SH"] += data[11] > 0
+        if not data[19] & 1:
+            continue
+        scene = oracle.decode(data, check_digests=True)  # they are all legal
+        rows, tiles, n_entries = scene.packets, scene.tiles, len(scene.palette[0])
+        kinds["palettes"] += 1
+        for degree in (1, 2, 3):
+            kinds[f"degree {degree}"] += scene.header.sh_degree == degree and n_entries > 0
+        kinds["no tiles"] += not tiles
+        kinds["several tiles with picks"] += sum(tile.cut[1] > 0 for tile in tiles) > 1
+        kinds["no entries, but picks"] += n_entries == 0 and any(p.component == 1 for p in rows)
+        kinds["several packets of the palette"] += sum(p.component == 2 for p in rows) > 1
+        kinds["a packet without entries"] += any(p.component == 2 and p.size == 0 for p in rows)
+        kinds["picks of 9 bits"] += n_entries > 255
+        kinds["picks of no bytes"] += any(p.component == 1 and p.size == 0 for p in rows)
+        kinds["late picks"] += any(tile.cut[0] > tile.cut[1] > 0 for tile in tiles)
+        kinds["core before the palette"] += any(
+            p.component == 0 and q.component == 2 for p, q in pairwise(rows)
+        )
+        kinds["digests of the palette"] += any(key[1] == 2 for key in scene.digests)
+        shown = [
+            [tile.channels[c][u] for c in range(14, len(tile.x))]
+            for tile in tiles
+            for u in range(tile.n_slots)
+        ]
+        entries = [list(entry) for entry in zip(*scene.palette, strict=True)]
+        kinds["the last entry"] += n_entries > 1 and any(entries[-1]) and entries[-1] in shown
+        kinds["SH of 0 beside others"] += any(map(any, shown)) and not all(map(any, shown))
+        for step in (step for tile in tiles for step in tile.steps[: tile.cut[1]]):
+            for kind, name in enumerate(("refine", "split", "drop")):
+                kinds[f"a {name} under picks"] += n_entries > 0 and kind in step.kinds
+    assert 4 * kinds["palettes"] > 0.7 * kinds.pop("streams with SH")
+    assert {name: n for name, n in kinds.items() if n < 5} == {}
+
+
+def test_damage_reaches_palettes_and_picks() -> None:
+    found = Counter[str]()
+    for number in range(150):
+        base = random_stream(Random(f"palette {number}"))
+        for seed in range(30 if base[19] & 1 else 2):
+            try:
+                oracle.decode(tampered(Random(f"{number}/{seed}"), base))
+            except oracle.Reject as fault:
+                found[fault.detail] += 1
+    wanted = {"R-5.1-9", "R-5.6-1", "R-5.6-2", "R-5.6-4", "R-5.6-5", "R-5.6-10", "R-7.2-4"}
+    assert wanted <= set(found)
+
+
 def test_damage_is_behind_right_checksums_and_is_the_same_for_a_seed() -> None:
     base = random_stream(Random(1))
     damaged = [tampered(Random(seed), base) for seed in range(100)]
@@ -104,6 +157,15 @@ def test_a_wrong_decoder_is_found_and_its_stream_made_smaller(name: str) -> None
 def test_a_state_of_megabytes_keeps_to_the_memory_of_its_counts() -> None:
     data = build(Stream([Packet(adds={X: range(40_000)})]))
     decode(data)
+    allowed = memory.bound(data)
+    assert memory.peak(lambda: decode(data), allowed) <= allowed
+
+
+def test_a_palette_of_a_megabyte_keeps_to_the_memory_of_its_counts() -> None:
+    entries = {channel: range(channel, 4000 + channel) for channel in range(45)}
+    packets = [Packet(component=2, adds=entries), Packet(adds={X: range(4000)})]
+    packets.append(Packet(component=1, picks=range(1, 4001)))
+    data = build(Stream(packets, degree=3, has_palette=True))
     allowed = memory.bound(data)
     assert memory.peak(lambda: decode(data), allowed) <= allowed
 
