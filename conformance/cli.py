@@ -130,7 +130,7 @@ def _load(
     if box is not None:
         far = Cut.of_level(directory, 0 if outside is None else outside)
         near = tiles_meeting(directory, box)[:, None]
-        cut = Cut(np.where(near, cut.steps, far.steps))
+        cut = Cut(np.where(near, cut.steps, far.steps), cut.palette)
     return decode(data, cut).leaves()
 
 

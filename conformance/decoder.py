@@ -166,7 +166,7 @@ def feed(data: bytes, request: Request) -> tuple[int, bytes]:
     assert decoder.directory is not None
     _check_trailing(data, request, decoder.directory)
     full = Cut.full(decoder.directory)
-    is_whole = bool((decoder.cut.steps == full.steps).all())
+    is_whole = decoder.cut.has(full)
     return ACCEPTED if is_whole else INCOMPLETE, decoder.dump()
 
 
@@ -181,13 +181,13 @@ def complete_packets(data: bytes, request: Request) -> tuple[int, bytes]:
     starts = np.minimum(directory.offsets, len(data))
     complete = n_there[ends] - n_there[starts] == directory.packets["size"]
     wanted = _cut(request.level, directory)
-    cut = Cut(np.minimum(Cut.of_complete(directory, complete).steps, wanted.steps))
+    cut = Cut.of_complete(directory, complete).within(wanted)
     stream = memoryview(data)[: directory.size]
     decoded = decode(stream, cut, limits=request.limits)
     _check_trailing(data, request, directory)
     if request.verify:  # 6.1: step 5 before 6
         decode(stream, cut, verify=True, limits=request.limits)
-    is_whole = bool((cut.steps == wanted.steps).all())
+    is_whole = cut.has(wanted)
     return ACCEPTED if is_whole else INCOMPLETE, decoded.dump()
 
 

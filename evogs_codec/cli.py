@@ -16,8 +16,6 @@ from collections.abc import Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
 
-import numpy as np
-
 from evogs_codec import options
 from evogs_codec.cut import Cut, tiles_meeting, tiles_within
 from evogs_codec.decode import Decoded, decode, decode_leaves, replay
@@ -121,8 +119,7 @@ def _decode_partial(data: memoryview, args: argparse.Namespace) -> Decoded:
     ends = directory.offsets + directory.packets["size"]
     there = Cut.of_complete(directory, ends <= len(data))
     asked = _cut(directory, args)
-    cut = Cut(np.minimum(there.steps, asked.steps))
-    decoded = replay(directory, data, cut, verify=args.verify)
+    decoded = replay(directory, data, there.within(asked), verify=args.verify)
     if len(data) < directory.size:
         part = 100 * len(data) / directory.size
         print(f"evogs: {args.input}: {part:.1f} % of the file is there", file=sys.stderr)

@@ -63,7 +63,8 @@ def _cut_off(directory: Directory) -> Iterator[Omission]:
             yield Omission("position", CUT_OFF, tuple(range(last, directory.n_levels)), change)
         if missing.any():
             levels = tuple(np.unique(rows["level"][missing]).tolist())
-            yield Omission(CLASS_NAMES[4 + component], CUT_OFF, levels, change)
+            part = "picks" if directory.has_palette else CLASS_NAMES[4 + component]
+            yield Omission(part, CUT_OFF, levels, change)
 
 
 def _change(directory: Directory, component: int, chains: I64) -> float | None:
@@ -121,13 +122,15 @@ def _unused(directory: Directory, data: memoryview) -> Iterator[Omission]:
 
 
 def _packets(directory: Directory) -> Iterator[tuple[int, int, int, Counts]]:
-    """Number, component, level and record counts of each packet."""
+    """Number, component, level and record counts of each packet with records."""
     rows = directory.packets
     core: dict[tuple[int, int], tuple[int, Counts]] = {}
     for packet, row in enumerate(rows):
         key = int(row["tile"]), int(directory.steps[packet])
         if int(row["component"]) == 0:
             core[key] = int(row["level"]), directory.counts(packet)
+        elif directory.has_palette:  # picks and entries, of which nothing is refined
+            continue
         yield packet, int(row["component"]), *core[key]
 
 

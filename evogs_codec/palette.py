@@ -14,7 +14,7 @@ import numpy as np
 from evogs_codec.coded import channel_class
 from evogs_codec.directory import Directory
 from evogs_codec.errors import Fault, StreamError
-from evogs_codec.packet_header import FLAG_ADDS_YCOCG, N_CORE, read_list_header
+from evogs_codec.packet_header import FLAG_ADDS_YCOCG, N_CORE, PacketHeader, read_list_header
 from evogs_codec.packets import Deltas, Stored, Values, check_bits, read_planes
 from evogs_codec.planes import join_planes, planes_at
 from evogs_codec.refine import RangeError
@@ -22,7 +22,13 @@ from evogs_codec.scratch import empty
 from evogs_codec.splats import F32, I32, I64, n_channels
 from evogs_codec.tree import N_GROUPS
 
-__all__ = ["PaletteState", "unpack_entries", "unpack_picks"]
+__all__ = [
+    "PaletteState",
+    "read_entries_header",
+    "read_picks_header",
+    "unpack_entries",
+    "unpack_picks",
+]
 
 
 class PaletteState:
@@ -108,13 +114,23 @@ class PaletteState:
         return digest.digest()
 
 
+def read_entries_header(body: memoryview, n: int, n_channels: int, offset: int) -> PacketHeader:
+    """The header of a packet of n entries, of size above 0; faults as `read_packet_header`."""
+    return read_list_header(body, (n,) * n_channels, 0, 0, offset)
+
+
+def read_picks_header(body: memoryview, n: int, offset: int) -> PacketHeader:
+    """The header of a packet of n picks, of size above 0; faults as `read_packet_header`."""
+    return read_list_header(body, (n,), 1, 0, offset)
+
+
 def unpack_entries(body: memoryview, n: int, n_channels: int, offset: int) -> Values:
     """The q of n entries in a packet of size above 0, whose CRC-32 is right (spec 5.9).
 
     Raises:
         StreamError: with the faults of spec 5.9 and 5.10.
     """
-    head = read_list_header(body, (n,) * n_channels, 0, 0, offset)
+    head = read_entries_header(body, n, n_channels, offset)
     data = read_planes(body, head, offset)
     check_bits(data, head, offset)
     return Values(
@@ -132,7 +148,7 @@ def unpack_picks(body: memoryview, n: int, n_entries: int, offset: int) -> Store
     """The n picks of a packet among so many entries; faults as `unpack_entries`, and E_INDEX."""
     if len(body) == 0:
         return np.zeros(n, np.uint8)
-    head = read_list_header(body, (n,), 1, 0, offset)
+    head = read_picks_header(body, n, offset)
     data = read_planes(body, head, offset)
     check_bits(data, head, offset)
     coding = head.codings[0]

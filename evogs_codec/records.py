@@ -12,8 +12,10 @@ from evogs_codec.coded import CodedStep, CodedTile, CodedTree, component_slice
 from evogs_codec.cut import Cut
 from evogs_codec.decode import decode
 from evogs_codec.directory import UNKNOWN_ERROR, Directory
+from evogs_codec.packet_header import N_CORE, PICKS
 from evogs_codec.packets import Packet, unpack
-from evogs_codec.splats import n_channels
+from evogs_codec.palette import unpack_entries, unpack_picks
+from evogs_codec.splats import I32, n_channels
 from evogs_codec.tree import N_GROUPS
 
 __all__ = ["read_records"]
@@ -24,13 +26,13 @@ def read_records(data: bytes | memoryview) -> CodedTree:
 
     Raises:
         StreamError: the stream is not legal.
-        ValueError: a tile has fewer steps of an SH band than of core, which no tree can say.
+        ValueError: a tile has fewer steps of SH than of core, which no tree can say.
     """
     view = memoryview(data)
     directory = decode(view).directory  # what follows may trust every packet
     lengths = Cut.full(directory).steps
     if (lengths != lengths[:, :1]).any():
-        raise ValueError("the stream has SH bands with fewer steps than core")
+        raise ValueError("the stream has SH bands or picks with fewer steps than core")
     places = {
         (int(row["tile"]), int(step), int(row["component"])): packet
         for packet, (row, step) in enumerate(
@@ -59,20 +61,39 @@ def read_records(data: bytes | memoryview) -> CodedTree:
         alpha=directory.alpha,
         tiles=tuple(tiles),
         info=directory.info,
+        entries=_entries(directory, view) if directory.has_palette else None,
     )
+
+
+def _entries(directory: Directory, data: memoryview) -> I32:
+    """(C, n) q of the palette."""
+    n_above = n_channels(directory.sh_degree) - N_CORE
+    parts = [np.empty((n_above, 0), np.int32)]
+    for packet in directory.palette_packets.tolist():
+        offset, n = int(directory.offsets[packet]), int(directory.packets["n_adds"][packet])
+        body = data[offset : offset + int(directory.packets["size"][packet])]
+        if len(body):
+            parts.append(unpack_entries(body, n, n_above, offset).all())
+    return np.concatenate(parts, axis=1)
 
 
 def _step(directory: Directory, data: memoryview, packets: list[int]) -> CodedStep:
     """The step whose packets, core first, are `packets`."""
     counts = directory.counts(packets[0])
     rows = directory.packets[packets]
-    d = n_channels(directory.sh_degree)
+    d = N_CORE if directory.has_palette else n_channels(directory.sh_degree)
     psi = np.zeros((d, counts.n_psi), np.int32)
     adds = np.zeros((d, counts.n_adds), np.int32)
+    picks = np.empty(0, np.int32)
     parts: list[Packet] = []
     for component, packet in enumerate(packets):
         offset, size = int(directory.offsets[packet]), int(rows["size"][component])
-        part = unpack(data[offset : offset + size], component, counts, offset)
+        body = data[offset : offset + size]
+        if directory.has_palette and component == PICKS:
+            n_new = counts.n_splits + counts.n_adds
+            picks = unpack_picks(body, n_new, directory.n_entries, offset).astype(np.int32)
+            continue
+        part = unpack(body, component, counts, offset)
         psi[component_slice(component)] = part.psi.all()
         adds[component_slice(component)] = part.adds.all()
         parts.append(part)
@@ -90,6 +111,7 @@ def _step(directory: Directory, data: memoryview, packets: list[int]) -> CodedSt
         psi=psi,
         adds=adds,
         error=() if set(errors) == {UNKNOWN_ERROR} else errors,
+        picks=picks,
     )
 
 

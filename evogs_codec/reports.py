@@ -44,6 +44,7 @@ def info_of(
         "sh_degree": directory.sh_degree,
         "tiles": len(directory.tiles),
         "packets": len(directory.packets),
+        "palette_entries": directory.n_entries,
         "size": directory.size,
         "bytes_present": size,
         "grid_exponents": list(directory.grid_exponents),
@@ -68,6 +69,8 @@ def print_info(directory: Directory, info: dict[str, Any], groups: dict[str, Gro
     """What `evogs info` prints."""
     for key in ("tier", "sh_degree", "tiles", "packets", "size", "grid_exponents"):
         print(f"{key:>18}  {info[key]}")
+    if directory.has_palette:
+        print(f"{'palette_entries':>18}  {info['palette_entries']}")
     for key, value in info["scene"].items():
         print(f"{key:>18}  {shown(str(value))}")
     present = info["bytes_present"]

@@ -10,13 +10,17 @@ import numpy as np
 from evogs_codec.coded import channel_class, component_slice
 from evogs_codec.directory import UNKNOWN_ERROR, Directory
 from evogs_codec.packet_header import (
+    N_CORE,
+    PALETTE,
+    PICKS,
     Counts,
     PacketHeader,
-    component_channels,
     read_packet_header,
 )
 from evogs_codec.packets import read_planes
+from evogs_codec.palette import read_entries_header, read_picks_header
 from evogs_codec.planes import entropy
+from evogs_codec.splats import n_channels
 from evogs_codec.tree import N_GROUPS
 
 __all__ = ["LevelStats", "bytes_by_group", "levels"]
@@ -26,7 +30,10 @@ CLASS_NAMES = ("position", "rotation", "scale", "opacity", "sh 0", "sh 1", "sh 2
 
 @dataclass(frozen=True)
 class LevelStats:
-    """A level: splats drawn at it, records and bytes it takes beyond the level below."""
+    """A level: splats drawn at it, records and bytes it takes beyond the level below.
+
+    A palette is of no level; the lowest, which needs it first, has its bytes.
+    """
 
     level: int
     n_leaves: int
@@ -48,7 +55,8 @@ def levels(directory: Directory) -> list[LevelStats]:
         for row, step in zip(rows[core], directory.steps[core], strict=True)
     }
     keys = zip(rows["tile"].tolist(), directory.steps.tolist(), strict=True)
-    label = np.array([level_of[key] for key in keys], np.int64)
+    label = np.array([level_of.get(key, 0) for key in keys], np.int64)
+    label[directory.palette_packets] = 0
     for level in range(directory.n_levels):
         part = rows[(label == level) & core]
         n = {k: int(part[k].astype(np.int64).sum()) for k in _COUNTS}
@@ -97,7 +105,7 @@ class GroupBytes:
 
 
 def bytes_by_group(directory: Directory, data: memoryview) -> dict[str, GroupBytes]:
-    """Bytes per class of channel, and of slots, kinds, alpha, headers and directory.
+    """Bytes per class of channel, and of slots, kinds, alpha, picks, headers and directory.
 
     A frame with planes of several classes is shared out by the order-0 entropy of its planes.
 
@@ -117,10 +125,18 @@ def bytes_by_group(directory: Directory, data: memoryview) -> dict[str, GroupByt
             continue
         offset = int(directory.offsets[packet])
         body = data[offset : offset + size]
-        counts = core_counts[key]
-        head = read_packet_header(body, component, counts, offset)
+        if directory.has_palette and component == PALETTE:
+            n = n_channels(directory.sh_degree) - N_CORE
+            head = read_entries_header(body, int(row["n_adds"]), n, offset)
+            names = _named(head, _class_names(slice(N_CORE, N_CORE + n)))
+        elif directory.has_palette and component == PICKS:
+            counts = core_counts[key]
+            head = read_picks_header(body, counts.n_splits + counts.n_adds, offset)
+            names = _named(head, ["picks"])
+        else:
+            head = read_packet_header(body, component, core_counts[key], offset)
+            names = _plane_names(head, component)
         planes = read_planes(body, head, offset)
-        names = _plane_names(head, component)
         ends = np.cumsum(head.plane_sizes)
         bits = [entropy(plane) / 8 for plane in np.split(planes, ends[:-1])]
         stored["packet headers"] += head.size
@@ -133,17 +149,24 @@ def bytes_by_group(directory: Directory, data: memoryview) -> dict[str, GroupByt
                 stored[names[k]] += n_bytes * share
                 ideal[names[k]] += bits[k]
             at += n_planes
-    order = ("directory", "packet headers", "slots", "kinds", "alpha", *CLASS_NAMES)
+    order = ("directory", "packet headers", "slots", "kinds", "alpha", *CLASS_NAMES, "picks")
     return {name: GroupBytes(stored[name], ideal[name]) for name in order if stored[name]}
 
 
 def _plane_names(head: PacketHeader, component: int) -> list[str]:
     """What each plane of a packet holds."""
-    first = component_slice(component).start
-    n_channels = component_channels(component)
-    channels = [CLASS_NAMES[channel_class(first + k)] for k in range(n_channels)]
+    channels = _class_names(component_slice(component))
     sides = ["slots", "kinds", *["alpha"] * N_GROUPS] if component == 0 else []
-    names = sides + channels + channels
+    return _named(head, sides + channels + channels)
+
+
+def _class_names(channels: slice) -> list[str]:
+    """The class of each of these channels."""
+    return [CLASS_NAMES[channel_class(k)] for k in range(channels.start, channels.stop)]
+
+
+def _named(head: PacketHeader, names: list[str]) -> list[str]:
+    """The name of each plane, from the name of each list."""
     return [
         name
         for name, coding in zip(names, head.codings, strict=True)

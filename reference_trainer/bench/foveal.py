@@ -49,7 +49,7 @@ def foveal(views: Views, run: Run) -> list[dict[str, Any]]:
     last = directory.n_levels - 1
     low, high = (Cut.of_level(directory, level) for level in (PERIPHERY, last))
     fovea, inside = _fovea(decode(data, high), views)
-    mixed = Cut(np.where(fovea[:, None], high.steps, low.steps))
+    mixed = Cut(np.where(fovea[:, None], high.steps, low.steps), high.palette)
     rows = []
     for name, cut in (
         (f"all at L{PERIPHERY}", low),

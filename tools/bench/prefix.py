@@ -84,7 +84,7 @@ def _curves(subject: Subject) -> dict[str, _Curve]:
     data = subject.stream
     directory = read_directory(memoryview(data))
     gauge = _some_views(subject.gauge)
-    found: dict[bytes, float] = {}
+    found: dict[tuple[bytes, int], float] = {}
     out = {}
     for name, order in (
         ("file", np.arange(len(directory.packets))),
@@ -95,10 +95,11 @@ def _curves(subject: Subject) -> dict[str, _Curve]:
         decibels = []
         for k in range(1, N_CUTS + 1):
             n = int(np.searchsorted(ends, len(data) * k // N_CUTS, side="right"))
-            steps = directory.chain_lengths(order[:n])
-            if steps.tobytes() not in found:
-                found[steps.tobytes()], _ = gauge(decode(data, Cut(steps)).leaves())
-            decibels.append(found[steps.tobytes()])
+            cut = Cut.of_rows(directory, order[:n])
+            key = cut.steps.tobytes(), cut.palette
+            if key not in found:
+                found[key], _ = gauge(decode(data, cut).leaves())
+            decibels.append(found[key])
         out[name] = _Curve(len(data), np.array(decibels))
     return out
 
@@ -109,11 +110,12 @@ def _some_views(gauge: Gauge) -> Gauge:
 
 
 def _by_level(directory: Directory) -> I64:
-    """Packets by level; in a level core first, then the bands, each in the order of the steps."""
+    """Packets by level, a palette first; in a level core, then bands, in the order of the steps."""
     packets, steps = directory.packets, directory.steps
     core = packets["component"] == 0
     levels = np.zeros((len(directory.tiles), int(steps.max(initial=0)) + 1), np.int64)
     levels[packets["tile"][core], steps[core]] = packets["level"][core]
     level = levels[packets["tile"], steps]
+    level[directory.palette_packets] = -1
     order: I64 = np.lexsort((packets["component"], packets["tile"], steps, ~core, level))
     return order

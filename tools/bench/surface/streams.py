@@ -102,5 +102,6 @@ def _cuts(directory: Directory) -> Iterator[tuple[str, str, Cut]]:
 
 
 def _sh_of(coarse: Cut, full: Cut) -> Cut:
-    """Core of one cut, higher SH bands of another."""
-    return Cut(np.concatenate([full.steps[:, :1], coarse.steps[:, 1:]], axis=1))
+    """Core of one cut, higher SH bands, or picks, of another."""
+    steps = np.concatenate([full.steps[:, :1], coarse.steps[:, 1:]], axis=1)
+    return Cut(steps, full.palette)
