@@ -23,6 +23,7 @@ NAMED = {mutant.name: mutant for mutant in MUTANTS}
 WRONG = (
     *("shift-truncates", "zigzag-signs-swapped", "adds-before-splits", "late-sh-zero"),
     *("alpha-of-first-split", "packed-from-high-bits", "ycocg-co-truncates"),
+    *("late-picks-zero", "picks-of-size-0-are-1", "delta-across-palette-packets"),
 )
 
 
