@@ -104,7 +104,8 @@ META_ENTRY: Struct = cs.Struct(
 PACKET_HEADER: Struct = cs.Struct(
     "flags"
     / cs.Int8ul
-    * "bit 0: psi of SH is YCoCg-R; bit 1: adds of SH, or entries, are; bits 2..7 reserved",
+    * "bit 0: psi of SH is YCoCg-R; bit 1: adds of SH, or entries, are; bit 2, of picks: refined"
+    " and split slots have new ones too; bit 2 of other packets and bits 3..7 reserved",
     "n_frames" / cs.Int8ul * "number of frames; the coding bytes follow, then the frame entries,"
     " then the frames",
 )
