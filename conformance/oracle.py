@@ -53,6 +53,7 @@ def require(condition: bool, code: str, detail: str) -> None:
 REFINE, SPLIT, DROP = range(3)  # 3.3
 N_GROUPS = 5  # 3.1: position, rotation, scale, opacity, SH
 PICKS, PALETTE = 1, 2  # 3.7: components above core where there is a palette
+OF_CHANGED = 4  # 5.9: flag of a packet of picks
 N_CORE = 14  # 7.4: the first channel above SH band 0
 LIMITS = {  # 8.2: tiers 1, 2, 3
     "n_tiles": (64, 4096, 65536),
@@ -493,16 +494,16 @@ def read_payload(packet: Packet, core: Packet, body: bytes) -> Payload:
 
 
 def read_lists(
-    body: bytes, lengths: list[int], first_add: int
+    body: bytes, lengths: list[int], first_add: int, n_flags: int = 2
 ) -> tuple[int, bytes, list[list[int]]]:
     """A packet of size above 0: its flags, coding bytes and stored integers.
 
-    Lists from number `first_add` on may be of differences.
+    Lists from number `first_add` on may be of differences; flags from `n_flags` on are reserved.
     """
     entries_at = 2 + len(lengths)
     require(len(body) >= entries_at, "E_PACKET", "R-5.9-1")
     flags, n_frames, codings = body[0], body[1], body[2:entries_at]
-    reserved = flags >> 2 or any(c >> 7 for c in codings)
+    reserved = flags >> n_flags or any(c >> 7 for c in codings)
     require(not reserved, "E_RESERVED", "R-4.4-1")
     legal = all(c & 15 <= 8 and c >> 4 & 3 <= 2 and c != 64 for c in codings)
     require(legal, "E_PACKET", "R-5.9-2")
@@ -736,16 +737,23 @@ def append_entries(scene: Scene, packet: Packet, body: bytes) -> None:
 
 
 def apply_picks(scene: Scene, packet: Packet, body: bytes) -> None:
-    """7.4: new slots get the entries that their picks number from 1."""
+    """7.4: new slots get the entries that their picks number from 1; changed ones may, too."""
     tile = scene.tiles[packet.tile]
     step = tile.steps[packet.step]
+    changed = list[int]()  # slots of before that get new picks
+    if packet.size > 0 and body[0] & OF_CHANGED:
+        kinds = zip(step.slots, step.kinds, strict=True)
+        changed = [slot for slot, kind in kinds if kind != DROP]
     n_new = step.core.n_splits + step.core.n_adds
     picks = [0] * n_new  # 5.6: those of a packet of no bytes
     if packet.size > 0:
-        _, _, (picks,) = read_lists(body, [n_new], first_add=1)
+        _, _, (picks,) = read_lists(body, [len(changed) + n_new], first_add=1, n_flags=3)
     require(all(pick <= len(scene.palette[0]) for pick in picks), "E_INDEX", "R-7.2-4")
+    repicks, picks = picks[: len(changed)], picks[len(changed) :]
     for channel, entries in zip(scene.header.above_core, scene.palette, strict=True):
         x = tile.x[channel]
+        for slot, pick in zip(changed, repicks, strict=True):
+            x[slot] = entries[pick - 1] if pick > 0 else 0
         for slot, kind in zip(step.slots, step.kinds, strict=True):
             if kind == DROP:
                 x[slot] = 0
