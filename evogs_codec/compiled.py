@@ -15,7 +15,7 @@ import numpy.typing as npt
 from evogs_codec.crc import crc32
 from evogs_codec.errors import StreamError
 from evogs_codec.frames import decompress_all
-from evogs_codec.packet_header import N_SIDES, PICKS, component_channels
+from evogs_codec.packet_header import N_SIDES, PICKS, Counts, component_channels
 from evogs_codec.palette import unpack_picks
 from evogs_codec.scratch import Scratch
 from evogs_codec.splats import I64
@@ -85,8 +85,8 @@ def apply_compiled(
         ):
             return False
     try:
-        for packet in packets[~is_compiled].tolist():
-            _apply_picks(state, data, packet, plans)
+        for k in np.flatnonzero(~is_compiled):
+            _apply_picks(state, data, int(packets[k]), Counts(*counts[k].tolist()), plans)
     except StreamError:
         return False
     applied = np.bincount(components, minlength=directory.n_components).tolist()
@@ -94,14 +94,23 @@ def apply_compiled(
     return True
 
 
-def _apply_picks(state: TileState, data: memoryview, packet: int, plans: Plans) -> None:
+def _apply_picks(
+    state: TileState, data: memoryview, packet: int, counts: Counts, plans: Plans
+) -> None:
     """The picks of a step (spec 7.4), of whose slots `plans` says where they are."""
     directory, step = state.directory, int(state.directory.steps[packet])
     offset, size = int(directory.offsets[packet]), int(directory.packets["size"][packet])
-    (first, _, _, drop, _), (end, _, _, end_of_drops, _) = plans.places[step : step + 2].tolist()
     body = data[offset : offset + size]
-    picks = unpack_picks(body, end - first, directory.n_entries, offset)
-    state.set_picks(first, picks, plans.drops[drop:end_of_drops])
+    changed, new = unpack_picks(body, counts, directory.n_entries, offset)
+    (first, run, _, drop, _), (end, end_of_runs, _, end_of_drops, _) = plans.places[
+        step : step + 2
+    ].tolist()
+    if changed is not None:
+        starts, lengths = plans.runs[:, run:end_of_runs]
+        slots = np.repeat(starts - (np.cumsum(lengths) - lengths), lengths)
+        state.picks[slots + np.arange(len(slots))] = changed
+    state.picks[first:end] = new
+    state.picks[plans.drops[drop:end_of_drops]] = 0
 
 
 def _parts(components: I64, counts: I64) -> list[slice]:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from evogs_codec import layout
 from evogs_codec.directory import FLAG_ANTIALIASED, Directory, SceneInfo
 from evogs_codec.limits import LIMITS
-from evogs_codec.packet_header import FLAG_PALETTE
+from evogs_codec.packet_header import FLAG_PALETTE, PALETTE
 from evogs_codec.refine import AlphaTable, Quantiser
 from evogs_codec.tables import is_key
 
@@ -62,7 +62,7 @@ def build_directory(
         "signature": layout.SIGNATURE,
         "version_major": layout.VERSION[0],
         "version_minor": version_minor,
-        "tier": _tier(n_levels, tiles, packets, len(chunks)),
+        "tier": _tier(n_levels, tiles, packets, len(chunks), has_palette),
         "sh_degree": sh_degree,
         "n_levels": n_levels,
         "grid_exponents": list(grid_exponents),
@@ -138,12 +138,17 @@ def _meta_bytes(text: Mapping[str, str]) -> bytes:
 
 
 def _tier(
-    n_levels: int, tiles: npt.NDArray[np.void], packets: npt.NDArray[np.void], chunks_size: int
+    n_levels: int,
+    tiles: npt.NDArray[np.void],
+    packets: npt.NDArray[np.void],
+    chunks_size: int,
+    has_palette: bool,
 ) -> int:
     """The lowest tier whose limits the stream keeps (R-8.2-2)."""
     new = packets["n_adds"].astype(np.int64) + packets["n_splits"]
     tile = packets["tile"].astype(np.int64)
-    per_tile = np.bincount(tile, weights=new, minlength=1)
+    is_palette = has_palette & (packets["component"] == PALETTE)
+    per_tile = np.bincount(np.where(is_palette, len(tiles), tile), weights=new, minlength=1)
     chains = tile * 256 + packets["component"]
     steps = np.unique(chains, return_counts=True)[1]
     counts = {

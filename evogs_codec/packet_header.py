@@ -32,6 +32,7 @@ FLAG_PALETTE = 1 << 8  # of the file header
 CORE_SH = slice(11, 14)
 N_SIDES = 2 + N_GROUPS  # lists of core before psi: slots, kinds, alpha
 FLAG_PSI_YCOCG, FLAG_ADDS_YCOCG = 1, 2
+FLAG_OF_CHANGED = 4  # of a packet of picks: refined and split slots have new ones too
 MAX_RECORDS_PER_BYTE = 16  # R-5.6-7
 
 
@@ -130,7 +131,12 @@ def read_packet_header(
 
 
 def read_list_header(
-    body: memoryview, lengths: tuple[int, ...], first_delta: int, first: int, offset: int
+    body: memoryview,
+    lengths: tuple[int, ...],
+    first_delta: int,
+    first: int,
+    offset: int,
+    flags_known: int = FLAG_PSI_YCOCG | FLAG_ADDS_YCOCG,
 ) -> PacketHeader:
     """The header of a packet with lists of these lengths, of which those from one on may be deltas.
 
@@ -147,7 +153,7 @@ def read_list_header(
         raise refuse("the packet is shorter than its header")
     flags, n_frames = body[0], body[1]
     coding_bytes = bytes(body[fixed:at])
-    if flags >> 2 or any(byte >> 7 for byte in coding_bytes):  # R-4.4-1
+    if flags & ~flags_known or any(byte >> 7 for byte in coding_bytes):  # R-4.4-1
         raise StreamError(Fault.E_RESERVED, "a reserved bit of the packet header is set", offset)
     found = [CODINGS[byte] for byte in coding_bytes]
     codings = tuple(coding for coding in found if coding is not None)

@@ -14,7 +14,15 @@ import numpy as np
 from evogs_codec.coded import channel_class
 from evogs_codec.directory import Directory
 from evogs_codec.errors import Fault, StreamError
-from evogs_codec.packet_header import FLAG_ADDS_YCOCG, N_CORE, PacketHeader, read_list_header
+from evogs_codec.packet_header import (
+    FLAG_ADDS_YCOCG,
+    FLAG_OF_CHANGED,
+    FLAG_PSI_YCOCG,
+    N_CORE,
+    Counts,
+    PacketHeader,
+    read_list_header,
+)
 from evogs_codec.packets import Deltas, Stored, Values, check_bits, read_planes
 from evogs_codec.planes import join_planes, planes_at
 from evogs_codec.refine import RangeError
@@ -119,9 +127,12 @@ def read_entries_header(body: memoryview, n: int, n_channels: int, offset: int) 
     return read_list_header(body, (n,) * n_channels, 0, 0, offset)
 
 
-def read_picks_header(body: memoryview, n: int, offset: int) -> PacketHeader:
-    """The header of a packet of n picks, of size above 0; faults as `read_packet_header`."""
-    return read_list_header(body, (n,), 1, 0, offset)
+def read_picks_header(body: memoryview, counts: Counts, offset: int) -> PacketHeader:
+    """The header of a packet of picks, of size above 0; `counts` of core; faults as above."""
+    n = counts.n_splits + counts.n_adds
+    n += counts.n_psi if body[0] & FLAG_OF_CHANGED else 0
+    known = FLAG_PSI_YCOCG | FLAG_ADDS_YCOCG | FLAG_OF_CHANGED
+    return read_list_header(body, (n,), 1, 0, offset, known)
 
 
 def unpack_entries(body: memoryview, n: int, n_channels: int, offset: int) -> Values:
@@ -144,15 +155,25 @@ def unpack_entries(body: memoryview, n: int, n_channels: int, offset: int) -> Va
     )
 
 
-def unpack_picks(body: memoryview, n: int, n_entries: int, offset: int) -> Stored:
-    """The n picks of a packet among so many entries; faults as `unpack_entries`, and E_INDEX."""
+def unpack_picks(
+    body: memoryview, counts: Counts, n_entries: int, offset: int
+) -> tuple[Stored | None, Stored]:
+    """The picks of a packet among so many entries: of slots refined or split, and of new slots.
+
+    The first are None if those slots keep theirs.
+
+    Raises:
+        StreamError: as `unpack_entries`, and E_INDEX.
+    """
     if len(body) == 0:
-        return np.zeros(n, np.uint8)
-    head = read_picks_header(body, n, offset)
+        return None, np.zeros(counts.n_splits + counts.n_adds, np.uint8)
+    head = read_picks_header(body, counts, offset)
     data = read_planes(body, head, offset)
     check_bits(data, head, offset)
-    coding = head.codings[0]
+    coding, n = head.codings[0], head.lengths[0]
     picks = join_planes(planes_at(data, 0, coding, n), coding, n)
     if n and int(picks.max()) > n_entries:  # R-7.2-4
         raise StreamError(Fault.E_INDEX, "a pick is past the palette", offset)
-    return picks
+    if head.flags & FLAG_OF_CHANGED:
+        return picks[: counts.n_psi], picks[counts.n_psi :]
+    return None, picks

@@ -90,8 +90,9 @@ def _step(directory: Directory, data: memoryview, packets: list[int]) -> CodedSt
         offset, size = int(directory.offsets[packet]), int(rows["size"][component])
         body = data[offset : offset + size]
         if directory.has_palette and component == PICKS:
-            n_new = counts.n_splits + counts.n_adds
-            picks = unpack_picks(body, n_new, directory.n_entries, offset).astype(np.int32)
+            changed, new = unpack_picks(body, counts, directory.n_entries, offset)
+            chosen = [new] if changed is None else [changed, new]
+            picks = np.concatenate(chosen).astype(np.int32)
             continue
         part = unpack(body, component, counts, offset)
         psi[component_slice(component)] = part.psi.all()

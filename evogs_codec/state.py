@@ -155,14 +155,12 @@ class TileState:
 
     def _apply_picks(self, body: memoryview, offset: int) -> None:
         plan = self._plans[self.n_applied[PICKS]]
-        n = plan.n_splits + plan.n_adds
-        picks = unpack_picks(body, n, self.directory.n_entries, offset)
-        self.set_picks(plan.n_before, picks, plan.drops)
-
-    def set_picks(self, first: int, picks: npt.NDArray[np.integer], drops: I64) -> None:
-        """Give the new slots of a step their picks, from slot `first` on; those it drops show 0."""
-        self.picks[first : first + len(picks)] = picks
-        self.picks[drops] = 0
+        counts = self._counts[self.n_applied[PICKS]]
+        changed, new = unpack_picks(body, counts, self.directory.n_entries, offset)
+        if changed is not None:
+            self.picks[plan.targets] = changed
+        self.picks[plan.n_before : plan.n_after] = new
+        self.picks[plan.drops] = 0
 
     def _apply_channels(
         self,

@@ -130,8 +130,7 @@ def bytes_by_group(directory: Directory, data: memoryview) -> dict[str, GroupByt
             head = read_entries_header(body, int(row["n_adds"]), n, offset)
             names = _named(head, _class_names(slice(N_CORE, N_CORE + n)))
         elif directory.has_palette and component == PICKS:
-            counts = core_counts[key]
-            head = read_picks_header(body, counts.n_splits + counts.n_adds, offset)
+            head = read_picks_header(body, core_counts[key], offset)
             names = _named(head, ["picks"])
         else:
             head = read_packet_header(body, component, core_counts[key], offset)

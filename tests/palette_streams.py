@@ -1,0 +1,126 @@
+"""Streams with a palette: one made by hand, and random ones; cuts of them."""
+
+import random
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from conformance import oracle
+from conformance.builder import DELTA, DROP, REFINE, SPLIT, Packet, Stream, Tile, build
+from conformance.random_streams import random_stream
+from evogs_codec import Cut, read_directory
+from evogs_codec.packet_header import PALETTE, PICKS
+
+HAS_PALETTE = 1  # of the second byte of flags
+OF_CHANGED = 4  # flag of a packet of picks
+DEGREE, N_ABOVE = 2, 24
+
+
+def numbers(n, channels, seed):
+    rng = random.Random(seed)
+    return {channel: [rng.randint(-90, 90) for _ in range(n)] for channel in range(channels)}
+
+
+def grown(tile, level, records, n_adds, seed):
+    """A step of core."""
+    n_psi = sum(kind != DROP for kind in records.values())
+    return Packet(
+        tile=tile,
+        level=level,
+        records=records,
+        psi=numbers(n_psi, 14, seed),
+        adds=numbers(n_adds, 14, seed + 1),
+        n_adds=n_adds,
+    )
+
+
+def picks(tile, *chosen):
+    return Packet(tile=tile, component=PICKS, picks=chosen)
+
+
+def changed(tile, *chosen):
+    """Picks of the slots that the step refines or splits too, before those of the new ones."""
+    return replace(picks(tile, *chosen), flags=OF_CHANGED)
+
+
+def entries(n, seed, **options):
+    return Packet(component=PALETTE, adds=numbers(n, N_ABOVE, seed), **options)
+
+
+FIRST = {t: grown(t, 0, {}, 4, 10 * t) for t in range(3)}
+SECOND = {t: grown(t, 1, {0: SPLIT, 1: REFINE, 2: DROP, 3: SPLIT}, 1, 10 * t + 3) for t in range(3)}
+THIRD = {t: grown(t, 2, {1: DROP, 4: SPLIT, 5: DROP, 6: REFINE}, 1, 10 * t + 6) for t in range(3)}
+# The last steps of tile 0 have no picks; those of tile 1 come after all of core.
+PACKETS = (
+    *(FIRST[0], FIRST[1]),
+    entries(3, 100),
+    FIRST[2],
+    entries(4, 101, flags=2, codings={"adds 5": DELTA | 0x24}),
+    *(picks(2, 7, 0, 2, 1), picks(0, 1, 2, 3, 4), SECOND[1], SECOND[2]),
+    *(
+        changed(2, 4, 0, 2, 5, 6, 0),
+        THIRD[1],
+        SECOND[0],
+        picks(0, 6, 7, 1),
+        THIRD[0],
+        THIRD[2],
+        picks(2, 3, 3),
+    ),
+    *(picks(1, 3, 0, 7, 7), picks(1), changed(1, 6, 1, 2, 5)),
+)
+PLACES = {(0, 0, 2), (0, 1, 1), (0, PALETTE, 0), (0, PALETTE, 1), (1, 1, 2), (2, 1, 0), (2, 1, 2)}
+
+
+def stream(packets=PACKETS, **options):
+    origins = ((0, 0, 0), (4000, -4000, 0), (90_000, 0, 70_000))
+    box = {"low": (-1000,) * 3, "high": (1000,) * 3}
+    plain = Stream(
+        packets,
+        degree=DEGREE,
+        has_palette=True,
+        n_levels=3,
+        tiles=[Tile(origin, **box) for origin in origins],
+        quantisers={(0, 5): (3, 1), (0, 6): (1, 2)},
+    )
+    return build(replace(plain, **options))
+
+
+DATA = stream(digests=dict.fromkeys(sorted(PLACES)))
+DIRECTORY = read_directory(memoryview(DATA))
+
+
+@cache
+def legal_streams():
+    """Random streams with a palette, each as unlike what an encoder writes as may be."""
+    found, seed = [], 0
+    while len(found) < 12:
+        seed += 1
+        data = random_stream(random.Random(seed))
+        if data[19] & HAS_PALETTE and len(read_directory(memoryview(data)).palette_packets):
+            found.append(data)
+    return found
+
+
+def each_stream():
+    return [DATA, *legal_streams()]
+
+
+def oracle_cut(cut):
+    """As the oracle has it: the palette in tile 0."""
+    return [[*row, cut.palette if tile == 0 else 0] for tile, row in enumerate(cut.steps.tolist())]
+
+
+def oracle_dump(data, cut):
+    return oracle.decode(data, cut=oracle_cut(cut)).dump()
+
+
+def random_cut(rng, directory):
+    """Any valid cut: of the palette all, or any number where there are no picks."""
+    steps = rng.integers(0, directory.chain_lengths() + 1)
+    steps = np.minimum(steps, steps[:, :1])
+    n = len(directory.palette_packets)
+    if rng.random() < 0.3:
+        steps[:, PICKS] = 0
+        n = int(rng.integers(0, n + 1))
+    return Cut(steps, n)

@@ -1,0 +1,181 @@
+"""Parts of streams with a palette: cuts, pieces that come in any order, extraction, figures."""
+
+import random
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from conformance import oracle
+from evogs_codec import Cut, Decoder, choose_cut, decode, extract, read_directory
+from evogs_codec.omissions import omissions
+from evogs_codec.packet_header import PALETTE, PICKS
+from evogs_codec.stats import bytes_by_group, levels
+from tests.palette_streams import (
+    DATA,
+    DEGREE,
+    DIRECTORY,
+    PACKETS,
+    each_stream,
+    oracle_dump,
+    random_cut,
+)
+
+# --- cuts ----------------------------------------------------------------------------------------
+
+
+def test_directories_tell_the_palette_from_tiles():
+    assert DIRECTORY.has_palette
+    assert (DIRECTORY.n_components, DIRECTORY.n_entries) == (2, 7)
+    assert DIRECTORY.palette_packets.tolist() == [2, 4]
+    assert DIRECTORY.chain_lengths().tolist() == [[3, 2], [3, 3], [3, 3]]
+
+
+def test_cuts_take_the_palette_where_picks_need_it():
+    full = Cut.full(DIRECTORY)
+    assert full.palette == 2
+    assert [Cut.of_packets(DIRECTORY, n).palette for n in (2, 3, 4, 5, 9)] == [0, 1, 1, 2, 2]
+    assert Cut.of_level(DIRECTORY, 0).palette == 2
+    plain = full.with_sh_degree(0)
+    assert (plain.palette, plain.steps.tolist()) == (0, [[3, 0]] * 3)
+    assert all(full.with_sh_degree(degree).has(full) for degree in (1, 2))
+    near = full.with_box(DIRECTORY, (80, 0, 60, 100, 1, 80))
+    assert (near.palette, near.steps.tolist()) == (2, [[0, 0], [0, 0], [3, 3]])
+    assert full.with_box(DIRECTORY, (900, 0, 0, 901, 1, 1)).palette == 0
+
+
+def test_picks_are_not_there_before_all_of_the_palette_is():
+    complete = np.ones(len(PACKETS), bool)
+    complete[4] = False
+    cut = Cut.of_complete(DIRECTORY, complete)
+    assert (cut.palette, cut.steps.tolist()) == (1, [[3, 0]] * 3)
+    assert not cut.has(Cut.full(DIRECTORY))
+    assert cut.within(Cut.full(DIRECTORY)).steps.tolist() == cut.steps.tolist()
+
+
+@pytest.mark.parametrize("palette", [0, 1, 3])
+def test_a_cut_with_picks_and_another_part_of_the_palette_is_a_mistake_of_the_caller(palette):
+    with pytest.raises(ValueError, match=r"palette|not in the file"):
+        decode(DATA, Cut(DIRECTORY.chain_lengths(), palette))
+    with pytest.raises(ValueError, match="steps of a palette"):
+        Cut(DIRECTORY.chain_lengths(), -1)
+
+
+# --- pieces --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_pieces_in_any_order_give_what_the_whole_file_gives(seed):
+    rng = random.Random(seed)
+    for data in each_stream():
+        decoder = Decoder()
+        cuts = [0, *sorted(rng.randrange(len(data)) for _ in range(9)), len(data)]
+        pieces = list(pairwise(cuts))
+        rng.shuffle(pieces)
+        arrived = []
+        for begin, end in pieces:
+            decoder.feed(data[begin:end], begin)
+            arrived.append((begin, end - begin))
+            if decoder.directory is not None and data is DATA:
+                assert decoder.dump() == oracle.decode_pieces(data, arrived).dump()
+        decoder.close()
+        assert decoder.dump() == oracle.decode(data).dump()
+        assert decoder.cut.has(Cut.full(read_directory(memoryview(data))))
+
+
+def test_picks_wait_for_the_last_packet_of_the_palette_also_those_of_no_bytes():
+    late = int(DIRECTORY.offsets[4])
+    end = late + int(DIRECTORY.packets["size"][4])
+    decoder = Decoder()
+    decoder.feed(DATA[: DIRECTORY.data_offset])
+    ready = decoder.feed(DATA[:late], 0) + decoder.feed(DATA[end:], end)
+    assert not [step for step in ready if step.component == PICKS]
+    with_palette = decoder.feed(DATA[late:end], late)
+    assert (with_palette[0].component, with_palette[0].step) == (PALETTE, 1)
+    assert [step.component for step in with_palette[1:]] == [PICKS] * 8
+    decoder.close()
+
+
+def test_floats_of_a_stream_that_comes_in_pieces_follow_its_palette():
+    decoder = Decoder()
+    for at in range(0, len(DATA), 50):
+        decoder.feed(DATA[at : at + 50])
+        if decoder.directory is not None:
+            expected = decode(DATA, decoder.cut).leaves(sh_degree=DEGREE)
+            assert decoder.leaves().channels().tobytes() == expected.channels().tobytes()
+
+
+# --- parts ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_decoding_an_extracted_stream_is_decoding_the_original_at_the_same_cut(seed):
+    rng = np.random.default_rng(seed)
+    for data in each_stream():
+        directory = read_directory(memoryview(data))
+        for _ in range(4):
+            cut = random_cut(rng, directory)
+            smaller = extract(data, cut)
+            assert decode(smaller, verify=True).dump() == oracle_dump(data, cut)
+            assert oracle.decode(smaller).dump() == oracle_dump(data, cut)
+    assert extract(DATA, Cut.full(DIRECTORY)) == DATA
+
+
+def test_a_region_without_tile_0_keeps_the_palette_as_packets_of_tile_0():
+    box = (80, 0, 60, 100, 1, 80)
+    cut = choose_cut(DIRECTORY, box=box)
+    smaller = extract(DATA, cut, box=box)
+    found = read_directory(memoryview(smaller))
+    assert len(found.tiles) == 1
+    assert (found.n_entries, found.palette_packets.tolist()) == (7, [0, 2])
+    assert found.packets["tile"].tolist() == [0] * len(found.packets)
+    kept = {(0, PALETTE, 0), (0, PALETTE, 1), (0, PICKS, 0), (0, PICKS, 2)}
+    assert set(found.digests) == kept
+    assert decode(smaller, verify=True).tiles[0].dump() == decode(DATA).tiles[2].dump()
+
+
+def test_a_region_without_tiles_has_no_palette_either():
+    box = (900, 0, 0, 901, 1, 1)
+    smaller = extract(DATA, choose_cut(DIRECTORY, box=box), box=box)
+    found = read_directory(memoryview(smaller))
+    assert found.has_palette
+    assert (len(found.tiles), len(found.packets)) == (0, 0)
+    palette_alone = Cut(0 * DIRECTORY.chain_lengths(), 2)
+    assert extract(DATA, palette_alone, box=box) == smaller
+
+
+def test_without_sh_there_is_no_palette_but_the_stream_stays_one():
+    smaller = extract(DATA, choose_cut(DIRECTORY, sh_degree=0))
+    found = read_directory(memoryview(smaller))
+    assert found.has_palette
+    assert (found.n_entries, set(found.packets["component"].tolist())) == (0, {0})
+    whole = extract(DATA, choose_cut(DIRECTORY, sh_degree=1))
+    assert whole == DATA
+
+
+@pytest.mark.parametrize("options", [{}, {"level": 1}, {"box": (80, 0, 60, 100, 1, 80)}])
+def test_a_byte_budget_gives_the_longest_prefix_that_fits(options):
+    box = options.get("box")
+    order = np.flatnonzero(choose_cut(DIRECTORY, **options).packets(DIRECTORY))
+    cuts = [Cut.of_rows(DIRECTORY, order[:n]) for n in range(1, len(order) + 1)]
+    sizes = [len(extract(DATA, cut, box=box)) for cut in cuts]
+    assert sizes == sorted(set(sizes))
+    for cut, size in zip(cuts, sizes, strict=True):
+        found = choose_cut(DIRECTORY, max_bytes=size, **options)
+        assert (found.has(cut), cut.has(found)) == (True, True)
+
+
+def test_bytes_of_levels_and_of_groups_add_up_to_the_file():
+    for data in each_stream():
+        directory = read_directory(memoryview(data))
+        groups = bytes_by_group(directory, memoryview(data))
+        assert sum(part.n_bytes for part in groups.values()) == pytest.approx(directory.size)
+        of_levels = sum(level.n_bytes for level in levels(directory))
+        assert of_levels == directory.size - directory.data_offset
+    assert {"picks", "sh 1", "sh 2"} <= set(bytes_by_group(DIRECTORY, memoryview(DATA)))
+
+
+def test_picks_that_were_cut_off_are_left_out_and_nothing_else_above_band_0_is():
+    left_out = omissions(DIRECTORY, memoryview(DATA))
+    assert [(row.part, row.levels) for row in left_out if row.part == "picks"] == [("picks", (2,))]
+    assert not [row for row in left_out if row.part in ("sh 1", "sh 2")]
