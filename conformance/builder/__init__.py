@@ -23,6 +23,7 @@ from conformance.builder.frames import (
 from conformance.builder.packets import (
     ADDS_YCOCG,
     DELTA,
+    OF_CHANGED,
     PSI_YCOCG,
     coding_for,
     packet_body,
@@ -67,6 +68,7 @@ __all__ = [
     "GREEN",
     "HEADER_SIZE",
     "MAX_X",
+    "OF_CHANGED",
     "OPACITY",
     "PSI_YCOCG",
     "RAW",

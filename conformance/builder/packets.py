@@ -7,10 +7,19 @@ from collections.abc import Mapping, Sequence
 
 from conformance.builder.stream import Packet
 
-__all__ = ["ADDS_YCOCG", "DELTA", "PSI_YCOCG", "coding_for", "packet_body", "planes_of"]
+__all__ = [
+    "ADDS_YCOCG",
+    "DELTA",
+    "OF_CHANGED",
+    "PSI_YCOCG",
+    "coding_for",
+    "packet_body",
+    "planes_of",
+]
 
 N_CORE, N_GROUPS = 14, 5
 PSI_YCOCG, ADDS_YCOCG = 1, 2
+OF_CHANGED = 4  # of picks
 DELTA = 64  # bit of a coding byte
 
 
@@ -24,7 +33,8 @@ def packet_body(packet: Packet, counts: Mapping[str, int], n_entry_channels: int
     """
     is_palette = n_entry_channels > 0 and packet.component == 2
     integers = (packet.stored, packet.psi, packet.adds, packet.picks)
-    if not packet.is_explicit and not any(integers):
+    flags = packet.flags | (OF_CHANGED if packet.repicks is not None else 0)
+    if not packet.is_explicit and not any(integers) and packet.repicks is None:
         is_zero = packet.component > 0 and not is_palette and not packet.coding_bytes
         if is_zero or not any(counts.values()):
             return b""
@@ -42,7 +52,7 @@ def packet_body(packet: Packet, counts: Mapping[str, int], n_entry_channels: int
         del rest[:n_planes]
     entries = packet.entries(entries)
     table = b"".join(struct.pack("<BI", *entry) for entry in entries)
-    return bytes([packet.flags, len(entries), *codings]) + table + b"".join(frames)
+    return bytes([flags, len(entries), *codings]) + table + b"".join(frames)
 
 
 def _lists(
@@ -56,6 +66,8 @@ def _lists(
     if n_entry_channels and packet.component == 1:
         n_new = counts["n_splits"] + counts["n_adds"]
         lists["picks"] = list(packet.picks) if packet.picks else [0] * n_new
+        if packet.repicks is not None:
+            lists["picks"] = [*(packet.repicks or [0] * n_psi), *lists["picks"]]
         sides = []
     elif n_entry_channels and packet.component == 2:
         n_channels, sides = n_entry_channels, sides[1:]

@@ -35,6 +35,8 @@ class Packet:
         adds, psi: q by channel of the component; a channel that is not named has coding byte 0.
             The adds of a packet of the palette are its entries, channel 0 being channel 14.
         picks: of the new slots, in a packet of picks; by default all 0.
+        repicks: of the slots that the step refines or splits, and bit 2 of the flags says that
+            there are some; empty: all 0; None: slots keep their picks.
         records: kind by slot; n_splits and the like follow.
         alpha: indices by group, one per split.
         n_adds: by default, as many as the longest list of adds.
@@ -53,6 +55,7 @@ class Packet:
 
     adds: Values = field(default_factory=dict)
     picks: Sequence[int] = ()
+    repicks: Sequence[int] | None = None
     records: Mapping[int, int] = field(default_factory=dict)
     psi: Values = field(default_factory=dict)
     alpha: Mapping[int, Sequence[int]] = field(default_factory=dict)

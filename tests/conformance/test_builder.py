@@ -13,6 +13,7 @@ from conformance.builder import (
     DELTA,
     DROP,
     MAX_X,
+    OF_CHANGED,
     RAW,
     REFINE,
     RLE,
@@ -90,6 +91,26 @@ def test_a_palette_has_its_own_counts_and_picks_those_of_their_core():
     assert picks == bytes([0, 1, 1, 1, *len(raw(b"?")).to_bytes(4, "little")]) + raw(b"\1")
     assert zeros == bytes(3)
     assert core == build(Stream([Packet(adds={X: [1, 2]})]))[-len(core) :]
+
+
+def test_picks_of_changed_slots_stand_before_those_of_new_ones_and_have_a_flag():
+    grow = Packet(records={0: SPLIT, 1: REFINE, 2: DROP}, psi={X: 1})
+    for repicks, picks, stored in [
+        ((9, 7), (3,), bytes([9, 7, 3])),
+        ((9, 7), (), bytes([9, 7, 0])),
+        ((), (3,), bytes([0, 0, 3])),
+    ]:
+        packet = Packet(component=1, picks=picks, repicks=repicks, codings={"picks": 8}, flags=2)
+        packets = [Packet(adds={X: [1, 2, 3]}), Packet(component=1), grow, packet]
+        data = build(Stream(packets, degree=1, has_palette=True))
+        begin, end = places(data).packets[-1]
+        assert data[begin : begin + 3] == bytes([OF_CHANGED | 2, 1, 8])
+        assert data[begin:end].endswith(raw(stored))
+
+
+def test_a_packet_with_the_flag_of_changed_slots_has_bytes():
+    packets = [Packet(adds={X: 1}, n_adds=1), Packet(component=1, repicks=())]
+    assert build(Stream(packets, degree=1, has_palette=True))[-3:] == bytes([OF_CHANGED, 0, 0])
 
 
 def test_differences_and_colours_are_stored_as_told():
