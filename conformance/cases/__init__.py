@@ -25,6 +25,7 @@ from conformance.cases import (
     order,
     order_packets,
     palette,
+    palette_changes,
     palette_states,
     polyglot,
     progressive,
@@ -61,5 +62,6 @@ FAMILIES: tuple[ModuleType, ...] = (
     polyglot,
     palette,
     palette_states,
+    palette_changes,
     invalid_palette,
 )
