@@ -1,5 +1,6 @@
 """Parts of streams with a palette: cuts, pieces that come in any order, extraction, figures."""
 
+import json
 import random
 from itertools import pairwise
 
@@ -7,7 +8,8 @@ import numpy as np
 import pytest
 
 from conformance import oracle
-from evogs_codec import Cut, Decoder, choose_cut, decode, extract, read_directory
+from evogs_codec import Cut, Decoder, choose_cut, decode, extract, read_directory, read_ply
+from evogs_codec.cli import main
 from evogs_codec.omissions import omissions
 from evogs_codec.packet_header import PALETTE, PICKS
 from evogs_codec.stats import bytes_by_group, levels
@@ -179,3 +181,28 @@ def test_picks_that_were_cut_off_are_left_out_and_nothing_else_above_band_0_is()
     left_out = omissions(DIRECTORY, memoryview(DATA))
     assert [(row.part, row.levels) for row in left_out if row.part == "picks"] == [("picks", (2,))]
     assert not [row for row in left_out if row.part in ("sh 1", "sh 2")]
+
+
+# --- commands ------------------------------------------------------------------------------------
+
+
+def test_the_commands_read_streams_with_a_palette(tmp_path, capsys):
+    path, smaller, ply = (tmp_path / name for name in ("a.evogs", "b.evogs", "c.ply"))
+    path.write_bytes(DATA)
+    assert main(["validate", str(path)]) == 0
+    assert "18 splats, 7 digests match" in capsys.readouterr().out
+    assert main(["info", "--json", str(path)]) == 0
+    info = json.loads(capsys.readouterr().out)
+    assert (info["palette_entries"], info["sh_degree"]) == (7, DEGREE)
+    assert main(["info", str(path)]) == 0
+    assert "palette_entries  7\n" in capsys.readouterr().out
+    assert main(["extract", "--sh-degree", "0", str(path), str(smaller)]) == 0
+    assert read_directory(memoryview(smaller.read_bytes())).n_entries == 0
+    for options, degree in ((["--sh-degree", "1"], 1), (["--level", "1"], 2), (["--partial"], 2)):
+        assert main(["decode", *options, str(path), str(ply)]) == 0
+        level = 1 if options[0] == "--level" else 2
+        expected = decode(DATA, Cut.of_level(DIRECTORY, level)).leaves(sh_degree=degree)
+        assert np.array_equal(read_ply(ply).channels(), expected.channels())
+    capsys.readouterr()
+    assert main(["decode", "--sh-degree", "0", "--partial", str(path), str(ply)]) == 0
+    assert read_ply(ply).sh_degree == 0
