@@ -335,10 +335,11 @@ class Stored(NamedTuple):
         return values
 
 
-def list_counts(row: Row, stream: Stream) -> tuple[list[int], int]:
+def list_counts(row: Row, stream: Stream, flags: int) -> tuple[list[int], int]:
     """Count the integers of the lists of a packet, in order; tell where adds or entries begin."""
     if row.holds == "picks":
-        return [row.n_splits + row.n_adds], 1
+        of_changed = row.n_splits + row.n_refines if flags & 4 else 0
+        return [of_changed + row.n_splits + row.n_adds], 1
     if row.holds == "entries":
         return [row.n_adds] * len(stream.palette), 0
     by_kind = [row.n_refines, row.n_splits, row.n_drops]
@@ -352,14 +353,16 @@ def list_counts(row: Row, stream: Stream) -> tuple[list[int], int]:
 
 def read_packet(data: memoryview, row: Row, stream: Stream) -> tuple[int, list[Stored]]:
     """Flags and lists of a packet: 6.1 step 4 from the crc up to R-5.9-9."""
-    counts, first_adds = list_counts(row, stream)
+    flags = data[0] if row.size > 0 else 0
+    counts, first_adds = list_counts(row, stream, flags)
     if row.size == 0:
         return 0, [Stored(n, 0, []) for n in counts]
     require(zlib.crc32(data) == row.crc, "E_CRC")  # R-6.3-1
     at = 2 + len(counts)
     require(len(data) >= at, "E_PACKET")  # R-5.9-1
-    flags, n_frames, codes = data[0], data[1], bytes(data[2:at])
-    require(flags < 4 and max(codes) < 128, "E_RESERVED")  # R-4.4-1
+    n_frames, codes = data[1], bytes(data[2:at])
+    most = 8 if row.holds == "picks" else 4
+    require(flags < most and max(codes) < 128, "E_RESERVED")  # R-4.4-1
     lists = [Stored(n, code, []) for n, code in zip(counts, codes, strict=True)]
     for i, (n, code, _) in enumerate(lists):
         require(code & 15 <= 8 and (code >> 4) & 3 <= 2 and code != 64, "E_PACKET")  # R-5.9-2
@@ -525,13 +528,17 @@ def apply_channel(x: array[int], step: Step, psi: Numbers, group: int, adds: Num
     x.extend([0] * step.n_adds if adds is None else adds)  # within 2^28: R-7.3-3
 
 
-def apply_picks(picks: list[int], step: Step, stream: Stream, tile: Tile) -> None:
+def apply_picks(picks: list[int], of_changed: bool, step: Step, stream: Stream, tile: Tile) -> None:
     """`picks_step` of 7.4."""
     require(within(picks, 0, len(stream.palette[0])), "E_INDEX")  # R-7.2-4
+    changed = step.changed if of_changed else []
     for x, entries in zip(tile.x[1], stream.palette, strict=True):
+        picked = [entries[pick - 1] if pick > 0 else 0 for pick in picks]
+        for slot, value in zip(changed, picked, strict=False):
+            x[slot] = value
         for slot in step.dropped:
             x[slot] = 0
-        x.extend([entries[pick - 1] if pick > 0 else 0 for pick in picks])
+        x.extend(picked[len(changed) :])
 
 
 def apply_packet(data: memoryview, row: Row, stream: Stream, tile: Tile) -> None:
@@ -547,7 +554,7 @@ def apply_packet(data: memoryview, row: Row, stream: Stream, tile: Tile) -> None
         tile.steps[row.step] = read_records(lists, row, stream, tile)
     step = tile.steps[row.step]
     if row.holds == "picks":
-        apply_picks(lists[0].integers(), step, stream, tile)
+        apply_picks(lists[0].integers(), flags & 4 > 0, step, stream, tile)
         return
     n = len(tile.x[row.component])
     classes = CORE_CLASSES if row.holds == "core" else (4 + row.component,) * n
