@@ -49,7 +49,8 @@ def packet_anatomy(
 
 def _pieces(reader: Reader, name: str, lists: Lists, end: int) -> Iterator[Piece]:
     flags = reader.data[reader.at]
-    remark = "reserved bits are set (R-4.4-1)" if flags >> 2 else ""
+    n_flags = 3 if lists[0][0] == "picks" else 2
+    remark = "reserved bits are set (R-4.4-1)" if flags >> n_flags else ""
     yield reader.take(reader.at + 1, f"{name}: flags", str(flags), remark)
     if reader.at == end:
         return

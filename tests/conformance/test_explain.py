@@ -50,7 +50,7 @@ def test_packets_of_a_palette_have_their_own_lists():
         [
             Packet(adds={X: [1, 2]}),
             Packet(component=2, adds={0: [3, 3], 23: [-1, 0]}, codings={"adds 0": 4 | DELTA}),
-            Packet(component=1, picks=[2, 0]),
+            Packet(component=1, picks=[2, 0], repicks=[]),
         ],
         degree=2,
         has_palette=True,
@@ -66,8 +66,9 @@ def test_packets_of_a_palette_have_their_own_lists():
         "packet 2 (tile 0, step 0, component 1: picks)",
     ]
     assert not any(piece.remark for piece in anatomy(build(stream)))
-    bands = values(build(replace(stream, has_palette=False, header={"flags": 0})))
-    assert "coding bytes of picks" not in bands
+    bands = build(replace(stream, has_palette=False, header={"flags": 0}))
+    assert "coding bytes of picks" not in values(bands)
+    assert "R-4.4-1" in next(p.remark for p in anatomy(bands) if p.name == "packet 2: flags")
 
 
 @pytest.mark.parametrize("size", range(0, len(EXAMPLE), 7))
