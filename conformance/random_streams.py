@@ -170,17 +170,22 @@ def _palette(rng: Random, stream: Stream) -> list[Packet]:
 
 
 def _picks(rng: Random, core: Packet, n_entries: int) -> Packet:
-    """A packet of picks, now and then of no bytes."""
+    """A packet of picks, now and then of no bytes; some change those of slots that are there."""
     packet = Packet(tile=core.tile, component=PICKS)
     if n_entries == 0 or rng.random() < 0.2:
         return packet
-    n_new = core.counts["n_splits"] + core.counts["n_adds"]
+    counts, of_changed = core.counts, rng.random() < 0.5
+    n_new = counts["n_splits"] + counts["n_adds"]
+    n_changed = counts["n_splits"] + counts["n_refines"] if of_changed else 0
     most = rng.choice((0, 1, n_entries, n_entries))
-    picks = [rng.choice((0, n_entries, *[rng.randint(0, most)] * 3)) for _ in range(n_new)]
+    picks = [
+        rng.choice((0, n_entries, *[rng.randint(0, most)] * 3)) for _ in range(n_changed + n_new)
+    ]
     codings = {"picks": _coding(rng, max(picks))} if picks and rng.random() < 0.5 else {}
     return replace(
         packet,
-        picks=picks,
+        picks=picks[n_changed:],
+        repicks=picks[:n_changed] if of_changed else None,
         codings=codings,
         flags=rng.choice((0, 0, 1, 2, 3)),
         is_explicit=True,

@@ -16,6 +16,7 @@ ADDS = Packet(adds={X: [1, 2, 3]})
 PICKS = Packet(component=1, picks=[3, 0, 1])
 GROW = Packet(records={0: SPLIT, 1: REFINE, 2: DROP}, psi={X: [1, 1]}, adds={X: [4]})
 MORE_PICKS = Packet(component=1, picks=[4, 2])
+NEW_PICKS = replace(MORE_PICKS, repicks=[2, 1])
 PACKETS = (ENTRIES, ADDS, MORE, PICKS, GROW, MORE_PICKS)
 
 
@@ -45,6 +46,52 @@ def test_new_slots_have_their_picks_and_keep_them() -> None:
     assert tile.channels[14] == [60, 0, 0, 80, 40]
     assert tile.channels[18] == [-6, 0, 0, 0, -4]
     assert tile.cut == [2, 2, 2]
+
+
+def test_refined_and_split_slots_may_have_new_picks() -> None:
+    (tile,) = oracle.decode(build(stream(*PACKETS[:5], NEW_PICKS))).tiles
+    # The first child of slot 0 has entry 2 now, and slot 1, refined, entry 1; slot 2 was dropped.
+    assert tile.x[14] == tile.channels[14] == [40, 20, 0, 80, 40]
+    assert tile.x[18] == tile.channels[18] == [-4, -2, 0, 0, -4]
+
+
+def test_new_picks_of_0_say_0_and_are_not_the_old_ones() -> None:
+    (tile,) = oracle.decode(build(stream(*PACKETS[:5], Packet(component=1, repicks=())))).tiles
+    assert tile.x[14] == [0] * 5
+
+
+def test_new_picks_are_in_order_of_slot_whatever_the_kind() -> None:
+    grow = Packet(records={0: REFINE, 1: DROP, 2: SPLIT}, psi={X: [1, 1]}, adds={X: [4]})
+    late = replace(NEW_PICKS, picks=[3, 0])
+    (tile,) = oracle.decode(build(stream(*PACKETS[:4], grow, late))).tiles
+    assert tile.x[14] == [40, 0, 20, 60, 0]
+
+
+def test_a_step_that_only_refines_has_picks_of_its_slots_alone() -> None:
+    refine = Packet(records={1: REFINE, 2: REFINE}, psi={X: [1, 1]})
+    packets = (*PACKETS[:4], refine, Packet(component=1, repicks=[4, 0]))
+    assert oracle.decode(build(stream(*packets))).tiles[0].x[14] == [60, 80, 0]
+    kept = oracle.decode(build(stream(*packets[:5], Packet(component=1, is_explicit=True))))
+    assert kept.tiles[0].x[14] == [60, 0, 20]
+
+
+def test_new_picks_that_come_late_are_those_of_their_step() -> None:
+    drop = Packet(records={1: DROP, 3: SPLIT}, psi={X: [1]})
+    packets = (*PACKETS[:5], drop, NEW_PICKS)
+    (tile,) = oracle.decode(build(stream(*packets))).tiles
+    # Slot 1 has been dropped since; slot 5 was split from slot 3, with entry 4.
+    assert tile.x[14] == [40, 20, 0, 80, 40]
+    assert tile.channels[14] == [40, 0, 0, 80, 40, 80]
+    before = oracle.decode(build(stream(*packets)), cut=[[3, 1, 2]]).tiles[0]
+    assert before.channels[14] == [60, 0, 0, 60, 0, 60]
+
+
+def test_the_state_of_picks_has_the_new_picks_of_changed_slots() -> None:
+    seen: dict[tuple[int, int, int], bytes] = {}
+    data = build(stream(*PACKETS[:5], NEW_PICKS))
+    oracle.decode(data, trace=lambda t, s, c, state: seen.update({(t, c, s): state}))
+    assert seen[0, 1, 0][:16] == struct.pack("<I3i", 3, 60, 0, 20)
+    assert seen[0, 1, 1][:24] == struct.pack("<I5i", 5, 40, 20, 0, 80, 40)
 
 
 def test_alpha_and_psi_of_steps_leave_what_is_above_band_0() -> None:
@@ -253,7 +300,9 @@ def test_the_palette_is_bounded_like_a_tile_and_counts_among_all_slots(name, mos
     ("code", "requirement", "body"),
     [
         ("E_PACKET", "R-5.9-1", bytes([0, 0])),
-        ("E_RESERVED", "R-4.4-1", bytes([4, 0, 0])),
+        *(("E_RESERVED", "R-4.4-1", bytes([1 << bit, 0, 0])) for bit in range(3, 8)),
+        ("E_PACKET", "R-5.9-1", bytes([4, 0])),
+        ("E_PACKET", "R-5.9-3", bytes([4, 0, 0x44])),
         ("E_RESERVED", "R-4.4-1", bytes([0, 0, 0x82])),
         ("E_PACKET", "R-5.9-2", bytes([0, 0, 0x40])),
         ("E_PACKET", "R-5.9-3", bytes([0, 0, 0x44])),
@@ -266,9 +315,38 @@ def test_a_wrong_packet_of_picks_is_a_fault_at_its_start(code, requirement, body
     assert fault(data) == (code, requirement, len(data) - len(body))
 
 
+def test_bit_2_of_core_and_of_the_palette_is_reserved() -> None:
+    for packets in ([replace(ADDS, flags=4)], [replace(ENTRIES, flags=4)]):
+        data = build(stream(*packets))
+        assert fault(data) == ("E_RESERVED", "R-4.4-1", start_of(data))
+    band = Packet(component=1, adds={0: [1, 2, 3]}, flags=4)
+    data = build(stream(ADDS, band, has_palette=False))
+    (_, picks) = oracle.read_tables(data, {}).packets
+    assert fault(data) == ("E_RESERVED", "R-4.4-1", picks.start)
+
+
+@pytest.mark.parametrize(
+    ("code", "requirement", "changes"),
+    [
+        ("E_FRAME", "R-5.10-3", {"flags": 4}),  # a plane of the new slots only
+        ("E_FRAME", "R-5.10-3", {"repicks": None, "stored": {"picks": [2, 1, 4, 2]}}),
+        ("E_INDEX", "R-7.2-4", {"repicks": [5, 0]}),
+        ("E_INDEX", "R-7.2-4", {"repicks": [0, 5]}),
+        ("E_INDEX", "R-7.2-4", {"repicks": [0, 0], "picks": [5, 0]}),
+    ],
+)
+def test_wrong_picks_of_changed_slots_are_a_fault_of_their_packet(
+    code, requirement, changes
+) -> None:
+    wrong = replace(MORE_PICKS, codings={"picks": 8}, **changes)
+    data = build(stream(*PACKETS[:5], wrong))
+    picks = oracle.read_tables(data, {}).packets[-1]
+    assert fault(data) == (code, requirement, picks.start)
+
+
 def test_the_list_of_no_picks_has_the_coding_byte_0() -> None:
     drop = Packet(records={0: DROP})
-    right = Packet(component=1, edit=lambda _: bytes([3, 0, 0]))  # flags of nothing are allowed
+    right = Packet(component=1, edit=lambda _: bytes([7, 0, 0]))  # flags of nothing are allowed
     assert oracle.decode(build(stream(ADDS, right, drop, right))).tiles[0].cut == [2, 2, 0]
     wrong = replace(right, edit=lambda _: bytes([0, 0, 4]))
     assert fault(build(stream(ADDS, right, drop, wrong)))[:2] == ("E_PACKET", "R-5.9-4")

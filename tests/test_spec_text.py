@@ -181,9 +181,11 @@ def decode_with_pseudo_code(data: bytes) -> bytes:
             continue
         core = cores[p.tile, p.step]
         if scene.header.has_palette and p.component == oracle.PICKS:
-            n_new = core.packet.n_splits + core.packet.n_adds
-            (picks,) = unpacked(spec, [n_new], 1, body)
-            spec.picks_step(tile, core, picks, scene.palette)
+            of_changed = bool(body) and body[0] >> 2 & 1 == 1
+            n_picks = core.packet.n_splits + core.packet.n_adds
+            n_picks += core.packet.n_psi if of_changed else 0
+            (picks,) = unpacked(spec, [n_picks], 1, body)
+            spec.picks_step(tile, core, picks, of_changed, scene.palette)
             continue
         lists = stored_lists(spec, p, core.packet, body)
         channels = oracle.channels_of(p.component)
@@ -323,8 +325,14 @@ def palette_stream(*late: Packet) -> bytes:
 
 @pytest.mark.parametrize(
     "late",
-    [(), (Packet(component=1),), (Packet(component=1, picks=[1]),)],
-    ids=["picks that are late", "picks of no bytes", "a pick for each slot"],
+    [
+        (),
+        (Packet(component=1),),
+        (Packet(component=1, picks=[1]),),
+        (Packet(component=1, picks=[1], repicks=[2, 3]),),
+        (Packet(component=1, repicks=()),),
+    ],
+    ids=["late", "of no bytes", "of new slots", "of changed slots", "of changed slots, all 0"],
 )
 def test_the_pseudo_code_decodes_streams_with_a_palette_as_the_oracle_does(late):
     data = palette_stream(*late)
@@ -332,13 +340,25 @@ def test_the_pseudo_code_decodes_streams_with_a_palette_as_the_oracle_does(late)
 
 
 def test_the_pseudo_code_decodes_random_streams_with_a_palette_as_the_oracle_does():
-    streams = [random_stream(Random(f"pseudo-code {seed}")) for seed in range(250)]
+    streams = [random_stream(Random(f"pseudo-code {seed}")) for seed in range(350)]
     scenes = [oracle.decode(data) for data in streams]
     shared = [k for k, scene in enumerate(scenes) if scene.header.has_palette]
     assert any(tile.cut[0] > tile.cut[1] > 0 for k in shared for tile in scenes[k].tiles)
     assert sum(bool(scenes[k].palette[0]) for k in shared) > 10
+    assert sum(gives_new_picks(streams[k], scenes[k]) for k in shared) > 5
     for k in shared:
         assert decode_with_pseudo_code(streams[k]) == scenes[k].dump()
+
+
+def gives_new_picks(data: bytes, scene: oracle.Scene) -> bool:
+    """A packet of picks has bit 2 of its flags, and there are entries and slots that it changes."""
+    return bool(scene.palette[0]) and any(
+        p.component == oracle.PICKS
+        and p.size > 0
+        and data[p.start] & oracle.OF_CHANGED != 0
+        and scene.tiles[p.tile].steps[p.step].core.n_psi > 0
+        for p in scene.packets
+    )
 
 
 def test_a_palette_gives_the_numbers_worked_out_by_hand():
@@ -354,8 +374,17 @@ def test_a_palette_gives_the_numbers_worked_out_by_hand():
     assert scene.tiles[0].channels[14] == [0, 0, -12, 0, -12]
 
 
-def test_a_pick_past_the_palette_is_refused_by_the_pseudo_code():
-    data = palette_stream(Packet(component=1, picks=[4]))
+def test_changed_slots_have_the_picks_worked_out_by_hand():
+    # Slot 0 is refined and keeps entry 3, of 0, or gets entry 1; slot 2 is split, and 4 is new.
+    late = Packet(component=1, picks=[1], repicks=[1, 0])
+    assert oracle.decode(palette_stream(late)).tiles[0].x[14] == [18, 0, 0, 0, 18]
+    plain = Packet(component=1, picks=[1])
+    assert oracle.decode(palette_stream(plain)).tiles[0].x[14] == [0, 0, -12, 0, 18]
+
+
+@pytest.mark.parametrize("changes", [{}, {"repicks": [0, 0]}, {"repicks": [4, 0], "picks": [1]}])
+def test_a_pick_past_the_palette_is_refused_by_the_pseudo_code(changes):
+    data = palette_stream(Packet(**{"component": 1, "picks": [4], **changes}))
     with pytest.raises(oracle.Reject) as caught:
         decode_with_pseudo_code(data)
     assert caught.value.code == "E_INDEX"

@@ -95,6 +95,14 @@ def test_random_streams_have_palettes_of_every_kind() -> None:
         entries = [list(entry) for entry in zip(*scene.palette, strict=True)]
         kinds["the last entry"] += n_entries > 1 and any(entries[-1]) and entries[-1] in shown
         kinds["SH of 0 beside others"] += any(map(any, shown)) and not all(map(any, shown))
+        bit_2 = [
+            tiles[p.tile].steps[p.step].core
+            for p in rows
+            if p.component == 1 and p.size > 0 and data[p.start] & 4
+        ]
+        kinds["new picks of refined slots"] += any(core.n_refines for core in bit_2)
+        kinds["new picks of split slots"] += any(core.n_splits for core in bit_2)
+        kinds["new picks of no slots"] += any(core.n_psi == 0 for core in bit_2)
         for step in (step for tile in tiles for step in tile.steps[: tile.cut[1]]):
             for kind, name in enumerate(("refine", "split", "drop")):
                 kinds[f"a {name} under picks"] += n_entries > 0 and kind in step.kinds
