@@ -26,10 +26,12 @@ from evogs_codec.grids import NotRepresentable as NotRepresentable
 from evogs_codec.interchange import read_tree as read_tree
 from evogs_codec.interchange import write_tree as write_tree
 from evogs_codec.lifting import lift as lift
+from evogs_codec.lifting import lift_with_order as lift_with_order
 from evogs_codec.ply import read_ply as read_ply
 from evogs_codec.ply import write_ply as write_ply
 from evogs_codec.settings import PRESETS as PRESETS
 from evogs_codec.settings import Settings as Settings
+from evogs_codec.sharing import with_palette as with_palette
 from evogs_codec.splats import SplatParams as SplatParams
 from evogs_codec.tree import EvolutionTree as EvolutionTree
 from evogs_codec.tree import Kind as Kind
@@ -60,9 +62,11 @@ __all__ = [
     "encode",
     "extract",
     "lift",
+    "lift_with_order",
     "read_directory",
     "read_ply",
     "read_tree",
+    "with_palette",
     "write_ply",
     "write_tree",
 ]

@@ -35,7 +35,12 @@ FIRST_PRICE = 1e-11  # mean squared error that a bit is worth: about 45 dB
 PRICES = (1e-18, 1e-5)
 FACTORS = (1e-4, 1e4)
 MOST_TRIES = 14
+QUICK = (
+    60,
+    200_000,
+)  # tries at most of few splats, in which a rounding moves a PSNR; tries times splats
 NARROW = 1e-6
+ROUGH, SPREAD, GOLDEN = 0.02, 0.2, 0.618  # of the logarithm of a price
 PSNR_SLACK, BYTES_SLACK = 0.1, 0.005  # dB, and part of the bytes asked for
 POLISH_GAIN = 2.0  # dB, about
 
@@ -72,6 +77,8 @@ class Aim:
             ValueError: there are no pictures.
         """
         coder = _Coder(self)
+        most, work = QUICK
+        tries = max(MOST_TRIES, min(most, work // max(self.tree.n_leaves, 1)))
 
         def measure(coded: CodedTree) -> tuple[float, CodedTree]:
             return self.psnr(write(coded, effort=1, digests=False)), coded
@@ -81,7 +88,9 @@ class Aim:
         ) -> _Found[CodedTree]:
             # 3 dB for a price twice as high.
             slope = -10 / math.log(10)
-            return _search(lambda price: measure(code(price)), target, slope, start, PRICES, slack)
+            return _search(
+                lambda price: measure(code(price)), target, slope, start, PRICES, slack, tries=tries
+            )
 
         plain = search(coder.coded, decibels, FIRST_PRICE, PSNR_SLACK)
         found = [plain]
@@ -267,6 +276,7 @@ def _search(
     bounds: tuple[float, float],
     slack: float,
     most: float = math.inf,
+    tries: int = MOST_TRIES,
 ) -> _Found[T]:
     """Where a value that falls is nearest to `target`: secants in the logarithm, kept in brackets.
 
@@ -278,6 +288,7 @@ def _search(
         bounds: no place is outside.
         slack: a value this near is good enough.
         most: a value above it is the best only where none is below.
+        tries: at most.
     """
 
     def badness(value: float) -> tuple[bool, float]:
@@ -287,7 +298,8 @@ def _search(
     at = math.log(start)
     best: _Found[T] | None = None
     before: tuple[float, float] | None = None
-    for _ in range(MOST_TRIES):
+    middle: float | None = None
+    for k in range(tries):
         value, what = measure(math.exp(at))
         if best is None or badness(value) < badness(best.value):
             best = _Found(math.exp(at), value, what)
@@ -303,7 +315,12 @@ def _search(
         at += (target - value) / slope
         if not low < at < high:
             at = (low + high) / 2
-        if high - low < NARROW:
+        if k + 1 == MOST_TRIES and high - low < ROUGH:
+            middle = (low + high) / 2
+        if middle is not None:
+            # Of few splats a PSNR is rough: places around have any value near it.
+            at = middle + SPREAD * (k * GOLDEN % 1 - 0.5)
+        elif high - low < NARROW:
             break
     assert best is not None
     return best

@@ -169,16 +169,21 @@ class _TileBuilder:
         has_psi = source.kinds != Kind.DROP
         is_split = source.kinds == Kind.SPLIT
         splits = (np.cumsum(is_split) - 1)[rows[is_split[rows]]]
+        changed = (np.cumsum(has_psi) - 1)[rows[has_psi[rows]]]
         born = np.concatenate([splits, source.alpha.shape[1] + adds])
+        n_changed = len(source.picks) - source.n_new
+        picked = source.picks[:0]
+        if n_changed >= 0:  # there is a palette
+            picked = source.picks[np.concatenate([changed[:n_changed], n_changed + born])]
         self.steps.append(
             Step(
                 level=source.level,
                 slots=self.name[source.slots[rows]],
                 kinds=source.kinds[rows],
-                psi=source.psi[:, (np.cumsum(has_psi) - 1)[rows[has_psi[rows]]]],
+                psi=source.psi[:, changed],
                 alpha=source.alpha[:, splits],
                 adds=source.adds[:, adds],
-                picks=source.picks[born] if len(source.picks) else source.picks,
+                picks=picked,
             )
         )
         new = n_before + born

@@ -34,7 +34,7 @@ class CodedStep:
         error: estimates per component for the packet entries (spec 5.6).
         gain: mean squared error of pictures that the packet of each component takes off; for the
             order of packets, no part of the stream.
-        picks: (S + A,) int32 of the new slots, where there is a palette.
+        picks: int32 as of `tree.Step`, where there is a palette.
     """
 
     level: int
@@ -46,6 +46,11 @@ class CodedStep:
     error: tuple[int, ...] = ()
     gain: tuple[float, ...] = ()
     picks: I32 = field(default_factory=lambda: np.empty(0, np.int32))
+
+    @property
+    def n_new(self) -> int:
+        """Slots the step makes."""
+        return int(self.alpha.shape[1] + self.adds.shape[1])
 
 
 @dataclass(frozen=True, eq=False)

@@ -104,7 +104,7 @@ def write(
             return pack_entries(tree.entries, effort=effort)
         step = tree.tiles[tile].steps[number]
         if tree.entries is not None and component == PICKS:
-            return pack_picks(step.picks, effort=effort)
+            return pack_picks(step.picks, step.n_new, effort=effort)
         part = component_slice(component)
         alpha = [
             step.alpha[group] if len(tree.alpha_table(step.level, group).entries) > 1 else None

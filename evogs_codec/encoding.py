@@ -22,7 +22,7 @@ from evogs_codec.lifting import Lifted, lift_with_order, off_of
 from evogs_codec.ply import drop_non_finite, read_ply
 from evogs_codec.reports import level_figures, print_levels
 from evogs_codec.settings import PRESETS, TREE_PSNR, Settings
-from evogs_codec.sharing import shared_sh, with_palette
+from evogs_codec.sharing import with_palette
 from evogs_codec.splats import GROUPS, SplatParams
 from evogs_codec.terminal import progress_bar, version
 from evogs_codec.tree import EvolutionTree
@@ -48,9 +48,7 @@ def run_encode(args: argparse.Namespace) -> None:
             splats = _read_splats(args.input, drop_invalid=args.drop_invalid)
             lifted = _lifted(splats, args, progress)
             tree = lifted.tree
-            palette = None if args.no_palette else shared_sh(splats)
-            if palette is not None:
-                shared = with_palette(tree, lifted.leaf_of, *palette)
+            shared = None if args.no_palette else with_palette(lifted, splats)
             if args.max_error:
                 off = off_of(shared or tree, splats, lifted.leaf_of)
         elif args.refine:

@@ -47,17 +47,19 @@ def coded_entries(
     limit = np.array([[min(k.max_q, MAX_STORED // 8 - 1)] for k in quantisers])
     if np.any(np.abs(q) > limit):
         raise TooFine(4)
-    return _in_order(q.astype(np.int32))
+    return _in_order(q.astype(np.int32), palette.n_coarse)
 
 
-def _in_order(q: I32) -> tuple[I32, I32]:
+def _in_order(q: I32, n_coarse: int) -> tuple[I32, I32]:
     """Entries that are equal become one, zeros the pick 0; the rest stand in lexical order.
 
-    By the channels with most entropy first: stored as differences these take next to nothing.
+    By the channels with most entropy first: stored as differences these take next to nothing. The
+    first `n_coarse` stay in front: small picks of coarse splats take fewer bits.
     """
     rows, _ = decorrelate(q, slice(None))
     bits = [entropy(zigzag(row)) if row.size else 0.0 for row in rows]
-    order = np.lexsort(rows[np.argsort(bits)])
+    is_late = np.arange(q.shape[1]) >= n_coarse
+    order = np.lexsort([*rows[np.argsort(bits)], is_late])
     is_new = np.ones(len(order), bool)
     is_new[1:] = np.any(q[:, order[1:]] != q[:, order[:-1]], axis=0)
     is_new &= q[:, order].any(axis=0)

@@ -14,7 +14,7 @@ from evogs_codec.directory import UNKNOWN_ERROR
 from evogs_codec.gains import area, visibility
 from evogs_codec.grids import Grid
 from evogs_codec.splats import F64, I32, I64
-from evogs_codec.tree import EvolutionTree, Kind, Palette
+from evogs_codec.tree import EvolutionTree, Kind, Palette, Step, take_picks
 
 __all__ = ["History"]
 
@@ -33,9 +33,9 @@ class History:
     def __init__(self, tile: EvolutionTree, grid: Grid) -> None:
         self.grid = grid
         self.palette, self.n_components = tile.palette, tile.n_components
-        self.picks = np.concatenate([np.empty(0, np.int32), *(step.picks for step in tile.steps)])
+        self.shown: list[I32] = []
+        self.picks = np.zeros(1 + sum(step.n_new for step in tile.steps), np.int32)  # -1: none
         self.snapshots: list[I32] = []
-        self.stands: list[I64] = []
         self.missing: list[npt.NDArray[np.bool_]] = []
         self.present: list[I32] = []
         total = sum(step.n_new for step in tile.steps)
@@ -60,13 +60,21 @@ class History:
             rows.append(np.where(rows[-1] >= 0, self.born_from[rows[-1]], -1))
         return np.stack(rows)
 
-    def note(self, x: I32, n: int) -> None:
-        """Remember what stands for each sampled leaf: (D, L), 0 where nothing does."""
+    def note(self, x: I32, n: int, step: Step | None = None) -> None:
+        """Remember what stands for each sampled leaf: (D, L), 0 where nothing does.
+
+        Args:
+            x: (D, at least n) slots.
+            n: how many.
+            step: that of the tree which led to them; None for one that mends what it lacks.
+        """
+        if step is not None:
+            take_picks(step, self.picks, n - step.n_new)
         exists = (self.ancestors >= 0) & (self.ancestors < n)
         first = np.argmax(exists, axis=0)
         slot = self.ancestors[first, np.arange(exists.shape[1])]
         found = exists.any(0)
-        self.stands.append(np.where(found, slot, -1))
+        self.shown.append(self.picks[np.where(found, slot, -1)])
         self.snapshots.append(np.where(found, x[:, np.where(found, slot, 0)], 0).astype(np.int32))
         self.missing.append(np.logical_not(found))
         self.present.append(x[0:3, : 0 if found.all() else n].copy())
@@ -113,9 +121,7 @@ class History:
     def _off_picks(self, palette: Palette) -> F64:
         """(1 + K, C, L) squared errors of the SH above band 0, of none and then after each step."""
         last = palette.of(self.picks[self.leaves]).astype(np.float64)
-        # Slots keep their picks: -1 takes the one behind the last, which is 0.
-        picks = np.append(self.picks, np.int32(0))
-        off = [-last, *(palette.of(picks[slots]) - last for slots in self.stands)]
+        off = [-last, *(palette.of(picks) - last for picks in self.shown)]
         return np.square(np.stack(off))
 
     def _ways(self, last: F64) -> F64:

@@ -83,7 +83,7 @@ class Importance:
         means = _means(tiles, weights, n_levels)
         if tiles[0].palette is None:
             return Importance(weights, means)
-        entries = _of_entries(tiles, cuts[-1])
+        entries = _of_entries(tiles, shares, cuts)
         of_bands = np.broadcast_to(entries.mean(1), (1 + n_levels, len(entries)))
         return Importance(weights, np.concatenate([means, of_bands], axis=1), entries)
 
@@ -130,17 +130,20 @@ def _none(splats: SplatParams) -> F32:
     return np.zeros((n_channels(splats.sh_degree), len(splats)), np.float32)
 
 
-def _of_entries(tiles: Sequence[EvolutionTree], leaves: Sequence[F32]) -> F32:
-    """(degree, n) of each entry: the sum of those of the leaves that pick it."""
+def _of_entries(
+    tiles: Sequence[EvolutionTree], shares: Sequence[float], cuts: Sequence[Sequence[F32]]
+) -> F32:
+    """(degree, n) of each entry: the sum of those of the splats that pick it, of all levels."""
     palette = tiles[0].palette
     assert palette is not None, "who has entries has a palette"
     sums = np.zeros((palette.degree, 1 + palette.entries.shape[1]))
-    for tile, cut in zip(tiles, leaves, strict=True):
-        for state in tile.states():
-            picks, live = state.picks, state.live
-        if tile.steps:
-            for band, row in enumerate(cut[5:]):
-                sums[band] += np.bincount(picks[live], row, sums.shape[1])
+    for number, tile in enumerate(tiles):
+        ends = [step.level for step in tile.steps[1:]] + [len(cuts)]
+        for step, end, state in zip(tile.steps, ends, tile.states(), strict=True):
+            for level in range(step.level, end):
+                weights = shares[level] * cuts[level][number][5:]
+                for band, row in enumerate(weights):
+                    sums[band] += np.bincount(state.picks[state.live], row, sums.shape[1])
     return sums[:, 1:].astype(np.float32)
 
 

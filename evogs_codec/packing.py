@@ -15,6 +15,7 @@ import numpy.typing as npt
 from evogs_codec import frames, layout
 from evogs_codec.packet_header import (
     FLAG_ADDS_YCOCG,
+    FLAG_OF_CHANGED,
     FLAG_PSI_YCOCG,
     MAX_RECORDS_PER_BYTE,
     Counts,
@@ -90,10 +91,12 @@ def pack(
     return body
 
 
-def pack_picks(picks: I32, *, effort: int) -> bytes:
-    """The bytes of a packet of picks (spec 3.7), (n,)."""
+def pack_picks(picks: I32, n_new: int, *, effort: int) -> bytes:
+    """The bytes of a packet of picks (spec 3.7), (n,), `n_new` of them of new slots."""
     coding = choose_coding(picks)[0]
-    return b"" if coding == ABSENT else _join(0, [(coding, picks)], effort)
+    if coding == ABSENT and len(picks) == n_new:
+        return b""
+    return _join(0 if len(picks) == n_new else FLAG_OF_CHANGED, [(coding, picks)], effort)
 
 
 def pack_entries(entries: I32, *, effort: int) -> bytes:

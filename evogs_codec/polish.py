@@ -23,7 +23,7 @@ from evogs_codec.encode import write
 from evogs_codec.planes import MAX_STORED
 from evogs_codec.refine import MAX_X, RangeError, StepPlan, apply_channel
 from evogs_codec.splats import F32, F64, GROUP_CHANNELS, I32, SplatParams
-from evogs_codec.tree import N_GROUPS
+from evogs_codec.tree import N_GROUPS, take_picks
 
 __all__ = ["polished"]
 
@@ -117,7 +117,10 @@ class _Tile:
         palette = self.tree.palette()
         if palette is None:
             return np.empty((0, int(np.count_nonzero(self.live))), np.float32)
-        picks = np.concatenate([np.empty(0, np.int32), *(s.picks for s in self.tile.steps)])
+        picks, n = np.zeros(len(self.live), np.int32), 0
+        for step in self.tile.steps:
+            take_picks(step, picks, n)
+            n += step.n_new
         return palette.of(picks[self.live])
 
     def descend(self, slopes: F32, rate: float, t: int) -> None:

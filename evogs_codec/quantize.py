@@ -207,7 +207,7 @@ class _TileCoder:
         adds = self._code_adds(step, new_adds)
         self._apply(plan, step.level, psi, indices, adds)
         coded = CodedStep(step.level, step.slots, step.kinds, indices, psi, adds, picks=step.picks)
-        self.history.note(self.x, self.n)
+        self.history.note(self.x, self.n, step)
         return coded, plan
 
     def _serve(

@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import IntEnum
 from itertools import islice
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -42,10 +43,12 @@ class Palette:
     Attributes:
         degree: 1..3.
         entries: (C, n) float32, a row per channel from 14 on; entry k of the text is column k - 1.
+        n_coarse: so many of them, the first ones, were made for coarse splats.
     """
 
     degree: int
     entries: F32
+    n_coarse: int = 0
 
     def of(self, picks: npt.NDArray[np.integer]) -> F32:
         """(C, N) the SH of picks (N,): 0 for the pick 0."""
@@ -68,7 +71,8 @@ class Step:
         psi: (D, P) float32, a column per refine or split, in slot order.
         alpha: (5, S) float32, a column per split, rows in group order.
         adds: (D, A) float32, a column per add.
-        picks: (n_new,) int32 of a tree with a palette: of each C2, then of each add.
+        picks: int32 of a tree with a palette: (P,) of the refined splats and the C1s, or of none of
+            them if they keep theirs; then (n_new,) of each C2 and each add.
     """
 
     level: int
@@ -125,6 +129,19 @@ class Step:
             np.empty((N_GROUPS, 0), np.float32),
             np.empty((len(psi), 0), np.float32),
         )
+
+
+class Picking(Protocol):
+    """A step of a tree, in floats or in integers."""
+
+    @property
+    def slots(self) -> I32: ...
+    @property
+    def kinds(self) -> U8: ...
+    @property
+    def picks(self) -> I32: ...
+    @property
+    def n_new(self) -> int: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +236,7 @@ class EvolutionTree:
         picks = np.zeros(total, np.int32)
         n = 0
         for step in self.steps:
-            picks[n : n + len(step.picks)] = step.picks
+            take_picks(step, picks, n)
             n = _apply(step, values, live, n)
             yield Slots(values[:, :n], live[:n], self.palette, picks[:n])
 
@@ -242,6 +259,15 @@ class EvolutionTree:
     def of_splats(splats: SplatParams) -> EvolutionTree:
         """The tree with one level whose roots are `splats`."""
         return EvolutionTree(splats.sh_degree, (Step.of_adds(0, splats.channels()),))
+
+
+def take_picks(step: Picking, picks: I32, n: int) -> None:
+    """Give slots the picks of a step, in place; n slots were there before."""
+    n_changed = len(step.picks) - step.n_new
+    if n_changed > 0:
+        picks[step.slots[step.kinds != Kind.DROP]] = step.picks[:n_changed]
+    new = step.picks[max(n_changed, 0) :]
+    picks[n : n + len(new)] = new
 
 
 def alpha_channels(alpha: F32 | F64, d: int) -> F64:
@@ -298,9 +324,12 @@ def _check_step(step: Step, k: int, live: npt.NDArray[np.bool_], level: int, d: 
 
 
 def _check_picks(step: Step, k: int, palette: Palette) -> None:
-    if step.picks.shape != (step.n_new,):
+    if step.picks.shape not in ((step.n_new,), (step.psi.shape[1] + step.n_new,)):
         raise ValueError(f"step {k}: {len(step.picks)} picks of {step.n_new} new slots")
-    if step.n_new and not 0 <= step.picks.min() <= step.picks.max() <= palette.entries.shape[1]:
+    if (
+        step.picks.size
+        and not 0 <= step.picks.min() <= step.picks.max() <= palette.entries.shape[1]
+    ):
         raise ValueError(f"step {k}: picks must be in 0..{palette.entries.shape[1]}")
 
 
