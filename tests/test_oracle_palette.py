@@ -48,8 +48,9 @@ def test_new_slots_have_their_picks_and_keep_them() -> None:
     assert tile.cut == [2, 2, 2]
 
 
-def test_refined_and_split_slots_may_have_new_picks() -> None:
-    (tile,) = oracle.decode(build(stream(*PACKETS[:5], NEW_PICKS))).tiles
+@pytest.mark.parametrize("flags", [0, 3])
+def test_refined_and_split_slots_may_have_new_picks(flags: int) -> None:
+    (tile,) = oracle.decode(build(stream(*PACKETS[:5], replace(NEW_PICKS, flags=flags)))).tiles
     # The first child of slot 0 has entry 2 now, and slot 1, refined, entry 1; slot 2 was dropped.
     assert tile.x[14] == tile.channels[14] == [40, 20, 0, 80, 40]
     assert tile.x[18] == tile.channels[18] == [-4, -2, 0, 0, -4]
