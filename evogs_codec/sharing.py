@@ -112,6 +112,8 @@ def _coarse_entries(tree: EvolutionTree, is_last: I64, n: int) -> F32:
         written = np.concatenate([step.slots[step.kinds != Kind.DROP], new])
         parts.append(state.values[N_CORE:, written[is_last[written] > k]].astype(np.float32))
     x = np.concatenate(parts, axis=1)
+    if not x.shape[1]:  # all are leaves
+        return x
     x = x[:, :: max(1, x.shape[1] // SAMPLE)]
     centres = x[:, :: max(1, -(-x.shape[1] // max(n, 1)))]
     for _ in range(ROUNDS):

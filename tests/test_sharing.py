@@ -53,7 +53,9 @@ def scene():
 
 def test_every_splat_has_its_own_sh_in_the_palette(scene):
     splats, *_ = scene
-    palette, picks = shared_sh(splats)
+    found = shared_sh(splats)
+    assert found is not None
+    palette, picks = found
     assert palette.entries.shape == (24, 59)
     assert palette.degree == 2
     np.testing.assert_array_equal(palette.of(picks), splats.sh[:, 1:].reshape(len(splats), -1).T)
@@ -64,7 +66,9 @@ def test_zeros_of_either_sign_are_one_and_need_no_entry():
     splats = shared_scene(n_vectors=1)
     sh = splats.sh.copy()
     sh[::2, 1:] = -0.0
-    palette, picks = shared_sh(replace(splats, sh=sh))
+    found = shared_sh(replace(splats, sh=sh))
+    assert found is not None
+    palette, picks = found
     assert palette.entries.shape == (24, 0)
     assert not picks.any()
 
@@ -118,7 +122,8 @@ def test_arranging_moves_picks_with_their_splats(scene):
             np.concatenate([part.channels() for part in cut], axis=1)
             for cut in ([t.leaves(level) for t in arrange(tree, 3)], [tree.leaves(level)])
         ]
-        np.testing.assert_array_equal(*(x[:, np.lexsort(x)] for x in rows))
+        arranged, plain = (x[:, np.lexsort(x)] for x in rows)
+        np.testing.assert_array_equal(arranged, plain)
 
 
 def test_picks_are_checked():
@@ -128,6 +133,16 @@ def test_picks_are_checked():
         EvolutionTree(0, (step,), palette=palette)
     with pytest.raises(ValueError, match=r"picks must be in 0\.\.2"):
         EvolutionTree(0, (replace(step, picks=np.array([1, 3], np.int32)),), palette=palette)
+
+
+def test_a_tree_of_one_level_has_no_coarse_entries():
+    splats = shared_scene(300)
+    _, tree = shared_tree(splats, 1)
+    assert tree.palette.n_coarse == 0
+    np.testing.assert_array_equal(
+        np.sort(tree.leaves().sh[:, 1:].reshape(300, -1), axis=0),
+        np.sort(splats.sh[:, 1:].reshape(300, -1), axis=0),
+    )
 
 
 # --- streams -------------------------------------------------------------------------------------
@@ -165,13 +180,15 @@ def test_entries_that_round_to_the_same_become_one(seed):
     )
     settings = PRESETS["scene"].finer(float(rng.choice([0.1, 0.3, 1, 10])))
     coded = quantise(arrange(tree, 1), 1, settings)
-    entries = coded.entries
+    entries, decoded = coded.entries, coded.palette()
+    assert entries is not None
+    assert decoded is not None
     assert entries.any(axis=0).all(), "no entry is 0"
     assert np.unique(entries, axis=1).shape == entries.shape
     step = coded.quantisers[0][5].step * 2.0 ** -coded.grid_exponents[4]
     own = arrange(tree, 1)[0].steps[0].picks
     want = palette.of(own)
-    assert np.abs(coded.palette().of(coded.tiles[0].steps[0].picks) - want).max() <= 0.501 * step
+    assert np.abs(decoded.of(coded.tiles[0].steps[0].picks) - want).max() <= 0.501 * step
 
 
 def test_entries_in_order_take_fewer_bytes():

@@ -36,13 +36,14 @@ def _levels(subject: Subject, command: str, folder: Path) -> Iterator[dict[str, 
     directory = read_directory(memoryview(data))
     free = free_levels(tree)
     better = refine(tree, None, subject.up, DEFAULT_ITERATIONS, lambda _: None)
+    shown = subject.shared(better) or better
     for level in range(tree.n_levels - 1):
-        lifted = tree.leaves(level)
+        lifted = subject.best.leaves(level)
         theirs = decimated(command, ply, len(lifted))
         found = {
             "decoded": decode(data, Cut.of_level(directory, level)).leaves(),
             "lifted": lifted,
-            "refined": better.leaves(level),
+            "refined": shown.leaves(level),
             "free parents": free[level],
             "decimation": theirs,
         }

@@ -17,8 +17,9 @@ from evogs_codec import (
     SplatParams,
     decode,
     encode,
-    lift,
+    lift_with_order,
     read_directory,
+    with_palette,
 )
 from evogs_codec.aiming import Aim
 from evogs_codec.settings import TREE_PSNR
@@ -49,8 +50,9 @@ def levels(splats: SplatParams, scene: str, up: str) -> Rows:
         ]
         return f"{np.mean(found):.2f}"
 
-    tree = lift(splats, N_LEVELS)
-    free = free_levels(tree)
+    whole = lift_with_order(splats, N_LEVELS)
+    free = free_levels(whole.tree)
+    tree = with_palette(whole, splats) or whole.tree
     data = encode(tree, PRESETS["scene"])
     directory = read_directory(memoryview(data))
     rng = np.random.default_rng(0)

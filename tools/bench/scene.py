@@ -15,11 +15,13 @@ from evogs_codec import (
     SplatParams,
     decode,
     encode,
-    lift,
+    lift_with_order,
     read_directory,
     read_ply,
+    with_palette,
     write_ply,
 )
+from evogs_codec.lifting import Lifted
 from evogs_codec.stats import bytes_by_group
 from tools.bench.measure import (
     Code,
@@ -34,6 +36,7 @@ from tools.bench.peers import from_gsply, write_spz
 __all__ = ["TABLES"]
 
 Rows = list[dict[str, object]]
+SH_ABOVE_0 = ("sh 1", "sh 2", "sh 3", "picks")
 TURNS = 41  # of fewer, the median of the peer moves by a fifth
 # The steps at which leaves coded on their own have the errors that preset `scene` gives the leaves
 # of a tree: see the errors in the table.
@@ -46,8 +49,10 @@ FLAT = replace(
 
 def size(splats: SplatParams, folder: Path) -> Rows:
     """Bytes per splat and errors: all levels, the leaves alone, SPZ version 4."""
-    tree = _tree(splats, folder)
-    flat = EvolutionTree.of_splats(tree.leaves())
+    lifted, splats = _lifted(splats, folder)
+    tree = with_palette(lifted, splats) or lifted.tree
+    flat = EvolutionTree.of_splats(lifted.tree.leaves())
+    flat = with_palette(Lifted(flat, lifted.leaf_of), splats) or flat
     rows: Rows = []
     for name, some, settings, file in (
         ("evogs, 5 levels", tree, PRESETS["scene"], "scene.evogs"),
@@ -56,7 +61,7 @@ def size(splats: SplatParams, folder: Path) -> Rows:
         data = encode(some, settings)
         (folder / file).write_bytes(data)
         groups = bytes_by_group(read_directory(memoryview(data)), memoryview(data))
-        sh = sum(part.n_bytes for key, part in groups.items() if key in ("sh 1", "sh 2", "sh 3"))
+        sh = sum(part.n_bytes for key, part in groups.items() if key in SH_ABOVE_0)
         decoded = decode(data).leaves(sh_degree=splats.sh_degree)
         rows.append(_size_row(name, len(data), sh, decoded, leaves_in_stream_order(some)))
     spz = write_spz(splats, folder / "scene.spz")
@@ -175,11 +180,12 @@ TABLES: dict[str, tuple[str, Callable[[SplatParams, Path], Rows]]] = {
 }
 
 
-def _tree(splats: SplatParams, folder: Path) -> EvolutionTree:
-    """The lifted tree of the scene as a reader of its `.ply` has it."""
+def _lifted(splats: SplatParams, folder: Path) -> tuple[Lifted, SplatParams]:
+    """The scene lifted as a reader of its `.ply` has it, and as that one has it."""
     ply = folder / "scene.ply"
     write_ply(ply, splats)
-    return lift(read_ply(ply), 5)
+    splats = read_ply(ply)
+    return lift_with_order(splats, 5), splats
 
 
 def _spz_sh_bytes(path: Path) -> int:

@@ -20,11 +20,13 @@ from evogs_codec import (
     Settings,
     SplatParams,
     encode,
-    lift,
+    lift_with_order,
     read_ply,
     read_tree,
+    with_palette,
 )
 from evogs_codec.drawn import ORDERING_VIEWS
+from evogs_codec.lifting import Lifted
 from tools.bench.photographs import held_out
 from tools.scene import make_scene
 
@@ -67,6 +69,7 @@ class Subject:
     Attributes:
         name: of the scene.
         tree: lifted or trained.
+        lifted: the same with where its leaves come from, if it was lifted.
         settings: the preset for such trees.
         views: of its leaves, by which an encoder aims.
         gauge: by which streams are judged: the same views, or photographs.
@@ -79,20 +82,33 @@ class Subject:
     views: Views
     gauge: Gauge
     up: str = "z"
+    lifted: Lifted | None = None
+
+    @cached_property
+    def best(self) -> EvolutionTree:
+        """What `evogs encode` takes: with a palette where splats share their SH."""
+        return self.shared(self.tree) or self.tree
+
+    def shared(self, tree: EvolutionTree) -> EvolutionTree | None:
+        """This tree, or one with other coarse levels, with a palette."""
+        if self.lifted is None:
+            return None
+        return with_palette(replace(self.lifted, tree=tree), self.views.scene)
 
     @cached_property
     def stream(self) -> bytes:
         """Of the preset, in the order that the command line gives it."""
         every = -(-len(self.views.cameras) // ORDERING_VIEWS)
         few = replace(self.views, cameras=self.views.cameras[::every])
-        return encode(self.tree, self.settings, pictures=few)
+        return encode(self.best, self.settings, pictures=few)
 
     @staticmethod
     def of_scene(name: str, splats: SplatParams, up: str) -> Subject:
         """A scene, lifted; judged by pictures of itself."""
         views = Views(splats, around(splats, up, SIZE), others=rings(splats, up, 2))
-        tree = lift(splats, N_LEVELS)
-        return replace(Subject.of_tree(name, tree, PRESETS["scene"], views), up=up)
+        lifted = lift_with_order(splats, N_LEVELS)
+        subject = Subject.of_tree(name, lifted.tree, PRESETS["scene"], views)
+        return replace(subject, up=up, lifted=lifted)
 
     @staticmethod
     def of_tree(name: str, tree: EvolutionTree, settings: Settings, views: Views) -> Subject:

@@ -30,7 +30,7 @@ def efforts(of: Sequence[Subject]) -> Rows:
     """
     rows: Rows = []
     for subject in of:
-        tree = subject.tree
+        tree = subject.best
         tiles = arrange(tree, default_tiles(tree.n_leaves))
         coded = quantise(tiles, tree.n_levels, subject.settings)
         found = []

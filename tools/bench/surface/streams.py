@@ -74,7 +74,7 @@ def streams(of: Sequence[Subject]) -> Rows:
 
 
 def _points(subject: Subject) -> Iterator[Point]:
-    tree, settings, whole = subject.tree, subject.settings, subject.stream
+    tree, settings, whole = subject.best, subject.settings, subject.stream
     yield Point("preset", "preset", whole)
     for factor in FINER:
         yield Point("steps", f"--finer {factor:g}", encode(tree, settings.finer(factor)))
