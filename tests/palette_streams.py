@@ -93,7 +93,7 @@ DIRECTORY = read_directory(memoryview(DATA))
 @cache
 def legal_streams():
     """Random streams with a palette, each as unlike what an encoder writes as may be."""
-    found, seed = [], 0
+    found, seed = list[bytes](), 0
     while len(found) < 12:
         seed += 1
         data = random_stream(random.Random(seed))

@@ -91,6 +91,7 @@ def test_the_state_of_a_tile_has_a_pick_for_each_slot_and_no_sh_above_band_0():
     assert len(state.x) == 14
     # The second step has new picks of 0, 1 and 3. Slots 2, then 1 and 5, were dropped.
     assert state.picks[: state.n_slots].tolist() == [4, 0, 0, 2, 5, 0, 0, 3, 3]
+    assert state.palette is not None
     assert state.palette.x.shape == (N_ABOVE, 1 + DIRECTORY.n_entries)
 
 
@@ -106,6 +107,7 @@ def test_records_of_a_stream_written_again_decode_to_the_same_integers():
     packets = (entries(2, 100), entries(3, 101), FIRST[0], picks(0, 1, 5, 0, 3), SECOND[0])
     data = stream((*packets, changed(0, 1, 0, 3, 4, 4, 2), FIRST[2], picks(2, 1, 1, 1, 2)))
     tree = read_records(data)
+    assert tree.entries is not None
     assert tree.entries.shape == (N_ABOVE, 5)
     assert tree.tiles[0].steps[1].picks.tolist() == [1, 0, 3, 4, 4, 2]
     assert decode(write(tree), verify=True).dump() == decode(data).dump()
