@@ -54,14 +54,15 @@ class Ranges:
         largest: per group the largest magnitude of a state; positions from the tile's middle.
         furthest: largest coordinate of the middle of a tile.
         psi: [level][class] range of psi; [n_levels] of adds, and of the entries of a palette.
-        has_palette: classes above 4 are those of its entries.
+        sharing: leaves for each entry of a palette; 0 without one. Classes above 4 are those of its
+            entries.
     """
 
     extent: float
     largest: tuple[float, ...]
     furthest: float
     psi: tuple[tuple[float, ...], ...]
-    has_palette: bool = False
+    sharing: float = 0.0
 
     @staticmethod
     def of(tiles: Sequence[EvolutionTree], n_levels: int) -> Ranges:
@@ -72,7 +73,8 @@ class Ranges:
         largest = [0.0] * N_GROUPS
         psi = np.zeros((n_levels + 1, classes, 2))
         leaves = []
-        every = SAMPLED if sum(tile.n_leaves for tile in tiles) >= MANY else 1
+        n_leaves = sum(tile.n_leaves for tile in tiles)
+        every = SAMPLED if n_leaves >= MANY else 1
         for tile in tiles:
             middle = middle_of(tile)
             state = None
@@ -101,7 +103,7 @@ class Ranges:
             largest=tuple(largest),
             furthest=max(float(np.abs(middle_of(tile)).max()) for tile in tiles),
             psi=tuple(tuple(np.ptp(row, axis=1)) for row in psi),
-            has_palette=palette is not None,
+            sharing=0.0 if palette is None else n_leaves / max(palette.entries.shape[1], 1),
         )
 
 
@@ -150,8 +152,9 @@ def wanted_steps(settings: Settings, ranges: Ranges, n_levels: int) -> F64:
     shared = np.where(np.arange(classes) == 0, parts.sum(0), np.sqrt(np.square(parts).sum(0)))
     psi = base * parts / np.where(factor > 0, shared, 1.0)
     steps: F64 = np.concatenate([psi[:1] * settings.adds, psi])
-    if ranges.has_palette:
-        steps[:, 5:] = base[5:]  # splats have entries as they are: no level adds to their errors
+    if ranges.sharing:
+        # No level adds to the errors of entries; bits of one serve all splats that share it.
+        steps[:, 5:] = base[5:] / math.sqrt(max(ranges.sharing, 1.0))
     return steps
 
 
