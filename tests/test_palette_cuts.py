@@ -155,6 +155,19 @@ def test_without_sh_there_is_no_palette_but_the_stream_stays_one():
     assert whole == DATA
 
 
+def test_a_palette_that_nothing_picks_of_is_left_out_of_parts():
+    steps = DIRECTORY.chain_lengths()
+    steps[:, PICKS] = 0
+    unpicked = extract(DATA, Cut(steps, 2))
+    directory = read_directory(memoryview(unpicked))
+    assert directory.n_entries == 7
+    assert extract(unpicked, choose_cut(directory)) == unpicked
+    for options in ({"level": 2}, {"sh_degree": 2}, {"box": (-1e9, -1e9, -1e9, 1e9, 1e9, 1e9)}):
+        smaller = extract(unpicked, choose_cut(directory, **options))
+        assert read_directory(memoryview(smaller)).n_entries == 0
+        assert decode(smaller, verify=True).dump() == decode(unpicked).dump()
+
+
 @pytest.mark.parametrize("options", [{}, {"level": 1}, {"box": (80, 0, 60, 100, 1, 80)}])
 def test_a_byte_budget_gives_the_longest_prefix_that_fits(options):
     box = options.get("box")
