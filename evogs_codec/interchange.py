@@ -66,7 +66,10 @@ def write_tree(path: PathLike, tree: EvolutionTree) -> None:
 
     Raises:
         OSError: the file cannot be written.
+        ValueError: the tree has a palette, which the file has no place for.
     """
+    if tree.palette is not None:
+        raise ValueError("a .tree.npz has no palette: write the tree as it was lifted")
     d = n_channels(tree.sh_degree)
     steps = list(tree.steps)
     n_roots = int(bool(steps) and steps[0].level == 0)

@@ -60,10 +60,10 @@ def with_palette(lifted: Lifted, splats: SplatParams) -> EvolutionTree | None:
     Coarse splats show one of a few entries made for them, the nearest to their own SH.
 
     Returns:
-        None if too few splats share their SH.
+        None if too few splats share their SH, or if none has any.
     """
     shared = shared_sh(splats)
-    if shared is None:
+    if shared is None or not shared[0].entries.size:
         return None
     own, picks = shared
     tree = lifted.tree

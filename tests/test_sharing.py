@@ -17,6 +17,7 @@ from evogs_codec.arrange import arrange
 from evogs_codec.cli import main
 from evogs_codec.entries import coded_entries
 from evogs_codec.grids import Grid
+from evogs_codec.interchange import write_tree
 from evogs_codec.lifting import lift_with_order
 from evogs_codec.packet_header import PALETTE, PICKS
 from evogs_codec.ply import write_ply
@@ -145,6 +146,12 @@ def test_a_tree_of_one_level_has_no_coarse_entries():
     )
 
 
+def test_a_file_of_a_tree_does_not_lose_a_palette_in_silence(scene, tmp_path):
+    with pytest.raises(ValueError, match="no palette"):
+        write_tree(tmp_path / "a.tree.npz", scene[2])
+    assert not list(tmp_path.iterdir())
+
+
 # --- streams -------------------------------------------------------------------------------------
 
 
@@ -244,8 +251,14 @@ def test_coarse_levels_have_hints_of_their_picks(scene):
 
 def test_a_step_without_picks_takes_no_bytes():
     splats = shared_scene(300, 1)
-    _, tree = shared_tree(splats)
-    data = encode(tree, PRESETS["scene"])
+    lifted = lift_with_order(splats, 4)
+    assert with_palette(lifted, splats) is None, "bands without numbers need no palette"
+    steps = [
+        replace(s, psi=s.psi[:14], adds=s.adds[:14], picks=np.zeros(s.n_new, np.int32))
+        for s in lifted.tree.steps
+    ]
+    palette = Palette(2, np.zeros((24, 0), np.float32))
+    data = encode(EvolutionTree(0, tuple(steps), palette=palette), PRESETS["scene"])
     rows = read_directory(memoryview(data)).packets
     assert not rows["size"][rows["component"] == PICKS].any()
     assert not np.any(rows["component"] == PALETTE)
