@@ -154,6 +154,7 @@ class Packet:
     crc: int
     step: int = 0
     start: int = 0
+    label: int = 0  # 3.4: of the step, whatever the component; 3.7: of entries, their level
 
     @property
     def n_psi(self) -> int:
@@ -203,8 +204,13 @@ class Scene:
     tiles: list[Tile] = field(default_factory=list)
     palette: list[list[int]] = field(default_factory=list)  # 7.4: entries of channels from 14 on
     packets: list[Packet] = field(default_factory=list)
+    palette_packets: list[Packet] = field(default_factory=list)
     digests: dict[tuple[int, int, int], bytes] = field(default_factory=dict)
     metadata: dict[str, str] = field(default_factory=dict)
+
+    def palette_up_to(self, level: int) -> list[Packet]:
+        """3.7: packets of the palette that picks of a step with this label require."""
+        return [p for p in self.palette_packets if p.level <= level]
 
     def dump(self) -> bytes:
         """7.7: the dump of the cut."""
@@ -344,36 +350,43 @@ def read_packets(scene: Scene, body: bytes, own: dict[str, int]) -> None:
     h = scene.header
     require(len(body) == h.n_packets * PACKET_ENTRY.size, "E_CHUNK", "R-5.2-5")
     rows = [[0] * (h.last_component + 1) for _ in range(h.n_tiles)]  # so far
-    level, live = [0] * h.n_tiles, [0] * h.n_tiles
-    slots = [0] * (h.n_tiles + 1)  # 8.2: of each tile, and entries of the palette
-    data_size, all_slots, picks_came = 0, 0, False
+    labels = [list[int]() for _ in range(h.n_tiles)]  # of the steps of core so far
+    live = [0] * h.n_tiles
+    level, slots = ([0] * (h.n_tiles + 1) for _ in range(2))  # of each tile, then of the palette
+    data_size, all_slots, picked = 0, 0, -1  # picked: the highest label of picks so far
     for row in PACKET_ENTRY.iter_unpack(body):
         p, t = Packet(*row), row[0]
         n_new, no_counts = p.n_adds + p.n_splits, p.n_adds + p.n_records == 0
         is_picks, is_palette = (h.has_palette and p.component == c for c in (PICKS, PALETTE))
+        of = h.n_tiles if is_palette else t
         require(p.reserved == 0, "E_RESERVED", "R-4.4-1")
         require(t < h.n_tiles and p.component <= h.last_component, "E_CHAIN", "R-5.6-1")
         if p.component > 0 and not is_palette:
             require(rows[t][0] > rows[t][p.component], "E_CHAIN", "R-5.6-2")
             require(p.level == 0 and no_counts, "E_COUNT", "R-5.6-4")
-        elif is_palette:
-            require(p.level == 0 and p.n_records == 0, "E_COUNT", "R-5.6-4")
         else:
-            require(level[t] <= p.level < h.n_levels, "E_CHAIN", "R-5.6-3")
-            level[t] = p.level
+            require(level[of] <= p.level < h.n_levels, "E_CHAIN", "R-5.6-3")
+            level[of] = p.level
+        if is_palette:
+            require(p.n_records == 0, "E_COUNT", "R-5.6-4")
         if p.component == 0 or is_palette:
             require((p.size == 0) == no_counts, "E_COUNT", "R-5.6-5")
         require(p.n_records <= live[t], "E_COUNT", "R-5.6-6")
         require(p.n_adds + p.n_records <= 16 * p.size, "E_AMPLIFICATION", "R-5.6-7")
         require(p.size > 0 or p.crc == 0, "E_CRC", "R-5.6-8")
-        require(not is_palette or (t == 0 and not picks_came), "E_CHAIN", "R-5.6-10")
+        require(not is_palette or (t == 0 and p.level > picked), "E_CHAIN", "R-5.6-10")
         p.step, p.start = rows[t][p.component], HEADER.size + h.chunks_size + data_size
         scene.packets.append(p)
         rows[t][p.component] += 1
-        picks_came |= is_picks
-        if not is_palette:
+        if is_palette:
+            scene.palette_packets.append(p)
+        else:
             live[t] += n_new - p.n_drops
-        of = h.n_tiles if is_palette else t
+        if p.component == 0:
+            labels[t].append(p.level)
+        p.label = p.level if is_palette else labels[t][p.step]
+        if is_picks:
+            picked = max(picked, p.label)
         slots[of], all_slots = slots[of] + n_new, all_slots + n_new
         data_size += p.size
         check_limit("tile_steps", rows[t][p.component], h.tier, own)
@@ -748,7 +761,8 @@ def apply_picks(scene: Scene, packet: Packet, body: bytes) -> None:
     picks = [0] * n_new  # 5.6: those of a packet of no bytes
     if packet.size > 0:
         _, _, (picks,) = read_lists(body, [len(changed) + n_new], first_add=1, n_flags=3)
-    require(all(pick <= len(scene.palette[0]) for pick in picks), "E_INDEX", "R-7.2-4")
+    n_entries = sum(p.n_adds for p in scene.palette_up_to(packet.label))
+    require(all(pick <= n_entries for pick in picks), "E_INDEX", "R-7.2-4")
     repicks, picks = picks[: len(changed)], picks[len(changed) :]
     for channel, entries in zip(scene.header.above_core, scene.palette, strict=True):
         x = tile.x[channel]
@@ -809,7 +823,7 @@ Ranges = list[tuple[int, int]]  # begin and end of the bytes that are there
 def cut_by_level(scene: Scene, level: int) -> list[list[int]]:
     """3.6: core packets with labels of at most `level`; of bands what is there, not more.
 
-    A cut says in tile 0 how many steps of the palette it takes: here, all.
+    A cut says in tile 0 how many steps of the palette it takes: here, those of the levels.
     """
     cut = [[0] * (scene.header.last_component + 1) for _ in scene.tiles]
     for p in scene.packets:
@@ -818,13 +832,8 @@ def cut_by_level(scene: Scene, level: int) -> list[list[int]]:
         steps = cut[p.tile]
         steps[p.component] += p.component > 0 and steps[p.component] < steps[0]
     if scene.header.has_palette and cut:
-        cut[0][PALETTE] = n_palette_packets(scene)
+        cut[0][PALETTE] = len(scene.palette_up_to(level))
     return cut
-
-
-def n_palette_packets(scene: Scene) -> int:
-    """3.7: packets of the palette; those of picks require them all."""
-    return sum(scene.header.has_palette and p.component == PALETTE for p in scene.packets)
 
 
 def check_cut(scene: Scene, cut: list[list[int]]) -> None:
@@ -835,8 +844,10 @@ def check_cut(scene: Scene, cut: list[list[int]]) -> None:
         valid &= all(0 <= n <= m for n, m in zip(steps, limits, strict=False))
         of_tile = steps[:PALETTE] if scene.header.has_palette else steps
         valid &= all(n <= steps[0] for n in of_tile)
-    if valid and scene.header.has_palette and any(steps[PICKS] for steps in cut):
-        valid = cut[0][PALETTE] == most[0][PALETTE]
+    if valid and scene.header.has_palette:
+        picks = (p for p in scene.packets if p.component == PICKS)
+        taken = [p.label for p in picks if p.step < cut[p.tile][PICKS]]
+        valid = not taken or cut[0][PALETTE] >= len(scene.palette_up_to(max(taken)))
     if not valid:
         raise ValueError("the cut is not valid")
 
@@ -912,14 +923,13 @@ def decode_pieces(
             pieces.append((begin, end))
     head = data[: pieces[0][1]] if pieces and pieces[0][0] == 0 else b""
     scene = read_tables(head, limits or {})
-    n_palette = n_palette_packets(scene)
     for p in scene.packets:
         steps = scene.tiles[p.tile].cut
         required = p.step == steps[p.component] and (p.component == 0 or p.step < steps[0])  # 3.5
         if scene.header.has_palette and p.component == PALETTE:  # 3.7
             required = p.step == steps[PALETTE]
         elif scene.header.has_palette and p.component == PICKS:
-            required &= scene.tiles[0].cut[PALETTE] == n_palette
+            required &= scene.tiles[0].cut[PALETTE] >= len(scene.palette_up_to(p.label))
         if required and is_there(pieces, p):
             with structure_at(p.start):
                 apply_packet(scene, p, data[p.start : p.start + p.size])
