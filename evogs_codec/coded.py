@@ -67,8 +67,8 @@ class CodedTile:
 class CodedTree:
     """All that a stream says of a scene, but for the bytes it says it in.
 
-    Where there is a palette (spec 3.7), `entries` (C, n) int32 are its q; psi and adds have the
-    channels of core alone.
+    Where there is a palette (spec 3.7), `entries` (C, n) int32 are its q, `entry_levels` (n,) the
+    levels of their packets, never falling; psi and adds have the channels of core alone.
     """
 
     sh_degree: int
@@ -79,6 +79,7 @@ class CodedTree:
     tiles: tuple[CodedTile, ...]
     info: SceneInfo = field(default_factory=SceneInfo)
     entries: I32 | None = None
+    entry_levels: I32 = field(default_factory=lambda: np.empty(0, np.int32))
 
     def alpha_table(self, level: int, group: int) -> AlphaTable:
         """The table of a level and group; symmetric where none is stored."""
@@ -88,6 +89,12 @@ class CodedTree:
     def n_components(self) -> int:
         """Of a tile: with a palette core and picks, else core and a component per SH band."""
         return 1 + self.sh_degree if self.entries is None else 2
+
+    @property
+    def palette_levels(self) -> list[int]:
+        """Level of each packet of the palette: a packet per level that has entries."""
+        levels: list[int] = np.unique(self.entry_levels).tolist()
+        return levels
 
     def palette(self) -> Palette | None:
         """The entries as a decoder has them."""

@@ -27,7 +27,7 @@ from evogs_codec.directory_writing import build_directory
 from evogs_codec.drawn import Pictures, Shown
 from evogs_codec.packet_header import PALETTE, PICKS
 from evogs_codec.packing import pack, pack_entries, pack_picks
-from evogs_codec.progression import PALETTE_PLACE, Place, packet_order
+from evogs_codec.progression import Place, packet_order, palette_places
 from evogs_codec.quantize import quantise
 from evogs_codec.settings import PRESETS, Settings
 from evogs_codec.threads import each
@@ -97,11 +97,13 @@ def write(
         ValueError: an integer needs more than 24 bits, or a limit of the format is exceeded.
     """
     report = progress or (lambda _stage, _part: None)
+    levels = tree.palette_levels
 
     def pack_one(place: Place) -> bytes:
         tile, number, component = place
         if tree.entries is not None and component == PALETTE:
-            return pack_entries(tree.entries, effort=effort)
+            of_level = tree.entry_levels == levels[number]
+            return pack_entries(tree.entries[:, of_level], effort=effort)
         step = tree.tiles[tile].steps[number]
         if tree.entries is not None and component == PICKS:
             return pack_picks(step.picks, step.n_new, effort=effort)
@@ -126,8 +128,7 @@ def write(
         for number in range(len(own.steps))
         for component in range(tree.n_components)
     ]
-    if tree.entries is not None and tree.entries.size:
-        places.insert(0, PALETTE_PLACE)
+    places += palette_places(tree)
     bodies: dict[Place, bytes] = {}
     for k, (place, body) in enumerate(zip(places, each(pack_one, places), strict=True)):
         report("pack", k / len(places))
@@ -136,8 +137,9 @@ def write(
     entries = np.zeros(len(order), layout.dtype_of(layout.PACKET_ENTRY))
     for row, (tile, number, component) in zip(entries, order, strict=True):
         body = bodies[tile, number, component]
-        if (tile, number, component) == PALETTE_PLACE and tree.entries is not None:
-            row["n_adds"], row["error"] = tree.entries.shape[1], UNKNOWN_ERROR
+        if tree.entries is not None and component == PALETTE:
+            row["level"], row["error"] = levels[number], UNKNOWN_ERROR
+            row["n_adds"] = np.count_nonzero(tree.entry_levels == levels[number])
         else:
             step = tree.tiles[tile].steps[number]
             for name, value in _entry(step, component).items():

@@ -5,7 +5,8 @@ Letters: C SH channels above band 0, n entries.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,20 +15,43 @@ from evogs_codec.grids import Grid, TooFine
 from evogs_codec.packet_header import N_CORE
 from evogs_codec.packing import decorrelate
 from evogs_codec.planes import MAX_STORED, entropy, zigzag
-from evogs_codec.splats import F32, I32
+from evogs_codec.splats import F32, I32, I64
 from evogs_codec.trading import cheapest
 from evogs_codec.tree import Palette
 
-__all__ = ["coded_entries", "renumbered"]
+__all__ = ["CodedEntries", "coded_entries"]
+
+NEVER = 1 << 30  # above all levels
+
+
+@dataclass(frozen=True, eq=False)
+class CodedEntries:
+    """A palette in integers.
+
+    Attributes:
+        q: (C, n).
+        levels: (n,) int32, never falling: the first that picks each.
+        number: (1 + entries of the tree,) the number of every pick now.
+    """
+
+    q: I32
+    levels: I32
+    number: I32
+
+    def of(self, tile: CodedTile) -> CodedTile:
+        """The tile with picks in the numbers that entries have now."""
+        steps = tuple(replace(step, picks=self.number[step.picks]) for step in tile.steps)
+        return replace(tile, steps=steps)
 
 
 def coded_entries(
-    palette: Palette, grid: Grid, weights: F32 | None, price: float
-) -> tuple[I32, I32]:
-    """The q (C, n) of the entries that differ, and the number (1 + entries,) of every pick now.
+    palette: Palette, tiles: Sequence[CodedTile], grid: Grid, weights: F32 | None, price: float
+) -> CodedEntries:
+    """The entries that are picked, those that have become equal as one.
 
     Args:
         palette: of the tree.
+        tiles: with picks of it.
         grid: its steps of adds are those of entries.
         weights: (degree, entries) mean squared error of the pictures per squared error of a number
             of an entry, per SH band; then bits are saved where they do little.
@@ -47,28 +71,42 @@ def coded_entries(
     limit = np.array([[min(k.max_q, MAX_STORED // 8 - 1)] for k in quantisers])
     if np.any(np.abs(q) > limit):
         raise TooFine(4)
-    return _in_order(q.astype(np.int32), palette.n_coarse)
+    return _in_order(q.astype(np.int32), _first_levels(tiles, q.shape[1]), palette.n_coarse)
 
 
-def _in_order(q: I32, n_coarse: int) -> tuple[I32, I32]:
-    """Entries that are equal become one, zeros the pick 0; the rest stand in lexical order.
+def _first_levels(tiles: Sequence[CodedTile], n: int) -> I64:
+    """(n,) the first level that picks each entry; `NEVER` if none does."""
+    first = np.full(1 + n, NEVER)
+    for tile in tiles:
+        for step in tile.steps:
+            np.minimum.at(first, step.picks, step.level)
+    return first[1:]
 
-    By the channels with most entropy first: stored as differences these take next to nothing. The
-    first `n_coarse` stay in front: small picks of coarse splats take fewer bits.
+
+def _in_order(q: I32, first: I64, n_coarse: int) -> CodedEntries:
+    """Entries by level, in a level those of coarse splats first, then in lexical order.
+
+    Few entries of coarse levels in front let their picks take few bits. In lexical order, by the
+    channels with most entropy first, entries stored as differences take few.
     """
     rows, _ = decorrelate(q, slice(None))
     bits = [entropy(zigzag(row)) if row.size else 0.0 for row in rows]
-    is_late = np.arange(q.shape[1]) >= n_coarse
-    order = np.lexsort([*rows[np.argsort(bits)], is_late])
+    order = np.lexsort(rows[np.argsort(bits)])
     is_new = np.ones(len(order), bool)
     is_new[1:] = np.any(q[:, order[1:]] != q[:, order[:-1]], axis=0)
-    is_new &= q[:, order].any(axis=0)
-    number = np.zeros(1 + len(order), np.int32)
-    number[1 + order] = np.where(q[:, order].any(axis=0), np.cumsum(is_new), 0)
-    return q[:, order[is_new]], number
-
-
-def renumbered(tile: CodedTile, number: I32) -> CodedTile:
-    """The tile with picks in the numbers that entries have now."""
-    steps = tuple(replace(step, picks=number[step.picks]) for step in tile.steps)
-    return replace(tile, steps=steps)
+    group = np.empty(len(order), np.int64)  # equal ones, in lexical order
+    group[order] = np.cumsum(is_new) - 1
+    kept = q[:, order[is_new]]
+    level = np.full(kept.shape[1], NEVER)
+    np.minimum.at(level, group, first)
+    is_own = np.ones(kept.shape[1], bool)
+    is_own[group[:n_coarse]] = False
+    place = np.lexsort([is_own, level])
+    place = place[(level[place] < NEVER) & kept[:, place].any(axis=0)]
+    number = np.zeros(kept.shape[1], np.int32)  # that of zeros is 0
+    number[place] = np.arange(1, 1 + len(place))
+    return CodedEntries(
+        kept[:, place],
+        level[place].astype(np.int32),
+        np.concatenate([[0], number[group]]).astype(np.int32),
+    )

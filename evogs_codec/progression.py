@@ -15,15 +15,13 @@ import numpy as np
 
 from evogs_codec import layout
 from evogs_codec.coded import CodedTile, CodedTree
-from evogs_codec.packet_header import PICKS
+from evogs_codec.packet_header import PALETTE, PICKS
 from evogs_codec.splats import F64
 from evogs_codec.tree import Kind
 
-__all__ = ["PALETTE_PLACE", "Place", "leaf_shares", "packet_order"]
+__all__ = ["Place", "leaf_shares", "packet_order", "palette_places"]
 
 Place: TypeAlias = tuple[int, int, int]  # tile, step, component
-Key: TypeAlias = tuple[float, int, int]  # what places are sorted by
-PALETTE_PLACE: Place = (0, 0, 2)  # of a palette, which is one packet (spec 3.7)
 
 
 def packet_order(tree: CodedTree, sizes: Mapping[Place, int]) -> list[Place]:
@@ -34,38 +32,47 @@ def packet_order(tree: CodedTree, sizes: Mapping[Place, int]) -> list[Place]:
         sizes: bytes of each packet.
     """
     keyed = []
+    dues = _dues(tree, sizes)
     for number, (share, tile) in enumerate(zip(leaf_shares(tree), tree.tiles, strict=True)):
         core = np.full(len(tile.steps), np.inf)
         for component in range(tree.n_components):
             places = [(number, k, component) for k in range(len(tile.steps))]
             gains = [share * step.gain[component] if step.gain else 0.0 for step in tile.steps]
-            slopes = np.minimum(_falling(gains, [sizes[place] for place in places]), core)
+            prices = [sizes[place] + dues.get(place, 0.0) for place in places]
+            slopes = np.minimum(_falling(gains, prices), core)
             core = slopes if component == 0 else core
             keyed += [((-slope, p[1], number), p) for slope, p in zip(slopes, places, strict=True)]
-    if PALETTE_PLACE not in sizes or tree.entries is None:
-        return [place for _, place in sorted(keyed)]
-    return _after_palette(tree, keyed, sizes)
+    order: list[Place] = []
+    palette = palette_places(tree)
+    levels = tree.palette_levels
+    for _, place in sorted(keyed):
+        tile_number, k, component = place
+        if tree.entries is not None and component == PICKS:
+            label = tree.tiles[tile_number].steps[k].level
+            n_required = sum(level <= label for level in levels)
+            order += [p for p in palette[:n_required] if p not in order]
+        order.append(place)
+    return order
 
 
-def _after_palette(
-    tree: CodedTree, keyed: Sequence[tuple[Key, Place]], sizes: Mapping[Place, int]
-) -> list[Place]:
-    """The places in order: no pick pays more than all do with the palette, which is before them."""
-    gain = sum(
-        share * step.gain[PICKS]
-        for share, tile in zip(leaf_shares(tree), tree.tiles, strict=True)
-        for step in tile.steps
-        if step.gain
-    )
-    size = sum(n for place, n in sizes.items() if place[2] != 0)
-    all_together = -gain / max(size, 1)
-    capped = [
-        ((max(key[0], all_together), *key[1:]), place) if place[2] == PICKS else (key, place)
-        for key, place in keyed
-    ]
-    places = [place for _, place in sorted(capped)]
-    first = next((k for k, place in enumerate(places) if place[2] == PICKS), len(places))
-    return [*places[:first], PALETTE_PLACE, *places[first:]]
+def palette_places(tree: CodedTree) -> list[Place]:
+    """Packets of the palette (spec 3.7), as if they were of tile 0."""
+    return [(0, k, PALETTE) for k in range(len(tree.palette_levels))]
+
+
+def _dues(tree: CodedTree, sizes: Mapping[Place, int]) -> dict[Place, float]:
+    """What packets of picks pay of the packet of the palette of their level, by their bytes."""
+    dues: dict[Place, float] = {}
+    for palette, level in zip(palette_places(tree), tree.palette_levels, strict=True):
+        of_level = [
+            (number, k, PICKS)
+            for number, tile in enumerate(tree.tiles)
+            for k, step in enumerate(tile.steps)
+            if step.level == level
+        ]
+        total = sum(sizes[place] for place in of_level)
+        dues |= {place: sizes[palette] * sizes[place] / max(total, 1) for place in of_level}
+    return dues
 
 
 def leaf_shares(tree: CodedTree) -> list[float]:
@@ -83,9 +90,9 @@ def _n_leaves(tile: CodedTile) -> int:
     return sum(int(step.adds.shape[1]) for step in tile.steps) + splits - drops
 
 
-def _falling(gains: Sequence[float], sizes: Sequence[int]) -> F64:
+def _falling(gains: Sequence[float], sizes: Sequence[float]) -> F64:
     """(K,) gain per byte along a chain; what pays less than the next counts together with it."""
-    runs: list[tuple[float, int, int]] = []  # gain, bytes, packets
+    runs: list[tuple[float, float, int]] = []  # gain, bytes, packets
     for gain, size in zip(gains, sizes, strict=True):
         run = gain, size + layout.size_of(layout.PACKET_ENTRY), 1
         while runs and runs[-1][0] * run[1] <= run[0] * runs[-1][1]:

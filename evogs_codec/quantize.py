@@ -18,7 +18,7 @@ import numpy.typing as npt
 from evogs_codec.alphas import alpha_tables, nearest, serving_both, serving_second
 from evogs_codec.coded import CodedStep, CodedTile, CodedTree
 from evogs_codec.directory import SceneInfo
-from evogs_codec.entries import coded_entries, renumbered
+from evogs_codec.entries import coded_entries
 from evogs_codec.grids import (
     Grid,
     NotRepresentable,
@@ -95,8 +95,7 @@ def quantise(
                 coded.append(_TileCoder(tile, grid, alpha, settings, own, price).code())
             entries = None
             if palette is not None:
-                entries, number = coded_entries(palette, grid, entry_weights, price)
-                coded = [renumbered(tile, number) for tile in coded]
+                entries = coded_entries(palette, coded, grid, entry_weights, price)
         except TooFine as error:
             if exponents[error.group] <= -16:
                 raise NotRepresentable(
@@ -106,7 +105,7 @@ def quantise(
             continue
         break
     warn_if_coarser(grid, steps, settings)
-    return CodedTree(
+    tree = CodedTree(
         sh_degree=tiles[0].shown_degree,
         n_levels=n_levels,
         grid_exponents=exponents,
@@ -114,8 +113,11 @@ def quantise(
         alpha=alpha,
         tiles=tuple(coded),
         info=info or SceneInfo(),
-        entries=entries,
     )
+    if entries is None:
+        return tree
+    renumbered = tuple(entries.of(tile) for tile in coded)
+    return replace(tree, tiles=renumbered, entries=entries.q, entry_levels=entries.levels)
 
 
 class _TileCoder:

@@ -11,17 +11,16 @@ from hypothesis import strategies as st
 from conformance import oracle
 from conformance.cli import around
 from conformance.views import Views
-from evogs_codec import PRESETS, EvolutionTree, decode, encode, read_directory
+from evogs_codec import PRESETS, EvolutionTree, choose_cut, decode, encode, extract, read_directory
 from evogs_codec.aiming import Aim
 from evogs_codec.arrange import arrange
 from evogs_codec.cli import main
-from evogs_codec.entries import coded_entries
-from evogs_codec.grids import Grid
 from evogs_codec.interchange import write_tree
 from evogs_codec.lifting import lift_with_order
 from evogs_codec.packet_header import PALETTE, PICKS
+from evogs_codec.packing import pack_entries
 from evogs_codec.ply import write_ply
-from evogs_codec.progression import PALETTE_PLACE, packet_order
+from evogs_codec.progression import packet_order, palette_places
 from evogs_codec.quantize import quantise
 from evogs_codec.sharing import shared_sh, with_palette
 from evogs_codec.tree import Palette, Step
@@ -174,17 +173,10 @@ def test_a_stream_has_the_sh_of_every_level(scene, preset, n_tiles):
 @given(st.integers(0, 2**32 - 1))
 def test_entries_that_round_to_the_same_become_one(seed):
     rng = np.random.default_rng(seed)
-    palette = Palette(1, rng.integers(-2, 3, (9, 40)).astype(np.float32) * np.float32(0.3))
-    tree = EvolutionTree(
-        0,
-        (
-            replace(
-                Step.of_adds(0, rng.normal(size=(14, 60)).astype(np.float32)),
-                picks=rng.integers(0, 41, 60).astype(np.int32),
-            ),
-        ),
-        palette=palette,
-    )
+    vectors = rng.integers(-2, 3, (9, 40)).astype(np.float32) * np.float32(0.3)
+    tree = of_adds(vectors, rng.integers(0, 41, 60), rng)
+    palette = tree.palette
+    assert palette is not None
     settings = PRESETS["scene"].finer(float(rng.choice([0.1, 0.3, 1, 10])))
     coded = quantise(arrange(tree, 1), 1, settings)
     entries, decoded = coded.entries, coded.palette()
@@ -200,19 +192,48 @@ def test_entries_that_round_to_the_same_become_one(seed):
 
 def test_entries_in_order_take_fewer_bytes():
     rng = np.random.default_rng(0)
-    palette = Palette(1, rng.normal(0, 0.2, (9, 5000)).astype(np.float32))
-    steps = np.full((2, 6), 0.02)
-    grid = Grid.of(0, 1, (10,) * 5, steps, PRESETS["scene"])
-    entries, number = coded_entries(palette, grid, None, 1.0)
-    coded = encode_entries(entries)
+    tree = of_adds(rng.normal(0, 0.2, (9, 5000)).astype(np.float32), rng.permutation(5000) + 1, rng)
+    entries = quantise(arrange(tree, 1), 1, PRESETS["scene"].finer(4)).entries
+    assert entries is not None
     shuffled = encode_entries(entries[:, rng.permutation(entries.shape[1])])
-    assert len(coded) < 0.85 * len(shuffled)
-    np.testing.assert_array_equal(np.sort(number[1:]), np.arange(1, 5001))
+    assert len(encode_entries(entries)) < 0.85 * len(shuffled)
+
+
+def of_adds(entries, picks, rng, n_coarse=0):
+    """A tree of one level with these picks."""
+    adds = Step.of_adds(0, rng.normal(size=(14, len(picks))).astype(np.float32))
+    palette = Palette(1, entries, n_coarse)
+    return EvolutionTree(0, (replace(adds, picks=picks.astype(np.int32)),), palette=palette)
+
+
+def test_entries_that_nothing_picks_are_left_out_and_coarse_ones_come_first():
+    rng = np.random.default_rng(0)
+    entries = np.arange(1, 91, dtype=np.float32).reshape(9, 10)
+    tree = of_adds(entries, np.array([9, 2, 9, 4, 1, 0]), rng, n_coarse=3)
+    coded = quantise(arrange(tree, 1), 1, PRESETS["near-lossless"])
+    palette = coded.palette()
+    assert palette is not None
+    np.testing.assert_allclose(palette.entries, entries[:, [0, 1, 3, 8]], atol=1e-3)
+
+
+@pytest.mark.parametrize("n_tiles", [1, 3])
+def test_entries_come_with_the_level_that_first_picks_them(scene, n_tiles):
+    _, _, tree = scene
+    data = encode(tree, PRESETS["scene"], n_tiles=n_tiles)
+    directory = read_directory(memoryview(data))
+    rows = directory.packets[directory.palette_packets]
+    assert rows["level"].tolist() == sorted(set(rows["level"].tolist()))
+    assert rows["level"][-1] == tree.n_levels - 1
+    for level in range(tree.n_levels):
+        cut = choose_cut(directory, level=level)
+        smaller = extract(data, cut)
+        found = read_directory(memoryview(smaller))
+        assert found.n_entries == rows["n_adds"][rows["level"] <= level].sum()
+        assert oracle.decode(smaller).dump() == decode(data, cut).dump()
+    assert rows["n_adds"][0] < rows["n_adds"].sum()
 
 
 def encode_entries(entries):
-    from evogs_codec.packing import pack_entries
-
     return pack_entries(entries, effort=19)
 
 
@@ -223,19 +244,21 @@ def test_a_palette_that_is_nearly_free_keeps_the_bound_of_amplification():
     assert 16 * len(encode_entries(entries)) >= 1000
 
 
-def test_the_palette_comes_before_all_picks_and_after_the_first_core(scene):
+def test_packets_of_the_palette_come_with_the_first_picks_of_their_level(scene):
     _, _, tree = scene
     coded = quantise(arrange(tree, 2), tree.n_levels, PRESETS["scene"])
-    sizes = {PALETTE_PLACE: 5000}
+    palette = palette_places(coded)
+    sizes = dict.fromkeys(palette, 5000)
     for number, tile in enumerate(coded.tiles):
         for k in range(len(tile.steps)):
             sizes |= {(number, k, 0): 1000, (number, k, PICKS): 200}
     order = packet_order(coded, sizes)
     assert sorted(order) == sorted(sizes)
-    at = order.index(PALETTE_PLACE)
-    assert all(place[2] != PICKS for place in order[:at])
     assert order[0][2] == 0
-    assert order[at + 1][2] == PICKS
+    for place, level in zip(palette, coded.palette_levels, strict=True):
+        rest = order[order.index(place) + 1 :]
+        first = next(p for p in rest if p[2] == PICKS)
+        assert coded.tiles[first[0]].steps[first[1]].level == level
 
 
 def test_coarse_levels_have_hints_of_their_picks(scene):
