@@ -101,7 +101,7 @@ def _apply_picks(
     directory, step = state.directory, int(state.directory.steps[packet])
     offset, size = int(directory.offsets[packet]), int(directory.packets["size"][packet])
     body = data[offset : offset + size]
-    changed, new = unpack_picks(body, counts, directory.n_entries, offset)
+    changed, new = unpack_picks(body, counts, int(directory.entries_required[packet]), offset)
     (first, run, _, drop, _), (end, end_of_runs, _, end_of_drops, _) = plans.places[
         step : step + 2
     ].tolist()

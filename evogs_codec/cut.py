@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.directory import Directory
-from evogs_codec.packet_header import PICKS
 from evogs_codec.splats import F64, I64
 
 __all__ = ["Cut"]
@@ -41,7 +40,7 @@ class Cut:
 
     @staticmethod
     def of_level(directory: Directory, level: int) -> Cut:
-        """Level `level` of every tile, and the whole palette.
+        """Level `level` of every tile, and of the palette.
 
         Raises:
             ValueError: the stream has no such level.
@@ -52,7 +51,8 @@ class Cut:
         in_level = (packets["component"] == 0) & (packets["level"] <= level)
         core = np.bincount(packets["tile"][in_level], minlength=len(directory.tiles))
         steps = np.minimum(directory.chain_lengths(), core[:, None])
-        return Cut(steps, len(directory.palette_packets))
+        of_palette = packets["level"][directory.palette_packets]
+        return Cut(steps, int(np.count_nonzero(of_palette <= level)))
 
     @staticmethod
     def of_packets(directory: Directory, n_packets: int) -> Cut:
@@ -72,8 +72,7 @@ class Cut:
         is_missing = ~complete & (rows["size"] > 0)
         palette = directory.palette_packets
         n_palette = int(np.argmax(np.append(is_missing[palette], True)))
-        if n_palette < len(palette):  # picks require all of it
-            steps[:, PICKS] = 0
+        is_missing |= directory.palette_required > n_palette
         is_missing[palette] = False
         missing = np.flatnonzero(is_missing)
         chain = rows["tile"][missing], rows["component"][missing]
@@ -102,6 +101,12 @@ class Cut:
         steps[~met] = 0
         return Cut(steps, self.palette if met.any() else 0)
 
+    def with_palette_of_picks(self, directory: Directory) -> Cut:
+        """The same with the packets of the palette that its picks require, and no others."""
+        whole = Cut(self.steps, len(directory.palette_packets))
+        required = directory.palette_required[whole.packets(directory)]
+        return Cut(self.steps, int(required.max(initial=0)))
+
     def packets(self, directory: Directory) -> npt.NDArray[np.bool_]:
         """(n_packets,) True for the packets of the cut.
 
@@ -113,8 +118,6 @@ class Cut:
         palette = directory.palette_packets
         if (self.steps > directory.chain_lengths()).any() or self.palette > len(palette):
             raise ValueError("the cut asks for steps that are not in the file")
-        if directory.has_palette and self.palette < len(palette) and self.steps[:, PICKS].any():
-            raise ValueError("a cut with picks has the whole palette")
         selected = np.zeros(len(directory.packets), bool)
         selected[palette[: self.palette]] = True
         of_tiles = np.ones(len(directory.packets), bool)
@@ -122,6 +125,9 @@ class Cut:
         rows = directory.packets[of_tiles]
         applied = self.steps[rows["tile"], rows["component"]]
         selected[of_tiles] = directory.steps[of_tiles] < applied
+        required = int(directory.palette_required[selected].max(initial=0))
+        if self.palette < required:
+            raise ValueError(f"picks of the cut require {required} packets of the palette")
         return selected
 
 

@@ -16,8 +16,8 @@ from evogs_codec import layout
 from evogs_codec.crc import crc32
 from evogs_codec.errors import Fault, StreamError
 from evogs_codec.limits import LIMITS
-from evogs_codec.packet_header import FLAG_PALETTE, PALETTE, Counts
-from evogs_codec.packet_table import read_packet_table
+from evogs_codec.packet_header import FLAG_PALETTE, PALETTE, PICKS, Counts
+from evogs_codec.packet_table import labels_of, read_packet_table
 from evogs_codec.refine import SYMMETRIC, AlphaTable, Quantiser
 from evogs_codec.splats import I64, MAX_SH_DEGREE
 from evogs_codec.tables import (
@@ -107,6 +107,29 @@ class Directory:
     def n_entries(self) -> int:
         """Entries of the whole palette."""
         return int(self.packets["n_adds"][self.palette_packets].sum(dtype=np.int64))
+
+    @cached_property
+    def labels(self) -> I64:
+        """(n_packets,) label of the step of each packet; of the palette, level of the entries."""
+        labels = labels_of(self.packets, self.steps)
+        labels[self.palette_packets] = self.packets["level"][self.palette_packets]
+        return labels
+
+    @cached_property
+    def palette_required(self) -> I64:
+        """(n_packets,) packets of the palette that each packet of picks requires; 0 for others."""
+        required = np.zeros(len(self.packets), np.int64)
+        if self.has_palette:
+            picks = self.packets["component"] == PICKS
+            levels = self.labels[self.palette_packets]
+            required[picks] = np.searchsorted(levels, self.labels[picks], side="right")
+        return required
+
+    @cached_property
+    def entries_required(self) -> I64:
+        """(n_packets,) entries of these: the largest pick that each packet may have."""
+        n_entries = self.packets["n_adds"][self.palette_packets].astype(np.int64)
+        return np.concatenate([[0], np.cumsum(n_entries)])[self.palette_required]
 
     def alpha_table(self, level: int, group: int) -> AlphaTable:
         """The table of a level and group (spec 5.4)."""

@@ -16,7 +16,6 @@ from evogs_codec.directory import (
 from evogs_codec.directory_writing import rebuild_directory
 from evogs_codec.errors import Fault, StreamError
 from evogs_codec.layout import DIGEST_ENTRY, PACKET_ENTRY, size_of
-from evogs_codec.packet_header import PICKS
 from evogs_codec.splats import I64
 
 __all__ = ["choose_cut", "extract"]
@@ -53,8 +52,8 @@ def choose_cut(
     if box is not None:
         cut = cut.with_box(directory, box)
     is_part = not (level is None and sh_degree is None and box is None)
-    if directory.has_palette and is_part and not cut.steps[:, PICKS].any():
-        cut = Cut(cut.steps)  # nothing picks of the palette (spec 10)
+    if is_part:  # "the packets of the palette that [picks require], and no others" (spec 10)
+        cut = cut.with_palette_of_picks(directory)
     if max_bytes is None:
         return cut
     selected = np.flatnonzero(cut.packets(directory))

@@ -26,7 +26,7 @@ __all__ = ["Decoder", "StepReady"]
 class StepReady:
     """A packet was applied: a step of a component of a tile; `level` is its label.
 
-    A packet of a palette is of component 2 of tile 0, and of no level: that is 0.
+    A packet of a palette is of component 2 of tile 0; `level` is that of its entries.
     """
 
     tile: int
@@ -212,7 +212,7 @@ class Decoder:
             packet = int(directory.palette_packets[step])
             if packet not in self._whole or not self._try(packet, palette):
                 break
-            ready.append(StepReady(0, PALETTE, step, 0))
+            ready.append(StepReady(0, PALETTE, step, int(directory.labels[packet])))
         return ready
 
     def _advance(self, tile: int) -> list[StepReady]:
@@ -227,7 +227,7 @@ class Decoder:
                 packet = chain[step]
                 blocked = component > 0 and state.n_applied[0] <= step
                 if self._palette is not None and component == PICKS:
-                    blocked |= not self._palette.is_whole
+                    blocked |= self._palette.n_applied < directory.palette_required[packet]
                 if blocked or packet not in self._whole or not self._try(packet, state):
                     break
                 ready.append(StepReady(tile, component, step, state.level(step)))

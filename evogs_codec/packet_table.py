@@ -17,7 +17,7 @@ from evogs_codec.packet_header import FLAG_PALETTE, MAX_RECORDS_PER_BYTE, PALETT
 from evogs_codec.splats import I64
 from evogs_codec.tables import read_rows
 
-__all__ = ["read_packet_table"]
+__all__ = ["labels_of", "read_packet_table"]
 
 
 def read_packet_table(
@@ -35,6 +35,17 @@ def read_packet_table(
     if worst is not None:
         raise StreamError(worst[2], f"packet {worst[0]}: {worst[3]}", offset)
     return rows, table.step
+
+
+def labels_of(rows: npt.NDArray[np.void], steps: I64) -> I64:
+    """(n,) level of the core row of the same tile and step, of rows that have one."""
+    core = np.flatnonzero(rows["component"] == 0)
+    core = core[np.argsort(rows["tile"][core], kind="stable")]
+    if not len(core):
+        return np.zeros(len(rows), np.int64)
+    first = np.searchsorted(rows["tile"][core], rows["tile"])
+    labels: I64 = rows["level"][core[np.minimum(first + steps, len(core) - 1)]].astype(np.int64)
+    return labels
 
 
 class _PacketTable:
@@ -65,7 +76,7 @@ class _PacketTable:
     ) -> Iterator[tuple[Fault, npt.NDArray[np.bool_], str]]:
         """(fault, bad rows, detail), in the order of the ids within a row."""
         rows, header, core, tile = self.rows, self.header, self.is_core, self.tile
-        palette, has_counts = self.is_palette, core | self.is_palette
+        palette, has_levels = self.is_palette, core | self.is_palette  # and counts
         adds, splits = self.counts["n_adds"], self.counts["n_splits"]
         size, level = rows["size"].astype(np.int64), rows["level"].astype(np.int64)
         n_records = splits + self.counts["n_refines"] + self.counts["n_drops"]
@@ -73,25 +84,30 @@ class _PacketTable:
         yield Fault.E_RESERVED, rows["reserved"] != 0, "a reserved byte is set"
         unknown = (tile >= header["n_tiles"]) | (rows["component"] > self.last_component)
         yield Fault.E_CHAIN, unknown, "no such tile or component"
-        early = ~has_counts & (self.step >= _running(tile, core.astype(np.int64)))
+        early = ~has_levels & (self.step >= _running(tile, core.astype(np.int64)))
         yield Fault.E_CHAIN, early, "the packet is before the core packet it requires"
-        falls = core & ((level >= header["n_levels"]) | (level < _previous(tile, core, level)))
+        owner = np.where(palette, -1, tile)
+        previous = _previous(owner, has_levels, level)
+        falls = has_levels & ((level >= header["n_levels"]) | (level < previous))
         yield Fault.E_CHAIN, falls, "the level is too large or falls"
-        beside = ~core & ((level > 0) | (n_records > 0) | (adds > 0) & ~palette)
+        beside = ~has_levels & ((level > 0) | (adds > 0)) | ~core & (n_records > 0)
         yield Fault.E_COUNT, beside, "level or counts beside core"
-        wrong = has_counts & (some != (size > 0))
+        wrong = has_levels & (some != (size > 0))
         yield Fault.E_COUNT, wrong, "size and counts contradict each other"
         live = _running(tile, np.where(core, adds - self.counts["n_drops"] + splits, 0))
         yield Fault.E_COUNT, n_records > live, "more records than live splats"
         many = adds + n_records > MAX_RECORDS_PER_BYTE * size
         yield Fault.E_AMPLIFICATION, many, "too many records for its size"
         yield Fault.E_CRC, (size == 0) & (rows["crc"] != 0), "the CRC-32 of no bytes is 0"
-        late = palette & ((tile > 0) | np.logical_or.accumulate(self.is_picks))
-        yield Fault.E_CHAIN, late, "a packet of the palette has another tile, or is after picks"
+        if palette.any():
+            labels = np.where(self.is_picks, labels_of(rows, self.step), -1)
+            late = palette & ((tile > 0) | (level <= np.maximum.accumulate(labels)))
+            detail = "a packet of the palette has another tile, or is after picks that require it"
+            yield Fault.E_CHAIN, late, detail
         new = adds + splits
         columns = {
             "tile_steps": self.step + 1,
-            "tile_slots": _running(np.where(palette, -1, tile), new) + new,
+            "tile_slots": _running(owner, new) + new,
             "slots": np.cumsum(new),
         }
         for name, column in columns.items():
@@ -114,11 +130,11 @@ def _running(key: I64, values: I64) -> I64:
     return out
 
 
-def _previous(tile: I64, core: npt.NDArray[np.bool_], level: I64) -> I64:
-    """Level of the core row before, in the same tile; 0 for the first."""
-    rows = np.flatnonzero(core)
-    order = rows[np.argsort(tile[rows], kind="stable")]
-    out = np.zeros(len(tile), np.int64)
-    same = tile[order][1:] == tile[order][:-1]
+def _previous(key: I64, selected: npt.NDArray[np.bool_], level: I64) -> I64:
+    """Level of the selected row before with the same key; 0 for the first."""
+    rows = np.flatnonzero(selected)
+    order = rows[np.argsort(key[rows], kind="stable")]
+    out = np.zeros(len(key), np.int64)
+    same = key[order][1:] == key[order][:-1]
     out[order[1:][same]] = level[order[:-1][same]]
     return out

@@ -40,7 +40,7 @@ __all__ = [
 
 
 class PaletteState:
-    """Entries after some packets of the palette; what it says of picks holds once all are there.
+    """Entries after some packets of the palette: all that picks applied so far may name.
 
     Attributes:
         x: (C, 1 + capacity) int32 on the grid of SH; column 0 is what the pick 0 shows.

@@ -106,7 +106,8 @@ class TileState:
             elif self.palette is None:
                 self._apply_band(component, body, offset)
             else:
-                self._apply_picks(body, offset)
+                n_entries = int(self.directory.entries_required[packet])
+                self._apply_picks(body, n_entries, offset)
         except RangeError as error:
             raise StreamError(Fault.E_RANGE, str(error), offset) from None
         self.n_applied[component] += 1
@@ -153,10 +154,10 @@ class TileState:
         tables = [table] * N_GROUPS
         self._apply_channels(component, plan, level, packet.psi, packet.adds, alpha, tables)
 
-    def _apply_picks(self, body: memoryview, offset: int) -> None:
+    def _apply_picks(self, body: memoryview, n_entries: int, offset: int) -> None:
         plan = self._plans[self.n_applied[PICKS]]
         counts = self._counts[self.n_applied[PICKS]]
-        changed, new = unpack_picks(body, counts, self.directory.n_entries, offset)
+        changed, new = unpack_picks(body, counts, n_entries, offset)
         if changed is not None:
             self.picks[plan.targets] = changed
         self.picks[plan.n_before : plan.n_after] = new
