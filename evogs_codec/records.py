@@ -6,6 +6,8 @@ packets and forget them; this is for those who edit, inspect or re-encode a stre
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from evogs_codec.coded import CodedStep, CodedTile, CodedTree, component_slice
@@ -53,7 +55,7 @@ def read_records(data: bytes | memoryview) -> CodedTree:
                 tuple(steps),
             )
         )
-    return CodedTree(
+    tree = CodedTree(
         sh_degree=directory.sh_degree,
         n_levels=directory.n_levels,
         grid_exponents=directory.grid_exponents,
@@ -61,8 +63,12 @@ def read_records(data: bytes | memoryview) -> CodedTree:
         alpha=directory.alpha,
         tiles=tuple(tiles),
         info=directory.info,
-        entries=_entries(directory, view) if directory.has_palette else None,
     )
+    if not directory.has_palette:
+        return tree
+    of_palette = directory.packets[directory.palette_packets]
+    levels = np.repeat(of_palette["level"].astype(np.int32), of_palette["n_adds"])
+    return replace(tree, entries=_entries(directory, view), entry_levels=levels)
 
 
 def _entries(directory: Directory, data: memoryview) -> I32:
@@ -90,7 +96,8 @@ def _step(directory: Directory, data: memoryview, packets: list[int]) -> CodedSt
         offset, size = int(directory.offsets[packet]), int(rows["size"][component])
         body = data[offset : offset + size]
         if directory.has_palette and component == PICKS:
-            changed, new = unpack_picks(body, counts, directory.n_entries, offset)
+            n_entries = int(directory.entries_required[packet])
+            changed, new = unpack_picks(body, counts, n_entries, offset)
             chosen = [new] if changed is None else [changed, new]
             picks = np.concatenate(chosen).astype(np.int32)
             continue

@@ -30,10 +30,7 @@ CLASS_NAMES = ("position", "rotation", "scale", "opacity", "sh 0", "sh 1", "sh 2
 
 @dataclass(frozen=True)
 class LevelStats:
-    """A level: splats drawn at it, records and bytes it takes beyond the level below.
-
-    A palette is of no level; the lowest, which needs it first, has its bytes.
-    """
+    """A level: splats drawn at it, records and bytes it takes beyond the level below."""
 
     level: int
     n_leaves: int
@@ -50,13 +47,7 @@ def levels(directory: Directory) -> list[LevelStats]:
     """Figures per level, from the directory alone."""
     rows, out, live = directory.packets, [], 0
     core = rows["component"] == 0
-    level_of = {
-        (int(row["tile"]), int(step)): int(row["level"])
-        for row, step in zip(rows[core], directory.steps[core], strict=True)
-    }
-    keys = zip(rows["tile"].tolist(), directory.steps.tolist(), strict=True)
-    label = np.array([level_of.get(key, 0) for key in keys], np.int64)
-    label[directory.palette_packets] = 0
+    label = directory.labels
     for level in range(directory.n_levels):
         part = rows[(label == level) & core]
         n = {k: int(part[k].astype(np.int64).sum()) for k in _COUNTS}

@@ -110,12 +110,11 @@ def _some_views(gauge: Gauge) -> Gauge:
 
 
 def _by_level(directory: Directory) -> I64:
-    """Packets by level, a palette first; in a level core, then bands, in the order of the steps."""
-    packets, steps = directory.packets, directory.steps
-    core = packets["component"] == 0
-    levels = np.zeros((len(directory.tiles), int(steps.max(initial=0)) + 1), np.int64)
-    levels[packets["tile"][core], steps[core]] = packets["level"][core]
-    level = levels[packets["tile"], steps]
-    level[directory.palette_packets] = -1
-    order: I64 = np.lexsort((packets["component"], packets["tile"], steps, ~core, level))
+    """Packets by level; in a level core, the palette, then bands, in the order of the steps."""
+    packets = directory.packets
+    rank = np.where(packets["component"] == 0, 0, 2)
+    rank[directory.palette_packets] = 1
+    order: I64 = np.lexsort(
+        (packets["component"], packets["tile"], directory.steps, rank, directory.labels)
+    )
     return order
