@@ -26,7 +26,9 @@ from conformance.cases import (
     order_packets,
     palette,
     palette_changes,
+    palette_levels,
     palette_states,
+    palette_waits,
     polyglot,
     progressive,
     real,
@@ -63,5 +65,7 @@ FAMILIES: tuple[ModuleType, ...] = (
     palette,
     palette_states,
     palette_changes,
+    palette_levels,
+    palette_waits,
     invalid_palette,
 )

@@ -91,7 +91,7 @@ def counts() -> Iterator[Case]:
         (f"palette-with-{name.replace('_', '-')}",
          with_palette(ADD, replace(entries(2), row={name: 1}), picks(1, 2, 0)), "R-5.6-4",
          "E_COUNT", f"a row of the palette says `{name}` 1", "allows what core has")
-        for name in ("n_splits", "n_refines", "n_drops", "level")
+        for name in ("n_splits", "n_refines", "n_drops")
     ]  # fmt: skip
     yield from refused([
         *rows,
@@ -265,8 +265,9 @@ def order() -> Iterator[Case]:
     """Two faults each."""
     bad_picks = replace(picks(3, 3, 3), style=lambda c: raw(bytes([c[0] | 0x80])))
     rows: list[Row] = [
-        ("order-count-and-place", with_palette(ADD, picks(), replace(entries(1), level=1)),
-         "R-6.1-1 R-5.6-4 6.1", "E_COUNT", "a row of the palette behind picks that says level 1",
+        ("order-count-and-place",
+         with_palette(ADD, picks(), replace(entries(1), row={"n_drops": 1})),
+         "R-6.1-1 R-5.6-4 6.1", "E_COUNT", "a row of the palette behind picks, with `n_drops` 1",
          "looks at its place before its counts"),
         ("order-amplification-and-place",
          with_palette(ADD, replace(entries(0), tile=1, n_adds=177, is_explicit=True), n_tiles=2),

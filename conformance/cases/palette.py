@@ -29,10 +29,10 @@ GROW = Packet(
 )
 
 
-def entries(n: int, degree: int = 1, seed: int = 0) -> Packet:
+def entries(n: int, degree: int = 1, seed: int = 0, level: int = 0) -> Packet:
     """A packet of the palette with n entries; without any, of size 0."""
     channels = 3 * ((degree + 1) ** 2 - 1) if n else 0
-    return Packet(component=2, adds=numbers(n, channels, spread=60, seed=seed))
+    return Packet(component=2, level=level, adds=numbers(n, channels, spread=60, seed=seed))
 
 
 def picks(*of_slots: int, tile: int = 0) -> Packet:

@@ -88,7 +88,7 @@ def late_picks() -> Iterator[Case]:
 
 
 def levels() -> Iterator[Case]:
-    """Cuts by level have the whole palette."""
+    """Cuts by level of streams whose entries are all of level 0."""
     yield case(
         "level-0-of-two-palette-packets",
         with_palette(ADD, entries(2), GROW, entries(2, seed=1), picks(4, 1, 3), picks(3, 2)),
