@@ -68,7 +68,7 @@ class PaletteState:
         """Append the entries of the next packet, whose CRC-32 is right.
 
         Raises:
-            StreamError: the packet breaks a rule; the palette must not be used any more.
+            StreamError: the packet breaks a rule; the palette is as before.
         """
         offset = int(self.directory.offsets[packet])
         n = int(self.directory.packets["n_adds"][packet])

@@ -51,25 +51,20 @@ def entries(n, seed, **options):
 FIRST = {t: grown(t, 0, {}, 4, 10 * t) for t in range(3)}
 SECOND = {t: grown(t, 1, {0: SPLIT, 1: REFINE, 2: DROP, 3: SPLIT}, 1, 10 * t + 3) for t in range(3)}
 THIRD = {t: grown(t, 2, {1: DROP, 4: SPLIT, 5: DROP, 6: REFINE}, 1, 10 * t + 6) for t in range(3)}
-# The last steps of tile 0 have no picks; those of tile 1 come after all of core.
+# The last steps of tile 0 have no picks; those of tile 1 come after all of core and the palette.
+# Picks of level 0 are of 4 entries, those of level 1 of 6, those of level 2 of 7.
 PACKETS = (
     *(FIRST[0], FIRST[1]),
     entries(3, 100),
     FIRST[2],
-    entries(4, 101, flags=2, codings={"adds 5": DELTA | 0x24}),
-    *(picks(2, 7, 0, 2, 1), picks(0, 1, 2, 3, 4), SECOND[1], SECOND[2]),
-    *(
-        changed(2, 4, 0, 2, 5, 6, 0),
-        THIRD[1],
-        SECOND[0],
-        picks(0, 6, 7, 1),
-        THIRD[0],
-        THIRD[2],
-        picks(2, 3, 3),
-    ),
-    *(picks(1, 3, 0, 7, 7), picks(1), changed(1, 6, 1, 2, 5)),
+    entries(1, 101),
+    *(picks(2, 3, 0, 2, 1), picks(0, 1, 2, 3, 4), SECOND[1], SECOND[2]),
+    entries(2, 102, level=1, flags=2, codings={"adds 5": DELTA | 0x24}),
+    *(changed(2, 4, 0, 2, 5, 6, 0), THIRD[1], SECOND[0], picks(0, 6, 5, 1), THIRD[0], THIRD[2]),
+    entries(1, 103, level=2),
+    *(picks(2, 3, 7), picks(1, 3, 0, 4, 4), picks(1), changed(1, 6, 7, 2, 5)),
 )
-PLACES = {(0, 0, 2), (0, 1, 1), (0, PALETTE, 0), (0, PALETTE, 1), (1, 1, 2), (2, 1, 0), (2, 1, 2)}
+PLACES = {(0, 0, 2), (0, 1, 1), (0, PALETTE, 0), (0, PALETTE, 2), (1, 1, 2), (2, 1, 0), (2, 1, 2)}
 
 
 def stream(packets=PACKETS, **options):
@@ -116,11 +111,36 @@ def oracle_dump(data, cut):
 
 
 def random_cut(rng, directory):
-    """Any valid cut: of the palette all, or any number where there are no picks."""
+    """Any valid cut: of the palette what picks require, or more."""
     steps = rng.integers(0, directory.chain_lengths() + 1)
     steps = np.minimum(steps, steps[:, :1])
-    n = len(directory.palette_packets)
     if rng.random() < 0.3:
         steps[:, PICKS] = 0
-        n = int(rng.integers(0, n + 1))
-    return Cut(steps, n)
+    least = n_required(directory, steps)
+    return Cut(steps, int(rng.integers(least, len(directory.palette_packets) + 1)))
+
+
+def n_required(directory, steps):
+    """How many packets of the palette the picks of these steps require."""
+    return max(
+        (
+            n
+            for (tile, component, step), n in each_required(directory)
+            if component == PICKS and step < steps[tile, PICKS]
+        ),
+        default=0,
+    )
+
+
+def each_required(directory):
+    """(tile, component, step) of each packet, and how many of the palette it requires: 3.7."""
+    rows = [
+        (int(row["tile"]), int(row["component"]), step, int(row["level"]))
+        for row, step in zip(directory.packets, directory.steps.tolist(), strict=True)
+    ]
+    labels = {(tile, step): level for tile, component, step, level in rows if component == 0}
+    levels = [level for _, component, _, level in rows if component == PALETTE]
+    for tile, component, step, _ in rows:
+        is_picks = component == PICKS
+        required = [level for level in levels if is_picks and level <= labels[tile, step]]
+        yield (tile, component, step), len(required)

@@ -90,7 +90,7 @@ def test_the_state_of_a_tile_has_a_pick_for_each_slot_and_no_sh_above_band_0():
     state = decode(DATA).tiles[2]
     assert len(state.x) == 14
     # The second step has new picks of 0, 1 and 3. Slots 2, then 1 and 5, were dropped.
-    assert state.picks[: state.n_slots].tolist() == [4, 0, 0, 2, 5, 0, 0, 3, 3]
+    assert state.picks[: state.n_slots].tolist() == [4, 0, 0, 2, 5, 0, 0, 3, 7]
     assert state.palette is not None
     assert state.palette.x.shape == (N_ABOVE, 1 + DIRECTORY.n_entries)
 
@@ -100,17 +100,23 @@ def test_slots_of_steps_whose_picks_are_late_show_those_of_their_ancestors():
     state = decode(DATA, cut).tiles[2]
     # 4 was split from 0 and 7 from 4; 5 from 3, but dropped; 6 and 8 are adds.
     picks_shown = np.where(state.live[:9], state.shown_picks(), -1).tolist()
-    assert picks_shown == [7, -1, -1, 1, 7, -1, 0, 7, 0]
+    assert picks_shown == [3, -1, -1, 1, 3, -1, 0, 3, 0]
 
 
 def test_records_of_a_stream_written_again_decode_to_the_same_integers():
-    packets = (entries(2, 100), entries(3, 101), FIRST[0], picks(0, 1, 5, 0, 3), SECOND[0])
-    data = stream((*packets, changed(0, 1, 0, 3, 4, 4, 2), FIRST[2], picks(2, 1, 1, 1, 2)))
+    packets = (entries(1, 100), entries(1, 101), FIRST[0], picks(0, 1, 2, 0, 2), SECOND[0])
+    later = (entries(3, 102, level=1), changed(0, 1, 0, 3, 5, 4, 2), FIRST[2])
+    data = stream((*packets, *later, picks(2, 1, 1, 1, 2)))
     tree = read_records(data)
     assert tree.entries is not None
     assert tree.entries.shape == (N_ABOVE, 5)
-    assert tree.tiles[0].steps[1].picks.tolist() == [1, 0, 3, 4, 4, 2]
-    assert decode(write(tree), verify=True).dump() == decode(data).dump()
+    assert tree.entry_levels.tolist() == [0, 0, 1, 1, 1]
+    assert tree.tiles[0].steps[1].picks.tolist() == [1, 0, 3, 5, 4, 2]
+    again = write(tree)
+    assert decode(again, verify=True).dump() == decode(data).dump()
+    directory = read_directory(memoryview(again))
+    levels_and_entries = directory.packets[directory.palette_packets][["level", "n_adds"]].tolist()
+    assert levels_and_entries == [(0, 2), (1, 3)]
     with pytest.raises(ValueError, match="fewer steps than core"):
         read_records(DATA)
 
@@ -192,7 +198,7 @@ def damaged(*packets):
 
 OUT_OF_BOX = {"adds": {X: [2000] * 4}}
 BAD_ENTRIES = {"adds": {0: [1 << 22] * 4}, "codings": {"adds 1": 0x68}}
-TOO_FAR = {"picks": (8, 0, 2, 1)}
+TOO_FAR = {"picks": (5, 0, 2, 1)}  # entry 5 is of level 1
 RESERVED = {"edit": lambda body: bytes([body[0] | 8]) + body[1:]}
 FAULTS = [
     ("E_RANGE", 1, [(1, OUT_OF_BOX), (2, RESERVED)]),
@@ -203,8 +209,12 @@ FAULTS = [
     ("E_RESERVED", 6, [(6, RESERVED)]),
     ("E_RESERVED", 4, [(4, {"flags": 4})]),
     ("E_RESERVED", 7, [(7, {"flags": 4})]),
-    ("E_INDEX", 9, [(9, {"picks": (4, 8, 2, 5, 6, 0)}), (10, OUT_OF_BOX)]),
-    ("E_INDEX", 9, [(9, {"picks": (4, 0, 2, 5, 6, 8)})]),
+    ("E_INDEX", 10, [(10, {"picks": (4, 7, 2, 5, 6, 0)}), (11, OUT_OF_BOX)]),
+    ("E_INDEX", 10, [(10, {"picks": (4, 0, 2, 5, 6, 7)})]),
+    ("E_RESERVED", 9, [(9, RESERVED), (10, {"picks": (7, 0, 2, 5, 6, 0)}), (18, TOO_FAR)]),
+    ("E_RESERVED", 16, [(16, RESERVED), (17, {"picks": (8, 0)}), (18, TOO_FAR)]),
+    ("E_INDEX", 17, [(17, {"picks": (0, 8)}), (18, TOO_FAR)]),
+    ("E_INDEX", 18, [(18, TOO_FAR), (20, RESERVED)]),
 ]
 
 
@@ -243,6 +253,48 @@ def test_packets_outside_the_cut_are_not_examined():
     assert decode(data, cut).dump() == decode(DATA, cut).dump()
     with pytest.raises(StreamError, match="E_RESERVED"):
         decode(data, Cut(cut.steps, 1))
+
+
+def test_a_level_does_not_meet_the_faults_of_entries_of_higher_ones(way):
+    data = damaged((9, RESERVED), (16, RESERVED))
+    directory = read_directory(memoryview(data))
+    assert decode(data, Cut.of_level(directory, 0)).dump() == oracle.decode(DATA, level=0).dump()
+    for level in (1, 2):
+        with pytest.raises(StreamError, match="E_RESERVED") as caught:
+            decode(data, Cut.of_level(directory, level))
+        assert caught.value.offset == directory.offsets[9]
+
+
+HIGH, LOW = entries(1, 1, level=1), entries(1, 2)
+TABLES = [
+    (None, [HIGH, replace(HIGH), FIRST[0], picks(0)]),
+    (None, [LOW, FIRST[0], picks(0), HIGH, FIRST[1], picks(1), SECOND[1], picks(1)]),
+    (None, [FIRST[0], FIRST[1], SECOND[1], picks(1), HIGH, picks(1)]),
+    ("E_CHAIN", [HIGH, LOW]),  # R-5.6-3
+    ("E_CHAIN", [replace(HIGH, level=3)]),
+    ("E_CHAIN", [HIGH, replace(LOW, row={"n_drops": 1})]),
+    ("E_COUNT", [LOW, replace(HIGH, row={"n_drops": 1})]),  # R-5.6-4
+    ("E_COUNT", [HIGH, FIRST[0], replace(picks(0, 1), level=1)]),
+    ("E_CHAIN", [replace(LOW, tile=1)]),  # R-5.6-10
+    ("E_CHAIN", [FIRST[0], picks(0), LOW]),
+    ("E_CHAIN", [LOW, FIRST[2], FIRST[1], SECOND[1], picks(1), picks(2), picks(1), HIGH]),
+    ("E_CHAIN", [LOW, FIRST[2], SECOND[2], picks(2), picks(2), FIRST[1], picks(1), HIGH]),
+    ("E_CHAIN", [picks(0), LOW]),
+]
+
+
+@pytest.mark.parametrize(("code", "packets"), TABLES)
+def test_packet_tables_are_refused_or_taken_as_by_the_oracle(code, packets):
+    data = stream(packets)
+    if code is None:
+        assert decode(data).dump() == oracle.decode(data).dump()
+        return
+    with pytest.raises(oracle.Reject) as refused:
+        oracle.decode(data)
+    with pytest.raises(StreamError) as caught:
+        decode(data)
+    assert (caught.value.fault.name, caught.value.offset) == (code, refused.value.offset)
+    assert refused.value.code == code
 
 
 @pytest.mark.parametrize(("name", "least"), [("tile_slots", 30), ("slots", 34), ("tile_steps", 2)])

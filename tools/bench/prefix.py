@@ -16,7 +16,7 @@ from reference_trainer.bench.runs import find_runs
 from tools.bench.page import Rows
 from tools.bench.subjects import Gauge, Subject
 
-__all__ = ["prefixes", "rivals"]
+__all__ = ["by_level", "prefixes", "rivals"]
 
 N_CUTS = 20
 MOST = 6  # views that a prefix is judged by
@@ -88,7 +88,7 @@ def _curves(subject: Subject) -> dict[str, _Curve]:
     out = {}
     for name, order in (
         ("file", np.arange(len(directory.packets))),
-        ("by level", _by_level(directory)),
+        ("by level", by_level(directory)),
     ):
         sizes = directory.packets["size"][order].astype(np.int64) + size_of(PACKET_ENTRY)
         ends = len(data) - int(sizes.sum()) + np.cumsum(sizes)
@@ -109,7 +109,7 @@ def _some_views(gauge: Gauge) -> Gauge:
     return replace(gauge, cameras=gauge.cameras[::every], targets=gauge.targets[::every])
 
 
-def _by_level(directory: Directory) -> I64:
+def by_level(directory: Directory) -> I64:
     """Packets by level; in a level core, the palette, then bands, in the order of the steps."""
     packets = directory.packets
     rank = np.where(packets["component"] == 0, 0, 2)
