@@ -1,8 +1,8 @@
 """Random streams that are legal, or nearly always are, and unlike what any encoder writes.
 
 Everything that spec 5 leaves free is drawn: order of packets, steps and bands that are empty, late
-or missing, palettes of any size, quantisers and alpha tables at their limits, coding bytes wider
-than needed, any partition into frames of any blocks, ancillary chunks.
+or missing, palettes of any size and levels, quantisers and alpha tables at their limits, coding
+bytes wider than needed, any partition into frames of any blocks, ancillary chunks.
 """
 
 from __future__ import annotations
@@ -49,12 +49,31 @@ class Branch:
     bands: list[int]
 
 
+@dataclass
+class Palette:
+    """Packets of the palette, and how many of them have come."""
+
+    packets: list[Packet]
+    n_came: int = 0
+
+    def come(self, n: int) -> list[Packet]:
+        """Those that have not come, up to the first `n` of all."""
+        due, self.n_came = self.packets[self.n_came : n], max(self.n_came, n)
+        return due
+
+    def required(self, level: int) -> list[Packet]:
+        """Those that picks of the level require."""
+        return [packet for packet in self.packets if packet.level <= level]
+
+
 def random_stream(rng: Random, times: int = 1) -> bytes:
     """A stream of a few hundred bytes, now and then some thousand; adds come `times` as many."""
     degree = rng.choice((0, 0, 0, 1, 1, 2, 3))
     n_levels, n_tiles = rng.choice((1, 2, 2, 3, 3, 5)), rng.choice((1, 1, 1, 2, 3, 0))
     n_levels = 64 if rng.random() < 0.02 else n_levels
     has_palette = degree > 0 and rng.random() < 0.25
+    if has_palette:
+        n_levels = rng.choice((n_levels, 3, 4, 8))
     rows = [(row, c) for row in range(1 + n_levels) for c in range(5 + degree)]
     quantisers = {at: _quantiser(rng) for at in rows} if rng.random() < 0.7 else {}
     alphas = _alphas(rng, n_levels)
@@ -92,36 +111,33 @@ def _packets(rng: Random, stream: Stream, times: int) -> list[Packet]:
     """Packets of all tiles, bands and the palette in an order that chains allow."""
     n_left, packets = rng.choice((0, 1, 2, 4, 6, 10)) if stream.tiles else 0, list[Packet]()
     branches = [Branch([], 0, 0, [], [0] * 4) for _ in stream.tiles]
-    palette = _palette(rng, stream) if stream.has_palette and stream.tiles else []
-    n_entries = sum(packet.counts["n_adds"] for packet in palette)
+    palette = Palette(_palette(rng, stream) if stream.has_palette and stream.tiles else [])
     while n_left:
         n_left -= 1
         t = rng.randrange(len(branches))
         branch = branches[t]
         bands = (PICKS,) if stream.has_palette else range(1, stream.degree + 1)
         late = [b for b in bands if branch.bands[b] < len(branch.steps)]
-        if palette and rng.random() < 0.3:
-            packets.append(palette.pop(0))
+        if palette.n_came < len(palette.packets) and rng.random() < 0.3:
+            packets += palette.come(palette.n_came + 1)
             n_left += 1
         elif late and rng.random() < 0.6:
             band = rng.choice(late)
             core = branch.steps[branch.bands[band]]
-            if stream.has_palette:
-                packets += [*palette, _picks(rng, core, n_entries)]
-                palette.clear()  # all of it comes before the first picks
-            else:
-                packets.append(_band(rng, stream, core, band))
+            packets += (
+                _picks(rng, core, palette)
+                if stream.has_palette
+                else [_band(rng, stream, core, band)]
+            )
             branch.bands[band] += 1
             n_left += 1  # bands come on top
         else:
             packets.append(_core(rng, stream, branch, t, times))
-    packets += palette
     if stream.has_palette and rng.random() < 0.6:  # few picks came: most steps are late
         for branch in branches:
-            packets += [
-                _picks(rng, core, n_entries) for core in branch.steps[branch.bands[PICKS] :]
-            ]
-    return packets
+            for core in branch.steps[branch.bands[PICKS] :]:
+                packets += _picks(rng, core, palette)
+    return packets + palette.come(len(palette.packets))
 
 
 def _core(rng: Random, stream: Stream, branch: Branch, tile: int, times: int) -> Packet:
@@ -162,18 +178,29 @@ def _band(rng: Random, stream: Stream, core: Packet, band: int) -> Packet:
 
 
 def _palette(rng: Random, stream: Stream) -> list[Packet]:
-    """Packets of the palette, several or none, some without entries."""
-    n_packets = rng.choice((0, 1, 1, 1, 2, 2, 4))
+    """Packets of the palette, several or none, some without entries, of levels that never fall."""
+    n_packets = rng.choice((0, 1, 2, 2, 3, 5))
     sizes = rng.choices((0, 1, 2, 7, 30, 300), (4, 6, 6, 6, 6, 3), k=n_packets)
-    packets = [Packet(component=PALETTE, n_adds=n) for n in sizes]
+    highest = rng.choice((0, stream.n_levels - 1, stream.n_levels - 1))
+    levels = sorted(rng.randint(0, rng.randint(0, highest)) for _ in sizes)  # most are low
+    packets = [
+        Packet(component=PALETTE, level=level, n_adds=n)
+        for level, n in zip(levels, sizes, strict=True)
+    ]
     return [_filled(rng, stream, packet, packet) for packet in packets]
 
 
-def _picks(rng: Random, core: Packet, n_entries: int) -> Packet:
-    """A packet of picks, now and then of no bytes; some change those of slots that are there."""
+def _picks(rng: Random, core: Packet, palette: Palette) -> list[Packet]:
+    """A packet of picks, after those of the palette that it requires and that have not come.
+
+    Now and then it is of no bytes; some change the picks of slots that are there.
+    """
+    required = palette.required(core.level)
+    n_entries = sum(packet.counts["n_adds"] for packet in required)
+    packets = palette.come(len(required))
     packet = Packet(tile=core.tile, component=PICKS)
     if n_entries == 0 or rng.random() < 0.2:
-        return packet
+        return [*packets, packet]
     counts, of_changed = core.counts, rng.random() < 0.5
     n_new = counts["n_splits"] + counts["n_adds"]
     n_changed = counts["n_splits"] + counts["n_refines"] if of_changed else 0
@@ -182,7 +209,7 @@ def _picks(rng: Random, core: Packet, n_entries: int) -> Packet:
         rng.choice((0, n_entries, *[rng.randint(0, most)] * 3)) for _ in range(n_changed + n_new)
     ]
     codings = {"picks": _coding(rng, max(picks))} if picks and rng.random() < 0.5 else {}
-    return replace(
+    packet = replace(
         packet,
         picks=picks[n_changed:],
         repicks=picks[:n_changed] if of_changed else None,
@@ -191,6 +218,7 @@ def _picks(rng: Random, core: Packet, n_entries: int) -> Packet:
         is_explicit=True,
         style=_style(rng),
     )
+    return [*packets, packet]
 
 
 def _filled(rng: Random, stream: Stream, packet: Packet, core: Packet) -> Packet:

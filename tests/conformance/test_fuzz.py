@@ -80,6 +80,15 @@ def test_random_streams_have_palettes_of_every_kind() -> None:
         kinds["no entries, but picks"] += n_entries == 0 and any(p.component == 1 for p in rows)
         kinds["several packets of the palette"] += sum(p.component == 2 for p in rows) > 1
         kinds["a packet without entries"] += any(p.component == 2 and p.size == 0 for p in rows)
+        levels = [p.level for p in rows if p.component == 2]
+        labels = {p.level for p in rows if p.component == 0}
+        kinds["palettes of several levels"] += len(set(levels)) > 1
+        kinds["two packets of a level above 0"] += any(a == b > 0 for a, b in pairwise(levels))
+        kinds["a level that no step has"] += bool(levels and labels and set(levels) - labels)
+        kinds["entries behind picks of a lower level"] += any(
+            p.component == 1 and q.component == 2 and q.n_adds > 0 for p, q in pairwise(rows)
+        )
+        kinds["picks of some of the entries before them"] += picks_some_entries(scene)
         kinds["picks of 9 bits"] += n_entries > 255
         kinds["picks of no bytes"] += any(p.component == 1 and p.size == 0 for p in rows)
         kinds["late picks"] += any(tile.cut[0] > tile.cut[1] > 0 for tile in tiles)
@@ -110,17 +119,40 @@ def test_random_streams_have_palettes_of_every_kind() -> None:
     assert {name: n for name, n in kinds.items() if n < 5} == {}
 
 
+def picks_some_entries(scene: oracle.Scene) -> bool:
+    """Before some row of picks stand entries that it may name, and others of higher levels."""
+    before = list[oracle.Packet]()
+    for p in scene.packets:
+        if p.component == 2 and p.n_adds > 0:
+            before.append(p)
+        elif p.component == 1 and p.size > 0:
+            label = scene.tiles[p.tile].steps[p.step].core.level
+            if 0 < sum(q.level <= label for q in before) < len(before):
+                return True
+    return False
+
+
 def test_damage_reaches_palettes_and_picks() -> None:
-    found = Counter[str]()
+    found, n_falling = Counter[str](), 0
     for number in range(150):
         base = random_stream(Random(f"palette {number}"))
-        for seed in range(30 if base[19] & 1 else 2):
+        for seed in range(60 if base[19] & 1 else 2):
+            data = tampered(Random(f"{number}/{seed}"), base)
             try:
-                oracle.decode(tampered(Random(f"{number}/{seed}"), base))
+                oracle.decode(data)
             except oracle.Reject as fault:
                 found[fault.detail] += 1
+                n_falling += fault.detail == "R-5.6-3" and palette_falls(data)
     wanted = {"R-5.1-9", "R-5.6-1", "R-5.6-2", "R-5.6-4", "R-5.6-5", "R-5.6-10", "R-7.2-4"}
     assert wanted <= set(found)
+    assert n_falling > 3
+
+
+def palette_falls(data: bytes) -> bool:
+    """A row of the palette has a lower level than the one before it."""
+    rows = Parts.of(data).table()
+    levels = [rows[at + 5] for at in range(0, len(rows), 36) if rows[at + 4] == 2]
+    return levels != sorted(levels)
 
 
 def test_damage_is_behind_right_checksums_and_is_the_same_for_a_seed() -> None:
