@@ -169,14 +169,6 @@ def test_a_digest_of_the_palette_is_a_row_of_tile_0() -> None:
     assert fault(data) == ("E_CHUNK", "R-5.7-2", data.index(b"dGST"))
 
 
-def test_a_cut_by_level_takes_the_whole_palette() -> None:
-    packets = (ENTRIES, ADDS, MORE, PICKS, replace(GROW, level=1), MORE_PICKS)
-    data = build(stream(*packets, n_levels=2))
-    assert oracle.decode(data, level=0).tiles[0].cut == [1, 1, 2]
-    assert oracle.decode(data, level=-1).tiles[0].cut == [0, 0, 2]
-    assert oracle.decode(build(stream(n_tiles=0)), level=0).dump()[12:] == bytes(4)
-
-
 @pytest.mark.parametrize("steps", [[0, 0, 2], [0, 0, 1], [2, 0, 1], [1, 1, 2], [2, 2, 2]])
 def test_cuts_that_are_valid(steps: list[int]) -> None:
     assert oracle.decode(build(stream(*PACKETS)), cut=[steps]).tiles[0].cut == steps
@@ -248,7 +240,6 @@ def test_a_wrong_packet_of_picks_is_not_examined_while_the_palette_is_not_there(
         ("E_CHAIN", "R-5.6-1", [ADDS, Packet(component=3)]),
         ("E_CHAIN", "R-5.6-2", [ENTRIES, Packet(component=1)]),
         ("E_CHAIN", "R-5.6-2", [ADDS, Packet(component=1), Packet(component=1)]),
-        ("E_COUNT", "R-5.6-4", [replace(ENTRIES, row={"level": 1})]),
         ("E_COUNT", "R-5.6-4", [replace(ENTRIES, row={"n_splits": 1})]),
         ("E_COUNT", "R-5.6-4", [replace(ENTRIES, row={"n_drops": 1})]),
         ("E_COUNT", "R-5.6-4", [ADDS, replace(PICKS, row={"n_adds": 3})]),
@@ -377,5 +368,5 @@ def test_the_last_entry_may_be_picked_and_none_after_it() -> None:
 def test_missing_bytes_of_the_palette_matter_only_in_cuts_that_take_it() -> None:
     data = build(stream(ADDS, ENTRIES))
     assert fault(data[:-1])[:2] == ("E_TRUNCATED", "R-6.2-2")
-    assert fault(data[:-1], level=-1)[:2] == ("E_TRUNCATED", "R-6.2-2")
+    assert fault(data[:-1], level=0)[:2] == ("E_TRUNCATED", "R-6.2-2")
     assert oracle.decode(data[:-1], cut=[[1, 0, 0]]).tiles[0].cut == [1, 0, 0]

@@ -5,6 +5,7 @@ import re
 import struct
 import subprocess
 import sys
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from random import Random
@@ -171,6 +172,7 @@ def decode_with_pseudo_code(data: bytes) -> bytes:
     """The dump, from the oracle's tables and the functions of section 7."""
     spec, scene = pseudo_code(), oracle.read_tables(data, {})
     cores: dict[tuple[int, int], SimpleNamespace] = {}
+    sizes: list[tuple[int, int]] = []  # level and entries of each packet of the palette
     for p in scene.packets:
         tile = scene.tiles[p.tile]
         if p.component == 0:
@@ -178,6 +180,7 @@ def decode_with_pseudo_code(data: bytes) -> bytes:
         body = data[p.start : p.start + p.size]
         if scene.header.has_palette and p.component == oracle.PALETTE:
             spec.palette_step(scene.palette, stored_entries(spec, scene, p, body))
+            sizes.append((p.level, p.n_adds))
             continue
         core = cores[p.tile, p.step]
         if scene.header.has_palette and p.component == oracle.PICKS:
@@ -185,7 +188,8 @@ def decode_with_pseudo_code(data: bytes) -> bytes:
             n_picks = core.packet.n_splits + core.packet.n_adds
             n_picks += core.packet.n_psi if of_changed else 0
             (picks,) = unpacked(spec, [n_picks], 1, body)
-            spec.picks_step(tile, core, picks, of_changed, scene.palette)
+            n_entries = sum(n for level, n in sizes if level <= core.packet.level)
+            spec.picks_step(tile, core, picks, of_changed, scene.palette, n_entries)
             continue
         lists = stored_lists(spec, p, core.packet, body)
         channels = oracle.channels_of(p.component)
@@ -298,8 +302,11 @@ def test_the_pseudo_code_decodes_streams_of_the_encoder(tree):
     assert decode_with_pseudo_code(data) == decode(data).dump()
 
 
-def palette_stream(*late: Packet) -> bytes:
-    """Two palette packets, picks of two tiles, a split, a drop and an add; then `late`."""
+def palette_stream(*late: Packet, early: Sequence[int] = (2, 0)) -> bytes:
+    """Palette packets of two levels, picks of two tiles, a split, a drop and an add; then `late`.
+
+    `early`: picks of level 0 when the entry of level 1, the fourth, is there already.
+    """
     entries = {0: [1, -2], 1: [3, 4], 2: [0, 5], 8: [7, 7]}
     return build(
         Stream(
@@ -311,12 +318,14 @@ def palette_stream(*late: Packet) -> bytes:
                 Packet(component=1, picks=[3, 1]),
                 Packet(records={0: SPLIT, 1: DROP}, psi={X: [1]}, adds={X: [8]}),
                 Packet(tile=1, component=1, picks=[2]),
-                Packet(component=1, picks=[2, 0]),
-                Packet(records={0: REFINE, 2: SPLIT}, psi={RED: [3, -1]}),
+                Packet(component=2, level=1, adds={0: [2]}),
+                Packet(component=1, picks=early),
+                Packet(level=1, records={0: REFINE, 2: SPLIT}, psi={RED: [3, -1]}),
                 *late,
             ],
             degree=1,
             has_palette=True,
+            n_levels=2,
             tiles=(Tile(), Tile()),
             quantisers={(0, 5): (3, 1)},
         )
@@ -328,8 +337,8 @@ def palette_stream(*late: Packet) -> bytes:
     [
         (),
         (Packet(component=1),),
-        (Packet(component=1, picks=[1]),),
-        (Packet(component=1, picks=[1], repicks=[2, 3]),),
+        (Packet(component=1, picks=[4]),),
+        (Packet(component=1, picks=[1], repicks=[2, 4]),),
         (Packet(component=1, repicks=()),),
     ],
     ids=["late", "of no bytes", "of new slots", "of changed slots", "of changed slots, all 0"],
@@ -346,6 +355,7 @@ def test_the_pseudo_code_decodes_random_streams_with_a_palette_as_the_oracle_doe
     assert any(tile.cut[0] > tile.cut[1] > 0 for k in shared for tile in scenes[k].tiles)
     assert sum(bool(scenes[k].palette[0]) for k in shared) > 10
     assert sum(gives_new_picks(streams[k], scenes[k]) for k in shared) > 5
+    assert sum(has_levels(scenes[k]) for k in shared) > 3
     for k in shared:
         assert decode_with_pseudo_code(streams[k]) == scenes[k].dump()
 
@@ -361,12 +371,22 @@ def gives_new_picks(data: bytes, scene: oracle.Scene) -> bool:
     )
 
 
+def has_levels(scene: oracle.Scene) -> bool:
+    """Some picks may be of entries, and of fewer than there are."""
+    n_required = {
+        len(scene.palette_up_to(scene.tiles[p.tile].steps[p.step].core.level))
+        for p in scene.packets
+        if p.component == oracle.PICKS
+    }
+    return any(0 < n < len(scene.palette_packets) for n in n_required)
+
+
 def test_a_palette_gives_the_numbers_worked_out_by_hand():
     # Y Co Cg of (1, 3, 0) are R G B of (3, 1, 0), of (-2, 4, 5) of (-2, 1, -6); q is 6 units.
     scene = oracle.decode(palette_stream())
-    assert scene.palette[:3] == [[18, -12, 0], [6, 6, 0], [0, -36, 0]]
+    assert scene.palette[:3] == [[18, -12, 0, 12], [6, 6, 0, 0], [0, -36, 0, 0]]
     # Differences 7 and 0 are Cg of 7 twice, and B of -3; the second packet begins anew.
-    assert (scene.palette[3], scene.palette[8]) == ([0, 0, -54], [-18, -18, 0])
+    assert (scene.palette[3], scene.palette[8]) == ([0, 0, -54, 0], [-18, -18, 0, 0])
     # Slot 1, with entry 1, was dropped; slot 2 was split from 0 and has entry 2, slot 3 has none.
     assert scene.tiles[0].x[14] == [0, 0, -12, 0]
     assert scene.tiles[1].x[14] == [-12]
@@ -382,9 +402,17 @@ def test_changed_slots_have_the_picks_worked_out_by_hand():
     assert oracle.decode(palette_stream(plain)).tiles[0].x[14] == [0, 0, -12, 0, 18]
 
 
-@pytest.mark.parametrize("changes", [{}, {"repicks": [0, 0]}, {"repicks": [4, 0], "picks": [1]}])
-def test_a_pick_past_the_palette_is_refused_by_the_pseudo_code(changes):
-    data = palette_stream(Packet(**{"component": 1, "picks": [4], **changes}))
+@pytest.mark.parametrize(
+    "data",
+    [
+        palette_stream(Packet(component=1, picks=[5])),
+        palette_stream(Packet(component=1, picks=[5], repicks=[0, 0])),
+        palette_stream(Packet(component=1, picks=[1], repicks=[5, 0])),
+        palette_stream(early=(4, 0)),
+    ],
+    ids=["new slot", "new slot after changed ones", "changed slot", "entry of a higher level"],
+)
+def test_a_pick_past_the_entries_it_may_name_is_refused_by_the_pseudo_code(data):
     with pytest.raises(oracle.Reject) as caught:
         decode_with_pseudo_code(data)
     assert caught.value.code == "E_INDEX"
