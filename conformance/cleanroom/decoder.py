@@ -109,6 +109,7 @@ class Stream:
     own: Limits  # the limits of this decoder
     widths: Sequence[int] = ()  # channels of the components that tiles have
     palette: list[array[int]] = field(default_factory=list)  # channels of entries; none: no palette
+    n_entries: list[int] = field(default_factory=list)  # of the packets of the palette, by level
     chunks: dict[bytes, tuple[int, memoryview]] = field(default_factory=dict)
     quantisers: list[list[tuple[int, int]]] = field(default_factory=list)
     alpha: dict[tuple[int, int], tuple[int, Sequence[int]]] = field(default_factory=dict)
@@ -220,33 +221,39 @@ def read_pack(body: memoryview, stream: Stream) -> None:
     chains: dict[tuple[int, int], list[Row]] = {}
     splats = [0] * stream.n_tiles
     slots = [0] * (stream.n_tiles + 1)  # the last are entries, bounded like those of a tile (8.2)
-    all_slots, start, picked = 0, 64 + stream.chunks_size, False
+    stream.n_entries = [0] * stream.n_levels
+    all_slots, start = 0, 64 + stream.chunks_size
+    picked = -1  # the highest label of the picks so far, which require entries up to it (3.7)
     held = ["core"] + (["picks", "entries"] if stream.palette else ["band"] * stream.sh_degree)
     for entry in struct.iter_unpack("<IBBHIIIIIII", body):
         tile, component, level, zero, size, *counts, _, crc = entry  # R-5.6-9: the error is a hint
         adds, splits, refines, drops = counts
         require(zero == 0, "E_RESERVED")  # R-4.4-1
         require(tile < stream.n_tiles and component < len(held), "E_CHAIN")  # R-5.6-1
-        core, own = chains.setdefault((tile, 0), []), chains.setdefault((tile, component), [])
         holds, n_records = held[component], sum(counts)
-        if holds == "core":
-            least = core[-1].level if core else 0
+        core = chains.setdefault((tile, 0), [])
+        own = chains.setdefault((0 if holds == "entries" else tile, component), [])
+        if holds in ("core", "entries"):
+            least = own[-1].level if own else 0
             require(least <= level < stream.n_levels, "E_CHAIN")  # R-5.6-3
+            require(holds == "core" or n_records == adds, "E_COUNT")  # R-5.6-4
             require((size == 0) == (n_records == 0), "E_COUNT")  # R-5.6-5
-            require(splits + refines + drops <= splats[tile], "E_COUNT")  # R-5.6-6
-            splats[tile] += adds + splits - drops
-        elif holds == "entries":
-            require(level == 0 and n_records == adds, "E_COUNT")  # R-5.6-4
-            require((size == 0) == (n_records == 0), "E_COUNT")  # R-5.6-5
+            if holds == "core":
+                require(splits + refines + drops <= splats[tile], "E_COUNT")  # R-5.6-6
+                splats[tile] += adds + splits - drops
         else:
             require(len(core) > len(own), "E_CHAIN")  # R-5.6-2
             require(level == 0 and n_records == 0, "E_COUNT")  # R-5.6-4
             level, *counts = core[len(own)][-5:]
         require(n_records <= 16 * size, "E_AMPLIFICATION")  # R-5.6-7
         require(size > 0 or crc == 0, "E_CRC")  # R-5.6-8
-        require(holds != "entries" or (tile == 0 and not picked), "E_CHAIN")  # R-5.6-10
-        picked = picked or holds == "picks"
-        of = stream.n_tiles if holds == "entries" else tile
+        of = tile
+        if holds == "entries":
+            require(tile == 0 and level > picked, "E_CHAIN")  # R-5.6-10
+            stream.n_entries[level] += adds
+            of = stream.n_tiles
+        elif holds == "picks":
+            picked = max(picked, level)
         slots[of] += adds + splits
         all_slots += adds + splits
         stream.limit("tile_steps", len(own) + 1)
@@ -528,9 +535,11 @@ def apply_channel(x: array[int], step: Step, psi: Numbers, group: int, adds: Num
     x.extend([0] * step.n_adds if adds is None else adds)  # within 2^28: R-7.3-3
 
 
-def apply_picks(picks: list[int], of_changed: bool, step: Step, stream: Stream, tile: Tile) -> None:
+def apply_picks(
+    picks: list[int], of_changed: bool, n_entries: int, step: Step, stream: Stream, tile: Tile
+) -> None:
     """`picks_step` of 7.4."""
-    require(within(picks, 0, len(stream.palette[0])), "E_INDEX")  # R-7.2-4
+    require(within(picks, 0, n_entries), "E_INDEX")  # R-7.2-4
     changed = step.changed if of_changed else []
     for x, entries in zip(tile.x[1], stream.palette, strict=True):
         picked = [entries[pick - 1] if pick > 0 else 0 for pick in picks]
@@ -554,7 +563,8 @@ def apply_packet(data: memoryview, row: Row, stream: Stream, tile: Tile) -> None
         tile.steps[row.step] = read_records(lists, row, stream, tile)
     step = tile.steps[row.step]
     if row.holds == "picks":
-        apply_picks(lists[0].integers(), flags & 4 > 0, step, stream, tile)
+        n_entries = sum(stream.n_entries[: row.level + 1])  # of the packets that it requires (3.7)
+        apply_picks(lists[0].integers(), flags & 4 > 0, n_entries, step, stream, tile)
         return
     n = len(tile.x[row.component])
     classes = CORE_CLASSES if row.holds == "core" else (4 + row.component,) * n
@@ -580,19 +590,19 @@ def choose(source: Source, stream: Stream, level: int | None, progressive: bool)
     """Give the packets of the cut; progressively, of the largest cut that came whole."""
     cut: list[Row] = []
     taken: set[tuple[int, int, int]] = set()
-    whole = True  # all entries so far; picks come after the last (R-5.6-10)
+    lacking = stream.n_levels  # the level of the first packet of the palette that is not taken
     for row in stream.rows:
         if level is not None and row.level > level:
             continue  # not asked for: R-6.2-3
         tile, component, step = row[:3]
         ready = step == 0 or (tile, component, step - 1) in taken
         ready = ready and (row.holds in ("core", "entries") or (tile, 0, step) in taken)
-        ready = ready and (row.holds != "picks" or whole)  # 3.7
+        ready = ready and (row.holds != "picks" or row.level < lacking)  # 3.7, R-5.6-10
         if not progressive or (ready and source.has(row.start, row.size)):  # R-6.4-1, R-6.4-3
             taken.add(row[:3])
             cut.append(row)
         else:
-            whole = whole and row.holds != "entries"
+            lacking = min(lacking, row.level) if row.holds == "entries" else lacking
             stream.missing = row.start if stream.missing is None else stream.missing
     return cut
 
