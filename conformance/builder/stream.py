@@ -39,6 +39,7 @@ class Packet:
             there are some; empty: all 0; None: slots keep their picks.
         records: kind by slot; n_splits and the like follow.
         alpha: indices by group, one per split.
+        level: of the row: the label of a step of core, or the level of entries.
         n_adds: by default, as many as the longest list of adds.
         flags: of the packet header.
         codings: coding byte by name of the list ("gaps", "kinds", "alpha 3", "psi 0", "adds 13",

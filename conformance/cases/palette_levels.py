@@ -158,13 +158,13 @@ def cuts() -> Iterator[Case]:
             TWIN,
             runs=LEVELS,
         )
-    last = with_palette(ADD, LOW, picks(2, 0, 1), GROW, HIGH, n_levels=3)
+    last = with_palette(ADD, LOW, picks(2, 0, 1), GROW, HIGH, entries(1, level=2), n_levels=3)
     yield case(
         "levels-of-a-truncated-palette",
         build(last)[:-1],
         "R-6.2-2 R-6.2-3 3.6 6.2",
-        "the last packet of the palette, of level 1, lacks a byte: level 0 is there without it",
-        "wants the whole palette at each level",
+        "the last packet of the palette, of level 2, lacks a byte: lower levels do without it",
+        "wants the whole palette at each level, or that of the next level",
         "E_TRUNCATED",
         TWIN,
         runs=(*LEVELS, PROGRESSIVE),
@@ -259,8 +259,9 @@ def values() -> Iterator[Case]:
          with_palette(*both, late, picks(3, 4, 0, tile=1), ADD, picks(2, 3, 0), n_tiles=2),
          "the same, behind picks of tile 1 with label 1",
          "holds picks against the highest level so far"),
-        ("pick-of-level-1-without-level-0", with_palette(HIGH, ADD, picks(1, 0, 0)),
-         "a pick of 1 of a step with label 0, and all entries are of level 1",
+        ("pick-of-level-2-without-level-0",
+         with_palette(replace(HIGH, level=2), ADD, picks(1, 0, 0), n_levels=3),
+         "a pick of 1 of a step with label 0, and all entries are of level 2",
          "takes the first packet of the palette for that of level 0"),
         ("pick-of-level-2",
          with_palette(*both, entries(1, level=2), ADD, picks(2, 0, 1), GROW, picks(5, 0),

@@ -74,6 +74,15 @@ def arrivals() -> Iterator[Case]:
         "waits for entries of higher levels, or for core",
         runs=tuple(came((0, end)) for _, end in places(data).packets),
     )
+    behind = with_palette(ADD, LOW, GROW, picks(2, 0, 1), HIGH, picks(3, 4))
+    yield case(
+        "levels-of-late-picks-without-level-1",
+        build(behind),
+        "R-6.4-1 3.7 6.4",
+        "picks of level 0 stand behind core of label 1, and entries of level 1 are missing",
+        "takes the label of picks from the last step of core before them",
+        runs=(without(4, stream=behind), without(4, 5, stream=behind)),
+    )
     empty = with_palette(
         ADD, LOW, picks(2, 0, 1), HIGH, GROW, picks(), replace(ADD, tile=1), picks(tile=1),
         n_tiles=2,

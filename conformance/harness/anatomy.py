@@ -36,7 +36,7 @@ ROWS = {
     ),
     b"dGST": (("tile", "I"), ("component", "B"), ("step", "I"), ("digest", "32s")),
 }
-PALETTE_COMPONENTS = {1: ": picks", 2: ": palette"}
+PALETTE_COMPONENTS = {1: ": picks", 2: ": palette of level {level}"}
 CLASSES = ("position", "rotation", "scale", "opacity", *(f"SH band {band}" for band in range(4)))
 
 
@@ -67,7 +67,7 @@ class _Reader(Reader):
         for number, row in enumerate(self.packets):
             key = row["tile"], row["component"]
             step = counts[key] = counts.get(key, -1) + 1
-            holds = PALETTE_COMPONENTS.get(key[1], "") if palette_degree else ""
+            holds = PALETTE_COMPONENTS.get(key[1], "").format(**row) if palette_degree else ""
             name = f"packet {number} (tile {key[0]}, step {step}, component {key[1]}{holds})"
             yield from packet_anatomy(self, name, row, palette_degree)
         if self.at < len(self.data):

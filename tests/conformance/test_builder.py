@@ -73,6 +73,7 @@ def test_a_palette_has_its_own_counts_and_picks_those_of_their_core():
             Packet(adds={X: [1, 2]}),
             Packet(component=2, n_adds=2, adds={0: [3, 3], 23: -1}, codings={"adds 0": 4 | DELTA}),
             Packet(component=1, picks=[1, 0]),
+            Packet(component=2, level=3),
             Packet(records={0: SPLIT}, psi={X: 1}),
             Packet(component=1, is_explicit=True),
         ],
@@ -82,10 +83,10 @@ def test_a_palette_has_its_own_counts_and_picks_those_of_their_core():
     data = build(stream)
     assert data[18:20] == b"\0\1"
     table = places(data).chunks[b"PACK"] + 12
-    rows = [data[at : at + 36] for at in range(table, table + 5 * 36, 36)]
-    assert [row[4] for row in rows] == [0, 2, 1, 0, 1]
+    rows = [data[at : at + 36] for at in range(table, table + 6 * 36, 36)]
+    assert [row[4:6] for row in rows] == [b"\0\0", b"\2\0", b"\1\0", b"\2\3", b"\0\0", b"\1\0"]
     assert [row[12:16] for row in rows[1:3]] == [b"\2\0\0\0", bytes(4)]
-    core, palette, picks, _, zeros = (data[begin:end] for begin, end in places(data).packets)
+    core, palette, picks, *_, zeros = (data[begin:end] for begin, end in places(data).packets)
     assert palette[:26] == bytes([0, 1, 4 | DELTA, *[0] * 22, 1])
     assert palette.endswith(b"\x06\x03")  # 3, then a difference of 0; -1 twice in a bit each
     assert picks == bytes([0, 1, 1, 1, *len(raw(b"?")).to_bytes(4, "little")]) + raw(b"\1")

@@ -46,14 +46,16 @@ def test_what_is_wrong_is_remarked():
 
 
 def test_packets_of_a_palette_have_their_own_lists():
+    codings = {"adds 0": 4 | DELTA}
     stream = Stream(
         [
-            Packet(adds={X: [1, 2]}),
-            Packet(component=2, adds={0: [3, 3], 23: [-1, 0]}, codings={"adds 0": 4 | DELTA}),
+            Packet(adds={X: [1, 2]}, level=1),
+            Packet(component=2, level=1, adds={0: [3, 3], 23: [-1, 0]}, codings=codings),
             Packet(component=1, picks=[2, 0], repicks=[]),
         ],
         degree=2,
         has_palette=True,
+        n_levels=2,
     )
     found = values(build(stream))
     assert found["coding bytes of entries"] == "SH 1 R (band 1) 4+0d, SH 8 B (band 2) 1+0"
@@ -62,7 +64,7 @@ def test_packets_of_a_palette_have_their_own_lists():
     assert [len(piece.raw) for piece in pieces[-2:]] == [24, 1]
     starts = [piece.starts for piece in anatomy(build(stream)) if piece.starts.startswith("packet")]
     assert starts[1:] == [
-        "packet 1 (tile 0, step 0, component 2: palette)",
+        "packet 1 (tile 0, step 0, component 2: palette of level 1)",
         "packet 2 (tile 0, step 0, component 1: picks)",
     ]
     assert not any(piece.remark for piece in anatomy(build(stream)))
