@@ -203,19 +203,29 @@ class Values:
 
     def rows(self, channel: int) -> I32:
         """(1, n) or (3, n) integers of the channel and those it is turned with."""
-        channels = self._turned_with(channel)
-        rows = np.stack([self._stored(k) for k in range(channels.start, channels.stop)])
-        return inverse_ycocg(rows) if len(rows) == 3 else rows
+        return self.block(self._turned_with(channel))
+
+    def block(self, channels: slice) -> I32:
+        """(c, n) integers of some channels, of triples that are turned the whole ones."""
+        codes, starts = self.codes[channels], self.starts[channels]
+        out = np.zeros((len(codes), self.n), np.int32)
+        for code in set(codes.tolist()):  # channels that are stored alike go together
+            coding = CODINGS[code]
+            assert coding is not None, "read_packet_header lets no other byte through"
+            if coding is ABSENT:
+                continue
+            alike, size = np.flatnonzero(codes == code), sum(coding.plane_sizes(self.n))
+            stored = np.stack([self.data[at : at + size] for at in starts[alike].tolist()])
+            q = unzigzag(join_planes(planes_at(stored, 0, coding, self.n), coding, self.n))
+            out[alike] = undelta(q, self.offset) if coding.delta else q
+        turned = out[max(self.first_sh - channels.start, 0) :]
+        if self.is_ycocg and len(turned):
+            turned[:] = inverse_ycocg(turned)
+        return out
 
     def all(self) -> I32:
         """(C, n) integers of all channels."""
-        out = np.zeros((len(self.codes), self.n), np.int32)
-        channel = 0
-        while channel < len(out):
-            rows = self.rows(channel)
-            out[channel : channel + len(rows)] = rows
-            channel += len(rows)
-        return out
+        return self.block(slice(0, len(self.codes)))
 
     def _turned_with(self, channel: int) -> slice:
         """The triple that YCoCg-R turns together, or the channel alone."""
@@ -228,14 +238,6 @@ class Values:
         coding = CODINGS[int(self.codes[channel])]
         assert coding is not None, "read_packet_header lets no other byte through"
         return coding
-
-    def _stored(self, channel: int) -> I32:
-        coding = self._coding(channel)
-        if coding is ABSENT:
-            return np.zeros(self.n, np.int32)
-        planes = planes_at(self.data, int(self.starts[channel]), coding, self.n)
-        q = unzigzag(join_planes(planes, coding, self.n))
-        return undelta(q, self.offset) if coding.delta else q
 
 
 class Deltas:

@@ -6,12 +6,12 @@ Letters: C channels above core, E entries, n picks.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from threading import Lock
 
 import numpy as np
 
-from evogs_codec.coded import channel_class
+from evogs_codec.coded import channel_class, component_slice
 from evogs_codec.directory import Directory
 from evogs_codec.errors import Fault, StreamError
 from evogs_codec.packet_header import (
@@ -23,7 +23,7 @@ from evogs_codec.packet_header import (
     PacketHeader,
     read_list_header,
 )
-from evogs_codec.packets import Deltas, Stored, Values, check_bits, read_planes
+from evogs_codec.packets import Stored, Values, check_bits, read_planes
 from evogs_codec.planes import join_planes, planes_at
 from evogs_codec.refine import RangeError
 from evogs_codec.scratch import empty
@@ -37,6 +37,8 @@ __all__ = [
     "unpack_entries",
     "unpack_picks",
 ]
+
+BLOCK = 1 << 16  # numbers: larger arrays come from the system anew each time, page by page
 
 
 class PaletteState:
@@ -75,12 +77,11 @@ class PaletteState:
         self._reserve(n)
         new = self.x[:, 1 + self.n_entries : 1 + self.n_entries + n]
         if len(body):
-            deltas = Deltas(unpack_entries(body, n, len(self.x), offset))
+            values = unpack_entries(body, n, len(self.x), offset)
             try:
-                for k, row in enumerate(new):
-                    quantiser = self.directory.quantisers[0][channel_class(N_CORE + k)]
-                    delta = deltas.delta(k, quantiser)
-                    row[:] = 0 if delta is None else delta
+                for part in _blocks(self.directory.sh_degree, n):
+                    quantiser = self.directory.quantisers[0][channel_class(N_CORE + part.start)]
+                    new[part] = quantiser.delta(values.block(part))
             except RangeError as error:
                 raise StreamError(Fault.E_RANGE, str(error), offset) from None
         self.n_entries += n
@@ -120,6 +121,15 @@ class PaletteState:
         for row in self.x[:, 1 : 1 + self.n_entries]:
             digest.update(np.ascontiguousarray(row, "<i4").data)
         return digest.digest()
+
+
+def _blocks(sh_degree: int, n: int) -> Iterator[slice]:
+    """The C channels in blocks of triples of one band, of about `BLOCK` numbers of n entries."""
+    width = 3 * max(1, BLOCK // (3 * n))
+    for band in range(1, sh_degree + 1):
+        channels = component_slice(band)
+        for first in range(channels.start, channels.stop, width):
+            yield slice(first - N_CORE, min(first + width, channels.stop) - N_CORE)
 
 
 def read_entries_header(body: memoryview, n: int, n_channels: int, offset: int) -> PacketHeader:

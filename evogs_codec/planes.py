@@ -1,6 +1,7 @@
 """Integers of a channel as byte planes, and the transforms before them (spec 5.9, 7.1).
 
-Each transform stands beside its inverse. Letters: n values of a channel.
+Each transform stands beside its inverse. Letters: n values of a channel. Decoders may take several
+channels with the same coding at once: `...` is nothing, or one axis before the last.
 """
 
 from __future__ import annotations
@@ -87,8 +88,8 @@ def delta(q: I32) -> I32:
 
 
 def undelta(differences: I32, offset: int) -> I32:
-    """The inverse of `delta`; E_RANGE if a running sum leaves its bounds (R-7.1-1)."""
-    sums = np.cumsum(differences, dtype=np.int64)
+    """The inverse of `delta`, (..., n); E_RANGE if a sum leaves its bounds (R-7.1-1)."""
+    sums = np.cumsum(differences, axis=-1, dtype=np.int64)
     if sums.size and max(int(sums.max()), -int(sums.min())) > MAX_SUM:
         raise StreamError(Fault.E_RANGE, "a running sum of adds exceeds 2^28", offset)
     return sums.astype(np.int32)
@@ -181,7 +182,7 @@ def split_planes(z: npt.NDArray[np.integer], coding: Coding) -> list[bytes]:
 
 
 def join_planes(planes: Sequence[U8], coding: Coding, n: int) -> npt.NDArray[np.integer]:
-    """The n stored integers: uint8, uint16 or int32, the least that holds them."""
+    """The (..., n) stored integers: uint8, uint16 or int32, the least that holds them."""
     if coding == ABSENT:
         return np.zeros(n, np.uint8)
     lows = planes[0] if coding.low else None
@@ -204,10 +205,10 @@ def join_planes(planes: Sequence[U8], coding: Coding, n: int) -> npt.NDArray[np.
 
 
 def planes_at(data: U8, start: int, coding: Coding, n: int) -> list[U8]:
-    """Views of the planes of a list of n values that begin at `start`."""
+    """Views of the planes of a list of n values that begin at `start` of the last axis."""
     planes = []
     for size in coding.plane_sizes(n):
-        planes.append(data[start : start + size])
+        planes.append(data[..., start : start + size])
         start += size
     return planes
 
@@ -235,9 +236,9 @@ def _pack(values: U8, bits: int) -> U8:
 
 
 def _unpack(packed: U8, bits: int, n: int) -> U8:
-    """The inverse of `_pack`."""
+    """The inverse of `_pack`, (..., n)."""
     per_byte = 8 // bits
-    out = np.empty((len(packed), per_byte), np.uint8)
+    out = np.empty((*packed.shape, per_byte), np.uint8)
     for k in range(per_byte):
-        out[:, k] = packed >> (k * bits) & ((1 << bits) - 1)
-    return out.reshape(-1)[:n]
+        out[..., k] = packed >> (k * bits) & ((1 << bits) - 1)
+    return out.reshape(*packed.shape[:-1], -1)[..., :n]
