@@ -52,7 +52,7 @@ def packet_order(tree: CodedTree, sizes: Mapping[Place, int]) -> list[Place]:
             n_required = sum(level <= label for level in levels)
             order += [p for p in palette[:n_required] if p not in order]
         order.append(place)
-    return order
+    return [*order, *(p for p in palette if p not in order)]  # nobody requires these
 
 
 def palette_places(tree: CodedTree) -> list[Place]:

@@ -121,6 +121,15 @@ def test_records_of_a_stream_written_again_decode_to_the_same_integers():
         read_records(DATA)
 
 
+def test_records_keep_entries_that_no_pick_requires():
+    data = stream((entries(2, 1), FIRST[0], picks(0, 1, 2, 0, 2), entries(3, 2, level=2)))
+    tree, again = read_records(data), read_records(write(read_records(data)))
+    assert tree.entries is not None
+    assert again.entries is not None
+    assert again.entries.tolist() == tree.entries.tolist()
+    assert again.entry_levels.tolist() == tree.entry_levels.tolist() == [0, 0, 2, 2, 2]
+
+
 # --- floats --------------------------------------------------------------------------------------
 
 
