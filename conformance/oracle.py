@@ -154,7 +154,7 @@ class Packet:
     crc: int
     step: int = 0
     start: int = 0
-    label: int = 0  # 3.4: of the step, whatever the component; 3.7: of entries, their level
+    label: int = 0  # 3.7: of picks, that of the step (3.4)
 
     @property
     def n_psi(self) -> int:
@@ -384,8 +384,8 @@ def read_packets(scene: Scene, body: bytes, own: dict[str, int]) -> None:
             live[t] += n_new - p.n_drops
         if p.component == 0:
             labels[t].append(p.level)
-        p.label = p.level if is_palette else labels[t][p.step]
         if is_picks:
+            p.label = labels[t][p.step]
             picked = max(picked, p.label)
         slots[of], all_slots = slots[of] + n_new, all_slots + n_new
         data_size += p.size

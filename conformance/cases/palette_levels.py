@@ -114,6 +114,19 @@ def layouts() -> Iterator[Case]:
     for name, packets, rules, tests, faulty in rows:
         n_levels = 1 + max(packet.level for packet in packets)
         yield case(name, with_palette(*packets, n_levels=n_levels), rules, tests, faulty)
+    steps = {(0, 5): (3, 1), (0, 6): (7, 0)} | {(row, 5): (11 + row, row) for row in (1, 2)}
+    yield case(
+        "levels-with-quantisers",
+        replace(
+            with_palette(ADD, entries(2, 2), picks(2, 0, 1), entries(2, 2, seed=1, level=1), GROW,
+                         picks(3, 4), degree=2),
+            quantisers=steps,
+        ),
+        "R-5.3-1 5.3 7.4",
+        "entries of level 1 have the steps of adds, whatever those of psi of the level are",
+        "lets the level of entries choose the row of quantisers",
+        runs=(FILE,),
+    )  # fmt: skip
     yield case(
         "levels-64",
         with_palette(
