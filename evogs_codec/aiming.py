@@ -29,7 +29,7 @@ from evogs_codec.settings import ALPHA_BITS, N_ALPHA, Settings
 from evogs_codec.splats import F64, GROUP_CHANNELS, GROUPS
 from evogs_codec.tree import EvolutionTree
 
-__all__ = ["PRICES", "Aim"]
+__all__ = ["PRICES", "Aim", "TargetMissed"]
 
 FIRST_PRICE = 1e-11  # mean squared error that a bit is worth: about 45 dB
 PRICES = (1e-18, 1e-5)
@@ -45,6 +45,14 @@ PSNR_SLACK, BYTES_SLACK = 0.1, 0.005  # dB, and part of the bytes asked for
 POLISH_GAIN = 2.0  # dB, about
 
 T = TypeVar("T")
+
+
+class TargetMissed(InputError):  # noqa: N818 - the words of the message
+    """No stream of a tree meets a target; `by` how much the nearest misses it."""
+
+    def __init__(self, said: str, by: float) -> None:
+        super().__init__(said)
+        self.by = by
 
 
 @dataclass(frozen=True)
@@ -84,7 +92,11 @@ class Aim:
             return self.psnr(write(coded, effort=1, digests=False)), coded
 
         def search(
-            code: Callable[[float], CodedTree], target: float, start: float, slack: float
+            code: Callable[[float], CodedTree],
+            target: float,
+            start: float,
+            slack: float,
+            tries: int = MOST_TRIES,
         ) -> _Found[CodedTree]:
             # 3 dB for a price twice as high.
             slope = -10 / math.log(10)
@@ -92,14 +104,15 @@ class Aim:
                 lambda price: measure(code(price)), target, slope, start, PRICES, slack, tries=tries
             )
 
-        plain = search(coder.coded, decibels, FIRST_PRICE, PSNR_SLACK)
+        plain = search(coder.coded, decibels, FIRST_PRICE, PSNR_SLACK, tries)
         found = [plain]
         if coder.polishes:
             near = search(coder.coded, decibels - POLISH_GAIN, FIRST_PRICE, POLISH_GAIN / 4)
             found.append(search(coder.polished, decibels, near.at, PSNR_SLACK))
         met = [one.what for one in found if abs(one.value - decibels) <= 2 * PSNR_SLACK]
         if not met:
-            raise InputError(f"{decibels:g} dB cannot be met: {plain.value:.2f} dB is nearest")
+            said = f"{decibels:g} dB cannot be met: {plain.value:.2f} dB is nearest"
+            raise TargetMissed(said, abs(plain.value - decibels))
         return min(map(self._with_digests, met), key=len)
 
     def at_bytes(self, n_bytes: int) -> bytes:
@@ -123,7 +136,8 @@ class Aim:
         found = [search(coder.polished, plain.at), plain] if coder.polishes else [plain]
         met = [one.what for one in found if 0.98 * n_bytes <= len(one.what) <= n_bytes]
         if not met:
-            raise InputError(f"{n_bytes:,} bytes cannot be met: {len(plain.what):,} is nearest")
+            said = f"{n_bytes:,} bytes cannot be met: {len(plain.what):,} is nearest"
+            raise TargetMissed(said, abs(len(plain.what) - n_bytes))
         return met[0] if len(met) == 1 else max(met, key=self.psnr)
 
     def within(self, errors: Mapping[str, float]) -> bytes:
@@ -164,7 +178,8 @@ class Aim:
             if self.off[worst] > asked[worst] / 2
             else ""
         )
-        raise InputError(f"{name}: an error of {errors[name]:g} cannot be kept: {least:.3g}{why}")
+        said = f"{name}: an error of {errors[name]:g} cannot be kept: {least:.3g}{why}"
+        raise TargetMissed(said, float(least / asked[worst]))
 
     def psnr(self, data: bytes) -> float:
         """Of the leaves of a stream, dB.
@@ -299,12 +314,14 @@ def _search(
     best: _Found[T] | None = None
     before: tuple[float, float] | None = None
     middle: float | None = None
+    is_above: set[bool] = set()
     for k in range(tries):
         value, what = measure(math.exp(at))
         if best is None or badness(value) < badness(best.value):
             best = _Found(math.exp(at), value, what)
         if abs(value - target) <= slack:
             break
+        is_above.add(value > target)
         if value > target:
             low = at
         else:
@@ -315,12 +332,12 @@ def _search(
         at += (target - value) / slope
         if not low < at < high:
             at = (low + high) / 2
-        if k + 1 == MOST_TRIES and high - low < ROUGH:
+        if k + 1 == MOST_TRIES and high - low < ROUGH and is_above == {True, False}:
             middle = (low + high) / 2
         if middle is not None:
             # Of few splats a PSNR is rough: places around have any value near it.
             at = middle + SPREAD * (k * GOLDEN % 1 - 0.5)
-        elif high - low < NARROW:
+        elif high - low < NARROW or k + 1 >= MOST_TRIES:
             break
     assert best is not None
     return best

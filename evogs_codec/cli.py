@@ -170,6 +170,9 @@ def run_extract(args: argparse.Namespace) -> None:
     """`evogs extract`."""
     data = _read(args.input)
     directory = read_directory(data)
+    if directory.has_palette and 0 < (args.sh_degree or 0) < directory.sh_degree:
+        said = "the entries of a palette have all SH bands: only --sh-degree 0 leaves packets out"
+        warnings.warn(said, stacklevel=1)
     smaller = extract(data, _cut(directory, args), box=args.box)
     write_atomic(args.output, smaller)
     print(f"{args.output}: {len(smaller):,} bytes of {directory.size:,}")

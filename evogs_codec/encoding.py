@@ -11,7 +11,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 from evogs_codec import registry
-from evogs_codec.aiming import Aim
+from evogs_codec.aiming import Aim, TargetMissed
 from evogs_codec.directory import SceneInfo, read_directory
 from evogs_codec.drawn import ORDERING_VIEWS, Pictures
 from evogs_codec.encode import Progress, encode
@@ -143,30 +143,43 @@ def _encoded(
 ) -> bytes:
     """At a target, if there is one; `off` as of `Aim`.
 
-    Where splats share their SH, `shared` is the tree with a palette. At a target that leaves few
-    bits a stream without may be the smaller one, so both are made.
+    Where splats share their SH, `shared` is the tree with a palette. Both are encoded, as the one
+    without may be smaller: of few splats, or where a target leaves SH few bits.
     """
-    best = shared or tree
-    aim = Aim(best, settings, off=off, n_tiles=args.tiles, info=info, progress=progress)
+    whole = Aim(tree, settings, off=off, n_tiles=args.tiles, info=info, progress=progress)
+    trees = [shared, tree] if shared else [tree]
+
+    def best(make: Callable[[Aim], bytes], aim: Aim, *, by_psnr: bool = False) -> bytes:
+        return _best([replace(aim, tree=one) for one in trees], make, by_psnr=by_psnr)
+
     if args.max_error:
         errors: dict[str, float] = {}
         for given in sorted(args.max_error, key=len, reverse=True):  # one for all groups first
             errors |= given
-        return aim.within(errors)
+        return best(lambda aim: aim.within(errors), whole)
     if args.target_psnr is None and args.target_bytes is None:
         if _is_open(args) and tree.quanta:
             settings = replace(Settings.of_quanta(tree.quanta), effort=args.effort)
         elif _is_open(args) and not _is_ply(args.input) and tree.n_leaves:
-            nearest = _as_near_as_pictures_tell(aim, args)
+            nearest = _as_near_as_pictures_tell(whole, args)
             if nearest is not None:
                 return nearest
         pictures = _pictures(tree, args, ORDERING_VIEWS) if tree.n_leaves else None
-        return encode(
-            best, settings, n_tiles=args.tiles, info=info, pictures=pictures, progress=progress
-        )
+
+        def plainly(aim: Aim) -> bytes:
+            return encode(
+                aim.tree,
+                settings,
+                n_tiles=args.tiles,
+                info=info,
+                pictures=pictures,
+                progress=progress,
+            )
+
+        return best(plainly, whole)
     if not tree.n_leaves:
         raise InputError("a scene without splats has nothing to aim at")
-    aim = replace(aim, pictures=_pictures(tree, args), polish=args.polish or 0)
+    aim = replace(whole, pictures=_pictures(tree, args), polish=args.polish or 0)
     if aim.pictures is None and (args.polish or args.target_bytes is None):
         option = "--polish" if args.polish else "--target-psnr"
         raise InputError(f"{option} draws pictures: pip install 'evogs[render]'")
@@ -174,31 +187,35 @@ def _encoded(
         s.level == tree.n_levels - 1 > 0 and s.psi.any() for s in tree.steps
     ):
         warnings.warn("--polish changes nothing: the last level refines nothing", stacklevel=1)
-    aims = [aim, replace(aim, tree=tree)] if shared else [aim]
     if args.target_bytes is not None:
-        return _met(
-            aims, lambda one: one.at_bytes(args.target_bytes), lambda one, data: one.psnr(data)
-        )
-    return _met(aims, lambda one: one.at_psnr(args.target_psnr), lambda _, data: -len(data))
+        return best(lambda one: one.at_bytes(args.target_bytes), aim, by_psnr=True)
+    return best(lambda one: one.at_psnr(args.target_psnr), aim)
 
 
-def _met(
-    aims: Sequence[Aim],
-    make: Callable[[Aim], bytes],
-    worth: Callable[[Aim, bytes], float],
-) -> bytes:
-    """The stream worth most of those that meet the target; an `InputError` if none does."""
+def _best(aims: Sequence[Aim], make: Callable[[Aim], bytes], *, by_psnr: bool) -> bytes:
+    """The smallest of the streams that meet a target, or that with the best pictures.
+
+    Without pictures to tell by, the first that meets it.
+
+    Raises:
+        TargetMissed: of the one that comes nearest, if none does.
+    """
     found: list[tuple[float, bytes]] = []
-    failed: list[InputError] = []
+    missed: list[TargetMissed] = []
     for aim in aims:
         try:
             data = make(aim)
-        except InputError as error:
-            failed.append(error)
+        except TargetMissed as error:
+            missed.append(error)
+            continue
+        if not by_psnr:
+            found.append((-len(data), data))
+        elif len(aims) == 1 or aim.pictures is None:
+            return data
         else:
-            found.append((worth(aim, data) if len(aims) > 1 else 0.0, data))
+            found.append((aim.psnr(data), data))
     if not found:
-        raise failed[0]
+        raise min(missed, key=lambda error: error.by)
     return max(found, key=lambda one: one[0])[1]
 
 

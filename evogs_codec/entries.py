@@ -19,7 +19,7 @@ from evogs_codec.splats import F32, I32, I64
 from evogs_codec.trading import cheapest
 from evogs_codec.tree import Palette
 
-__all__ = ["CodedEntries", "coded_entries"]
+__all__ = ["CodedEntries", "coded_entries", "quantised_entries"]
 
 NEVER = 1 << 30  # above all levels
 
@@ -44,17 +44,14 @@ class CodedEntries:
         return replace(tile, steps=steps)
 
 
-def coded_entries(
-    palette: Palette, tiles: Sequence[CodedTile], grid: Grid, weights: F32 | None, price: float
-) -> CodedEntries:
-    """The entries that are picked, those that have become equal as one.
+def quantised_entries(palette: Palette, grid: Grid, weights: F32 | None, price: float) -> I32:
+    """(C, n) q of the entries of a palette, by the steps of adds.
 
     Args:
         palette: of the tree.
-        tiles: with picks of it.
-        grid: its steps of adds are those of entries.
-        weights: (degree, entries) mean squared error of the pictures per squared error of a number
-            of an entry, per SH band; then bits are saved where they do little.
+        grid: with these steps.
+        weights: (degree, n) mean squared error of the pictures per squared error of a number of an
+            entry, per SH band; then bits are saved where they do little.
         price: mean squared error that a bit is worth.
 
     Raises:
@@ -64,14 +61,17 @@ def coded_entries(
     quantisers = [grid.quantisers[0][kind] for kind in kinds]
     units = np.array([q.step for q in quantisers])[:, None] / 2.0 ** grid.exponents[4]
     u = palette.entries / units
-    if weights is None:
-        q = np.rint(u)
-    else:
-        q = cheapest(u, weights[kinds - 5] * (np.square(units) / price))
-    limit = np.array([[min(k.max_q, MAX_STORED // 8 - 1)] for k in quantisers])
-    if np.any(np.abs(q) > limit):
+    limit = np.array([[min(k.max_q, MAX_STORED // 2 - 1)] for k in quantisers])
+    if np.any(np.abs(np.rint(u)) > limit):
         raise TooFine(4)
-    return _in_order(q.astype(np.int32), _first_levels(tiles, q.shape[1]), palette.n_coarse)
+    if weights is None:
+        return np.rint(u).astype(np.int32)
+    return cheapest(u, weights[kinds - 5] * (np.square(units) / price)).astype(np.int32)
+
+
+def coded_entries(q: I32, n_coarse: int, tiles: Sequence[CodedTile]) -> CodedEntries:
+    """The entries of q (C, n) that tiles pick, those that have become equal as one."""
+    return _in_order(q, _first_levels(tiles, q.shape[1]), n_coarse)
 
 
 def _first_levels(tiles: Sequence[CodedTile], n: int) -> I64:

@@ -54,8 +54,8 @@ class Ranges:
         largest: per group the largest magnitude of a state; positions from the tile's middle.
         furthest: largest coordinate of the middle of a tile.
         psi: [level][class] range of psi; [n_levels] of adds, and of the entries of a palette.
-        sharing: leaves for each entry of a palette; 0 without one. Classes above 4 are those of its
-            entries.
+        sharing: leaves for each entry that one picks; 0 without a palette. Classes above 4 are
+            those of its entries.
     """
 
     extent: float
@@ -103,8 +103,17 @@ class Ranges:
             largest=tuple(largest),
             furthest=max(float(np.abs(middle_of(tile)).max()) for tile in tiles),
             psi=tuple(tuple(np.ptp(row, axis=1)) for row in psi),
-            sharing=0.0 if palette is None else n_leaves / max(palette.entries.shape[1], 1),
+            sharing=0.0 if palette is None else _sharing(tiles),
         )
+
+
+def _sharing(tiles: Sequence[EvolutionTree]) -> float:
+    picks = [np.empty(0, np.int32)]
+    for tile in tiles:
+        picks += [state.picks[state.live] for state in [*tile.states()][-1:]]
+    some = np.concatenate(picks)
+    some = some[some > 0]
+    return max(len(some) / max(len(np.unique(some)), 1), 1.0)
 
 
 def _extent(points: F64) -> float:
@@ -138,7 +147,7 @@ def wanted_steps(settings: Settings, ranges: Ranges, n_levels: int) -> F64:
     if settings.range_bits:
         by_level: F64 = np.array([ranges.psi[n_levels], *ranges.psi[:n_levels]])
         by_level[:, 4:] = by_level[:, 4:].max(1, keepdims=True)  # a range per group
-        by_level[0] /= 256
+        by_level[0, : 5 if ranges.sharing else None] /= 256  # not entries, which are leaves' own
         # Where nothing changes any step will do: one that asks for no finer grid.
         by_level = np.where(by_level > 0, by_level, np.maximum(by_level.max(0), 1e-6))
         by_level /= 2**settings.range_bits - 1

@@ -32,27 +32,26 @@ def packet_order(tree: CodedTree, sizes: Mapping[Place, int]) -> list[Place]:
         sizes: bytes of each packet.
     """
     keyed = []
-    dues = _dues(tree, sizes)
+    most = _most_of_picks(tree, sizes)
     for number, (share, tile) in enumerate(zip(leaf_shares(tree), tree.tiles, strict=True)):
         core = np.full(len(tile.steps), np.inf)
         for component in range(tree.n_components):
             places = [(number, k, component) for k in range(len(tile.steps))]
             gains = [share * step.gain[component] if step.gain else 0.0 for step in tile.steps]
-            prices = [sizes[place] + dues.get(place, 0.0) for place in places]
-            slopes = np.minimum(_falling(gains, prices), core)
+            slopes = np.minimum(_falling(gains, [sizes[place] for place in places]), core)
+            if most and component == PICKS:
+                caps = [most.get(step.level, np.inf) for step in tile.steps]
+                slopes = np.minimum.accumulate(np.minimum(slopes, caps))
             core = slopes if component == 0 else core
             keyed += [((-slope, p[1], number), p) for slope, p in zip(slopes, places, strict=True)]
     order: list[Place] = []
-    palette = palette_places(tree)
-    levels = tree.palette_levels
+    palette = list(zip(palette_places(tree), tree.palette_levels, strict=True))
     for _, place in sorted(keyed):
-        tile_number, k, component = place
-        if tree.entries is not None and component == PICKS:
-            label = tree.tiles[tile_number].steps[k].level
-            n_required = sum(level <= label for level in levels)
-            order += [p for p in palette[:n_required] if p not in order]
+        label = tree.tiles[place[0]].steps[place[1]].level
+        while palette and place[2] == PICKS and palette[0][1] <= label:
+            order.append(palette.pop(0)[0])
         order.append(place)
-    return [*order, *(p for p in palette if p not in order)]  # nobody requires these
+    return [*order, *(place for place, _ in palette)]  # what no pick requires
 
 
 def palette_places(tree: CodedTree) -> list[Place]:
@@ -60,19 +59,23 @@ def palette_places(tree: CodedTree) -> list[Place]:
     return [(0, k, PALETTE) for k in range(len(tree.palette_levels))]
 
 
-def _dues(tree: CodedTree, sizes: Mapping[Place, int]) -> dict[Place, float]:
-    """What packets of picks pay of the packet of the palette of their level, by their bytes."""
-    dues: dict[Place, float] = {}
+def _most_of_picks(tree: CodedTree, sizes: Mapping[Place, int]) -> dict[int, float]:
+    """By level, the gain per byte of its best packets of picks with the palette they require.
+
+    Whichever comes first brings all entries of the level: none comes before they pay for them.
+    """
+    most: dict[int, float] = {}
+    shares = leaf_shares(tree)
     for palette, level in zip(palette_places(tree), tree.palette_levels, strict=True):
-        of_level = [
-            (number, k, PICKS)
+        packets = [
+            (shares[number] * step.gain[PICKS] if step.gain else 0.0, sizes[number, k, PICKS])
             for number, tile in enumerate(tree.tiles)
             for k, step in enumerate(tile.steps)
             if step.level == level
         ]
-        total = sum(sizes[place] for place in of_level)
-        dues |= {place: sizes[palette] * sizes[place] / max(total, 1) for place in of_level}
-    return dues
+        gains, n_bytes = np.array(sorted(packets, key=lambda p: -p[0] / max(p[1], 1))).T
+        most[level] = float(np.max(np.cumsum(gains) / (sizes[palette] + np.cumsum(n_bytes))))
+    return most
 
 
 def leaf_shares(tree: CodedTree) -> list[float]:

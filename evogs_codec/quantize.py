@@ -18,7 +18,7 @@ import numpy.typing as npt
 from evogs_codec.alphas import alpha_tables, nearest, serving_both, serving_second
 from evogs_codec.coded import CodedStep, CodedTile, CodedTree
 from evogs_codec.directory import SceneInfo
-from evogs_codec.entries import coded_entries
+from evogs_codec.entries import coded_entries, quantised_entries
 from evogs_codec.grids import (
     Grid,
     NotRepresentable,
@@ -89,13 +89,12 @@ def quantise(
         alpha = alpha_tables(tiles, settings)
         coded = []
         try:
+            if palette is not None:
+                q = quantised_entries(palette, grid, entry_weights, price)
             for k, tile in enumerate(tiles):
                 report(k / len(tiles))
                 own = None if weights is None else weights[k]
                 coded.append(_TileCoder(tile, grid, alpha, settings, own, price).code())
-            entries = None
-            if palette is not None:
-                entries = coded_entries(palette, coded, grid, entry_weights, price)
         except TooFine as error:
             if exponents[error.group] <= -16:
                 raise NotRepresentable(
@@ -114,8 +113,9 @@ def quantise(
         tiles=tuple(coded),
         info=info or SceneInfo(),
     )
-    if entries is None:
+    if palette is None:
         return tree
+    entries = coded_entries(q, palette.n_coarse, coded)
     renumbered = tuple(entries.of(tile) for tile in coded)
     return replace(tree, tiles=renumbered, entries=entries.q, entry_levels=entries.levels)
 

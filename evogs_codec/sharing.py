@@ -129,8 +129,10 @@ def _nearest(x: F32 | F64, entries: F32) -> I32:
     """(N,) picks: the nearest of entries (C, n), or 0 for none, to each of (C, N)."""
     out = np.zeros(x.shape[1], np.int32)
     candidates = np.concatenate([np.zeros((len(entries), 1), np.float32), entries], axis=1)
+    unit = np.float32(max(1.0, np.abs(candidates).max(), np.abs(x).max(initial=0)))
+    candidates /= unit  # so that no square overflows
     lengths = np.square(candidates).sum(0)
     for at in range(0, len(out), BLOCK):
-        part = x[:, at : at + BLOCK].astype(np.float32)
+        part = (x[:, at : at + BLOCK] / unit).astype(np.float32)
         out[at : at + BLOCK] = np.argmin(lengths - 2 * part.T @ candidates, axis=1)
     return out
