@@ -73,6 +73,8 @@ def _most_of_picks(tree: CodedTree, sizes: Mapping[Place, int]) -> dict[int, flo
             for k, step in enumerate(tile.steps)
             if step.level == level
         ]
+        if not packets:
+            continue
         gains, n_bytes = np.array(sorted(packets, key=lambda p: -p[0] / max(p[1], 1))).T
         most[level] = float(np.max(np.cumsum(gains) / (sizes[palette] + np.cumsum(n_bytes))))
     return most
