@@ -15,8 +15,8 @@ import numpy.typing as npt
 from evogs_codec.crc import crc32
 from evogs_codec.errors import StreamError
 from evogs_codec.frames import decompress_all
-from evogs_codec.packet_header import N_SIDES, PICKS, Counts, component_channels
-from evogs_codec.palette import unpack_picks
+from evogs_codec.packet_header import FLAG_OF_CHANGED, N_SIDES, PICKS, Counts, component_channels
+from evogs_codec.palette import read_picks
 from evogs_codec.scratch import Scratch
 from evogs_codec.splats import I64
 from evogs_codec.tree import N_GROUPS
@@ -86,7 +86,9 @@ def apply_compiled(
             return False
     try:
         for k in np.flatnonzero(~is_compiled):
-            _apply_picks(state, data, int(packets[k]), Counts(*counts[k].tolist()), plans)
+            own = Counts(*counts[k].tolist())
+            if not _apply_picks(kernels, state, data, int(packets[k]), own, plans):
+                return False
     except StreamError:
         return False
     applied = np.bincount(components, minlength=directory.n_components).tolist()
@@ -95,22 +97,31 @@ def apply_compiled(
 
 
 def _apply_picks(
-    state: TileState, data: memoryview, packet: int, counts: Counts, plans: Plans
-) -> None:
+    kernels: ModuleType,
+    state: TileState,
+    data: memoryview,
+    packet: int,
+    counts: Counts,
+    plans: Plans,
+) -> bool:
     """The picks of a step (spec 7.4), of whose slots `plans` says where they are."""
     directory, step = state.directory, int(state.directory.steps[packet])
     offset, size = int(directory.offsets[packet]), int(directory.packets["size"][packet])
-    body = data[offset : offset + size]
-    changed, new = unpack_picks(body, counts, int(directory.entries_required[packet]), offset)
     (first, run, _, drop, _), (end, end_of_runs, _, end_of_drops, _) = plans.places[
         step : step + 2
     ].tolist()
-    if changed is not None:
-        starts, lengths = plans.runs[:, run:end_of_runs]
-        slots = np.repeat(starts - (np.cumsum(lengths) - lengths), lengths)
-        state.picks[slots + np.arange(len(slots))] = changed
-    state.picks[first:end] = new
+    if size:
+        head, planes = read_picks(data[offset : offset + size], counts, offset)
+        runs = plans.runs[:, run:end_of_runs]
+        n_entries = int(directory.entries_required[packet])
+        code, n = head.coding_bytes[0], head.lengths[0]
+        n_changed = counts.n_psi if head.flags & FLAG_OF_CHANGED else 0
+        if not kernels.picks(code, planes, runs, n_changed, first, n_entries, state.picks, n):
+            return False
+    else:
+        state.picks[first:end] = 0
     state.picks[plans.drops[drop:end_of_drops]] = 0
+    return True
 
 
 def _parts(components: I64, counts: I64) -> list[slice]:

@@ -17,10 +17,12 @@ from evogs_codec.splats import F32, I32, I64, U8
 __all__ = [
     "MAX_INT",
     "children",
+    "entries",
     "first_children",
     "float_picks",
     "float_rows",
     "inverse_ycocg",
+    "picks",
     "products_fit",
     "scale",
     "second_children",
@@ -92,6 +94,62 @@ def unzigzag(q: I32, n: int) -> None:
     one = np.int32(1)
     for i in range(n):
         q[i] = (q[i] >> one) ^ -(q[i] & one)
+
+
+@_jit
+def undelta(q: I32, n: int) -> bool:
+    """Running sums of the first n of q, in place; False if one leaves its range (R-7.1-1)."""
+    total = np.int64(0)
+    for i in range(n):
+        total += q[i]
+        if total > MAX_DELTA or total < -MAX_DELTA:
+            return False
+        q[i] = np.int32(total)
+    return True
+
+
+@_jit
+def entries(codes: U8, starts: I64, planes: U8, is_ycocg: bool, units: I64, out: I32) -> bool:
+    """Delta (C, n) of the entries of a packet (spec 7.1, 7.3); False if one leaves its range."""
+    n = out.shape[1]
+    for first in range(0, len(out), 3):
+        triple = out[first : first + 3]
+        for k in range(3):
+            unpack(codes[first + k], planes, starts[first + k], n, 0, n, triple[k])
+            unzigzag(triple[k], n)
+            if codes[first + k] & 64 and not undelta(triple[k], n):
+                return False
+        if is_ycocg:
+            inverse_ycocg(triple, n)
+        for k in range(3):
+            if scale(triple[k], n, units[first + k]) < 0:
+                return False
+    return True
+
+
+@_jit
+def picks(
+    code: int, planes: U8, runs: I64, n_changed: int, first: int, n_entries: int, out: I32, n: int
+) -> bool:
+    """The n picks of a packet to their slots in `out` (spec 7.4); False if one is too large.
+
+    The first `n_changed` are of the slots in runs (2, any) of begins and lengths, the others of
+    those from `first` on.
+    """
+    found = np.empty(n, np.int32)
+    unpack(code, planes, 0, n, 0, n, found)
+    most = np.int32(0)
+    for i in range(n):
+        most = max(most, found[i])
+    if most > n_entries:
+        return False
+    at = 0
+    for r in range(runs.shape[1] if n_changed else 0):
+        for slot in range(runs[0, r], runs[0, r] + runs[1, r]):
+            out[slot] = found[at]
+            at += 1
+    out[first : first + n - n_changed] = found[n_changed:]
+    return True
 
 
 @_jit

@@ -33,10 +33,12 @@ from evogs_codec.kernel_headers import (
 from evogs_codec.kernel_values import (
     MAX_INT,
     children,
+    entries,
     first_children,
     float_picks,
     float_rows,
     inverse_ycocg,
+    picks,
     products_fit,
     scale,
     second_children,
@@ -55,8 +57,10 @@ __all__ = [
     "Plans",
     "Tables",
     "apply_packets",
+    "entries",
     "float_picks",
     "float_rows",
+    "picks",
     "read_headers",
 ]
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterator
 from threading import Lock
+from types import ModuleType
 
 import numpy as np
 
@@ -25,14 +26,15 @@ from evogs_codec.packet_header import (
 )
 from evogs_codec.packets import Stored, Values, check_bits, read_planes
 from evogs_codec.planes import join_planes, planes_at
-from evogs_codec.refine import RangeError
+from evogs_codec.refine import Quantiser, RangeError
 from evogs_codec.scratch import empty
-from evogs_codec.splats import F32, I32, I64, n_channels
+from evogs_codec.splats import F32, I32, I64, U8, n_channels
 from evogs_codec.tree import N_GROUPS
 
 __all__ = [
     "PaletteState",
     "read_entries_header",
+    "read_picks",
     "read_picks_header",
     "unpack_entries",
     "unpack_picks",
@@ -50,9 +52,12 @@ class PaletteState:
         n_applied: packets applied.
     """
 
-    def __init__(self, directory: Directory, capacity: int) -> None:
-        """An empty palette with room for `capacity` entries."""
+    def __init__(
+        self, directory: Directory, capacity: int, kernels: ModuleType | None = None
+    ) -> None:
+        """An empty palette with room for `capacity` entries; compiled loops for many of them."""
         self.directory = directory
+        self._kernels = kernels
         n = n_channels(directory.sh_degree) - N_CORE
         self.x = empty((n, 1 + capacity), np.int32)
         self.x[:, 0] = 0
@@ -78,15 +83,33 @@ class PaletteState:
         new = self.x[:, 1 + self.n_entries : 1 + self.n_entries + n]
         if len(body):
             values = unpack_entries(body, n, len(self.x), offset)
-            try:
-                for part in _blocks(self.directory.sh_degree, n):
-                    quantiser = self.directory.quantisers[0][channel_class(N_CORE + part.start)]
-                    new[part] = quantiser.delta(values.block(part))
-            except RangeError as error:
-                raise StreamError(Fault.E_RANGE, str(error), offset) from None
+            if self._kernels is None or not self._fill(new, values, self._kernels):
+                self._fill_by_blocks(new, values, offset)
         self.n_entries += n
         self.n_applied += 1
         self._rows = None
+
+    def _fill(self, new: I32, values: Values, kernels: ModuleType) -> bool:
+        """Write the numbers of new entries, compiled; False if one leaves its range."""
+        deltas = np.empty(new.shape, np.int32)
+        units = np.array([self._quantiser(k).step for k in range(len(new))], np.int64)
+        is_good: bool = kernels.entries(
+            values.codes, values.starts, values.data, values.is_ycocg, units, deltas
+        )
+        new[:] = deltas
+        return is_good
+
+    def _fill_by_blocks(self, new: I32, values: Values, offset: int) -> None:
+        """The same, which says what is wrong."""
+        try:
+            for part in _blocks(self.directory.sh_degree, new.shape[1]):
+                new[part] = self._quantiser(part.start).delta(values.block(part))
+        except RangeError as error:
+            raise StreamError(Fault.E_RANGE, str(error), offset) from None
+
+    def _quantiser(self, channel: int) -> Quantiser:
+        """Of one of the C channels."""
+        return self.directory.quantisers[0][channel_class(N_CORE + channel)]
 
     def _reserve(self, n: int) -> None:
         """Make room for n more entries, with more to spare: growing costs a copy."""
@@ -177,9 +200,7 @@ def unpack_picks(
     """
     if len(body) == 0:
         return None, np.zeros(counts.n_splits + counts.n_adds, np.uint8)
-    head = read_picks_header(body, counts, offset)
-    data = read_planes(body, head, offset)
-    check_bits(data, head, offset)
+    head, data = read_picks(body, counts, offset)
     coding, n = head.codings[0], head.lengths[0]
     picks = join_planes(planes_at(data, 0, coding, n), coding, n)
     if n and int(picks.max()) > n_entries:  # R-7.2-4
@@ -187,3 +208,11 @@ def unpack_picks(
     if head.flags & FLAG_OF_CHANGED:
         return picks[: counts.n_psi], picks[counts.n_psi :]
     return None, picks
+
+
+def read_picks(body: memoryview, counts: Counts, offset: int) -> tuple[PacketHeader, U8]:
+    """The header and the planes of a packet of picks, of size above 0; faults as above."""
+    head = read_picks_header(body, counts, offset)
+    data = read_planes(body, head, offset)
+    check_bits(data, head, offset)
+    return head, data

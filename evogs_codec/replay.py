@@ -62,7 +62,7 @@ def replay_tiles(
         if progress is not None:
             progress(next(n_done) / n_packets)
 
-    palette = _PaletteJob(directory, data, of_palette, digests, tick)
+    palette = _PaletteJob(directory, data, of_palette, kernels, digests, tick)
 
     def run(tile: int) -> _Outcome:
         scratch = free.pop() if free else Scratch()
@@ -165,10 +165,11 @@ class _PaletteJob:
         directory: Directory,
         data: memoryview,
         packets: I64,
+        kernels: ModuleType | None,
         digests: Mapping[Key, bytes],
         tick: Callable[[], None],
     ) -> None:
-        self.state = PaletteState(directory, _slots_there(directory, packets, len(data)))
+        self.state = PaletteState(directory, _slots_there(directory, packets, len(data)), kernels)
         self._directory, self._data, self._packets = directory, data, packets
         self._digests, self._tick = digests, tick
         self._is_good = not len(packets)

@@ -33,7 +33,8 @@ def rate(of: Sequence[Subject], folder: Path) -> Rows:
     """Bytes a splat and PSNR against the scene, over 24 views; ours have all levels in them.
 
     The views that polishing goes by are others. The scene playbot was decoded from SOG: its SH are
-    entries of a palette, which our streams have too, and which Zstandard in SPZ finds in part.
+    entries of a palette, which our streams have too, where that is smaller, and which Zstandard
+    in SPZ finds in part.
     """
     rows: Rows = []
     for subject in of:
