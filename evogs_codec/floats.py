@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from evogs_codec.compiled import kernels_for
 from evogs_codec.directory import Directory
@@ -60,9 +61,8 @@ class FloatView:
             if channels.stop > len(x):
                 assert tile.palette is not None
                 picks = tile.shown_picks()
-                rows = tile.palette.rows(out.shape[1] - 3, self.write_rows)
                 picks = picks if live.all() else picks[live]
-                self.write_picks(x[CORE_SH], 2.0**-exponent, picks, rows, to)
+                self.write_picks(x[CORE_SH], 2.0**-exponent, picks, tile.palette.rows(), to)
                 continue
             self.write_rows(x[channels], origins[channels], 2.0**-exponent, to)
 
@@ -78,11 +78,18 @@ class FloatView:
         )
 
 
-def float_picks(x: I32, scale: float, picks: I32, rows: F32, out: F32) -> None:
-    """out[:, :3] = x * scale, of SH band 0; out[i, 3:] = rows[picks[i]], blockwise."""
+def float_picks(
+    x: I32, scale: float, picks: I32, rows: npt.NDArray[np.signedinteger], out: F32
+) -> None:
+    """out[:, :3] = x * scale, of SH band 0; out[i, 3:] = rows[picks[i]] * scale, blockwise.
+
+    `rows` may have more columns. Powers of 2 scale exactly: rounding is of integers, once.
+    """
+    n = out.shape[1] - len(x)
     float_rows(x, np.zeros(len(x), np.int64), scale, out[:, : len(x)])
     for at in range(0, len(out), BLOCK):
-        out[at : at + BLOCK, len(x) :] = rows[picks[at : at + BLOCK]]
+        part = rows[picks[at : at + BLOCK], :n].astype(np.float32)
+        out[at : at + BLOCK, len(x) :] = part * np.float32(scale)
 
 
 def float_rows(x: I32, origins: I64, scale: float, out: F32) -> None:

@@ -290,15 +290,15 @@ def float_rows(x: I32, origins: I64, scale: float, out: F32) -> None:
 
 
 @_jit
-def float_picks(x: I32, scale: float, picks: I32, rows: F32, out: F32) -> None:
-    """SH of splats with picks: out[i, :3] is that of band 0, x[:, i] * scale, the rest a row.
+def float_picks(x: I32, scale: float, picks: I32, rows: Any, out: F32) -> None:  # noqa: ANN401
+    """SH of splats with picks: out[i, :3] is x[:, i] * scale, of band 0, the rest a row * scale.
 
     Each line of memory is written once, from its begin to its end.
     """
-    n_rest, factor = rows.shape[1], np.float32(scale)
+    n_rest, factor = out.shape[1] - 3, np.float32(scale)
     for i in range(len(out)):
         row, to = rows[picks[i]], out[i]
         for c in range(3):
             to[c] = np.float32(x[c, i]) * factor
         for c in range(n_rest):
-            to[3 + c] = row[c]
+            to[3 + c] = np.float32(row[c]) * factor

@@ -6,11 +6,12 @@ Letters: C channels above core, E entries, n picks.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from threading import Lock
 from types import ModuleType
 
 import numpy as np
+import numpy.typing as npt
 
 from evogs_codec.coded import channel_class, component_slice
 from evogs_codec.directory import Directory
@@ -27,9 +28,8 @@ from evogs_codec.packet_header import (
 from evogs_codec.packets import Stored, Values, check_bits, read_planes
 from evogs_codec.planes import join_planes, planes_at
 from evogs_codec.refine import Quantiser, RangeError
-from evogs_codec.scratch import empty
-from evogs_codec.splats import F32, I32, I64, U8, n_channels
-from evogs_codec.tree import N_GROUPS
+from evogs_codec.scratch import LINE, empty
+from evogs_codec.splats import I32, U8, n_channels
 
 __all__ = [
     "PaletteState",
@@ -40,6 +40,7 @@ __all__ = [
     "unpack_picks",
 ]
 
+ROWS = 1024  # that are turned at a time
 BLOCK = 1 << 16  # numbers: larger arrays come from the system anew each time, page by page
 
 
@@ -63,7 +64,7 @@ class PaletteState:
         self.x[:, 0] = 0
         self.n_entries = 0
         self.n_applied = 0
-        self._rows: F32 | None = None
+        self._rows: npt.NDArray[np.signedinteger] | None = None
         self._lock = Lock()
 
     @property
@@ -122,19 +123,20 @@ class PaletteState:
         """(C, n) integers of picks."""
         return self.x.take(picks, axis=1)
 
-    def rows(self, n_channels: int, write_rows: Callable[[I32, I64, float, F32], None]) -> F32:
-        """(1 + E, n_channels) the first channels of what each pick shows, binary32 (spec 7.6).
+    def rows(self) -> npt.NDArray[np.signedinteger]:
+        """(1 + E, at least C) the numbers that each pick shows, one after the other.
 
-        Args:
-            n_channels: of the C.
-            write_rows: `floats.float_rows`, or what does the same.
+        int16 where they fit, in whole cache lines: splats pick anywhere.
         """
         with self._lock:  # whichever tile is first makes them
-            if self._rows is None or self._rows.shape[1] != n_channels:
-                rows = empty((1 + self.n_entries, n_channels), np.float32)
-                x = self.x[:n_channels, : len(rows)]
-                scale = 2.0 ** -self.directory.grid_exponents[N_GROUPS - 1]
-                write_rows(x, np.zeros(n_channels, np.int64), scale, rows)
+            if self._rows is None:
+                x = self.x[:, : 1 + self.n_entries]
+                is_small = x.size and max(-int(x.min()), int(x.max())) < 1 << 15
+                dtype = np.dtype(np.int16 if is_small else np.int32)
+                line = LINE // dtype.itemsize
+                rows = empty((x.shape[1], -(-len(x) // line) * line), dtype)
+                for at in range(0, len(rows), ROWS):
+                    rows[at : at + ROWS, : len(x)] = x[:, at : at + ROWS].T
                 self._rows = rows
             return self._rows
 

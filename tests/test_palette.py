@@ -176,18 +176,20 @@ def test_leaves_of_a_cut_within_another_are_those_of_decoding_it():
         without.leaves(Cut(without.cut.steps, 2))
 
 
+@pytest.mark.parametrize(("dtype", "largest"), [(np.int16, 1 << 15), (np.int32, 1 << 28)])
 @pytest.mark.parametrize("n_rest", [9, 24, 45])
-def test_rows_of_picks_are_written_alike_by_numpy_and_compiled_code(n_rest):
+def test_rows_of_picks_are_written_alike_by_numpy_and_compiled_code(n_rest, dtype, largest):
     kernels = pytest.importorskip("evogs_codec.kernels")
     rng = np.random.default_rng(n_rest)
     n = 5000
     x = rng.integers(-5000, 5000, (3, n)).astype(np.int32)
-    rows = rng.normal(size=(70, n_rest)).astype(np.float32)
+    rows = rng.integers(-largest, largest, (70, n_rest + 7)).astype(dtype)
     chosen = rng.integers(0, 70, n).astype(np.int32)
     outs = [np.empty((n, 3 + n_rest), np.float32) for _ in range(2)]
     float_picks(x, 1 / 128, chosen, rows, outs[0])
     kernels.float_picks(x, 1 / 128, chosen, rows, outs[1])
-    expected = np.concatenate([(x / 128).T, rows[chosen]], axis=1)
+    shown = rows[chosen, :n_rest] / np.float64(128)
+    expected = np.concatenate([(x / 128).T, shown], axis=1).astype(np.float32)
     assert all(np.array_equal(out, expected) for out in outs)
     again = np.empty((n, 3), np.float32)
     float_rows(x, np.zeros(3, np.int64), 1 / 128, again)

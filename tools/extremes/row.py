@@ -7,6 +7,8 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from evogs_codec import InputError
+
 __all__ = ["Row", "attempted", "outcome"]
 
 
@@ -51,6 +53,11 @@ class Row:
         return Row(extreme, "exact", f"{n_differences} of {n:,} differ", part, beyond)
 
 
+def _public_name(error: Exception) -> str:
+    """What a caller of the codec knows the error by."""
+    return "InputError" if isinstance(error, InputError) else type(error).__name__
+
+
 def outcome(run: Callable[[], str]) -> str:
     """What `run` returned, or the error it ended with, or its first warning, in one line."""
     with warnings.catch_warnings(record=True) as caught:
@@ -58,7 +65,7 @@ def outcome(run: Callable[[], str]) -> str:
         try:
             text = run()
         except Exception as error:
-            return f"`{type(error).__name__}`: {error}"
+            return f"`{_public_name(error)}`: {error}"
     if caught:
         return f"`{caught[0].category.__name__}`: {caught[0].message}; {text}"
     return text
