@@ -296,7 +296,10 @@ def _add_cut_options(parser: argparse.ArgumentParser) -> None:
         help="only tiles that meet this box, in scene units; whole tiles: encode with --tiles N",
     )
     parser.add_argument(
-        "--sh-degree", type=_number(int, 0, 3), metavar="D", help="no SH bands above D"
+        "--sh-degree",
+        type=_number(int, 0, 3),
+        metavar="D",
+        help="no SH bands above D; a palette is left out for 0 alone",
     )
 
 
