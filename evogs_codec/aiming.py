@@ -35,10 +35,8 @@ FIRST_PRICE = 1e-11  # mean squared error that a bit is worth: about 45 dB
 PRICES = (1e-18, 1e-5)
 FACTORS = (1e-4, 1e4)
 MOST_TRIES = 14
-QUICK = (
-    60,
-    200_000,
-)  # tries at most of few splats, in which a rounding moves a PSNR; tries times splats
+MORE_TRIES = 60  # of few splats, where a rounding moves a PSNR
+TRIED = 200_000  # splats, those of all tries together
 NARROW = 1e-6
 ROUGH, SPREAD, GOLDEN = 0.02, 0.2, 0.618  # of the logarithm of a price
 PSNR_SLACK, BYTES_SLACK = 0.1, 0.005  # dB, and part of the bytes asked for
@@ -85,8 +83,7 @@ class Aim:
             ValueError: there are no pictures.
         """
         coder = _Coder(self)
-        most, work = QUICK
-        tries = max(MOST_TRIES, min(most, work // max(self.tree.n_leaves, 1)))
+        tries = max(MOST_TRIES, min(MORE_TRIES, TRIED // max(self.tree.n_leaves, 1)))
 
         def measure(coded: CodedTree) -> tuple[float, CodedTree]:
             return self.psnr(write(coded, effort=1, digests=False)), coded

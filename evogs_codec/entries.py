@@ -61,12 +61,14 @@ def quantised_entries(palette: Palette, grid: Grid, weights: F32 | None, price: 
     quantisers = [grid.quantisers[0][kind] for kind in kinds]
     units = np.array([q.step for q in quantisers])[:, None] / 2.0 ** grid.exponents[4]
     u = palette.entries / units
-    limit = np.array([[min(k.max_q, MAX_STORED // 2 - 1)] for k in quantisers])
-    if np.any(np.abs(np.rint(u)) > limit):
-        raise TooFine(4)
     if weights is None:
-        return np.rint(u).astype(np.int32)
-    return cheapest(u, weights[kinds - 5] * (np.square(units) / price)).astype(np.int32)
+        q = np.rint(u)
+    else:
+        q = cheapest(u, weights[kinds - 5] * (np.square(units) / price))
+    limit = np.array([[min(k.max_q, MAX_STORED // 2 - 1)] for k in quantisers])
+    if np.any(np.abs(q) > limit):
+        raise TooFine(4)
+    return q.astype(np.int32)
 
 
 def coded_entries(q: I32, n_coarse: int, tiles: Sequence[CodedTile]) -> CodedEntries:
