@@ -19,6 +19,9 @@ from tqdm import tqdm
 
 from evogs_codec import Cut, InputError, SplatParams, decode, read_directory, read_ply
 from evogs_codec.cut import tiles_meeting
+from evogs_codec.files import PICTURE
+from evogs_codec.options import add_output
+from evogs_codec.printable import shown
 
 if TYPE_CHECKING:
     from conformance.rasterizer import Camera
@@ -78,7 +81,7 @@ def run_render(args: argparse.Namespace) -> None:
         for scene in _with_bar(scenes, "render")
     ]
     write_png(args.output, contact_sheet(rows))
-    print(f"{args.output}: {len(scenes[-1]):,} splats, {len(chosen)} views")
+    print(f"{shown(args.output)}: {len(scenes[-1]):,} splats, {len(chosen)} views")
 
 
 def run_psnr(args: argparse.Namespace) -> None:
@@ -257,7 +260,7 @@ def _add(
     if name == "psnr":
         parser.add_argument("reference", type=Path, metavar="REFERENCE")
     else:
-        parser.add_argument("output", type=Path, metavar="OUT.png")
+        add_output(parser, "OUT.png", PICTURE)
         parser.add_argument("--sheet", action="store_true", help="all levels, three views each")
         parser.add_argument("--view", type=int, default=0, metavar="I", help="which camera")
         parser.add_argument(

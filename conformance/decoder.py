@@ -18,6 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec import Cut, Decoder, Directory, Fault, StreamError, decode, read_directory
+from evogs_codec.files import same_file
+from evogs_codec.printable import shown
 
 __all__ = ["add_options", "main", "run_command"]
 
@@ -129,6 +131,9 @@ def serve() -> None:
 
 def answer(request: Request) -> Reply:
     """Decode, and write the dump if there is one."""
+    if same_file(request.source, request.target):
+        print(f"{shown(request.target)}: is the stream; name another file", file=sys.stderr)
+        return Reply(USAGE)
     data = request.source.read_bytes()
     try:
         if request.mode == "file":

@@ -26,40 +26,48 @@ from evogs_codec.extract import choose_cut, extract
 from evogs_codec.files import check_target, write_atomic
 from evogs_codec.omissions import omissions
 from evogs_codec.ply import write_ply
+from evogs_codec.printable import shown
 from evogs_codec.reports import comments_of, info_of, print_info
 from evogs_codec.stats import bytes_by_group
-from evogs_codec.terminal import plain_warnings, progress_bar, version
+from evogs_codec.terminal import (
+    complain,
+    escape_what_cannot_be_encoded,
+    plain_warnings,
+    progress_bar,
+    version,
+)
 
 __all__ = ["main"]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit code."""
+    escape_what_cannot_be_encoded()
     parser = _parser()
     args = parser.parse_args(arguments)
     try:
         with plain_warnings():
-            if "output" in args:
-                check_target(args.output)
+            _check_output(args)
             code = int(args.run(args) or 0)
             sys.stdout.flush()
             return code
     except StreamError as error:
-        return _fail(f"{args.input}: {error}")
+        return _fail(args, error)
     except InputError as error:
-        return _fail(str(error))
+        complain(error)
+        return 1
     except BrokenPipeError:
         # Nobody reads what is printed any more; Python would say so once more as it ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141  # 128 + SIGPIPE, as shells have it
     except OSError as error:
-        return _fail(f"{error.filename or args.input}: {error.strerror or error}")
+        return _fail(args, error.strerror or error, path=error.filename)
     except ValueError as error:
-        return _fail(f"{args.input}: {error}")
+        return _fail(args, error)
     except MemoryError:
-        return _fail(f"{args.input}: not enough memory")
+        return _fail(args, "not enough memory")
     except KeyboardInterrupt:
-        _fail("interrupted")
+        complain("interrupted")
         return 130  # 128 + SIGINT, as shells have it
 
 
@@ -84,8 +92,22 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _fail(message: str) -> int:
-    print(f"evogs: {message}", file=sys.stderr)
+def _check_output(args: argparse.Namespace) -> None:
+    """Refuse an output that must not be written; every other path of the command is a source."""
+    if "output" in args:
+        sources = [
+            value
+            for name, value in vars(args).items()
+            if name != "output" and isinstance(value, Path)
+        ]
+        kind, force = getattr(args, "makes", None), getattr(args, "force", False)
+        check_target(args.output, kind, sources=sources, force=force)
+
+
+def _fail(args: argparse.Namespace, message: object, *, path: object = None) -> int:
+    """Say it in one line, after the file that it is about, which is the input if none is named."""
+    of = path or getattr(args, "input", None)
+    complain(message if of is None else f"{of}: {message}")
     return 1
 
 
@@ -111,7 +133,7 @@ def run_decode(args: argparse.Namespace) -> None:
                 progress=lambda part: progress("decode", part),
             )
     write_ply(args.output, splats, comments=comments_of(directory))
-    print(f"{args.output}: {len(splats):,} splats, SH degree {splats.sh_degree}")
+    print(f"{shown(args.output)}: {len(splats):,} splats, SH degree {splats.sh_degree}")
 
 
 def _decode_partial(data: memoryview, args: argparse.Namespace) -> Decoded:
@@ -122,7 +144,7 @@ def _decode_partial(data: memoryview, args: argparse.Namespace) -> Decoded:
     decoded = replay(directory, data, there.within(asked), verify=args.verify)
     if len(data) < directory.size:
         part = 100 * len(data) / directory.size
-        print(f"evogs: {args.input}: {part:.1f} % of the file is there", file=sys.stderr)
+        complain(f"{args.input}: {part:.1f} % of the file is there")
     return decoded
 
 
@@ -162,7 +184,7 @@ def run_validate(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({"valid": True, "splats": decoded.n_leaves, "digests": n_digests}))
     else:
-        print(f"{args.input}: valid, {decoded.n_leaves:,} splats, {n_digests} digests match")
+        print(f"{shown(args.input)}: valid, {decoded.n_leaves:,} splats, {n_digests} digests match")
     return 0
 
 
@@ -175,7 +197,7 @@ def run_extract(args: argparse.Namespace) -> None:
         warnings.warn(said, stacklevel=1)
     smaller = extract(data, _cut(directory, args), box=args.box)
     write_atomic(args.output, smaller)
-    print(f"{args.output}: {len(smaller):,} bytes of {directory.size:,}")
+    print(f"{shown(args.output)}: {len(smaller):,} bytes of {directory.size:,}")
 
 
 # --- parts of commands ---------------------------------------------------------------------------

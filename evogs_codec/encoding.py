@@ -20,6 +20,7 @@ from evogs_codec.files import write_atomic
 from evogs_codec.interchange import read_tree, write_tree
 from evogs_codec.lifting import Lifted, lift_with_order, off_of
 from evogs_codec.ply import drop_non_finite, read_ply
+from evogs_codec.printable import shown
 from evogs_codec.reports import level_figures, print_levels
 from evogs_codec.settings import PRESETS, TREE_PSNR, Settings
 from evogs_codec.sharing import with_palette
@@ -69,7 +70,8 @@ def run_encode(args: argparse.Namespace) -> None:
     if args.json:
         print(json.dumps(figures))
         return
-    print(f"{args.output}: {n:,} splats, {len(data):,} bytes, {len(data) / max(n, 1):.2f} a splat")
+    name, each = shown(args.output), len(data) / max(n, 1)
+    print(f"{name}: {n:,} splats, {len(data):,} bytes, {each:.2f} a splat")
     print_levels(directory)
 
 
@@ -79,7 +81,7 @@ def run_lift(args: argparse.Namespace) -> None:
         splats = _read_splats(args.input, drop_invalid=args.drop_invalid)
         tree = _lifted(splats, args, progress).tree
     write_tree(args.output, tree)
-    print(f"{args.output}: {tree.n_leaves:,} splats, {tree.n_levels} levels")
+    print(f"{shown(args.output)}: {tree.n_leaves:,} splats, {tree.n_levels} levels")
 
 
 # --- what is encoded -----------------------------------------------------------------------------

@@ -8,11 +8,19 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from evogs_codec import registry
+from evogs_codec import files, registry
 from evogs_codec.settings import PRESETS, TREE_PSNR
 from evogs_codec.splats import GROUPS
 
-__all__ = ["add_decode", "add_encode", "add_extract", "add_info", "add_lift", "add_validate"]
+__all__ = [
+    "add_decode",
+    "add_encode",
+    "add_extract",
+    "add_info",
+    "add_lift",
+    "add_output",
+    "add_validate",
+]
 
 DEFAULT_LEVELS = 5
 DEFAULT_ITERATIONS = 200
@@ -61,7 +69,7 @@ def add_encode(commands: Commands, run: Run) -> None:
         "  evogs encode lego.tree.npz exact.evogs --near-lossless",
     )
     parser.add_argument("input", type=Path, metavar="IN", help="a 3DGS .ply or a .tree.npz")
-    parser.add_argument("output", type=Path, metavar="OUT.evogs")
+    add_output(parser, "OUT.evogs", files.STREAM)
     _add_lift_options(parser, "--refine, --polish and of a target")
     accuracy = parser.add_mutually_exclusive_group()
     accuracy.add_argument(
@@ -164,7 +172,7 @@ def add_decode(commands: Commands, run: Run) -> None:
         "  evogs decode download.evogs.part so-far.ply --partial",
     )
     parser.add_argument("input", type=Path, metavar="IN.evogs")
-    parser.add_argument("output", type=Path, metavar="OUT.ply")
+    add_output(parser, "OUT.ply", files.SCENE)
     _add_cut_options(parser)
     parser.add_argument("--partial", action="store_true", help="take what a cut-short file has")
     parser.add_argument("--verify", action="store_true", help="check digests of the integers")
@@ -182,7 +190,7 @@ def add_lift(commands: Commands, run: Run) -> None:
         "  evogs encode scene.tree.npz scene.evogs --preset scene",
     )
     parser.add_argument("input", type=Path, metavar="IN.ply")
-    parser.add_argument("output", type=Path, metavar="OUT.tree.npz")
+    add_output(parser, "OUT.tree.npz", files.TREE)
     _add_lift_options(parser, "--refine")
 
 
@@ -229,8 +237,19 @@ def add_extract(commands: Commands, run: Run) -> None:
         "  evogs extract scene.evogs corner.evogs --box 0 0 0 1 1 1 --sh-degree 0",
     )
     parser.add_argument("input", type=Path, metavar="IN.evogs")
-    parser.add_argument("output", type=Path, metavar="OUT.evogs")
+    add_output(parser, "OUT.evogs", files.STREAM)
     _add_cut_options(parser)
+
+
+def add_output(parser: argparse.ArgumentParser, metavar: str, kind: files.FileKind) -> None:
+    """What a command makes, and `--force`: `evogs_codec.cli` checks both before the work."""
+    parser.add_argument("output", type=Path, metavar=metavar)
+    parser.add_argument(
+        "--force",
+        action="store_true",
+        help=f"replace {metavar} also where that is a file of another kind",
+    )
+    parser.set_defaults(makes=kind)
 
 
 def _add_lift_options(parser: argparse.ArgumentParser, uses: str) -> None:

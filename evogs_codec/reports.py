@@ -9,20 +9,20 @@ from typing import Any
 from evogs_codec import registry
 from evogs_codec.directory import Directory
 from evogs_codec.omissions import Omission
+from evogs_codec.printable import shown
 from evogs_codec.stats import GroupBytes, levels
 
 __all__ = ["comments_of", "info_of", "level_figures", "print_info", "print_levels"]
 
 
+MAX_COMMENTS, MAX_COMMENT = 100, 1000  # a header of 100 kB, which every reader takes
+
+
 def comments_of(directory: Directory) -> list[str]:
     """Metadata as comments of a .ply, which are ASCII without control characters."""
-    lines = [f"{key}: {shown(value)}" for key, value in directory.info.text.items()]
-    return [line.encode("ascii", "backslashreplace").decode("ascii") for line in lines]
-
-
-def shown(text: str) -> str:
-    """Text of a stranger for a terminal: what is not printable is escaped."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    lines = [f"{key}: {value}" for key, value in directory.info.text.items()][:MAX_COMMENTS]
+    ascii_ = (shown(line, MAX_COMMENT).encode("ascii", "backslashreplace") for line in lines)
+    return [shown(line.decode("ascii"), MAX_COMMENT) for line in ascii_]
 
 
 def level_figures(directory: Directory) -> list[dict[str, Any]]:
@@ -72,7 +72,7 @@ def print_info(directory: Directory, info: dict[str, Any], groups: dict[str, Gro
     if directory.has_palette:
         print(f"{'palette_entries':>18}  {info['palette_entries']}")
     for key, value in info["scene"].items():
-        print(f"{key:>18}  {shown(str(value))}")
+        print(f"{shown(key):>18}  {shown(value)}")
     present = info["bytes_present"]
     if present < directory.size:
         print(f"{'truncated':>18}  {present:,} of {directory.size:,} bytes are there")

@@ -1,4 +1,4 @@
-"""What commands say to whoever runs them: their version, warnings, progress."""
+"""What commands say to whoever runs them: their version, errors, warnings, progress."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import metadata
+from io import TextIOWrapper
 
 from tqdm import tqdm
 
 from evogs_codec.encode import Progress
+from evogs_codec.printable import MAX_LINE, shown
 
-__all__ = ["plain_warnings", "progress_bar", "version"]
+__all__ = ["complain", "escape_what_cannot_be_encoded", "plain_warnings", "progress_bar", "version"]
 
 
 def version() -> str:
@@ -23,12 +25,23 @@ def version() -> str:
         return "(not installed)"
 
 
+def complain(message: object) -> None:
+    """One line on standard error, whatever is in it."""
+    print(f"evogs: {shown(message, MAX_LINE)}", file=sys.stderr)
+
+
+def escape_what_cannot_be_encoded() -> None:
+    """Print a name that the output has no characters for with escapes, and do not fail."""
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
+
+
 @contextmanager
 def plain_warnings() -> Iterator[None]:
     """Warnings as one line each on standard error."""
 
     def show(message: Warning | str, *_: object, **__: object) -> None:
-        print(f"evogs: warning: {message}", file=sys.stderr)
+        complain(f"warning: {message}")
 
     with warnings.catch_warnings():
         warnings.showwarning = show

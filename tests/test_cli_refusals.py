@@ -119,7 +119,7 @@ def test_a_failure_leaves_the_old_output_and_no_temporary_file(
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(Path, "replace", disk_full)
-    refused(command, source, target, words=[target, "No space left"])
+    refused(command, source, target, "--force", words=[target, "No space left"])
     assert target.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [target]
 
@@ -134,7 +134,7 @@ def test_an_interrupt_leaves_the_old_output_and_no_temporary_file(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Path, "replace", interrupt)
-    code, out, err = evogs("extract", made / "scene.evogs", target, "--level", 0)
+    code, out, err = evogs("extract", made / "scene.evogs", target, "--level", 0, "--force")
     assert (code, out, err) == (130, "", "evogs: interrupted\n")
     assert target.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [target]

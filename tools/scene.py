@@ -16,7 +16,10 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from evogs_codec.errors import InputError
+from evogs_codec.files import SCENE, check_target
 from evogs_codec.ply import write_ply
+from evogs_codec.printable import MAX_LINE, shown
 from evogs_codec.splats import F64, SplatParams
 
 __all__ = ["main", "make_scene"]
@@ -67,16 +70,20 @@ def main(argv: Sequence[str] | None = None) -> None:
         epilog="example: python -m tools.scene build/demo.ply --splats 40000 --seed 0",
     )
     parser.add_argument("out", metavar="OUT.ply", type=Path)
+    parser.add_argument("--force", action="store_true", help="replace a file that is no .ply")
     parser.add_argument("--splats", type=int, default=40_000, metavar="N", help="default: 40000")
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="default: 0")
     args = parser.parse_args(argv)
     if args.splats < 0 or args.seed < 0:
         parser.error("--splats and --seed must be 0 or more")
     try:
+        check_target(args.out, SCENE, force=args.force)
         write_ply(args.out, make_scene(args.splats, args.seed), ["procedural scene of evogs"])
     except OSError as error:
-        parser.exit(1, f"{args.out}: cannot be written: {error.strerror}\n")
-    print(f"{args.out}: {args.splats} splats")
+        parser.exit(1, shown(f"{args.out}: cannot be written: {error.strerror}", MAX_LINE) + "\n")
+    except InputError as error:
+        parser.exit(1, shown(error, MAX_LINE) + "\n")
+    print(f"{shown(args.out)}: {args.splats} splats")
 
 
 # ----------------------------------------------------------------------------------------- parts

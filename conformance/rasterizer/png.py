@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.files import write_atomic
+
 __all__ = ["contact_sheet", "write_png"]
 
 Real = npt.NDArray[np.floating[Any]]
@@ -27,11 +29,12 @@ def write_png(path: Path, image: Real) -> None:
     lines[:, 0] = 2
     lines[:, 1:] = pixels.reshape(height, -1)
     lines[1:, 1:] -= lines[:-1, 1:].copy()
-    path.write_bytes(
+    write_atomic(
+        path,
         b"\x89PNG\r\n\x1a\n"
         + _chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
         + _chunk(b"IDAT", zlib.compress(lines.tobytes(), 9))
-        + _chunk(b"IEND", b"")
+        + _chunk(b"IEND", b""),
     )
 
 
