@@ -56,6 +56,7 @@ def apply_compiled(
     sizes = rows["size"].astype(np.int64)
     if len(packets) and int((offsets + sizes).max()) > len(data):
         return False
+    data, offsets = _frozen_packets(data, offsets, sizes)
     for at, size, crc in zip(offsets.tolist(), sizes.tolist(), rows["crc"].tolist(), strict=True):
         if crc32(data[at : at + size]) != crc:
             return False
@@ -86,8 +87,9 @@ def apply_compiled(
             return False
     try:
         for k in np.flatnonzero(~is_compiled):
-            own = Counts(*counts[k].tolist())
-            if not _apply_picks(kernels, state, data, int(packets[k]), own, plans):
+            own, begin = Counts(*counts[k].tolist()), int(offsets[k])
+            body = data[begin : begin + int(sizes[k])]
+            if not _apply_picks(kernels, state, body, int(packets[k]), own, plans):
                 return False
     except StreamError:
         return False
@@ -99,19 +101,18 @@ def apply_compiled(
 def _apply_picks(
     kernels: ModuleType,
     state: TileState,
-    data: memoryview,
+    body: memoryview,
     packet: int,
     counts: Counts,
     plans: Plans,
 ) -> bool:
     """The picks of a step (spec 7.4), of whose slots `plans` says where they are."""
     directory, step = state.directory, int(state.directory.steps[packet])
-    offset, size = int(directory.offsets[packet]), int(directory.packets["size"][packet])
     (first, run, _, drop, _), (end, end_of_runs, _, end_of_drops, _) = plans.places[
         step : step + 2
     ].tolist()
-    if size:
-        head, planes = read_picks(data[offset : offset + size], counts, offset)
+    if len(body):
+        head, planes = read_picks(body, counts, int(directory.offsets[packet]))
         runs = plans.runs[:, run:end_of_runs]
         n_entries = int(directory.entries_required[packet])
         code, n = head.coding_bytes[0], head.lengths[0]
@@ -122,6 +123,15 @@ def _apply_picks(
         state.picks[first:end] = 0
     state.picks[plans.drops[drop:end_of_drops]] = 0
     return True
+
+
+def _frozen_packets(data: memoryview, offsets: I64, sizes: I64) -> tuple[memoryview, I64]:
+    """The bytes with the packets, which do not change any more, and where each begins in them."""
+    if isinstance(data.obj, bytes):
+        return data, offsets
+    ends = zip(offsets.tolist(), (offsets + sizes).tolist(), strict=True)
+    joined = b"".join(data[begin:end] for begin, end in ends)
+    return memoryview(joined), np.cumsum(sizes) - sizes
 
 
 def _parts(components: I64, counts: I64) -> list[slice]:

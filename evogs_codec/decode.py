@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from io import BytesIO
 
 import numpy as np
 
@@ -56,8 +57,15 @@ class Decoded:
 
     def dump(self) -> bytes:
         """The dump of spec 7.7."""
+        out = BytesIO()
+        for part in self.dump_parts():
+            out.write(part)
+        return out.getvalue()
+
+    def dump_parts(self) -> Iterator[bytes | memoryview]:
+        """The dump in parts no larger than a channel of a tile, to be written one by one."""
         directory = self.directory
-        head = layout.build(
+        yield layout.build(
             layout.DUMP_HEADER,
             magic=b"EVGD",
             version=1,
@@ -66,7 +74,8 @@ class Decoded:
             reserved=0,
             n_tiles=len(self.tiles),
         )
-        return head + b"".join(tile.dump() for tile in self.tiles)
+        for tile in self.tiles:
+            yield from tile.dump_parts()
 
 
 def decode(

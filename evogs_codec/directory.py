@@ -15,6 +15,7 @@ import numpy.typing as npt
 from evogs_codec import layout
 from evogs_codec.crc import crc32
 from evogs_codec.errors import Fault, StreamError
+from evogs_codec.frozen import frozen
 from evogs_codec.limits import LIMITS
 from evogs_codec.packet_header import FLAG_PALETTE, PALETTE, PICKS, Counts
 from evogs_codec.packet_table import labels_of, read_packet_table
@@ -102,6 +103,15 @@ class Directory:
         """Rows of the packets of the palette, which belong to no tile."""
         rows = self.packets["component"] == PALETTE if self.has_palette else ()
         return np.flatnonzero(rows).astype(np.int64)
+
+    @cached_property
+    def tile_slots(self) -> I64:
+        """(n_tiles,) slots of each tile after all of its steps."""
+        of_tiles = np.ones(len(self.packets), bool)
+        of_tiles[self.palette_packets] = False
+        rows = self.packets[of_tiles]
+        new = rows["n_adds"].astype(np.float64) + rows["n_splits"]
+        return np.bincount(rows["tile"], new, len(self.tiles)).astype(np.int64)
 
     @cached_property
     def n_entries(self) -> int:
@@ -210,7 +220,7 @@ def read_directory(data: memoryview, limits: Mapping[str, int] | None = None) ->
     Raises:
         StreamError: with any fault of these steps.
     """
-    header = read_header(data, limits)
+    header = read_header(frozen(data[:HEADER_SIZE]), limits)
     end = HEADER_SIZE + header["chunks_size"]
     if len(data) < end:
         raise StreamError(
@@ -218,7 +228,7 @@ def read_directory(data: memoryview, limits: Mapping[str, int] | None = None) ->
             f"{len(data) - HEADER_SIZE} bytes of {header['chunks_size']} of chunks are there",
             HEADER_SIZE,
         )
-    chunks, copied = _read_chunks(data[HEADER_SIZE:end])
+    chunks, copied = _read_chunks(frozen(data[HEADER_SIZE:end]))
     sh_degree, n_levels, tier = header["sh_degree"], header["n_levels"], header["tier"]
     quantisers = read_quantisers(*chunks[b"STEP"], n_levels, n_classes(sh_degree))
     alpha = read_alpha_tables(*chunks[b"ALFA"], n_levels) if b"ALFA" in chunks else {}

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass
+from heapq import heappop, heappush
 
 import numpy as np
 
@@ -20,6 +21,8 @@ from evogs_codec.splats import SplatParams
 from evogs_codec.state import TileState
 
 __all__ = ["Decoder", "StepReady"]
+
+MOST_NEW = 1 << 12  # bytes of ranges behind a gap that need not be in order yet
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,13 @@ class Decoder:
         self._tiles: list[TileState] = []
         self._palette: PaletteState | None = None
         self._done = np.zeros(0, bool)
+        self._n_done = 0  # packets in file order before the first that is not done, as last seen
         self._faults: dict[int, StreamError] = {}
+        self._first_fault = -1  # the packet, or -1
+        self._ends = np.zeros(0, np.int64)  # of packets
+        self._chains: list[list[list[int]]] = []  # packets by tile and component
+        self._touched: set[int] = set()  # tiles that may advance
+        self._waiting: dict[int, set[int]] = {}  # tiles by the packets of the palette they require
         self._at = 0
         self._trailing = False
 
@@ -96,14 +105,10 @@ class Decoder:
             read_directory(memoryview(self._head.prefix()), self._limits)
             raise AssertionError("a complete directory was not read")
         missing = np.flatnonzero(~self._done)
-        for packet in missing.tolist():
-            if packet not in self._faults:
-                offset = int(self.directory.offsets[packet])
-                self._faults[packet] = StreamError(
-                    Fault.E_TRUNCATED, "a packet is missing or cut short", offset
-                )
-        if self._faults:
-            raise self._faults[min(self._faults)]
+        for packet in missing[:1].tolist():
+            offset = int(self.directory.offsets[packet])
+            detail = "a packet is missing or cut short"
+            raise self._faults.get(packet, StreamError(Fault.E_TRUNCATED, detail, offset))
         if self._trailing:
             size = self.directory.size
             raise StreamError(Fault.E_TRAILING, "bytes follow the last packet", size)
@@ -124,7 +129,7 @@ class Decoder:
     @property
     def fault(self) -> StreamError | None:
         """The first fault in file order found so far, though packets before it may be missing."""
-        return self._faults[min(self._faults)] if self._faults else None
+        return self._faults.get(self._first_fault)
 
     def dump(self) -> bytes:
         """The dump (spec 7.7) of what was applied so far.
@@ -161,14 +166,14 @@ class Decoder:
         n_tiles = len(directory.tiles)
         self._tiles = [TileState(directory, t, 0, self._palette) for t in range(n_tiles)]
         self._done = np.zeros(len(rows), bool)
-        self._next: list[list[list[int]]] = [
-            [[] for _ in range(directory.n_components)] for _ in self._tiles
-        ]
+        self._ends = directory.offsets + rows["size"]
+        self._chains = [[[] for _ in range(directory.n_components)] for _ in self._tiles]
         for packet, (tile, component) in enumerate(rows[["tile", "component"]].tolist()):
             if component < directory.n_components:  # else it is of the palette
-                self._next[tile][component].append(packet)
-        for packet in np.flatnonzero(rows["size"] == 0).tolist():
-            self._whole[packet] = b""
+                self._chains[tile][component].append(packet)
+        empty = np.flatnonzero(rows["size"] == 0)
+        self._whole = dict.fromkeys(empty.tolist(), b"")
+        self._touched = set(rows["tile"][empty].tolist())
         return True
 
     def _take(self, at: int, data: memoryview) -> list[StepReady]:
@@ -177,10 +182,8 @@ class Decoder:
         assert directory is not None
         end = at + len(data)
         self._trailing |= len(data) > 0 and end > directory.size
-        ends = directory.offsets + directory.packets["size"]
-        first = int(np.searchsorted(ends, at, side="right"))
+        first = int(np.searchsorted(self._ends, at, side="right"))
         last = int(np.searchsorted(directory.offsets, end, side="left"))
-        touched = {int(directory.packets["tile"][p]) for p in self._whole if not self._done[p]}
         for packet in range(first, last):
             size = int(directory.packets["size"][packet])
             if self._done[packet] or packet in self._faults or packet in self._whole or size == 0:
@@ -197,15 +200,17 @@ class Decoder:
                     self._whole[packet] = ranges.prefix(size)
                     del self._parts[packet]
             if packet in self._whole:
-                touched.add(int(directory.packets["tile"][packet]))
-        return [
-            *self._advance_palette(),
-            *(ready for tile in sorted(touched) for ready in self._advance(tile)),
-        ]
+                self._touched.add(int(directory.packets["tile"][packet]))
+        ready = self._advance_palette()
+        touched, self._touched = sorted(self._touched), set()
+        for tile in touched:
+            ready += self._advance(tile)
+        return ready
 
     def _advance_palette(self) -> list[StepReady]:
         """Apply the packets of the palette that are complete, as far as none before is missing."""
-        directory, palette, ready = self.directory, self._palette, []
+        directory, palette = self.directory, self._palette
+        ready: list[StepReady] = []
         assert directory is not None
         while palette is not None and not palette.is_whole:
             step = palette.n_applied
@@ -213,6 +218,7 @@ class Decoder:
             if packet not in self._whole or not self._try(packet, palette):
                 break
             ready.append(StepReady(0, PALETTE, step, int(directory.labels[packet])))
+            self._touched |= self._waiting.pop(palette.n_applied, set())
         return ready
 
     def _advance(self, tile: int) -> list[StepReady]:
@@ -220,15 +226,18 @@ class Decoder:
         directory = self.directory
         assert directory is not None
         state, ready = self._tiles[tile], []
-        for component in range(directory.n_components):
-            chain = self._next[tile][component]
+        for component, chain in enumerate(self._chains[tile]):
             while state.n_applied[component] < len(chain):
                 step = state.n_applied[component]
                 packet = chain[step]
-                blocked = component > 0 and state.n_applied[0] <= step
+                if component > 0 and state.n_applied[0] <= step:
+                    break
                 if self._palette is not None and component == PICKS:
-                    blocked |= self._palette.n_applied < directory.palette_required[packet]
-                if blocked or packet not in self._whole or not self._try(packet, state):
+                    required = int(directory.palette_required[packet])
+                    if self._palette.n_applied < required:
+                        self._waiting.setdefault(required, set()).add(tile)
+                        break
+                if packet not in self._whole or not self._try(packet, state):
                     break
                 ready.append(StepReady(tile, component, step, state.level(step)))
         return ready
@@ -242,24 +251,31 @@ class Decoder:
             state.apply(packet, memoryview(body))
         except StreamError as fault:
             self._faults[packet] = fault
+            if self._first_fault < 0 or packet < self._first_fault:
+                self._first_fault = packet
             return False
         self._done[packet] = True
         return True
 
     def _raise_first_fault(self) -> None:
-        if self._faults:
-            first = min(self._faults)
-            if self._done[:first].all():
-                raise self._faults[first]
+        while self._n_done < self._first_fault and self._done[self._n_done]:
+            self._n_done += 1
+        if self._n_done == self._first_fault:
+            raise self._faults[self._first_fault]
 
 
 class _Ranges:
-    """Byte ranges that came of something that begins at 0; of what comes twice, the first."""
+    """Byte ranges that came of something that begins at 0; of what comes twice, the first.
+
+    Ranges behind a gap wait in order, new ones in a heap first. The heap is merged when its bytes
+    pass half of the others, so the time is that of sorting all ranges, whatever their order.
+    """
 
     def __init__(self) -> None:
         self._head = bytearray()  # from 0 without a gap
-        self._later: dict[int, bytes] = {}  # by offset, none overlapping another
-        self._offsets: list[int] = []  # of these, rising
+        self._later: list[tuple[int, bytes]] = []  # offsets fall; none overlaps another
+        self._new: list[tuple[int, bytes]] = []  # a heap; may overlap each other, but not `_later`
+        self._n_later = self._n_new = 0  # bytes in these
 
     def put(self, at: int, data: bytes) -> None:
         """Add a range."""
@@ -267,9 +283,9 @@ class _Ranges:
             self._put_later(at, data)
             return
         self._head += data[len(self._head) - at :]
-        while self._offsets and (at := self._offsets[0]) <= len(self._head):
-            self._head += self._later.pop(at)[len(self._head) - at :]
-            del self._offsets[0]
+        while waiting := self._next_waiting():
+            at, data = waiting
+            self._head += data[len(self._head) - at :]
 
     def covers(self, size: int) -> bool:
         """All bytes 0..size are there."""
@@ -282,22 +298,47 @@ class _Ranges:
 
     def all(self) -> list[tuple[int, bytes | memoryview]]:
         """Every range, with its offset."""
-        return [(0, memoryview(self._head)), *self._later.items()]
+        return [(0, memoryview(self._head)), *self._later[::-1], *sorted(self._new)]
+
+    def _next_waiting(self) -> tuple[int, bytes] | None:
+        """Take the first range that waits, if it meets the head."""
+        if self._later and self._later[-1][0] <= len(self._head):
+            waiting = self._later.pop()
+            self._n_later -= len(waiting[1])
+            return waiting
+        if self._new and self._new[0][0] <= len(self._head):
+            waiting = heappop(self._new)
+            self._n_new -= len(waiting[1])
+            return waiting
+        return None
 
     def _put_later(self, at: int, data: bytes) -> None:
-        """Add the gaps that a range fills."""
+        """Keep the parts of a range that fill gaps of `_later`."""
         end = at + len(data)
-        place = bisect_right(self._offsets, at)
-        if place:
-            before = self._offsets[place - 1]
-            at = max(at, before + len(self._later[before]))
+        place = bisect_left(self._later, -at, key=lambda item: -item[0])
+        if place < len(self._later):
+            before, there = self._later[place]
+            at = max(at, before + len(there))
         while at < end:
-            stop = min(end, self._offsets[place]) if place < len(self._offsets) else end
+            place -= 1  # of the next range behind `at`
+            stop = min(end, self._later[place][0]) if place >= 0 else end
             if at < stop:
-                self._later[at] = data[at - end :][: stop - at]
-                self._offsets.insert(place, at)
-                place += 1
+                heappush(self._new, (at, data[at - end :][: stop - at]))
+                self._n_new += stop - at
             if stop == end:
                 break
-            at = stop + len(self._later[stop])
-            place += 1
+            at = stop + len(self._later[place][1])
+        if self._n_new > MOST_NEW + self._n_later // 2:
+            self._merge()
+
+    def _merge(self) -> None:
+        """Put the new ranges in their places, without the bytes that came before."""
+        merged: list[tuple[int, bytes]] = []
+        end = 0
+        for at, data in sorted(self._later + self._new):
+            if at + len(data) > end:
+                begin = max(at, end)
+                merged.append((begin, data[begin - at :]))
+                end = at + len(data)
+        self._later, self._new = merged[::-1], []
+        self._n_later, self._n_new = sum(len(data) for _, data in merged), 0

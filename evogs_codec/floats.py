@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.coded import component_slice
 from evogs_codec.compiled import kernels_for
 from evogs_codec.directory import Directory
-from evogs_codec.packet_header import CORE_SH
+from evogs_codec.packet_header import CORE_SH, PICKS
 from evogs_codec.scratch import empty
 from evogs_codec.splats import F32, GROUP_CHANNELS, I32, I64, SplatParams
 from evogs_codec.state import TileState
@@ -17,6 +18,7 @@ from evogs_codec.threads import each
 
 __all__ = ["FloatView", "float_picks", "float_rows", "float_view"]
 
+GATHERED = 16384  # slots that are gathered at a time
 BLOCK = 4096  # splats that are transposed at a time: their channels stay in cache
 
 
@@ -47,24 +49,43 @@ class FloatView:
     def write(self, tile: TileState) -> None:
         """Put the live splats of a tile in their place."""
         live = tile.live[: tile.n_slots]
-        x = tile.channels() if tile.palette is None else tile.x[:, : tile.n_slots]
-        if not live.all():
-            x = x[:, live]
-        end = int(self.ends[tile.tile])
+        components = range(1, self.directory.n_components)
+        shown = [None, *(tile.shown(component) for component in components)]
+        n_live = int(np.count_nonzero(live))
+        at = int(self.ends[tile.tile]) - n_live
+        # Slots that are gathered are gathered in blocks, so that no copy of the state is made.
+        as_stored = n_live == len(live) and all(slots is None for slots in shown)
+        size = max(len(live), 1) if as_stored else GATHERED
+        for begin in range(0, len(live), size):
+            slots: slice | I64 = slice(begin, begin + size)
+            if not as_stored:
+                slots = begin + np.flatnonzero(live[slots])
+            at += self._write_slots(tile, slots, shown, at)
+
+    def _write_slots(
+        self, tile: TileState, slots: slice | I64, shown: list[I32 | None], at: int
+    ) -> int:
+        """Put some slots of a tile from row `at` on; `shown` by component. Returns how many."""
+        x = tile.x[:, : tile.n_slots][:, slots]
         origins = np.zeros(len(x), np.int64)
         origins[0:3] = self.directory.tiles[tile.tile]["origin"]
+        for component, sources in enumerate(shown):
+            if sources is not None and tile.palette is None:
+                rows, source = component_slice(component), sources[slots]
+                x[rows] = np.where(source >= 0, tile.x[rows][:, source], np.int32(0))
+        n = int(x.shape[1])
         for exponent, part, out in zip(
             self.directory.grid_exponents, GROUP_CHANNELS, self.groups, strict=True
         ):
             channels = slice(part.start, part.start + out.shape[1])
-            to = out[end - x.shape[1] : end]
+            to = out[at : at + n]
             if channels.stop > len(x):
                 assert tile.palette is not None
-                picks = tile.shown_picks()
-                picks = picks if live.all() else picks[live]
+                picks = _shown_picks(tile, slots, shown[PICKS])
                 self.write_picks(x[CORE_SH], 2.0**-exponent, picks, tile.palette.rows(), to)
                 continue
             self.write_rows(x[channels], origins[channels], 2.0**-exponent, to)
+        return n
 
     def splats(self) -> SplatParams:
         """What was written, read-only."""
@@ -76,6 +97,15 @@ class FloatView:
         return SplatParams(
             means, quats, log_scales, opacity_logits[:, 0], sh.reshape(n, n_coefficients, 3)
         )
+
+
+def _shown_picks(tile: TileState, slots: slice | I64, sources: I32 | None) -> I32:
+    """The picks that these slots show; `sources` as of `TileState.shown`."""
+    if sources is None:
+        return tile.picks[: tile.n_slots][slots]
+    source = sources[slots]
+    picks: I32 = np.where(source >= 0, tile.picks[source], np.int32(0))
+    return picks
 
 
 def float_picks(

@@ -79,6 +79,8 @@ def read_headers(
         flags[p] = 0
         if sizes[p] == 0:
             continue
+        if components[p] < 0 or components[p] > 3:
+            return -1
         lengths, n_lists = _lengths(components[p], counts[p])
         end, at = offsets[p] + sizes[p], offsets[p] + 2
         if at + n_lists > end:
@@ -109,7 +111,7 @@ def read_headers(
         body = at + 5 * n_frames
         plane = 0
         for _ in range(n_frames):
-            if at + 5 > end:
+            if at + 5 > end or n_read == len(frames):
                 return -1
             n_of_frame, size = np.int64(data[at]), _u32(data, at + 1)
             if n_of_frame == 0 or plane + n_of_frame > n_planes or body + size > end:

@@ -21,7 +21,7 @@ from evogs_codec.decode import decode
 from evogs_codec.drawn import Pictures
 from evogs_codec.encode import write
 from evogs_codec.planes import MAX_STORED
-from evogs_codec.refine import MAX_X, RangeError, StepPlan, apply_channel
+from evogs_codec.refine import RangeError, StepPlan, apply_channel
 from evogs_codec.splats import F32, F64, GROUP_CHANNELS, I32, SplatParams
 from evogs_codec.tree import N_GROUPS, take_picks
 
@@ -149,11 +149,10 @@ class _Tile:
                 try:
                     deltas = of_psi.delta(psi[c]), of_adds.delta(step.adds[c])
                     plan = moving.plan
-                    largest = apply_channel(x[c], plan, deltas[0], a, table.shift, deltas[1])
+                    apply_channel(x[c], plan, deltas[0], a, table.shift, deltas[1])
                 except RangeError:
                     return self.tile
-                if largest > MAX_X:
-                    return self.tile
+            x[:, moving.plan.drops] = 0
             steps.append(replace(step, psi=psi))
             written = (
                 x[0:3, moving.plan.targets],

@@ -291,7 +291,7 @@ class _TileCoder:
             table = self.alpha.get((level, group), SYMMETRIC)
             a = np.array(table.entries, np.int32)[indices[group]]
             try:
-                largest = apply_channel(
+                apply_channel(
                     self.x[channel],
                     plan,
                     of_psi[channel].delta(psi[channel]),
@@ -301,8 +301,7 @@ class _TileCoder:
                 )
             except RangeError:
                 raise TooFine(group) from None
-            if largest > MAX_X:
-                raise TooFine(group)
+        self.x[:, plan.drops] = 0
         self.n = plan.n_after
         written = [self.x[0:3, plan.targets], self.x[0:3, plan.n_before : plan.n_after]]
         for part in written:

@@ -98,7 +98,9 @@ class StepPlan:
     @property
     def split_slots(self) -> I64:
         """(S,) slots of the splits: where C2s were born from."""
-        targets = np.arange(self.n_before)[self.targets]
+        targets = self.targets
+        if isinstance(targets, slice):
+            targets = np.arange(targets.start, targets.stop)
         return targets if self.splits is None else targets[self.splits]
 
     @staticmethod
@@ -150,9 +152,19 @@ def second_offset(delta: I32, a: I32 | int, shift: int) -> I32:
 
 
 def apply_channel(
-    x: I32, plan: StepPlan, psi: I32 | None, a: I32 | int, shift: int, adds: I32 | None
-) -> int:
-    """Apply a step to one channel in place; a missing psi or adds means all 0.
+    x: I32,
+    plan: StepPlan,
+    psi: I32 | None,
+    a: I32 | int,
+    shift: int,
+    adds: I32 | None,
+    *,
+    low: int = -MAX_X,
+    high: int = MAX_X,
+) -> None:
+    """Apply a step to one channel in place, but for its drops; a missing psi or adds means all 0.
+
+    Slots below `plan.n_before` are written last, after all checks: on an error they are as before.
 
     Args:
         x: (n,) with at least `plan.n_after` slots.
@@ -161,35 +173,33 @@ def apply_channel(
         a: (S,) or one for all: alpha of the splits in units of 2**-shift.
         shift: K.
         adds: (A,) Delta of the adds.
-
-    Returns:
-        The largest |X| among the numbers that the step wrote; the caller checks it (R-7.3-3).
+        low: the least number that the step may write.
+        high: the largest.
 
     Raises:
-        RangeError: R-7.3-2.
+        RangeError: R-7.3-2, or a number outside low..high (R-7.3-3, R-7.3-4).
     """
-    largest = 0
     n_new = plan.n_before + plan.n_splits
-    if psi is None:
-        parents = x[plan.targets]
-        x[plan.n_before : n_new] = parents if plan.splits is None else parents[plan.splits]
-    else:
-        parents = x[plan.targets]
-        first = parents + psi
-        if plan.splits is not None:
-            parents, psi = parents[plan.splits], psi[plan.splits]
-        if plan.n_splits:
-            second = parents - second_offset(psi, a, shift)
-            x[plan.n_before : n_new] = second
-            largest = _largest(second)
-        x[plan.targets] = first
-        largest = max(largest, _largest(first))
+    parents = x[plan.targets]
     if plan.n_adds:
         x[n_new : plan.n_after] = 0 if adds is None else adds
-        largest = max(largest, 0 if adds is None else _largest(adds))
-    if len(plan.drops):
-        x[plan.drops] = 0
-    return largest
+        _check_range(x[n_new : plan.n_after], low, high)
+    if psi is None:
+        x[plan.n_before : n_new] = parents if plan.splits is None else parents[plan.splits]
+        return
+    first = parents + psi
+    if plan.splits is not None:
+        parents, psi = parents[plan.splits], psi[plan.splits]
+    if plan.n_splits:
+        x[plan.n_before : n_new] = parents - second_offset(psi, a, shift)
+        _check_range(x[plan.n_before : n_new], low, high)
+    _check_range(first, low, high)
+    x[plan.targets] = first
+
+
+def _check_range(x: I32, low: int, high: int) -> None:
+    if x.size and (int(x.min()) < low or int(x.max()) > high):
+        raise RangeError(f"a number of a splat is outside {low}..{high}")
 
 
 def _largest(x: I32) -> int:

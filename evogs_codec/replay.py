@@ -17,6 +17,7 @@ from evogs_codec.compiled import apply_compiled, kernels_for
 from evogs_codec.cut import Cut
 from evogs_codec.directory import Directory, check_crc
 from evogs_codec.errors import Fault, StreamError
+from evogs_codec.frozen import frozen
 from evogs_codec.packet_header import PALETTE, PICKS
 from evogs_codec.palette import PaletteState
 from evogs_codec.scratch import Scratch
@@ -209,10 +210,10 @@ def _slots_there(directory: Directory, packets: I64, size: int) -> int:
 
 
 def packet_body(directory: Directory, data: memoryview, packet: int) -> memoryview:
-    """The bytes of a packet, complete and with the right CRC-32."""
+    """The bytes of a packet, complete and with the right CRC-32; they do not change any more."""
     row = directory.packets[packet]
     offset, size = int(directory.offsets[packet]), int(row["size"])
-    body = data[offset : offset + size]
+    body = frozen(data[offset : offset + size])
     if len(body) < size:  # R-6.2-2
         raise StreamError(
             Fault.E_TRUNCATED, f"{len(body)} bytes of {size} of a packet are there", offset

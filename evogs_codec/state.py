@@ -6,6 +6,8 @@ Letters: D channels, n slots, S splits of a step.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -19,12 +21,15 @@ from evogs_codec.packets import Deltas, Packet, Values, check_kinds, unpack
 from evogs_codec.palette import PaletteState, unpack_picks
 from evogs_codec.refine import MAX_X, AlphaTable, RangeError, StepPlan, apply_channel
 from evogs_codec.scratch import Scratch
-from evogs_codec.splats import I32, I64, n_channels
+from evogs_codec.splats import I32, n_channels
 from evogs_codec.tree import N_GROUPS
 
 __all__ = ["TileState"]
 
+Scalar = TypeVar("Scalar", bound=np.generic)
+
 SH_GROUP = 4
+N_AXES = 3  # channels of the position
 
 
 class TileState:
@@ -65,6 +70,7 @@ class TileState:
         self._levels: list[int] = []
         self._counts: list[Counts] = []
         self._sh_alpha: list[npt.NDArray[np.integer] | None] = []
+        self._digests: dict[int, bytes] = {}  # of components that did not change since
 
     @property
     def n_slots(self) -> int:
@@ -94,7 +100,7 @@ class TileState:
         """Apply the next packet of a chain, whose CRC-32 is right.
 
         Raises:
-            StreamError: the packet breaks a rule; the state must not be used any more.
+            StreamError: the packet breaks a rule; the state is as before (spec 6.4).
         """
         row = self.directory.packets[packet]
         offset = int(self.directory.offsets[packet])
@@ -111,6 +117,9 @@ class TileState:
         except RangeError as error:
             raise StreamError(Fault.E_RANGE, str(error), offset) from None
         self.n_applied[component] += 1
+        plan = self._plans[self.n_applied[component] - 1]
+        if len(body) or plan.n_after > plan.n_before or len(plan.drops):
+            self._digests.pop(component, None)
 
     def _apply_core(self, packet: Packet, counts: Counts, level: int, offset: int) -> None:
         n_before, slots = self.n_slots, packet.slots
@@ -138,12 +147,13 @@ class TileState:
     def _reserve(self, n: int) -> None:
         """Make room for n slots, with more to spare: growing costs a copy."""
         if n > len(self.live):
-            spare = np.zeros(max(n - len(self.live), len(self.live)), bool)
-            self.x = np.concatenate([self.x, np.empty((len(self.x), len(spare)), np.int32)], 1)
-            self.live = np.concatenate([self.live, spare])
-            self.born_from = np.concatenate([self.born_from, np.full(len(spare), -1, np.int32)])
+            promised = int(self.directory.tile_slots[self.tile])
+            capacity = max(n, min(2 * len(self.live), promised))
+            self.x = _grown(self.x, capacity, 0)
+            self.live = _grown(self.live, capacity, 0)
+            self.born_from = _grown(self.born_from, capacity, -1)
             if self.palette is not None:
-                self.picks = np.concatenate([self.picks, np.zeros(len(spare), np.int32)])
+                self.picks = _grown(self.picks, capacity, 0)
 
     def _apply_band(self, component: int, body: memoryview, offset: int) -> None:
         step = self.n_applied[component]
@@ -173,42 +183,49 @@ class TileState:
         alpha: tuple[npt.NDArray[np.integer] | None, ...],
         tables: list[AlphaTable],
     ) -> None:
-        """Spec 7.4 for the channels of a component."""
+        """Spec 7.4 for the channels of a component; on an error slots are as before."""
         part = component_slice(component)
         kinds = [channel_class(channel) for channel in range(part.start, part.stop)]
-        groups = [min(kind, SH_GROUP) for kind in kinds]
         of_psi, of_adds = self.directory.quantisers[1 + level], self.directory.quantisers[0]
         alphas = [_alpha_of(table, indices) for table, indices in zip(tables, alpha, strict=True)]
+        rows = self.x[part]
         psi_deltas, add_deltas = Deltas(psi), Deltas(adds)
-        for k, (kind, group) in enumerate(zip(kinds, groups, strict=True)):
-            a, shift = alphas[group]
-            delta = psi_deltas.delta(k, of_psi[kind])
-            new = add_deltas.delta(k, of_adds[kind])
-            largest = apply_channel(self.x[part.start + k], plan, delta, a, shift, new)
-            if largest > MAX_X:  # R-7.3-3
-                raise RangeError("|X| exceeds 2^30 - 1")
-        if component == 0:
-            self._check_box(plan)
+        n_written = 0
+        try:
+            for channel, (x, kind) in enumerate(zip(rows, kinds, strict=True)):
+                a, shift = alphas[min(kind, SH_GROUP)]
+                delta = psi_deltas.delta(channel, of_psi[kind])
+                new = add_deltas.delta(channel, of_adds[kind])
+                low, high = self._range(part.start + channel)
+                apply_channel(x, plan, delta, a, shift, new, low=low, high=high)
+                n_written += 1
+        except (RangeError, StreamError):
+            undo = Deltas(psi)
+            for channel, kind in enumerate(kinds[:n_written]):
+                delta = undo.delta(channel, of_psi[kind])
+                if delta is not None:
+                    rows[channel, plan.targets] -= delta
+            raise
+        rows[:, plan.drops] = 0
 
-    def _check_box(self, plan: StepPlan) -> None:
-        """R-7.3-4 for the slots that the step wrote."""
+    def _range(self, channel: int) -> tuple[int, int]:
+        """The least and the largest number of a channel (R-7.3-3, R-7.3-4)."""
+        if channel >= N_AXES:
+            return -MAX_X, MAX_X
         row = self.directory.tiles[self.tile]
-        for axis in range(3):
-            low, high = int(row["box_min"][axis]), int(row["box_max"][axis])
-            for part in (self.x[axis, plan.targets], self.x[axis, plan.n_before : plan.n_after]):
-                if part.size and (int(part.min()) < low or int(part.max()) > high):
-                    raise RangeError("a position is outside the box of its tile")
+        return int(row["box_min"][channel]), int(row["box_max"][channel])
 
-    def shown(self, component: int) -> I64 | None:
+    def shown(self, component: int) -> I32 | None:
         """Slots whose SH the slots show (spec 7.5); -1 for none; None if each shows its own."""
         n, n_band = self.n_slots, self.band_slots(component)
         if n == n_band:
             return None
-        slots = np.arange(n)
-        late = np.flatnonzero(slots >= n_band)
-        while len(late):
-            slots[late] = self.born_from[slots[late]]
-            late = late[slots[late] >= n_band]
+        slots = np.arange(n, dtype=np.int32)
+        # A slot is split from one that was there before the step, so one pass in order is enough.
+        for step in range(self.n_applied[component], self.n_applied[0]):
+            new = slice(self._n_after[step - 1] if step else 0, self._n_after[step])
+            parents = self.born_from[new]
+            slots[new] = np.where(parents >= 0, slots[parents], np.int32(-1))
         return slots
 
     def shown_picks(self) -> I32:
@@ -220,47 +237,74 @@ class TileState:
         return picks
 
     def channels(self) -> I32:
-        """(D, n) integers as shown, 0 in empty slots; a view of the state if that is the same."""
+        """(D, n) integers as shown, 0 in empty slots."""
+        rows = list(self.shown_rows())
+        return np.stack(rows) if rows else np.empty((0, self.n_slots), np.int32)
+
+    def shown_rows(self) -> Iterator[I32]:
+        """The D rows of `channels`, one at a time; a view of the state where that is the same."""
         n = self.n_slots
-        x = self.x[:, :n]
-        all_live = self.live[:n].all()
-        late = [c for c in range(1, self.directory.n_components) if self.band_slots(c) != n]
-        if self.palette is not None:
-            x, late = np.concatenate([x, self.palette.channels(self.shown_picks())]), []
-        elif late or not all_live:
-            x = x.copy()
-        for component in late:
-            rows = x[component_slice(component)]
-            slots = self.shown(component)
-            assert slots is not None
-            rows[:] = np.where(slots >= 0, rows[:, slots], 0)
-        if not all_live:
-            x[:, ~self.live[:n]] = 0
-        return x
+        live = self.live[:n]
+        all_live = bool(live.all())
+        for component in range(self.directory.n_components):
+            for row in self._rows_of(component):
+                yield row if all_live else np.where(live, row, np.int32(0))
+
+    def _rows_of(self, component: int) -> Iterator[I32]:
+        """The rows of a component as shown, whether slots are live or not."""
+        if component and self.palette is not None:
+            picks = self.shown_picks()
+            yield from (row[picks] for row in self.palette.x)
+            return
+        slots = self.shown(component) if component else None
+        for row in self.x[component_slice(component)]:
+            if slots is None:
+                yield row[: self.n_slots]
+            else:
+                yield np.where(slots >= 0, row[slots], np.int32(0))
 
     def digest(self, component: int) -> bytes:
         """SHA-256 of the state of a component (spec 7.7)."""
+        if component not in self._digests:
+            self._digests[component] = self._digest(component)
+        return self._digests[component]
+
+    def _digest(self, component: int) -> bytes:
         n = self.band_slots(component)
         digest = hashlib.sha256(n.to_bytes(4, "little"))
         if component == 0:
             digest.update(self.live[:n].astype(np.uint8).data)
-            digest.update(self.born_from[:n].astype("<i4").data)
+            digest.update(self.born_from[:n].astype("<i4", copy=False).data)
         if component and self.palette is not None:
-            rows = self.palette.channels(self.picks[:n])
+            picks = self.picks[:n]
+            rows = (row[picks] for row in self.palette.x)
         else:
-            rows = self.x[component_slice(component), :n]
+            rows = (row[:n] for row in self.x[component_slice(component)])
         for row in rows:
             digest.update(np.ascontiguousarray(row, "<i4").data)
         return digest.digest()
 
     def dump(self) -> bytes:
         """The dump tile of spec 7.7 with what follows it."""
+        return b"".join(self.dump_parts())
+
+    def dump_parts(self) -> Iterator[bytes | memoryview]:
+        """The dump tile of spec 7.7 with what follows it, in parts no larger than a channel."""
         row = self.directory.tiles[self.tile]
-        head = layout.build(
+        yield layout.build(
             layout.DUMP_TILE, origin=[int(o) for o in row["origin"]], n_slots=self.n_slots
         )
-        live = self.live[: self.n_slots].astype(np.uint8).tobytes()
-        return head + live + self.channels().astype("<i4").tobytes()
+        yield self.live[: self.n_slots].view(np.uint8).data
+        for channel in self.shown_rows():
+            yield np.ascontiguousarray(channel, "<i4").data
+
+
+def _grown(array: npt.NDArray[Scalar], capacity: int, fill: int) -> npt.NDArray[Scalar]:
+    """A copy with room for `capacity` slots, those behind the old ones `fill`."""
+    grown = np.empty((*array.shape[:-1], capacity), array.dtype)
+    n = array.shape[-1]
+    grown[..., :n], grown[..., n:] = array, fill
+    return grown
 
 
 def _alpha_of(table: AlphaTable, indices: npt.NDArray[np.integer] | None) -> tuple[I32 | int, int]:
