@@ -399,13 +399,35 @@ def read_packets(scene: Scene, body: bytes, own: dict[str, int]) -> None:
 def read_digests(scene: Scene, body: bytes) -> None:
     """5.7."""
     require(len(body) % DIGEST_ENTRY.size == 0, "E_CHUNK", "R-5.2-5")
-    named, before = {(p.tile, p.component, p.step) for p in scene.packets}, (-1, -1, -1)
+    named, before, n_bytes = state_sizes(scene), (-1, -1, -1), 0
+    size = HEADER.size + scene.header.chunks_size + scene.header.data_size
     for *key, digest in DIGEST_ENTRY.iter_unpack(body):
         tile, component, step = key
         require((tile, component, step) > before, "E_CHUNK", "R-5.7-1")
         require((tile, component, step) in named, "E_CHUNK", "R-5.7-2")
         before = (tile, component, step)
+        n_bytes += named[before]
+        require(n_bytes <= 4096 * size, "E_AMPLIFICATION", "R-5.7-5")
         scene.digests[before] = digest
+
+
+def state_sizes(scene: Scene) -> dict[tuple[int, int, int], int]:
+    """5.7: bytes of the state of a component of a tile after a step (7.7)."""
+    n_above = len(scene.header.above_core)
+    slots, n_entries, sizes = [list[int]() for _ in scene.tiles], 0, {}
+    for p in scene.packets:
+        key = (p.tile, p.component, p.step)
+        if p.component == 0:
+            before = slots[p.tile][-1] if slots[p.tile] else 0
+            slots[p.tile].append(before + p.n_adds + p.n_splits)
+            sizes[key] = 4 + 61 * slots[p.tile][-1]
+        elif scene.header.has_palette and p.component == PALETTE:
+            n_entries += p.n_adds
+            sizes[key] = 4 + 4 * n_above * n_entries
+        else:
+            n_channels = n_above if scene.header.has_palette else 3 * (2 * p.component + 1)
+            sizes[key] = 4 + 4 * n_channels * slots[p.tile][p.step]
+    return sizes
 
 
 def read_metadata(scene: Scene, body: bytes) -> None:

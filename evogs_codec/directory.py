@@ -18,7 +18,7 @@ from evogs_codec.errors import Fault, StreamError
 from evogs_codec.frozen import frozen
 from evogs_codec.limits import LIMITS
 from evogs_codec.packet_header import FLAG_PALETTE, PALETTE, PICKS, Counts
-from evogs_codec.packet_table import labels_of, read_packet_table
+from evogs_codec.packet_table import labels_of, read_packet_table, state_sizes
 from evogs_codec.refine import SYMMETRIC, AlphaTable, Quantiser
 from evogs_codec.splats import I64, MAX_SH_DEGREE
 from evogs_codec.tables import (
@@ -37,6 +37,7 @@ CRITICAL = (b"STEP", b"ALFA", b"TILE", b"PACK")  # in this order (R-5.2-3)
 ANCILLARY = (b"dGST", b"mETa")
 FLAG_ANTIALIASED = 1
 RESERVED_FLAGS = 0xFE00
+MAX_DIGESTED_PER_BYTE = 4096  # bytes of state per byte of the file (R-5.7-5)
 UNKNOWN_ERROR = 0xFFFFFFFF  # of a packet entry (spec 5.6)
 
 
@@ -103,6 +104,11 @@ class Directory:
         """Rows of the packets of the palette, which belong to no tile."""
         rows = self.packets["component"] == PALETTE if self.has_palette else ()
         return np.flatnonzero(rows).astype(np.int64)
+
+    @cached_property
+    def state_sizes(self) -> I64:
+        """(n_packets,) bytes of the state after each packet, as a digest takes it (spec 5.7)."""
+        return state_sizes(self.packets, self.steps, self.sh_degree, has_palette=self.has_palette)
 
     @cached_property
     def tile_slots(self) -> I64:
@@ -239,7 +245,12 @@ def read_directory(data: memoryview, limits: Mapping[str, int] | None = None) ->
         raise StreamError(
             Fault.E_HEADER, f"data_size {header['data_size']}, packets sum to {sizes.sum()}", 0
         )
-    digests = read_digests(*chunks[b"dGST"], packets, steps) if b"dGST" in chunks else {}
+    digests = {}
+    if b"dGST" in chunks:
+        has_palette = bool(header["flags"] & FLAG_PALETTE)
+        states = state_sizes(packets, steps, sh_degree, has_palette=has_palette)
+        most = MAX_DIGESTED_PER_BYTE * (end + header["data_size"])
+        digests = read_digests(*chunks[b"dGST"], packets, steps, states, most)
     text = read_metadata(*chunks[b"mETa"]) if b"mETa" in chunks else {}
     return Directory(
         tier=tier,

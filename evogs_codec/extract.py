@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +11,7 @@ import numpy.typing as npt
 from evogs_codec.cut import Cut, tiles_meeting
 from evogs_codec.directory import (
     CHUNK_HEADER_SIZE,
+    MAX_DIGESTED_PER_BYTE,
     Directory,
     read_directory,
 )
@@ -21,6 +23,7 @@ from evogs_codec.splats import I64
 __all__ = ["choose_cut", "extract"]
 
 Box = Sequence[float]
+Key: TypeAlias = tuple[int, int, int]  # tile, component, step
 
 
 def choose_cut(
@@ -88,12 +91,21 @@ def extract(data: bytes | memoryview, cut: Cut, *, box: Box | None = None) -> by
         raise ValueError("the cut has packets of tiles outside the box")
     number = np.cumsum(kept) - 1
     rows["tile"] = np.where(of_palette, 0, number[rows["tile"]])
+    names: list[Key] = [
+        (tile, *key[1:]) for key, tile in zip(keys, rows["tile"].tolist(), strict=True)
+    ]
     digests = {
-        (tile, *key[1:]): directory.digests[key]
-        for key, tile in zip(keys, rows["tile"].tolist(), strict=True)
+        name: directory.digests[key]
+        for key, name in zip(keys, names, strict=True)
         if key in directory.digests
     }
     head = rebuild_directory(directory, directory.tiles[kept], rows, digests)
+    states = dict(zip(names, directory.state_sizes[selected].tolist(), strict=True))
+    size = len(head) + int(rows["size"].sum(dtype=np.int64))
+    if sum(states[name] for name in digests) > MAX_DIGESTED_PER_BYTE * size:  # R-5.7-5
+        last = {name[:2]: name for name in names}  # these always keep the bound
+        digests = {name: digests[name] for name in digests.keys() & set(last.values())}
+        head = rebuild_directory(directory, directory.tiles[kept], rows, digests)
     bodies = []
     for packet in np.flatnonzero(selected).tolist():
         offset, size = int(directory.offsets[packet]), int(directory.packets["size"][packet])
@@ -110,7 +122,7 @@ def _kept_tiles(directory: Directory, box: Box | None) -> npt.NDArray[np.bool_]:
     return tiles_meeting(directory, box)
 
 
-def _keys(directory: Directory, packets: I64) -> list[tuple[int, int, int]]:
+def _keys(directory: Directory, packets: I64) -> list[Key]:
     """(tile, component, step) of each of these packets, as digests name them."""
     rows, steps = directory.packets[packets], directory.steps[packets]
     columns = rows["tile"].tolist(), rows["component"].tolist(), steps.tolist()

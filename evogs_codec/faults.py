@@ -28,7 +28,10 @@ class Fault(Enum):
         "a packet entry names a tile or component or level that its place does not allow",
     )
     E_COUNT = ("5.6", "the record counts of a packet entry contradict its size or the live splats")
-    E_AMPLIFICATION = ("5.6", "a packet has more records or entries than its size allows")
+    E_AMPLIFICATION = (
+        "5.6",
+        "a packet has more records or entries than its size allows or digests name too much state",
+    )
     E_META = ("5.8", "metadata is malformed")
     E_TRAILING = ("6.2", "bytes follow the last packet")
     E_PACKET = ("5.9", "a packet header is malformed")

@@ -18,8 +18,7 @@ from evogs_codec.threads import each
 
 __all__ = ["FloatView", "float_picks", "float_rows", "float_view"]
 
-GATHERED = 16384  # slots that are gathered at a time
-BLOCK = 4096  # splats that are transposed at a time: their channels stay in cache
+BLOCK = 4096  # splats that are gathered or transposed at a time: their channels stay in cache
 
 
 def float_view(directory: Directory, tiles: Sequence[TileState], sh_degree: int) -> SplatParams:
@@ -55,7 +54,7 @@ class FloatView:
         at = int(self.ends[tile.tile]) - n_live
         # Slots that are gathered are gathered in blocks, so that no copy of the state is made.
         as_stored = n_live == len(live) and all(slots is None for slots in shown)
-        size = max(len(live), 1) if as_stored else GATHERED
+        size = max(len(live), 1) if as_stored else BLOCK
         for begin in range(0, len(live), size):
             slots: slice | I64 = slice(begin, begin + size)
             if not as_stored:

@@ -16,6 +16,7 @@ from evogs_codec.coded import channel_class, component_slice
 from evogs_codec.directory import UNKNOWN_ERROR, Directory
 from evogs_codec.packet_header import Counts, component_channels, read_packet_header
 from evogs_codec.packets import unpack
+from evogs_codec.replay import packet_body
 from evogs_codec.splats import GROUPS, I64
 from evogs_codec.stats import CLASS_NAMES
 from evogs_codec.tree import N_GROUPS
@@ -86,7 +87,7 @@ def _not_stored(directory: Directory, data: memoryview) -> Iterator[Omission]:
         names = [
             CLASS_NAMES[channel_class(first + k)] for k in range(component_channels(component))
         ]
-        body = _body(directory, data, packet)
+        body = packet_body(directory, data, packet)
         stored = [False] * len(names)
         if len(body):
             offset = int(directory.offsets[packet])
@@ -108,7 +109,7 @@ def _unused(directory: Directory, data: memoryview) -> Iterator[Omission]:
         if component or not counts.n_splits:
             continue
         offset = int(directory.offsets[packet])
-        found = unpack(_body(directory, data, packet), 0, counts, offset)
+        found = unpack(packet_body(directory, data, packet), 0, counts, offset)
         for group, indices in enumerate(found.alpha):
             used[level, group] |= {0} if indices is None else set(np.unique(indices).tolist())
     for group, name in enumerate(GROUPS):
@@ -132,8 +133,3 @@ def _packets(directory: Directory) -> Iterator[tuple[int, int, int, Counts]]:
         elif directory.has_palette:  # picks and entries, of which nothing is refined
             continue
         yield packet, int(row["component"]), *core[key]
-
-
-def _body(directory: Directory, data: memoryview, packet: int) -> memoryview:
-    offset = int(directory.offsets[packet])
-    return data[offset : offset + int(directory.packets["size"][packet])]

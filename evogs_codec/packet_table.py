@@ -13,11 +13,13 @@ import numpy.typing as npt
 from evogs_codec import layout
 from evogs_codec.errors import Fault, StreamError
 from evogs_codec.limits import LIMITS
-from evogs_codec.packet_header import FLAG_PALETTE, MAX_RECORDS_PER_BYTE, PALETTE, PICKS
-from evogs_codec.splats import I64
+from evogs_codec.packet_header import FLAG_PALETTE, MAX_RECORDS_PER_BYTE, N_CORE, PALETTE, PICKS
+from evogs_codec.splats import I64, n_channels
 from evogs_codec.tables import read_rows
 
-__all__ = ["labels_of", "read_packet_table"]
+__all__ = ["labels_of", "read_packet_table", "state_sizes"]
+
+BYTES_OF_CORE = 1 + 4 * (1 + N_CORE)  # of the state of a slot: live, born_from, channels
 
 
 def read_packet_table(
@@ -39,13 +41,32 @@ def read_packet_table(
 
 def labels_of(rows: npt.NDArray[np.void], steps: I64) -> I64:
     """(n,) level of the core row of the same tile and step, of rows that have one."""
+    return _of_core(rows, steps, rows["level"].astype(np.int64))
+
+
+def state_sizes(
+    rows: npt.NDArray[np.void], steps: I64, sh_degree: int, *, has_palette: bool
+) -> I64:
+    """(n,) bytes of the state of the component of each packet after its step (spec 5.7, 7.7)."""
+    component = rows["component"].astype(np.int64)
+    is_palette = has_palette & (component == PALETTE)
+    new = rows["n_adds"].astype(np.int64) + rows["n_splits"]
+    n_after = _running(np.where(is_palette, -1, rows["tile"].astype(np.int64)), new) + new
+    n_above = 4 * (n_channels(sh_degree) - N_CORE)
+    per_band = np.where(component == 0, BYTES_OF_CORE, 12 * (2 * component + 1))
+    per_slot = np.where(has_palette & (component > 0), n_above, per_band)
+    return 4 + per_slot * np.where(is_palette, n_after, _of_core(rows, steps, n_after))
+
+
+def _of_core(rows: npt.NDArray[np.void], steps: I64, values: I64) -> I64:
+    """(n,) the value of the core row of the same tile and step, of rows that have one."""
     core = np.flatnonzero(rows["component"] == 0)
     core = core[np.argsort(rows["tile"][core], kind="stable")]
     if not len(core):
         return np.zeros(len(rows), np.int64)
     first = np.searchsorted(rows["tile"][core], rows["tile"])
-    labels: I64 = rows["level"][core[np.minimum(first + steps, len(core) - 1)]].astype(np.int64)
-    return labels
+    found: I64 = values[core[np.minimum(first + steps, len(core) - 1)]]
+    return found
 
 
 class _PacketTable:

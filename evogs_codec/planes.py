@@ -21,6 +21,7 @@ __all__ = ["ABSENT", "Coding", "choose_coding", "join_planes", "split_planes", "
 MAX_STORED = 1 << 24  # z of 7.1: 2 high planes and 8 low bits
 MAX_SUM = 1 << 28  # R-7.1-1
 SAMPLE_RUN = 8192
+MANY_BYTES = 1 << 17  # of planes: above, a call for each plane costs little
 
 
 @dataclass(frozen=True)
@@ -122,6 +123,21 @@ def entropy(symbols: npt.NDArray[np.integer]) -> float:
     counts = counts[counts > 0]
     n = symbols.size
     return float(n * np.log2(n) - (counts * np.log2(counts)).sum()) if n else 0.0
+
+
+def entropies(planes: U8, sizes: Sequence[int]) -> list[float]:
+    """`entropy` of each of some planes, which follow one another."""
+    if len(planes) > MANY_BYTES:
+        ends = np.cumsum(sizes)
+        return [entropy(planes[end - n : end]) for end, n in zip(ends, sizes, strict=True)]
+    # One call for all of them: many small planes cost a call each otherwise.
+    lengths = np.array(sizes, np.int64)
+    owner = np.repeat(np.arange(len(lengths)) * 256, lengths)
+    counts = np.bincount(owner + planes, minlength=256 * len(lengths)).reshape(-1, 256)
+    logs = np.log2(counts, out=np.zeros(counts.shape), where=counts > 0)
+    of_lengths = np.log2(lengths, out=np.zeros(lengths.shape), where=lengths > 0)
+    found: list[float] = (lengths * of_lengths - (counts * logs).sum(1)).tolist()
+    return found
 
 
 def huffman_bits(symbols: npt.NDArray[np.integer]) -> float:

@@ -17,6 +17,7 @@ from evogs_codec.directory import UNKNOWN_ERROR, Directory
 from evogs_codec.packet_header import N_CORE, PICKS
 from evogs_codec.packets import Packet, unpack
 from evogs_codec.palette import unpack_entries, unpack_picks
+from evogs_codec.replay import packet_body
 from evogs_codec.splats import I32, n_channels
 from evogs_codec.tree import N_GROUPS
 
@@ -77,7 +78,7 @@ def _entries(directory: Directory, data: memoryview) -> I32:
     parts = [np.empty((n_above, 0), np.int32)]
     for packet in directory.palette_packets.tolist():
         offset, n = int(directory.offsets[packet]), int(directory.packets["n_adds"][packet])
-        body = data[offset : offset + int(directory.packets["size"][packet])]
+        body = packet_body(directory, data, packet)
         if len(body):
             parts.append(unpack_entries(body, n, n_above, offset).all())
     return np.concatenate(parts, axis=1)
@@ -93,8 +94,8 @@ def _step(directory: Directory, data: memoryview, packets: list[int]) -> CodedSt
     picks = np.empty(0, np.int32)
     parts: list[Packet] = []
     for component, packet in enumerate(packets):
-        offset, size = int(directory.offsets[packet]), int(rows["size"][component])
-        body = data[offset : offset + size]
+        offset = int(directory.offsets[packet])
+        body = packet_body(directory, data, packet)
         if directory.has_palette and component == PICKS:
             n_entries = int(directory.entries_required[packet])
             changed, new = unpack_picks(body, counts, n_entries, offset)

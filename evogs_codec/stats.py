@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from evogs_codec.coded import channel_class, component_slice
 from evogs_codec.directory import UNKNOWN_ERROR, Directory
@@ -19,8 +21,9 @@ from evogs_codec.packet_header import (
 )
 from evogs_codec.packets import read_planes
 from evogs_codec.palette import read_entries_header, read_picks_header
-from evogs_codec.planes import entropy
-from evogs_codec.splats import n_channels
+from evogs_codec.planes import entropies
+from evogs_codec.replay import packet_body
+from evogs_codec.splats import I64, n_channels
 from evogs_codec.tree import N_GROUPS
 
 __all__ = ["LevelStats", "bytes_by_group", "levels"]
@@ -45,46 +48,54 @@ class LevelStats:
 
 def levels(directory: Directory) -> list[LevelStats]:
     """Figures per level, from the directory alone."""
-    rows, out, live = directory.packets, [], 0
-    core = rows["component"] == 0
-    label = directory.labels
-    for level in range(directory.n_levels):
-        part = rows[(label == level) & core]
-        n = {k: int(part[k].astype(np.int64).sum()) for k in _COUNTS}
-        live += n["n_adds"] + n["n_splits"] - n["n_drops"]
-        out.append(
-            LevelStats(
-                level=level,
-                n_leaves=live,
-                n_steps=len(part),
-                n_bytes=int(rows["size"][label == level].astype(np.int64).sum()),
-                error=_error(directory, label <= level),
-                **n,
-            )
+    rows, label = directory.packets, directory.labels
+    core = np.flatnonzero(rows["component"] == 0)
+    counts = {name: _sums(label[core], rows[name][core], directory.n_levels) for name in _COUNTS}
+    live = np.cumsum(counts["n_adds"] + counts["n_splits"] - counts["n_drops"])
+    n_steps = np.bincount(label[core], minlength=directory.n_levels)
+    n_bytes = _sums(label, rows["size"], directory.n_levels)
+    return [
+        LevelStats(
+            level=level,
+            n_leaves=int(live[level]),
+            n_steps=int(n_steps[level]),
+            n_bytes=int(n_bytes[level]),
+            error=error,
+            **{name: int(sums[level]) for name, sums in counts.items()},
         )
-    return out
+        for level, error in enumerate(_errors(directory, core))
+    ]
 
 
 _COUNTS = ("n_adds", "n_splits", "n_refines", "n_drops")
 
 
-def _error(directory: Directory, selected: np.ndarray) -> float:
-    """Of the last core packet of each tile, root mean square over tiles by leaves."""
-    rows = directory.packets
-    squares, weights = 0.0, 0
-    for tile in range(len(directory.tiles)):
-        own = (rows["tile"] == tile) & (rows["component"] == 0)
-        last = np.flatnonzero(own & selected)
-        if not len(last):
-            continue
-        error = int(rows["error"][last[-1]])
-        if error == UNKNOWN_ERROR:
-            return float("nan")
-        counts = rows[own]
-        n = int(counts["n_adds"].astype(np.int64).sum() + counts["n_splits"].astype(np.int64).sum())
-        squares, weights = squares + n * float(error) ** 2, weights + n
+def _sums(label: I64, column: npt.NDArray[np.integer], n_levels: int) -> I64:
+    """(n_levels,) sums of a column by label; they are below 2**53."""
+    return np.bincount(label, column.astype(np.float64), n_levels).astype(np.int64)
+
+
+def _errors(directory: Directory, core: I64) -> Iterator[float]:
+    """Per level, of the last core packet of each tile: root mean square over tiles by leaves.
+
+    `core` are the rows of core packets.
+    """
+    tile, label = directory.packets["tile"][core], directory.labels[core]
+    hints = directory.packets["error"][core].astype(np.float64)
+    hints[hints == UNKNOWN_ERROR] = np.nan
+    order = np.argsort(label, kind="stable")
+    ends = np.searchsorted(label[order], np.arange(directory.n_levels), side="right")
+    weights = directory.tile_slots.astype(np.float64)
+    errors, has_step = np.zeros(len(weights)), np.zeros(len(weights), bool)
     grid = 2.0 ** -directory.grid_exponents[0]
-    return float(np.sqrt(squares / weights)) * grid if weights else 0.0
+    begin = 0
+    for end in ends.tolist():
+        new = order[begin:end]
+        errors[tile[new]], has_step[tile[new]] = hints[new], True  # of a tile, the last remains
+        total = float(weights[has_step].sum())
+        squares = float((weights * np.square(errors))[has_step].sum())
+        yield float(np.sqrt(squares / total)) * grid if total else 0.0
+        begin = end
 
 
 @dataclass(frozen=True)
@@ -115,7 +126,7 @@ def bytes_by_group(directory: Directory, data: memoryview) -> dict[str, GroupByt
         if not size:
             continue
         offset = int(directory.offsets[packet])
-        body = data[offset : offset + size]
+        body = packet_body(directory, data, packet)
         if directory.has_palette and component == PALETTE:
             n = n_channels(directory.sh_degree) - N_CORE
             head = read_entries_header(body, int(row["n_adds"]), n, offset)
@@ -127,8 +138,7 @@ def bytes_by_group(directory: Directory, data: memoryview) -> dict[str, GroupByt
             head = read_packet_header(body, component, core_counts[key], offset)
             names = _plane_names(head, component)
         planes = read_planes(body, head, offset)
-        ends = np.cumsum(head.plane_sizes)
-        bits = [entropy(plane) / 8 for plane in np.split(planes, ends[:-1])]
+        bits = [n_bits / 8 for n_bits in entropies(planes, head.plane_sizes)]
         stored["packet headers"] += head.size
         at = 0
         for n_planes, n_bytes in head.frames:

@@ -90,19 +90,31 @@ def read_tiles(body: memoryview, offset: int, n_tiles: int) -> npt.NDArray[np.vo
 
 
 def read_digests(
-    body: memoryview, offset: int, packets: npt.NDArray[np.void], steps: I64
+    body: memoryview, offset: int, packets: npt.NDArray[np.void], steps: I64, sizes: I64, most: int
 ) -> dict[tuple[int, int, int], bytes]:
-    """{(tile, component, step): SHA-256} (spec 5.7)."""
+    """{(tile, component, step): SHA-256} (spec 5.7).
+
+    Args:
+        body: of the chunk.
+        offset: of the chunk in the file.
+        packets: rows of the packet table.
+        steps: (n,) of these.
+        sizes: (n,) bytes of the state after each.
+        most: bytes of all states that rows may name.
+    """
     rows = read_rows(layout.DIGEST_ENTRY, body, offset, None)
-    present = set(
-        zip(packets["tile"].tolist(), packets["component"].tolist(), steps.tolist(), strict=True)
-    )
+    keys = zip(packets["tile"].tolist(), packets["component"].tolist(), steps.tolist(), strict=True)
+    size_of_state = dict(zip(keys, sizes.tolist(), strict=True))
     digests: dict[tuple[int, int, int], bytes] = {}
-    last = (-1, -1, -1)
+    last, n_bytes = (-1, -1, -1), 0
     for row in rows:
         key = (int(row["tile"]), int(row["component"]), int(row["step"]))
-        if key <= last or key not in present:  # R-5.7-1, R-5.7-2
+        if key <= last or key not in size_of_state:  # R-5.7-1, R-5.7-2
             raise StreamError(Fault.E_CHUNK, f"digest of (tile, component, step) {key}", offset)
+        n_bytes += size_of_state[key]
+        if n_bytes > most:  # R-5.7-5
+            detail = f"digests name more than {most} bytes of state"
+            raise StreamError(Fault.E_AMPLIFICATION, detail, offset)
         digests[key] = row["digest"].tobytes()
         last = key
     return digests

@@ -194,6 +194,86 @@ def digests() -> Iterator[Case]:
     )
 
 
+def digested() -> Iterator[Case]:
+    """Bytes of the states that digests name, against bytes of the file."""
+    for name, stream, what in _digested_streams():
+        yield case(
+            f"digested-{name}-at-the-bound",
+            _sized(stream, 0),
+            "R-5.7-5 R-5.7-3",
+            f"digests name 4096 times the bytes of the file, {what}",
+            "has a smaller bound, or other sizes of states",
+            runs=(VERIFY,),
+        )
+        yield case(
+            f"digested-{name}-above-the-bound",
+            _sized(stream, -1),
+            "R-5.7-5",
+            f"digests name more than 4096 times the bytes of the file, {what}",
+            "has no bound, or a larger one, or other sizes of states",
+            "E_AMPLIFICATION",
+            f"digested-{name}-at-the-bound",
+        )
+    _, stream, _ = next(iter(_digested_streams()))
+    disordered = replace(
+        stream,
+        chunks=lambda chunks: [
+            Chunk(b"dGST", chunk.body + chunk.body[:41]) if chunk.kind == b"dGST" else chunk
+            for chunk in chunks
+        ],
+    )
+    yield case(
+        "digested-above-the-bound-before-disorder",
+        _sized(disordered, -1),
+        "R-6.1-1 R-5.7-5",
+        "the last row but one exceeds the bound, the last one is out of order",
+        "looks at the order of all rows first, or at the sum of all",
+        "E_AMPLIFICATION",
+        "digested-core-at-the-bound",
+    )
+
+
+def _digested_streams() -> Iterator[tuple[str, Stream, str]]:
+    """Streams of some thousand slots with a digest for every packet."""
+    names = [(0, 0, step) for step in range(16)]
+    core = [Packet(n_adds=16044, adds={0: [0, -1] * 8022})] + [Packet()] * 15
+    yield "core", Stream(core, digests=dict.fromkeys(names)), "of core alone"
+    # Slots grow at the last step: what counts is how many there are after the step that is named.
+    banded_core = [core[0], *[Packet()] * 10, Packet(n_adds=100, adds={1: [0, -1] * 50})]
+    bands = [Packet(component=1)] * 12
+    names = [(0, c, step) for c in range(2) for step in range(12)]
+    stream = Stream([*banded_core, *bands], degree=1, digests=dict.fromkeys(names))
+    yield "bands", stream, "of core and a band"
+    entries = Packet(component=2, adds={0: [0, -1] * 3000})
+    palette = [core[0], *[entries, Packet(component=2)] * 2]
+    palette += [Packet(component=1), *[Packet(), Packet(component=1)] * 19]
+    names = [(0, c, step) for c in range(2) for step in range(20)] + [(0, 2, k) for k in range(4)]
+    stream = Stream(palette, degree=1, has_palette=True, digests=dict.fromkeys(names))
+    yield "palette", stream, "of core, picks and a palette"
+
+
+def _sized(stream: Stream, more: int) -> Stream:
+    """The stream with metadata that make its file as large as its digests need, and `more`."""
+    n_above = 3 * (stream.degree + 1) ** 2 - 3
+    slots, n_entries, n_core, total = list[int](), 0, 0, 0
+    steps = dict.fromkeys(range(3), 0)
+    for packet in stream.packets:
+        step, new = steps[packet.component], packet.counts["n_adds"]
+        steps[packet.component] += 1
+        if packet.component == 0:
+            n_core += new
+            slots.append(n_core)
+            total += 4 + 61 * n_core
+        elif packet.component == 2:
+            n_entries += new
+            total += 4 + 4 * n_above * n_entries
+        else:
+            total += 4 + 4 * n_above * slots[step]
+    wanted = -(-total // 4096) + more
+    size = len(build(replace(stream, metadata={"a": ""})))
+    return replace(stream, metadata={"a": "a" * (wanted - size)})
+
+
 def metadata() -> Iterator[Case]:
     """The mETa chunk."""
     bodies = [
@@ -255,4 +335,4 @@ def metadata() -> Iterator[Case]:
     )
 
 
-RECIPES: tuple[Recipe, ...] = (legal, steps, alphas, tiles, digests, metadata)
+RECIPES: tuple[Recipe, ...] = (legal, steps, alphas, tiles, digests, digested, metadata)

@@ -267,14 +267,37 @@ def read_pack(body: memoryview, stream: Stream) -> None:
 def read_dgst(body: memoryview, stream: Stream) -> None:
     """5.7: digests, in order."""
     require(len(body) % 41 == 0, "E_CHUNK")  # R-5.2-5
-    packets = {row[:3] for row in stream.rows} if body else set()
-    before = (-1, 0, 0)
+    sizes = state_sizes(stream) if body else {}
+    before, n_bytes = (-1, 0, 0), 0
     for *name, digest in struct.iter_unpack("<IBI32s", body):
         tile, component, step = name
         require((tile, component, step) > before, "E_CHUNK")  # R-5.7-1
         before = tile, component, step
-        require(before in packets, "E_CHUNK")  # R-5.7-2
+        require(before in sizes, "E_CHUNK")  # R-5.7-2
+        n_bytes += sizes[before]
+        most = 4096 * (64 + stream.chunks_size + stream.data_size)
+        require(n_bytes <= most, "E_AMPLIFICATION")  # R-5.7-5
         stream.digests[before] = digest
+
+
+def state_sizes(stream: Stream) -> dict[tuple[int, int, int], int]:
+    """5.7: the bytes of the state after each row, by tile, component and step."""
+    sizes: dict[tuple[int, int, int], int] = {}
+    slots: dict[tuple[int, int], int] = {}  # by tile and step
+    above = 4 * (3 * (stream.sh_degree + 1) ** 2 - 3)
+    n_entries = 0
+    for row in stream.rows:
+        at = (row.tile, row.step)
+        if row.holds == "core":
+            slots[at] = slots.get((row.tile, row.step - 1), 0) + row.n_adds + row.n_splits
+            sizes[row[:3]] = 4 + 61 * slots[at]
+        elif row.holds == "entries":
+            n_entries += row.n_adds
+            sizes[row[:3]] = 4 + above * n_entries
+        else:
+            per_slot = above if row.holds == "picks" else 12 * (2 * row.component + 1)
+            sizes[row[:3]] = 4 + per_slot * slots[at]
+    return sizes
 
 
 def read_meta(body: memoryview, _: Stream) -> None:
