@@ -70,7 +70,8 @@ def write_ply(path: PathLike, splats: SplatParams, comments: Iterable[str] = ())
     columns = np.empty((n, len(names)), "<f4")
     columns[:, 0:3] = splats.means
     columns[:, 3:6] = splats.sh[:, 0]
-    columns[:, 6 : 6 + n_rest] = splats.sh[:, 1:].transpose(0, 2, 1).reshape(n, n_rest)
+    for colour in range(3):
+        columns[:, 6 + colour * n_rest // 3 :][:, : n_rest // 3] = splats.sh[:, 1:, colour]
     columns[:, -8] = splats.opacity_logits
     columns[:, -7:-4] = splats.log_scales
     columns[:, -4:] = splats.quats
