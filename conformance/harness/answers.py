@@ -7,19 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-__all__ = [
-    "EXITS",
-    "MAX_TEXT",
-    "Answer",
-    "AnswerError",
-    "Parcel",
-    "read_entry",
-    "read_fault",
-    "read_output",
-]
+from conformance.harness.plain import plain, read_json
+
+__all__ = ["EXITS", "Answer", "AnswerError", "Parcel", "read_entry", "read_fault"]
 
 EXITS = (0, 1, 3, 4, 127)
-MAX_TEXT = 1 << 16  # bytes of standard output that are looked at
+MOST_OFFSET = 1 << 63
+MOST_CODE = 40  # characters
 
 
 class AnswerError(Exception):
@@ -33,7 +27,7 @@ class Answer:
     Attributes:
         exit: exit status, or that of the batch answer; None: there was none.
         output: the bytes of OUT; None: there is no such file.
-        code, offset: of the fault, if the decoder says.
+        code, offset: of the fault, if the decoder says; plain text, cut to a length.
         trouble: why there is no answer to judge: "crash", "timeout", "memory", "output",
             "noise", "protocol"; "" if there is one.
         detail: the trouble in words.
@@ -101,26 +95,15 @@ class Parcel:
         return json.dumps(entry).encode() + b"\n"
 
 
-def read_output(path: Path, most: int) -> bytes | None:
-    """The bytes of OUT, one more than `most` at most; None if there is none.
-
-    Only a regular file counts: a link or a device could show anything.
-    """
-    if path.is_symlink() or not path.is_file():
-        return None
-    with path.open("rb") as file:
-        return file.read(most + 1)
-
-
-def read_fault(line: str) -> tuple[str | None, int | None]:
+def read_fault(said: bytes) -> tuple[str | None, int | None]:
     """(code, offset) of a line on standard output.
 
     Raises:
         AnswerError: it is not what the contract allows.
     """
-    if "\n" in line.rstrip("\n") or not line.strip():
+    if b"\n" in said.rstrip(b"\n") or not said.strip():
         raise AnswerError("not one line")
-    return _fault(_object(line))
+    return _fault(_object(said))
 
 
 def read_entry(line: bytes, number: int) -> tuple[int, str | None, int | None]:
@@ -129,18 +112,18 @@ def read_entry(line: bytes, number: int) -> tuple[int, str | None, int | None]:
     Raises:
         AnswerError: it is not what the contract allows.
     """
-    entry = _object(line.decode("utf-8", "replace"))
+    entry = _object(line)
     answered, status = entry.pop("id", None), entry.pop("exit", None)
-    if answered != number:
-        raise AnswerError(f"the answer is for id {answered}, not {number}")
+    if type(answered) is not int or answered != number:
+        raise AnswerError(f"the answer is for id {_shown(answered)}, not {number}")
     if type(status) is not int or status not in EXITS:
-        raise AnswerError(f"exit {status!r} means nothing")
+        raise AnswerError(f"exit {_shown(status)} means nothing")
     return status, *_fault(entry)
 
 
-def _object(text: str) -> dict[str, Any]:
+def _object(raw: bytes) -> dict[str, Any]:
     try:
-        entry = json.loads(text)
+        entry = read_json(raw)
     except ValueError as error:
         raise AnswerError(str(error)) from None
     if not isinstance(entry, dict):
@@ -151,7 +134,16 @@ def _object(text: str) -> dict[str, Any]:
 def _fault(entry: dict[str, Any]) -> tuple[str | None, int | None]:
     code, offset = entry.pop("code", None), entry.pop("offset", None)
     if entry:
-        raise AnswerError(f"unknown keys {', '.join(sorted(entry))}")
+        raise AnswerError(f"unknown keys {plain(', '.join(sorted(entry)))}")
     if not isinstance(code, str | None) or type(offset) not in (int, type(None)):
         raise AnswerError("code is a string and offset an integer")
-    return code, offset
+    if offset is not None and not 0 <= offset < MOST_OFFSET:
+        raise AnswerError(f"offset {_shown(offset)} is not in 0..2^63 - 1")
+    return None if code is None else plain(code, MOST_CODE), offset
+
+
+def _shown(value: object) -> str:
+    """A value of JSON; what it holds is not looked at."""
+    if isinstance(value, dict | list):
+        return "[...]" if isinstance(value, list) else "{...}"
+    return plain(json.dumps(value))

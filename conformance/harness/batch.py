@@ -5,29 +5,21 @@ from __future__ import annotations
 import os
 import random
 import select
-import subprocess
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from pathlib import Path
+from contextlib import ExitStack, suppress
 from typing import IO
 
-from conformance.harness.answers import (
-    MAX_TEXT,
-    Answer,
-    AnswerError,
-    Parcel,
-    read_entry,
-    read_output,
-)
-from conformance.harness.oneshot import died, last_words
-from conformance.harness.process import Bounds, Watched, folder_size
+from conformance.harness.answers import Answer, AnswerError, Parcel, read_entry
+from conformance.harness.oneshot import died, last_words, over
+from conformance.harness.plain import plain
+from conformance.harness.process import MOST_SAID, Bounds, Watched, read_tail
+from conformance.harness.scratch import read_regular, scratch
 
 __all__ = ["Batch"]
 
-GLANCE = 0.02  # seconds between looks at memory while an answer is awaited
-REST = 0.05  # seconds in which a process whose output has ended should end too
+REST = 1.0  # seconds in which a process whose input or output has ended should end too
 
 
 class Batch:
@@ -38,119 +30,165 @@ class Batch:
         self.bounds = bounds
         self.n_starts = 0
         self._numbers = random.Random(seed)
-        self._watched: Watched | None = None
-        self._home: tempfile.TemporaryDirectory[str] | None = None
-        self._rest = b""
+        self._process: _Process | None = None
 
     def ask(self, parcel: Parcel, environment: Mapping[str, str]) -> Answer:
-        """The answer to a run."""
-        watched = self._watched or self._start(environment)
-        started = time.monotonic()
+        """The answer to a run.
+
+        Raises:
+            OSError: the command cannot be started.
+        """
+        if self._process is None:
+            self._process = _Process(self.command, environment, self.bounds)
+            self.n_starts += 1
+        process, started = self._process, time.monotonic()
         number = self._numbers.randrange(1 << 31)
-        trouble, line = self._exchange(watched, parcel, number, started)
+        trouble, line = process.exchange(parcel, number, started)
         seconds = time.monotonic() - started
         if trouble:
-            return self._fail(trouble, seconds)
+            return self._fail(trouble, seconds, number=number)
         try:
             status, code, offset = read_entry(line, number)
         except AnswerError as error:
-            return self._fail("protocol", seconds, f"answer {line[:80]!r}: {error}")
-        if self._rest or select.select([_pipe(watched.process.stdout)], [], [], 0)[0]:
+            return self._fail("protocol", seconds, f'answer "{plain(line, 80)}": {error}')
+        if process.has_more():
             return self._fail("protocol", seconds, "more than one line for one request")
-        output = read_output(parcel.target, self.bounds.written)
-        return Answer(status, output, code, offset, seconds=seconds, peak=watched.peak)
+        output = read_regular(parcel.target, self.bounds.written)
+        peak = process.watched.peak
+        return Answer(status, output, code, offset, seconds=seconds, peak=peak)
 
     def close(self) -> None:
         """End the process; it is told by the end of its input and has a second to obey."""
-        if self._watched is not None:
-            process = self._watched.process
-            _pipe(process.stdin).close()
-            select.select([_pipe(process.stdout)], [], [], 1.0)
+        if self._process is not None:
+            self._process.stdin.close()
+            self._process.watched.wait_for(REST)
             self._end()
 
-    def _start(self, environment: Mapping[str, str]) -> Watched:
-        self._home = tempfile.TemporaryDirectory(prefix="batch-")
-        home = Path(self._home.name)
-        self._stderr = home / "stderr"
-        environment = {**environment, "HOME": str(home), "TMPDIR": str(home)}
-        with self._stderr.open("wb") as stderr:
-            self._watched = Watched(
-                self.command,
-                home,
-                environment,
-                self.bounds,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=stderr,
-                written=[home],
-            )
-        self._rest = b""
-        self.n_starts += 1
-        return self._watched
-
-    def _exchange(
-        self, watched: Watched, parcel: Parcel, number: int, started: float
-    ) -> tuple[str, bytes]:
-        """Send a line and wait for one: (trouble, line)."""
-        try:
-            _pipe(watched.process.stdin).write(parcel.request(number))
-            _pipe(watched.process.stdin).flush()
-        except OSError:  # it has ended
-            return "crash", b""
-        answers = _pipe(watched.process.stdout)
-        looked = started
-        while b"\n" not in self._rest:
-            if select.select([answers], [], [], GLANCE)[0]:
-                piece = os.read(answers.fileno(), MAX_TEXT)
-                if not piece:
-                    return "crash", b""
-                self._rest += piece
-                if len(self._rest) > MAX_TEXT:
-                    return "noise", b""
-            if time.monotonic() - looked > GLANCE:
-                over = watched.over(started)
-                if not over and sum(map(folder_size, parcel.folders)) > self.bounds.written:
-                    over = "output"
-                if over:
-                    return over, b""
-                looked = time.monotonic()
-        watched.look()
-        line, _, self._rest = self._rest.partition(b"\n")
-        return "", line
-
-    def _fail(self, trouble: str, seconds: float, detail: str = "") -> Answer:
+    def _fail(
+        self, trouble: str, seconds: float, detail: str = "", number: int | None = None
+    ) -> Answer:
         """End the process, whose state cannot be trusted any more."""
-        watched = self._watched
-        assert watched is not None
+        process = self._process
+        assert process is not None
         if trouble == "crash":
-            time.sleep(REST)
-            ended = watched.end()
-            _, detail = ("", "") if ended.over else died(ended, self.bounds, self._stderr)
-            detail = detail or f"its output ended without an answer{last_words(self._stderr)}"
+            process.watched.wait_for(REST)
+            ended = process.watched.end()
+            if ended.over != "killed":
+                trouble, detail = died(ended, self.bounds)
+            words = last_words(read_tail(process.stderr))
+            detail = f"{detail}{words}" if detail else f"its output ended without an answer{words}"
+            trouble = trouble or "crash"
+        elif trouble == "timeout" and number is not None:
+            detail = f"no answer within {self.bounds.seconds:g} s{process.why_late(number)}"
+        elif trouble == "noise":
+            detail = f"over {MOST_SAID} bytes without a line end on standard output"
         elif not detail:
-            detail = {
-                "timeout": f"no answer within {self.bounds.seconds:g} s",
-                "memory": f"over the memory limit of {self.bounds.memory} bytes",
-                "output": f"wrote over {self.bounds.written} bytes to files",
-                "noise": f"over {MAX_TEXT} bytes without a line end on standard output",
-            }[trouble]
-        answer = Answer(None, trouble=trouble, detail=detail, seconds=seconds, peak=watched.peak)
+            trouble, detail = over(trouble, self.bounds)
+        peak = process.watched.peak
         self._end()
-        return answer
+        return Answer(None, trouble=trouble, detail=detail, seconds=seconds, peak=peak)
 
     def _end(self) -> None:
-        assert self._watched is not None
-        assert self._home is not None
-        process = self._watched.process
-        if process.returncode is None:
-            self._watched.end()
-        for pipe in (process.stdin, process.stdout):
-            with suppress(OSError):  # what was not yet sent cannot be
-                _pipe(pipe).close()
-        self._watched = None
-        self._home.cleanup()
+        assert self._process is not None
+        self._process.close()
+        self._process = None
 
 
-def _pipe(pipe: IO[bytes] | None) -> IO[bytes]:
-    assert pipe is not None
-    return pipe
+class _Process:
+    """A process of the batch mode, in a folder of its own."""
+
+    def __init__(
+        self, command: Sequence[str], environment: Mapping[str, str], bounds: Bounds
+    ) -> None:
+        self.bounds = bounds
+        self._said = b""
+        with ExitStack() as stack:
+            home = stack.enter_context(scratch(prefix="batch-"))
+            self.stderr = stack.enter_context(tempfile.TemporaryFile(buffering=0))
+            theirs, self.stdin = _pipe(stack, "wb", end=1)
+            ours, self.stdout = _pipe(stack, "rb", end=0)
+            try:
+                self.watched = Watched(
+                    command,
+                    home,
+                    {**environment, "HOME": str(home), "TMPDIR": str(home)},
+                    bounds,
+                    files=(theirs, ours, self.stderr.fileno()),
+                    written=[home],
+                )
+            finally:
+                os.close(theirs)
+                os.close(ours)
+            self._stack = stack.pop_all()
+
+    def exchange(self, parcel: Parcel, number: int, started: float) -> tuple[str, bytes]:
+        """Send a line and wait for one: (trouble, line)."""
+        try:
+            self.stdin.write(parcel.request(number))
+        except OSError:  # it has ended
+            return "crash", b""
+        looked = started
+        while b"\n" not in self._said:
+            if select.select([self.stdout], [], [], self.watched.nap)[0]:
+                if not self._hear():
+                    return "crash", b""
+                if len(self._said) > MOST_SAID:
+                    return "noise", b""
+            if time.monotonic() - looked > self.watched.nap:
+                why = self.watched.over(started, parcel.folders)
+                if why:
+                    return why, b""
+                looked = time.monotonic()
+        self.watched.look()
+        line, _, self._said = self._said.partition(b"\n")
+        return "keeper" if self.watched.is_lost() else "", line
+
+    def has_more(self) -> bool:
+        """Whether it said something that nobody asked for."""
+        return bool(self._said or select.select([self.stdout], [], [], 0)[0])
+
+    def why_late(self, number: int) -> str:
+        """What may explain that this request was not answered; "" if nothing does.
+
+        Its input is closed, and it is heard for another moment.
+        """
+        if _answers(self._said, number):
+            return ": the answer is there, but its line does not end"
+        with suppress(OSError):
+            self.stdin.close()
+        deadline = time.monotonic() + REST
+        while (left := deadline - time.monotonic()) > 0 and len(self._said) <= MOST_SAID:
+            if not select.select([self.stdout], [], [], left)[0] or not self._hear():
+                break
+        if _answers(self._said.partition(b"\n")[0], number):
+            return (
+                "; it came when the input had ended: flush standard output after each line, and"
+                " read line by line"
+            )
+        return ""
+
+    def close(self) -> None:
+        """End it, and all that it started; remove what it wrote."""
+        self.watched.end()
+        with suppress(OSError):  # what was not yet sent cannot be
+            self._stack.close()
+
+    def _hear(self) -> bool:
+        """Take in what it says; whether it can say more."""
+        piece = os.read(self.stdout.fileno(), MOST_SAID)
+        self._said += piece
+        return bool(piece)
+
+
+def _pipe(stack: ExitStack, mode: str, end: int) -> tuple[int, IO[bytes]]:
+    """(the end of a pipe for the process, our end)."""
+    numbers = os.pipe()
+    return numbers[1 - end], stack.enter_context(os.fdopen(numbers[end], mode, buffering=0))
+
+
+def _answers(line: bytes, number: int) -> bool:
+    try:
+        read_entry(line, number)
+    except AnswerError:
+        return False
+    return True

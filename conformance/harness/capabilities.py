@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import json
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
-from conformance.harness.answers import MAX_TEXT
-from conformance.harness.manifest import Case
+from conformance.harness.manifest import MODES, Case
 from conformance.harness.oneshot import died, last_words
+from conformance.harness.plain import plain, read_json
 from conformance.harness.process import Bounds, run
+from conformance.harness.scratch import scratch
 
 __all__ = ["Capabilities", "CapabilityError", "ask_capabilities", "lacking"]
+
+MOST_NAME = 80  # characters
 
 
 class CapabilityError(Exception):
@@ -49,32 +49,21 @@ def ask_capabilities(
     Raises:
         CapabilityError: it fails, or its answer is of another form.
     """
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        stdout, stderr = folder / "stdout", folder / "stderr"
+    with scratch() as folder:
         try:
-            ended = run(
-                [*command, "--capabilities"],
-                folder,
-                environment,
-                bounds,
-                stdout=stdout,
-                stderr=stderr,
-                written=[folder],
-            )
+            ended = run([*command, "--capabilities"], folder, environment, bounds, written=[folder])
         except OSError as error:
             raise CapabilityError(f"the command cannot be started: {error}") from None
-        _, detail = died(ended, bounds, stderr)
-        if detail or ended.status:
-            detail = detail or f"exit status {ended.status}{last_words(stderr)}"
-            raise CapabilityError(f"--capabilities: {detail}")
-        with stdout.open("rb") as file:
-            said = file.read(MAX_TEXT + 1)
+    trouble, detail = died(ended, bounds)
+    if trouble or ended.status:
+        detail = detail or f"exit status {ended.status}{last_words(ended.stderr)}"
+        raise CapabilityError(f"--capabilities: {detail}")
     try:
-        return _parse(json.loads(said))
+        return _parse(read_json(ended.stdout))
     except (ValueError, TypeError) as error:
+        said = plain(ended.stdout, 60)
         raise CapabilityError(
-            f"--capabilities: standard output has {said[:60]!r}: {error}"
+            f'--capabilities: standard output has "{said}", not one JSON object: {error}'
         ) from None
 
 
@@ -96,8 +85,9 @@ def _parse(entry: object) -> Capabilities:
     if not isinstance(entry, dict):
         raise TypeError("not an object")
     names = Capabilities.__dataclass_fields__
-    if set(entry) != set(names):
-        raise ValueError(f"keys unknown or missing: {', '.join(sorted(set(entry) ^ set(names)))}")
+    wrong = set(entry) ^ set(names)
+    if wrong:
+        raise ValueError(f"keys unknown or missing: {plain(', '.join(sorted(wrong)))}")
     for key in ("codes", "verify", "limits", "arrival", "batch"):
         if type(entry[key]) is not bool:
             raise TypeError(f"{key} is not true or false")
@@ -105,8 +95,11 @@ def _parse(entry: object) -> Capabilities:
         if type(entry[key]) is not int or not low <= entry[key] <= high:
             raise ValueError(f"{key} is not in {low}..{high}")
     modes = entry["modes"]
-    if not isinstance(modes, list) or not modes or not set(modes) <= {"file", "progressive"}:
+    if not isinstance(modes, list) or not 0 < len(modes) <= len(MODES):
+        raise ValueError("modes is a list of file, progressive")
+    if not all(mode in MODES for mode in modes):
         raise ValueError("modes is a list of file, progressive")
     if not all(isinstance(entry[key], str) for key in ("name", "version")):
         raise TypeError("name and version are strings")
-    return Capabilities(**{**entry, "modes": tuple(modes)})
+    said = {key: plain(entry[key], MOST_NAME) for key in ("name", "version")}
+    return Capabilities(**{**entry, **said, "modes": tuple(modes)})

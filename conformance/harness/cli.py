@@ -15,18 +15,20 @@ from conformance.harness.explain import explain
 from conformance.harness.junit import as_junit
 from conformance.harness.manifest import SuiteError
 from conformance.harness.page import as_html
+from conformance.harness.plain import MOST_OF_LINE, plain, plain_lines, say
 from conformance.harness.process import Bounds
 from conformance.harness.report import as_json
 from conformance.harness.runner import Options
 from conformance.harness.selftest import self_test
 from conformance.harness.table import print_report
-from conformance.harness.trial import FAILED, INCOMPLETE, PASSED, Choice, draw_seed, hold
+from conformance.harness.trial import FAILED, INCOMPLETE, PASSED, Choice, draw_seed, families, hold
 
 __all__ = ["add_commands", "main"]
 
 Commands = Any  # argparse's sub-parsers have no public type
 VECTORS = Path(__file__).resolve().parent.parent / "vectors"
 MIB = 1 << 20
+USAGE = 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -48,7 +50,11 @@ def add_commands(commands: Commands) -> None:
 
 
 def run_run(args: argparse.Namespace) -> int:
-    """`run`."""
+    """`run`; what cannot be asked or written is told before anything is asked."""
+    wrong = _usage(args)
+    if wrong:
+        print(f"run: {plain(wrong, MOST_OF_LINE)}", file=sys.stderr)
+        return USAGE
     options = Options(
         command=_command(args.decoder),
         bounds=Bounds(args.timeout, args.memory * MIB),
@@ -64,8 +70,37 @@ def run_run(args: argparse.Namespace) -> int:
     reports = ((args.json, as_json), (args.junit, as_junit), (args.html, as_html))
     for path, text_of in reports:
         if path is not None:
-            path.write_text(text_of(trial), encoding="utf-8")
+            try:
+                path.write_text(text_of(trial), encoding="utf-8")
+            except OSError as error:
+                print(f"run: no report: {plain(str(error))}", file=sys.stderr)
+                return trial.exit or INCOMPLETE
     return trial.exit
+
+
+def _usage(args: argparse.Namespace) -> str:
+    """What is wrong with the command line; "" if nothing."""
+    try:
+        words = shlex.split(args.decoder)
+    except ValueError as error:
+        return f"--decoder: {error}"
+    if not words:
+        return "--decoder: no command"
+    for name in ("jobs", "timeout", "memory"):
+        if not getattr(args, name) > 0:
+            return f"--{name}: not above 0"
+    for name in ("json", "junit", "html"):
+        path = getattr(args, name)
+        if path is not None and (path.is_dir() or not path.parent.is_dir()):
+            return f"--{name}: {path} cannot be a file: no such folder, or a folder"
+    try:
+        known = families(args.vectors) if args.family else set()
+    except SuiteError:  # told by the trial
+        return ""
+    unknown = [family for family in args.family if family not in known]
+    if unknown:
+        return f"--family: no {', '.join(unknown)} among {', '.join(sorted(known))}"
+    return ""
 
 
 def run_selftest(args: argparse.Namespace) -> int:
@@ -75,11 +110,11 @@ def run_selftest(args: argparse.Namespace) -> int:
         for judged in self_test(args.vectors, names=args.names, jobs=args.jobs):
             n, wrong = n + 1, wrong + bool(judged.problems)
             state = "NOT AS WRITTEN" if judged.problems else "as written"
-            print(f"{state:14}  {judged.seconds:5.1f} s  {judged.name}: {judged.says}", flush=True)
+            say(f"{state:14}  {judged.seconds:5.1f} s  {judged.name}: {judged.says}")
             for problem in judged.problems:
-                print(f"                    {problem}")
+                say(plain_lines(f"                    {problem}"))
     except SuiteError as error:
-        print(f"INCOMPLETE: {error}")
+        say(plain_lines(f"INCOMPLETE: {error}"))
         return INCOMPLETE
     print(f"{n - wrong} of {n} judged as written in {time.monotonic() - started:.1f} s")
     return FAILED if wrong else PASSED
@@ -88,9 +123,9 @@ def run_selftest(args: argparse.Namespace) -> int:
 def run_explain(args: argparse.Namespace) -> int:
     """`explain`."""
     try:
-        print(explain(args.vectors, args.id), flush=True)
+        say(plain_lines(explain(args.vectors, args.id)))
     except SuiteError as error:
-        print(f"explain: {error}", file=sys.stderr)
+        print(f"explain: {plain(str(error))}", file=sys.stderr)
         return FAILED
     except BrokenPipeError:  # the reader has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -70,6 +70,7 @@ class Diagnosis:
         together: mutants that explain more between them, if none explains all alone.
         n_explained, n_wrong: wrong runs that these explain, of all.
         accepts: whether any legal stream was accepted.
+        hint: what was seen when wrong runs were asked alone; "" if nothing.
     """
 
     alike: tuple[Likeness, ...] = ()
@@ -77,15 +78,16 @@ class Diagnosis:
     n_explained: int = 0
     n_wrong: int = 0
     accepts: bool = True
+    hint: str = ""
 
     def sentences(self) -> list[str]:
         """For people."""
+        said = [self.hint] if self.hint else []
         best = [one for one in self.alike if one.share == self.alike[0].share]
-        if not self.accepts:
+        if not self.accepts and not self.hint:
             names = ", ".join(one.name for one in best)
             like = f", as of {names}, looks alike" if names else " looks alike"
             return [f"no legal stream was accepted: any check that always fails{like}"]
-        said = []
         for one in best:
             how = "all" if one.share == 1 else f"{one.n_same} of {one.n_runs}"
             said.append(f"this looks like {one.sentence()} (explains {how} wrong runs)")

@@ -10,7 +10,7 @@ from conformance.harness.answers import Answer
 from conformance.harness.dumps import difference
 from conformance.harness.manifest import Case
 
-__all__ = ["KINDS", "Result", "judge"]
+__all__ = ["EXPECTED", "KINDS", "Result", "judge"]
 
 # Every kind of outcome, and what it means for the reader of a report.
 KINDS = {
@@ -27,6 +27,16 @@ KINDS = {
     "memory": "over the memory limit",
     "output": "wrote too much, or touched files that are not its own",
     "nondeterministic": "another answer when asked again",
+}
+# Of each kind without an answer to judge: what the contract asks for.
+EXPECTED = {
+    "noise": "nothing on standard output, but for one line on exit 1, 3, 4, 127:"
+    ' {"code": "E_CRC", "offset": 371}',
+    "protocol": 'a line for each request, and no other: {"id": 812, "exit": 0}',
+    "crash": "exit 0, 1, 3, 4 or 127; in batch mode a line for each request",
+    "timeout": "an answer within the time limit; in batch mode a line that is flushed",
+    "memory": "less memory than the limit",
+    "output": "fewer bytes in files than the limit, and no file touched that is not its own",
 }
 VERDICTS = {
     0: "accepted",

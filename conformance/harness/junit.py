@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from xml.etree import ElementTree
 
 from conformance.harness.judging import Result
+from conformance.harness.plain import MOST_OF_LINE, plain, plain_lines
 from conformance.harness.trial import Trial
 
 __all__ = ["as_junit"]
 
-NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-
 
 def as_junit(trial: Trial) -> str:
-    """The report as text. What is wrong with the trial as a whole is a suite of its own."""
+    """The report as text. What is wrong with the trial as a whole is a suite of its own.
+
+    All text in it is plain: XML has no way to hold other characters.
+    """
     root = ElementTree.Element("testsuites", name="evogs-conformance")
     families: dict[str, dict[str, list[Result]]] = {}
     for result in [*trial.results, *trial.again]:
@@ -27,8 +28,12 @@ def as_junit(trial: Trial) -> str:
     for name in ("tests", "failures", "errors", "skipped"):
         root.set(name, str(sum(int(suite.get(name, "0")) for suite in root)))
     root.set("time", f"{trial.seconds:.3f}")
+    for element in root.iter():
+        element.attrib = {key: plain(value, MOST_OF_LINE) for key, value in element.items()}
+        element.text = plain_lines(element.text) if element.text else None
     ElementTree.indent(root)
-    return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+    raw: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+    return raw.decode() + "\n"
 
 
 def _add_suite(root: ElementTree.Element, family: str, vectors: dict[str, list[Result]]) -> None:
@@ -43,13 +48,11 @@ def _add_suite(root: ElementTree.Element, family: str, vectors: dict[str, list[R
         if wrong:
             n_failures += 1
             says = f"{wrong[0].kind}: {wrong[0].says}"
-            failure = ElementTree.SubElement(
-                test, "failure", type=wrong[0].kind, message=_clean(says)
-            )
-            failure.text = _clean("\n".join(_lines(wrong)))
+            failure = ElementTree.SubElement(test, "failure", type=wrong[0].kind, message=says)
+            failure.text = "\n".join(_lines(wrong))
         elif all(result.kind == "skipped" for result in results):
             n_skipped += 1
-            ElementTree.SubElement(test, "skipped", message=_clean(results[0].says))
+            ElementTree.SubElement(test, "skipped", message=results[0].says)
     counts = {"tests": len(vectors), "failures": n_failures, "errors": 0, "skipped": n_skipped}
     for key, count in counts.items():
         suite.set(key, str(count))
@@ -60,8 +63,8 @@ def _add_trial(root: ElementTree.Element, trial: Trial) -> None:
     suite = ElementTree.SubElement(root, "testsuite", name="trial")
     test = ElementTree.SubElement(suite, "testcase", classname="evogs.trial", name="complete")
     if errors:
-        element = ElementTree.SubElement(test, "error", type="trial", message=_clean(errors[0]))
-        element.text = _clean("\n".join(errors))
+        element = ElementTree.SubElement(test, "error", type="trial", message=errors[0])
+        element.text = "\n".join(errors)
     for key, count in (("tests", 1), ("failures", 0), ("errors", len(errors[:1])), ("skipped", 0)):
         suite.set(key, str(count))
 
@@ -72,8 +75,3 @@ def _lines(results: list[Result]) -> Iterable[str]:
     yield f"requirements: {', '.join(vector.requirements)}"
     for result in results:
         yield f"{result.case.id} ({result.case.run.options()}): {result.kind}: {result.says}"
-
-
-def _clean(text: str) -> str:
-    """Without characters that XML cannot hold: some of the text comes from the decoder."""
-    return NOT_XML.sub("\ufffd", text)

@@ -7,14 +7,15 @@ manifest says must never end in a pass.
 from __future__ import annotations
 
 import hashlib
-import json
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
-__all__ = ["Case", "Run", "Suite", "SuiteError", "Vector", "load"]
+from conformance.harness.plain import read_json
+
+__all__ = ["MODES", "Case", "Run", "Suite", "SuiteError", "Vector", "load"]
 
 EXITS = (0, 1, 3, 4, 127)
 MODES = ("file", "progressive")
@@ -147,7 +148,7 @@ def load(folder: Path) -> Suite:
     """
     try:
         text = (folder / "manifest.json").read_bytes()
-        manifest = json.loads(text)
+        manifest = read_json(text)
     except (OSError, ValueError) as error:
         raise SuiteError(f"manifest.json: {error}") from None
     if not isinstance(manifest, dict) or not isinstance(manifest.get("vectors"), list):

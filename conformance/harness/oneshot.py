@@ -4,25 +4,21 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
-from conformance.harness.answers import (
-    EXITS,
-    MAX_TEXT,
-    Answer,
-    AnswerError,
-    Parcel,
-    read_fault,
-    read_output,
-)
-from conformance.harness.process import Bounds, Ended, run
+from conformance.harness.answers import EXITS, Answer, AnswerError, Parcel, read_fault
+from conformance.harness.plain import plain
+from conformance.harness.process import MOST_SAID, Bounds, Ended, run
+from conformance.harness.scratch import MOST_DEPTH, read_regular
 
-__all__ = ["OneShot", "died", "last_words"]
+__all__ = ["OneShot", "died", "last_words", "over"]
 
 OVER = {
     "timeout": "over the time limit of {0.seconds:g} s",
     "memory": "over the memory limit of {0.memory} bytes",
-    "output": "wrote over {0.written} bytes to files",
+    "output": "wrote over {0.written} bytes to files,"
+    f" or over {{0.files}} files, or folders over {MOST_DEPTH} deep or that cannot be read",
+    "keeper": "it ended the process of the harness that watches it",
+    "left": "it left processes that cannot be ended",
 }
 
 
@@ -35,23 +31,19 @@ class OneShot:
 
     def ask(self, parcel: Parcel, environment: Mapping[str, str]) -> Answer:
         """The answer to a run."""
-        stdout, stderr = (parcel.target.parent / name for name in ("stdout", "stderr"))
         ended = run(
             [*self.command, *parcel.arguments()],
             parcel.home,
             {**environment, "HOME": str(parcel.home), "TMPDIR": str(parcel.home)},
             self.bounds,
-            stdout=stdout,
-            stderr=stderr,
             written=parcel.folders,
         )
-        trouble, detail = died(ended, self.bounds, stderr)
+        trouble, detail = died(ended, self.bounds)
         answer = Answer(None, None, None, None, trouble, detail, ended.seconds, ended.peak)
         if trouble:
             return answer
-        said = read_output(stdout, MAX_TEXT) or b""
-        output = read_output(parcel.target, self.bounds.written)
-        code, offset, noise = _fault(ended.status, said)
+        output = read_regular(parcel.target, self.bounds.written)
+        code, offset, noise = _fault(ended.status, ended.stdout)
         return Answer(
             ended.status,
             output,
@@ -67,12 +59,12 @@ class OneShot:
         """Nothing is kept running."""
 
 
-def died(ended: Ended, bounds: Bounds, stderr: Path) -> tuple[str, str]:
+def died(ended: Ended, bounds: Bounds) -> tuple[str, str]:
     """(trouble, in words) of a process that did not answer; ("", "") if it did."""
     if ended.over:
-        return ended.over, OVER[ended.over].format(bounds)
+        return over(ended.over, bounds)
     if ended.peak > bounds.memory:
-        return "memory", OVER["memory"].format(bounds)
+        return over("memory", bounds)
     if ended.status in EXITS:
         return "", ""
     if ended.status < 0:
@@ -82,19 +74,18 @@ def died(ended: Ended, bounds: Bounds, stderr: Path) -> tuple[str, str]:
             how = f"killed by signal {-ended.status}"
     else:
         how = f"exit status {ended.status}, which means nothing"
-    return "crash", f"{how}{last_words(stderr)}"
+    return "crash", f"{how}{last_words(ended.stderr)}"
 
 
-def last_words(stderr: Path) -> str:
+def over(why: str, bounds: Bounds) -> tuple[str, str]:
+    """(trouble, in words) of a process that was killed for a reason (`Ended.over`)."""
+    return "crash" if why in ("keeper", "left") else why, OVER[why].format(bounds)
+
+
+def last_words(stderr: bytes) -> str:
     """The last line on standard error, to go behind a message."""
-    try:
-        with stderr.open("rb") as file:
-            file.seek(max(0, stderr.stat().st_size - 4096))
-            lines = file.read().decode("utf-8", "replace").split("\n")
-    except OSError:
-        return ""
-    lines = [line.strip() for line in lines if line.strip()]
-    return f": {lines[-1][:200]}" if lines else ""
+    lines = [line.strip() for line in stderr.split(b"\n") if line.strip()]
+    return f": {plain(lines[-1])}" if lines else ""
 
 
 def _fault(status: int, said: bytes) -> tuple[str | None, int | None, str]:
@@ -102,8 +93,10 @@ def _fault(status: int, said: bytes) -> tuple[str | None, int | None, str]:
     if not said:
         return None, None, ""
     if status == 0:
-        return None, None, f"accepted, but standard output has {said[:40]!r}"
+        return None, None, f'accepted, but standard output has "{plain(said, 40)}"'
+    if len(said) > MOST_SAID:
+        return None, None, f'standard output has over {MOST_SAID} bytes: "{plain(said, 40)}"'
     try:
-        return *read_fault(said.decode("utf-8", "replace")), ""
+        return *read_fault(said), ""
     except AnswerError as error:
-        return None, None, f"standard output has {said[:40]!r}: {error}"
+        return None, None, f'standard output has "{plain(said, 40)}": {error}'

@@ -1,6 +1,7 @@
 """The report as one HTML page that needs nothing else: a summary, and every run, to be filtered.
 
-What the decoder said is data from a stranger: it enters the page as JSON and is shown as text.
+What the decoder said is data from a stranger: it is made plain, enters the page as JSON, and is
+shown as text.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ import html
 import json
 from typing import Any
 
+from conformance.harness.plain import MOST_OF_LINE, plain, plain_all
 from conformance.harness.report import as_dict
 from conformance.harness.table import trial_line
 from conformance.harness.trial import Trial
@@ -26,14 +28,14 @@ def as_html(trial: Trial) -> str:
         title=html.escape(title),
         state=state,
         style=STYLE,
-        line=html.escape(trial_line(trial)),
-        command=html.escape(" ".join(trial.options.command)),
+        line=_text(trial_line(trial)),
+        command=_text(" ".join(trial.options.command)),
         messages=_messages(trial, report),
         families=_families(report["summary"]["families"]),
         requirements=_requirements(report["requirements"]),
         data=_embedded(_rows(trial, report)),
         script=SCRIPT,
-        name=html.escape(trial.capabilities.name if trial.capabilities else "?"),
+        name=_text(trial.capabilities.name if trial.capabilities else "?"),
     )
 
 
@@ -43,7 +45,7 @@ def _messages(trial: Trial, report: dict[str, Any]) -> str:
     lines += [("bad", f"incomplete: {text}") for text in trial.incomplete]
     lines += [("", note) for note in trial.notes]
     lines += [("good", report["claim"])] if report["claim"] else []
-    return "".join(f'<p class="{kind}">{html.escape(text)}</p>\n' for kind, text in lines)
+    return "".join(f'<p class="{kind}">{_text(text)}</p>\n' for kind, text in lines)
 
 
 def _families(families: dict[str, dict[str, int]]) -> str:
@@ -53,15 +55,15 @@ def _families(families: dict[str, dict[str, int]]) -> str:
         n_wrong = n - n_pass - n_skipped
         state = "bad" if n_wrong else "good" if n_pass else ""
         cells = f"<td>{n}<td>{n_pass}<td>{n_skipped}<td>{n_wrong}"
-        rows.append(f'<tr class="{state}"><th>{html.escape(family)}{cells}</tr>')
+        rows.append(f'<tr class="{state}"><th>{_text(family)}{cells}</tr>')
     return "\n".join(rows)
 
 
 def _requirements(states: dict[str, str]) -> str:
     kinds = {"pass": "good", "fail": "bad", "untested": ""}
     return "\n".join(
-        f'<button class="{kinds[state]}" data-find="{html.escape(requirement)}">'
-        f"{html.escape(requirement)}</button>"
+        f'<button class="{kinds[state]}" data-find="{_text(requirement)}">'
+        f"{_text(requirement)}</button>"
         for requirement, state in states.items()
     )
 
@@ -75,7 +77,11 @@ def _rows(trial: Trial, report: dict[str, Any]) -> list[list[str]]:
         needs = " ".join(vector.requirements)
         about = "" if result.kind == "pass" else f"{vector.tests} A faulty one: {vector.faulty}"
         rows.append([entry["kind"], entry["id"], entry["asked"], entry["says"], needs, about])
-    return rows
+    return [plain_all(row) for row in rows]
+
+
+def _text(text: str) -> str:
+    return html.escape(plain(text, MOST_OF_LINE))
 
 
 def _embedded(value: object) -> str:

@@ -1,19 +1,16 @@
 """A process under watch: bounded in time, memory and output, killed with all that it started.
 
 Limits are watched from outside (resident memory of the whole process tree, wall time, bytes written
-to its folder), because limits set inside mean different things to different runtimes: address space
-says nothing about the memory of a program on a virtual machine. Where the system has `prlimit`,
-file size and processor time are limited as well, for what escapes the watch.
+to its folders), because limits set inside mean different things to different runtimes: address
+space says nothing about the memory of a program on a virtual machine. Where the system has
+`prlimit`, file size is limited as well, for what escapes the watch.
 """
 
 from __future__ import annotations
 
-import atexit
 import os
-import resource
 import signal
-import subprocess
-import sys
+import tempfile
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,21 +19,27 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO
 
-__all__ = ["Bounds", "Ended", "Watched", "clean_environment", "folder_size", "run"]
+from conformance.harness.keepers import Keeper, KeeperLostError, free_keeper
+from conformance.harness.scratch import written_too_much
 
-# Linux counts ru_maxrss in KiB, macOS in bytes.
-RSS_UNIT = 1 if sys.platform == "darwin" else 1024
-SLACK = 1 << 20
-SHORTEST_NAP, LONGEST_NAP = 0.001, 0.02  # seconds
+__all__ = ["MOST_SAID", "Bounds", "Ended", "Watched", "clean_environment", "read_tail", "run"]
+
+LEAST_MEMORY = 1 << 20  # of a process: so their number is bounded too
+GLANCE = 0.02  # seconds between looks
+DUTY = 4  # a look that takes long is not taken more often than this
+MOST_SAID = 1 << 16  # bytes of standard output that are kept
+MOST_WORDS = 1 << 12  # and of standard error
+TRIES = 3
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """What a process may use: wall seconds, bytes of memory, bytes written to files."""
+    """What a process may use: wall seconds, bytes of memory, bytes written to files, files."""
 
     seconds: float = 20.0
     memory: int = 1 << 30
     written: int = 64 << 20
+    files: int = 10_000
 
 
 @dataclass(frozen=True)
@@ -46,20 +49,24 @@ class Ended:
     Attributes:
         status: its exit status; negative: the number of the signal that ended it.
         over: what it used too much of and was killed for: "timeout", "memory", "output";
-            "killed": without a reason; "": it ended by itself.
+            "killed": without a reason; "keeper": it did away with its keeper; "left": it started
+            processes that cannot be killed; "": it ended by itself.
         seconds: wall time.
-        peak: bytes of memory at most, as far as seen: of a short run that took less than the
-            harness itself, what a look at it showed.
+        peak: bytes of memory at most, of one of its processes or, as far as seen, of all together.
+        stdout: the first bytes on standard output, one more than `MOST_SAID` at most.
+        stderr: the last bytes on standard error.
     """
 
     status: int
     over: str
     seconds: float
     peak: int
+    stdout: bytes = b""
+    stderr: bytes = b""
 
 
 class Watched:
-    """A running process in a session of its own."""
+    """A running process, below a keeper that ends all that it starts."""
 
     def __init__(
         self,
@@ -68,106 +75,162 @@ class Watched:
         environment: Mapping[str, str],
         bounds: Bounds,
         *,
-        stdin: int | IO[bytes] = subprocess.DEVNULL,
-        stdout: int | IO[bytes] = subprocess.DEVNULL,
-        stderr: int | IO[bytes] = subprocess.DEVNULL,
+        files: tuple[int, int, int],
         written: Sequence[Path] = (),
     ) -> None:
+        """Start it.
+
+        Args:
+            command: its words.
+            folder: where it starts.
+            environment: its own.
+            bounds: what it may use.
+            files: its standard input, output and error; they stay open here.
+            written: folders that count as its output, as do regular files among `files`.
+
+        Raises:
+            OSError: it cannot be started.
+        """
         self.bounds = bounds
         self.peak = 0
+        self.nap = GLANCE  # seconds until it should be looked at again
+        self.ended: Ended | None = None
         self._written = written
-        # A process begins as a copy of this one, and the system counts that.
-        self._ours = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        self._files = [os.dup(number) for number in files[1:]]
         self.started = time.monotonic()
+        self._keeper: Keeper | None = None
         try:
             with _interrupts_held():
-                self.process = subprocess.Popen(
-                    list(command),
-                    cwd=folder,
-                    env=dict(environment),
-                    stdin=stdin,
-                    stdout=stdout,
-                    stderr=stderr,
-                    start_new_session=True,
-                )
-                _running.add(self)
-        except KeyboardInterrupt:
-            if "process" in vars(self):
+                self._keeper = _started(command, folder, environment, bounds.written, files)
+        except BaseException:
+            if self._keeper is not None:  # an interrupt
                 self.end()
+            self._close_files()
             raise
-        if sys.platform == "linux":
-            limit = resource.prlimit
-            try:
-                most = bounds.written + SLACK  # so that the watch sees who wrote too much
-                limit(self.process.pid, resource.RLIMIT_FSIZE, (most, most))
-                limit(self.process.pid, resource.RLIMIT_CORE, (0, 0))
-            except OSError:  # it has ended already
-                pass
 
     def look(self) -> int:
         """Bytes of memory that the process and all it started have used at most; kept in `peak`."""
-        self.peak = max(self.peak, tree_memory(self.process.pid))
+        if self._keeper is not None:
+            processes = self._keeper.processes(self.bounds.memory // LEAST_MEMORY)
+            self.peak = max(self.peak, sum(map(memory_of, processes)))
         return self.peak
 
-    def over(self, since: float) -> str:
-        """What the process uses too much of, with wall time counted from `since`; "" if nothing."""
-        if self.look() > self.bounds.memory:
-            return "memory"
-        if self._wrote_too_much():
-            return "output"
-        return "timeout" if time.monotonic() - since > self.bounds.seconds else ""
+    def is_lost(self) -> bool:
+        """Whether nobody watches it any more."""
+        return self._keeper is not None and self._keeper.is_lost()
+
+    def over(self, since: float, also: Sequence[Path] = ()) -> str:
+        """What the process uses too much of; "" if nothing.
+
+        Args:
+            since: from when on wall time counts.
+            also: more folders that count as its output.
+        """
+        began = time.monotonic()
+        why = ""
+        if self.is_lost():
+            why = "keeper"
+        elif self.look() > self.bounds.memory:
+            why = "memory"
+        elif self._wrote_too_much(also):
+            why = "output"
+        elif began - since > self.bounds.seconds:
+            why = "timeout"
+        self.nap = max(GLANCE, DUTY * (time.monotonic() - began))
+        return why
 
     def wait(self) -> Ended:
         """Wait for the end, or bring it about."""
-        over, nap = "", SHORTEST_NAP
+        over = ""
         while not over:
-            ended = self._reap(os.WNOHANG)
+            ended = self.wait_for(self.nap)
             if ended is not None:
                 return ended
-            time.sleep(nap)
-            nap = min(nap * 1.5, LONGEST_NAP)
-            if nap > 4 * SHORTEST_NAP:
-                over = self.over(self.started)
+            over = self.over(self.started)
         return self.end(over)
+
+    def wait_for(self, seconds: float) -> Ended | None:
+        """How it ended, if it does so in this time."""
+        if self._keeper is not None:
+            try:
+                answer = self._keeper.answer(seconds)
+            except KeeperLostError:
+                return self._lost()
+            if answer is None:
+                return None
+            self._conclude(answer, "")
+        return self.ended
 
     def end(self, over: str = "killed") -> Ended:
         """Kill it for this reason, unless it has ended by itself."""
-        ended = self._reap(os.WNOHANG)
-        if ended is None:
-            self._kill()
-            ended = self._reap(0)
-            assert ended is not None
-            ended = replace(ended, over=over)
-        return ended
+        if self._keeper is not None:
+            try:
+                answer = self._keeper.end()
+            except KeeperLostError:
+                return self._lost()
+            self._conclude(answer, over)
+        assert self.ended is not None
+        return self.ended
 
-    def _reap(self, options: int) -> Ended | None:
-        pid, status, usage = os.wait4(self.process.pid, options)
-        if not pid:
-            return None
-        self.process.returncode = code = os.waitstatus_to_exitcode(status)
-        _running.discard(self)
-        self._kill()  # what it started and left behind
-        if usage.ru_maxrss > self._ours:
-            self.peak = max(self.peak, usage.ru_maxrss * RSS_UNIT)
-        over = "output" if self._wrote_too_much() else ""
-        return Ended(code, over, time.monotonic() - self.started, self.peak)
+    def _conclude(self, answer: Mapping[str, int], over: str) -> None:
+        assert self._keeper is not None
+        self.peak = max(self.peak, answer["peak"])
+        over = over if answer["killed"] else ""
+        over = over or ("output" if self._wrote_too_much() else "")
+        self._close_files()
+        if answer["left"]:
+            over = over or "left"
+            self._keeper.discard()
+        else:
+            self._keeper.give_back()
+        self._keeper = None
+        self.ended = Ended(answer["status"], over, time.monotonic() - self.started, self.peak)
 
-    def _wrote_too_much(self) -> bool:
-        return sum(map(folder_size, self._written)) > self.bounds.written
+    def _lost(self) -> Ended:
+        assert self._keeper is not None
+        self._keeper.discard()
+        self._keeper = None
+        self._close_files()
+        seconds = time.monotonic() - self.started
+        self.ended = Ended(-signal.SIGKILL, "keeper", seconds, self.peak)
+        return self.ended
 
-    def _kill(self) -> None:
-        with suppress(ProcessLookupError, PermissionError):  # macOS: only zombies are left
-            os.killpg(self.process.pid, signal.SIGKILL)
+    def _wrote_too_much(self, also: Sequence[Path] = ()) -> bool:
+        most = self.bounds.written
+        if self._files and sum(os.fstat(number).st_size for number in self._files) > most:
+            return True
+        return written_too_much([*self._written, *also], most, self.bounds.files)
+
+    def _close_files(self) -> None:
+        for number in self._files:
+            os.close(number)
+        self._files = []
 
 
-_running: set[Watched] = set()
+def _started(
+    command: Sequence[str],
+    folder: Path,
+    environment: Mapping[str, str],
+    written: int,
+    files: tuple[int, int, int],
+) -> Keeper:
+    """A keeper that has started a command.
 
-
-@atexit.register
-def _end_all() -> None:
-    """End what an interrupt has left running, wherever it came."""
-    for watched in list(_running):
-        watched._kill()
+    Raises:
+        OSError: the command cannot be started.
+    """
+    for _ in range(TRIES):
+        keeper = free_keeper()
+        try:
+            keeper.start(command, folder, environment, written, files)
+        except KeeperLostError:  # ended while it was free
+            keeper.discard()
+        except OSError:
+            keeper.give_back()
+            raise
+        else:
+            return keeper
+    raise OSError("what should start it ends at once")
 
 
 @contextmanager
@@ -196,20 +259,35 @@ def run(
     environment: Mapping[str, str],
     bounds: Bounds,
     *,
-    stdout: Path,
-    stderr: Path,
     written: Sequence[Path] = (),
 ) -> Ended:
-    """Run a command to its end; standard output and standard error go to files."""
-    with stdout.open("wb") as out, stderr.open("wb") as err:
-        watched = Watched(
-            command, folder, environment, bounds, stdout=out, stderr=err, written=written
-        )
+    """Run a command to its end; what it said stands in the answer.
+
+    Standard output and standard error are files without a name, which nobody else can replace.
+
+    Raises:
+        OSError: it cannot be started.
+    """
+    with (
+        Path(os.devnull).open("rb") as nothing,
+        tempfile.TemporaryFile(buffering=0) as out,
+        tempfile.TemporaryFile(buffering=0) as err,
+    ):
+        files = (nothing.fileno(), out.fileno(), err.fileno())
+        watched = Watched(command, folder, environment, bounds, files=files, written=written)
         try:
-            return watched.wait()
+            ended = watched.wait()
         except BaseException:  # an interrupt
             watched.end()
             raise
+        said = os.pread(out.fileno(), MOST_SAID + 1, 0)
+        return replace(ended, stdout=said, stderr=read_tail(err))
+
+
+def read_tail(file: IO[bytes]) -> bytes:
+    """The last bytes of a file."""
+    number = file.fileno()
+    return os.pread(number, MOST_WORDS, max(0, os.fstat(number).st_size - MOST_WORDS))
 
 
 def clean_environment(home: Path, passed: Sequence[str] = ()) -> dict[str, str]:
@@ -225,25 +303,27 @@ def clean_environment(home: Path, passed: Sequence[str] = ()) -> dict[str, str]:
     return environment | {name: os.environ[name] for name in passed if name in os.environ}
 
 
-def tree_memory(pid: int) -> int:
-    """The most resident bytes of a process and of all it started; 0 where there is no /proc."""
-    total, waiting = 0, [pid]
-    while waiting:
-        root = Path("/proc") / str(waiting.pop())
-        try:
-            _, _, rest = (root / "status").read_text().partition("VmHWM:")
-            total += int(rest.split(maxsplit=1)[0]) * 1024 if rest else 0  # none: a zombie
-            for task in (root / "task").iterdir():
-                waiting += map(int, (task / "children").read_text().split())
-        except OSError:  # it has ended, or there is no /proc
-            continue
-    return total
+def memory_of(pid: int) -> int:
+    """The most resident bytes of a process, one MiB at least; that much where there is no /proc.
+
+    Its first thread may have ended while others run: then only they show the memory.
+    """
+    process = Path("/proc") / str(pid)
+    peak = _peak(process)
+    if not peak:
+        with suppress(OSError):  # it has ended
+            peak = max(map(_peak, (process / "task").iterdir()), default=0)
+    return max(peak, LEAST_MEMORY)
 
 
-def folder_size(folder: Path) -> int:
-    """Bytes of the files directly in a folder."""
-    total = 0
-    with suppress(OSError):  # it is gone, or a file in it
-        for entry in os.scandir(folder):
-            total += entry.stat(follow_symlinks=False).st_size
-    return total
+def _peak(task: Path) -> int:
+    """What the line VmHWM says in bytes; 0 if there is none, as of a thread that has ended.
+
+    Only the beginning of a line counts: another line has the name of the process, which may be
+    any bytes but a line end.
+    """
+    with suppress(OSError):  # it has ended
+        for line in (task / "status").read_bytes().split(b"\n"):
+            if line.startswith(b"VmHWM:"):
+                return int(line.split()[1]) * 1024
+    return 0

@@ -13,6 +13,7 @@ from dataclasses import asdict
 from typing import Any
 
 from conformance.harness.judging import Result
+from conformance.harness.plain import plain_all
 from conformance.harness.table import requirements
 from conformance.harness.trial import PASSED, Trial, harness_sha256
 
@@ -33,10 +34,10 @@ def as_json(trial: Trial) -> str:
 
 
 def as_dict(trial: Trial) -> Entry:
-    """The report."""
-    results = [_result(result) for result in trial.results]
+    """The report; all text in it is plain."""
+    results = plain_all([_result(result) for result in trial.results])
     again = [_result(result) for result in trial.again]
-    return {
+    report = {
         "header": _header(trial),
         "results": results,
         "again": again,
@@ -47,6 +48,7 @@ def as_dict(trial: Trial) -> Entry:
             "together": [asdict(likeness) for likeness in trial.diagnosis.together],
             "n_explained": trial.diagnosis.n_explained,
             "n_wrong": trial.diagnosis.n_wrong,
+            "hint": trial.diagnosis.hint,
         },
         "notes": trial.notes,
         "failures": trial.failures,
@@ -58,6 +60,7 @@ def as_dict(trial: Trial) -> Entry:
             "results_sha256": hashlib.sha256(json.dumps(results).encode()).hexdigest(),
         },
     }
+    return {key: plain_all(value) for key, value in report.items()}
 
 
 def claim(trial: Trial) -> str | None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import queue
 import random
 import secrets
-import tempfile
 import threading
+import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,13 +18,19 @@ from typing import Protocol
 from conformance.harness.answers import Answer, Parcel
 from conformance.harness.batch import Batch
 from conformance.harness.capabilities import Capabilities, lacking
-from conformance.harness.judging import Result, judge
-from conformance.harness.manifest import Case, Run
+from conformance.harness.judging import EXPECTED, Result, judge
+from conformance.harness.manifest import Case, Run, SuiteError
 from conformance.harness.oneshot import OneShot
+from conformance.harness.plain import plain
 from conformance.harness.process import Bounds, clean_environment
+from conformance.harness.scratch import read_regular, scratch
 
-__all__ = ["Asker", "Options", "ask_again", "run_cases"]
+__all__ = ["Asked", "Asker", "Options", "ask_again", "ask_once", "run_cases"]
 
+# Runs after which the rest is not asked, if all of them failed alike.
+N_ALIKE, N_ALIKE_HANGS = 12, 4
+# What is no fault of a decoder: the disk is full, there are no more file numbers.
+OURS = (errno.ENOSPC, errno.EDQUOT, errno.EMFILE, errno.ENFILE)
 # Two surroundings in which a decoder is asked again: nothing of them may show in its answer.
 SURROUNDINGS = (
     {"LC_ALL": "C", "LANG": "C", "TZ": "Pacific/Auckland", "PYTHONHASHSEED": "1"},
@@ -81,16 +88,32 @@ class Options:
         return OneShot(self.command, self.bounds)
 
 
+@dataclass(frozen=True)
+class Asked:
+    """What came of many runs.
+
+    Attributes:
+        results: in the order of the cases, those not run left out.
+        ended: why some were not run; "" if all were.
+    """
+
+    results: list[Result]
+    ended: str
+
+
 def run_cases(
     cases: Sequence[Case],
     capabilities: Capabilities,
     golden: Callable[[str], bytes],
     options: Options,
     progress: Callable[[int, int], None] = lambda done, all_: None,
-) -> list[Result]:
-    """Ask the decoder every case; results in the order of the cases, those not run left out.
+) -> Asked:
+    """Ask the decoder every case, unless it hangs too often or fails always alike.
 
     The order of asking is drawn by chance, so that a decoder cannot lean on what came before.
+
+    Raises:
+        SuiteError: a golden is missing.
     """
     order = list(range(len(cases)))
     random.Random(options.seed).shuffle(order)
@@ -98,31 +121,35 @@ def run_cases(
     for number in order:
         waiting.put(number)
     results: dict[int, Result] = {}
-    hangs: list[int] = []
+    troubles: list[str] = []
+    ends: list[str] = []
     errors: list[BaseException] = []
 
     def work(worker: int, root: Path) -> None:
         asker = options.asker(options.seed + worker)
+        case = None
         try:
-            while len(hangs) < options.patience and not errors:
+            while not ends and not errors:
                 number = waiting.get_nowait()
                 case = cases[number]
-                answer = _ask(asker, case, root, clean_environment(root, options.passed))
-                missing = lacking(capabilities, case)
-                results[number] = judge(case, answer, missing, golden, codes=capabilities.codes)
-                if answer.trouble == "timeout":
-                    hangs.append(number)
+                result = ask_once(asker, case, root, capabilities, golden, options)
+                results[number] = result
+                troubles.append(result.answer.trouble)
                 progress(len(results), len(cases))
+                if len(results) < len(cases) and (why := _why_end(troubles, result, options)):
+                    ends.append(why)
         except queue.Empty:
             pass
-        except BaseException as error:  # raised again where the results are read
+        except SuiteError as error:  # raised again where the results are read
             errors.append(error)
+        except Exception as error:  # the results so far are not lost
+            ends.append(_own_fault(error, case))
         finally:
             asker.close()
 
-    with tempfile.TemporaryDirectory(prefix="evogs-", ignore_cleanup_errors=True) as name:
+    with scratch() as folder:
         workers = [
-            threading.Thread(target=work, args=(worker, Path(name)), daemon=True)
+            threading.Thread(target=work, args=(worker, folder / str(worker)), daemon=True)
             for worker in range(max(1, min(options.jobs, len(cases))))
         ]
         for thread in workers:
@@ -136,7 +163,21 @@ def run_cases(
                 thread.join()
     if errors:
         raise errors[0]
-    return [results[number] for number in sorted(results)]
+    return Asked([results[number] for number in sorted(results)], ends[0] if ends else "")
+
+
+def ask_once(
+    asker: Asker,
+    case: Case,
+    root: Path,
+    capabilities: Capabilities,
+    golden: Callable[[str], bytes],
+    options: Options,
+) -> Result:
+    """Ask a case and judge the answer; `root` is a folder for its files."""
+    answer = _ask(asker, case, root, clean_environment(root, options.passed))
+    missing = lacking(capabilities, case)
+    return judge(case, answer, missing, golden, codes=capabilities.codes)
 
 
 def ask_again(results: Sequence[Result], options: Options) -> tuple[int, list[Result]]:
@@ -150,8 +191,7 @@ def ask_again(results: Sequence[Result], options: Options) -> tuple[int, list[Re
     sample = [result for result in results if not result.answer.trouble]
     sample = random.Random(options.seed).sample(sample, min(options.n_again, len(sample)))
     asker, found = options.one_shot(), []
-    with tempfile.TemporaryDirectory(prefix="evogs-", ignore_cleanup_errors=True) as name:
-        root = Path(name)
+    with scratch() as root:
         for result in sample:
             for surroundings in SURROUNDINGS:
                 environment = clean_environment(root, options.passed) | surroundings
@@ -164,14 +204,44 @@ def ask_again(results: Sequence[Result], options: Options) -> tuple[int, list[Re
     return len(sample), found
 
 
+def _why_end(troubles: Sequence[str], result: Result, options: Options) -> str:
+    """Why the rest need not be asked; "" if it must."""
+    n = len(troubles)
+    if troubles.count("timeout") >= options.patience:
+        return f"given up after {options.patience} hangs"
+    if n >= (N_ALIKE_HANGS if result.kind == "timeout" else N_ALIKE) and set(troubles) == {
+        result.kind
+    }:
+        return (
+            f"ended early, because all of the first {n} runs failed alike ({result.kind});"
+            f" seen: {result.says}; expected: {EXPECTED[result.kind]}"
+        )
+    return ""
+
+
+def _own_fault(error: Exception, case: Case | None) -> str:
+    """The harness itself failed: where and how, in a line."""
+    frames = traceback.extract_tb(error.__traceback__)
+    at = f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else "?"
+    on = "" if case is None else f" on {case.id}"
+    return plain(f"the harness failed{on}: {type(error).__name__} in {at}: {error}")
+
+
 def _ask(asker: Asker, case: Case, root: Path, environment: dict[str, str]) -> Answer:
     """Put the files of a run into a fresh folder and ask; nothing of it stays."""
-    with tempfile.TemporaryDirectory(dir=root, prefix="", ignore_cleanup_errors=True) as name:
-        parcel = _parcel(case.run, case.data, Path(name))
-        answer = asker.ask(parcel, environment)
-        if not answer.trouble and not _unchanged(parcel.source, case.data):
-            return replace(answer, trouble="output", detail="the input file was changed")
-        return answer
+    try:
+        root.mkdir(exist_ok=True)
+        with scratch(root, prefix="") as folder:
+            parcel = _parcel(case.run, case.data, folder)
+            answer = asker.ask(parcel, environment)
+            if not answer.trouble and read_regular(parcel.source, len(case.data)) != case.data:
+                return replace(answer, trouble="output", detail="the input file was changed")
+            return answer
+    except OSError as error:
+        if error.errno in OURS:
+            raise
+        says = f"the files of the run cannot be used, or the decoder not be started: {error}"
+        return Answer(None, trouble="output", detail=plain(says))
 
 
 def _parcel(run: Run, data: bytes, folder: Path) -> Parcel:
@@ -195,13 +265,6 @@ def _parcel(run: Run, data: bytes, folder: Path) -> Parcel:
         limits=None if run.limits is None else put(json.dumps(dict(run.limits)).encode()),
         arrival=None if run.arrival is None else put(json.dumps(run.arrival).encode()),
     )
-
-
-def _unchanged(path: Path, data: bytes) -> bool:
-    try:
-        return path.read_bytes() == data
-    except OSError:
-        return False
 
 
 def _how_they_differ(first: Answer, again: Answer) -> str:

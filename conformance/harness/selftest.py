@@ -2,31 +2,41 @@
 
 A harness that lets a wrong decoder pass is worse than none. `bad/expected.json` says for each
 decoder the exit code of the trial and the kinds of outcome by class of run: exactly these, where
-`?` marks one that may be missing. Classes that are not named pass.
+`?` marks one that may be missing. Classes that are not named pass. `told` are words of the report,
+`system` is the only one where such a decoder can be run. Of none may a process be left, nor a
+character in a report that moves a cursor or breaks a page.
 """
 
 from __future__ import annotations
 
+import fcntl
 import json
 import shutil
 import sys
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
+from conformance.harness.bad.escapes import ALIVE
 from conformance.harness.dumps import tiles_of
+from conformance.harness.junit import as_junit
 from conformance.harness.manifest import Case, Suite, SuiteError, load
+from conformance.harness.page import as_html
 from conformance.harness.process import Bounds
+from conformance.harness.report import as_json
 from conformance.harness.runner import Options
+from conformance.harness.scratch import scratch
+from conformance.harness.table import report
 from conformance.harness.trial import FAILED, Choice, Trial, hold
 
 __all__ = ["CLASSES", "Judged", "class_of", "self_test", "small_suite"]
 
 BAD = Path(__file__).resolve().parent / "bad"
-BOUNDS = Bounds(seconds=4.0, memory=256 << 20, written=8 << 20)
+BOUNDS = Bounds(seconds=4.0, memory=256 << 20, written=8 << 20, files=500)
 PATIENCE = 1
+SYSTEM = sys.platform
 CLASSES = {  # how many runs of each the small suite has
     "accepted": 4,
     "progressive": 2,
@@ -63,11 +73,12 @@ def self_test(vectors: Path, *, names: Sequence[str] = (), jobs: int = 2) -> Ite
     unknown = set(names) - set(table)
     if unknown:
         raise SuiteError(f"no bad decoder has the name {', '.join(sorted(unknown))}")
-    with tempfile.TemporaryDirectory(prefix="selftest-") as folder:
-        small_suite(load(vectors), Path(folder))
-        for name in names or table:
-            trial = _trial(name.partition(" ")[0], table[name], Path(folder), jobs)
-            problems = tuple(_problems(table[name], trial))
+    with scratch(prefix="selftest-") as folder:
+        small_suite(load(vectors), folder)
+        usual = [name for name, entry in table.items() if entry.get("system") in (None, SYSTEM)]
+        for name in names or usual:
+            trial = _trial(name.partition(" ")[0], table[name], folder, jobs)
+            problems = (*_problems(table[name], trial), *_left(folder))
             yield Judged(name, table[name]["says"], problems, trial.seconds)
 
 
@@ -182,6 +193,33 @@ def _problems(entry: Mapping[str, Any], trial: Trial) -> Iterator[str]:
         if not must <= kinds <= may:
             came = ", ".join(sorted(kinds)) or "nothing"
             yield f"{name}: {came}, should be {', '.join(wanted) or 'nothing'}"
+
+    yield from _not_told(entry, trial)
+
+
+def _not_told(entry: Mapping[str, Any], trial: Trial) -> Iterator[str]:
+    """What the reports should say and do not, and what they must not hold."""
+    text = report(trial)
+    yield from (f"not told: {words}" for words in entry.get("told", []) if words not in text)
+    ElementTree.fromstring(as_junit(trial))
+    for name, made in (
+        ("the table", text),
+        ("JSON", as_json(trial)),
+        ("JUnit", as_junit(trial)),
+        ("the page", as_html(trial)),
+    ):
+        strange = {c for c in made if c != "\n" and not c.isprintable()}
+        if strange:
+            yield f"{name} has characters that are not printable: {sorted(map(ascii, strange))}"
+
+
+def _left(folder: Path) -> Iterator[str]:
+    """What a decoder has left running."""
+    with (folder / ALIVE).open("wb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            yield "a process that it started is still there"
 
 
 def _kinds(entry: Mapping[str, Any], trial: Trial) -> dict[str, set[str]]:

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable
 
 from conformance.harness.judging import KINDS, Result
+from conformance.harness.plain import plain_lines, say
 from conformance.harness.trial import FAILED, INCOMPLETE, PASSED, Trial
 
 __all__ = ["print_report", "report", "requirements"]
@@ -17,17 +18,17 @@ COLUMNS = ("pass", "skipped", "wrong verdict", "wrong dump", "wrong code")
 
 def print_report(trial: Trial) -> None:
     """Print the report."""
-    print(report(trial))
+    say(report(trial))
 
 
 def report(trial: Trial) -> str:
-    """The report as text."""
+    """The report as plain text."""
     lines = list(_families(trial.results))
     lines += _failures(trial)
     lines += _requirements(trial.results)
     lines += [f"note: {note}" for note in trial.notes]
     lines += [trial_line(trial), *_conclusion(trial)]
-    return "\n".join(lines)
+    return plain_lines("\n".join(lines))
 
 
 def requirements(results: Iterable[Result]) -> dict[str, str]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import secrets
-import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
+from conformance.harness.alone import ask_alone
 from conformance.harness.canary import canaries
 from conformance.harness.capabilities import Capabilities, CapabilityError, ask_capabilities
 from conformance.harness.diagnosis import (
@@ -26,6 +26,7 @@ from conformance.harness.judging import Result
 from conformance.harness.manifest import Case, Suite, SuiteError, load
 from conformance.harness.process import clean_environment
 from conformance.harness.runner import Options, ask_again, run_cases
+from conformance.harness.scratch import scratch
 
 __all__ = [
     "FAILED",
@@ -34,6 +35,7 @@ __all__ = [
     "Choice",
     "Trial",
     "draw_seed",
+    "families",
     "harness_sha256",
     "hold",
 ]
@@ -134,12 +136,14 @@ def hold(choice: Choice, options: Options, progress: Progress = lambda done, all
     """
     trial, started = Trial(options, choice), time.monotonic()
     try:
-        with tempfile.TemporaryDirectory(prefix="fresh-") as folder:
-            _hold(trial, Path(folder), progress)
+        with scratch(prefix="fresh-") as folder:
+            _hold(trial, folder, progress)
     except SuiteError as error:
         trial.incomplete.append(str(error))
     except CapabilityError as error:
         trial.failures.append(str(error))
+    except OSError as error:
+        trial.incomplete.append(f"the harness cannot go on: {error}")
     trial.seconds = time.monotonic() - started
     return trial
 
@@ -162,8 +166,8 @@ def _hold(trial: Trial, folder: Path, progress: Progress) -> None:
         cases += fresh.cases()
         goldens = {run.dump: fresh for case in fresh.cases() if (run := case.run).dump}
     trial.n_cases = len(cases)
-    with tempfile.TemporaryDirectory() as home:
-        environment = clean_environment(Path(home), options.passed)
+    with scratch() as home:
+        environment = clean_environment(home, options.passed)
         trial.capabilities = ask_capabilities(options.command, environment, options.bounds)
     if options.batch and not trial.capabilities.batch:
         trial.notes.append("the decoder has no batch mode: one process per run")
@@ -172,8 +176,12 @@ def _hold(trial: Trial, folder: Path, progress: Progress) -> None:
     def golden(sha256: str) -> bytes:
         return goldens.get(sha256, suite).golden(sha256)
 
-    trial.results = run_cases(cases, trial.capabilities, golden, options, progress)
-    _conclude(trial, read_fingerprints(choice.vectors))
+    asked = run_cases(cases, trial.capabilities, golden, options, progress)
+    trial.results = asked.results
+    if asked.ended:
+        n_left = trial.n_cases - len(trial.results)
+        trial.incomplete.append(f"{n_left} runs left: {asked.ended}")
+    _conclude(trial, read_fingerprints(choice.vectors), golden)
 
 
 def _fresh(trial: Trial, folder: Path) -> Suite | None:
@@ -190,16 +198,18 @@ def _fresh(trial: Trial, folder: Path) -> Suite | None:
         return None
 
 
-def _conclude(trial: Trial, fingerprints: Mapping[str, Fingerprint]) -> None:
+def _conclude(
+    trial: Trial, fingerprints: Mapping[str, Fingerprint], golden: Callable[[str], bytes]
+) -> None:
     options = trial.options
+    assert trial.capabilities is not None
     trial.n_again, trial.again = ask_again(trial.results, options)
     covered = [result for result in trial.results if result.case.id in trial.vector_runs]
-    codes = trial.capabilities is not None and trial.capabilities.codes
-    found = diagnose(covered, fingerprints, codes=codes)
-    trial.diagnosis = replace(found, accepts=accepts_any(covered))
-    n_missing = trial.n_cases - len(trial.results)
-    if n_missing:
-        trial.incomplete.append(f"given up after {options.patience} hangs: {n_missing} runs left")
+    hint, explains = ask_alone(trial.results, trial.capabilities, golden, options)
+    found = diagnose(covered, fingerprints, codes=trial.capabilities.codes)
+    if explains:  # the answers do not say how the decoder decodes
+        found = Diagnosis()
+    trial.diagnosis = replace(found, accepts=accepts_any(covered), hint=hint)
     asked = [result for result in trial.results if result.case.vector.family != "canary"]
     if asked and all(result.kind == "skipped" for result in asked):
         trial.incomplete.append("all runs were skipped: the decoder declares that it does nothing")
@@ -212,6 +222,18 @@ def _conclude(trial: Trial, fingerprints: Mapping[str, Fingerprint]) -> None:
 def draw_seed() -> int:
     """A seed that nobody can have known."""
     return secrets.randbelow(1 << 31)
+
+
+def families(folder: Path) -> set[str]:
+    """Of the vectors in a folder, and of those that the harness makes of them.
+
+    Raises:
+        SuiteError: the suite cannot be read.
+    """
+    suite = load(folder)
+    return {vector.family for vector in suite.vectors} | {
+        str(entry.get("rule")) for entry in suite.families
+    }
 
 
 def harness_sha256() -> str:

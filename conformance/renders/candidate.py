@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
 import secrets
-import tempfile
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from pathlib import Path
 
-from conformance.harness.oneshot import OVER, last_words
+from conformance.harness.oneshot import last_words, over
 from conformance.harness.process import Bounds, clean_environment, run
+from conformance.harness.scratch import read_regular, scratch
 from conformance.renders.judging import Numbers, judge, read_golden, read_picture
 from conformance.renders.manifest import Image, Suite
 from conformance.renders.png import Pixels, PngError
@@ -73,8 +71,7 @@ def ask_all(
 
 def ask(suite: Suite, image: Image, renderer: Renderer) -> Result:
     """Have one image rendered and judge it."""
-    with tempfile.TemporaryDirectory(prefix="evogs-") as name:
-        folder = Path(name)
+    with scratch() as folder:
         home = folder / "home"
         home.mkdir()
         # Names say nothing of what is expected.
@@ -86,30 +83,32 @@ def ask(suite: Suite, image: Image, renderer: Renderer) -> Result:
         arguments = ["--in", stream, "--camera", camera, "--level", image.level]
         arguments += ["--background", *image.background, "--out", target]
         arguments += ["--antialiased"] * suite.scenes[image.scene].antialiased
-        stderr = folder / "stderr"
-        ended = run(
-            [*renderer.command, *map(str, arguments)],
-            home,
-            clean_environment(home, renderer.passed),
-            renderer.bounds,
-            stdout=Path(os.devnull),
-            stderr=stderr,
-            written=(folder, home),
-        )
+        try:
+            ended = run(
+                [*renderer.command, *map(str, arguments)],
+                home,
+                clean_environment(home, renderer.passed),
+                renderer.bounds,
+                written=[folder],
+            )
+        except OSError as error:
+            wrong = f"the command cannot be started: {error}"
+            return Result(image, "no picture", wrong, None, None, 0.0)
         if ended.over:
-            wrong = OVER[ended.over].format(renderer.bounds)
+            _, wrong = over(ended.over, renderer.bounds)
             return Result(image, "no picture", wrong, None, None, ended.seconds)
         if ended.status == UNSUPPORTED:
             return Result(image, "unsupported", "", None, None, ended.seconds)
         if ended.status != 0:
-            wrong = f"exit status {ended.status}{last_words(stderr)}"
+            wrong = f"exit status {ended.status}{last_words(ended.stderr)}"
             return Result(image, "no picture", wrong, None, None, ended.seconds)
+        picture = read_regular(target, renderer.bounds.written)
+        if picture is None:
+            return Result(image, "no picture", "no file", None, None, ended.seconds)
         try:
-            pixels = read_picture(target.read_bytes(), image)
-        except (OSError, PngError) as error:
-            wrong = (
-                "no file" if isinstance(error, OSError) else f"the file is not as asked: {error}"
-            )
+            pixels = read_picture(picture, image)
+        except PngError as error:
+            wrong = f"the file is not as asked: {error}"
             return Result(image, "no picture", wrong, None, None, ended.seconds)
     return judged(suite, image, pixels, ended.seconds)
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from conformance.harness.manifest import SuiteError
+from conformance.harness.plain import plain_lines, say
 from conformance.harness.process import Bounds
 from conformance.harness.trial import FAILED, INCOMPLETE, PASSED
 from conformance.renders import reference
@@ -78,7 +79,7 @@ def run_run(args: argparse.Namespace) -> int:
     try:
         suite = load(args.suite)
     except SuiteError as error:
-        print(f"INCOMPLETE: {error}")
+        say(plain_lines(f"INCOMPLETE: {error}"))
         return INCOMPLETE
     globs = args.id or ["*"]
     images = [i for i in suite.images if any(fnmatchcase(i.id, glob) for glob in globs)]
@@ -93,7 +94,7 @@ def run_run(args: argparse.Namespace) -> int:
             print(f"\r{len(results)} of {len(images)} images", end=end, file=sys.stderr)
     alike = likenesses(results, read_fingerprints(suite, args.suite))
     run = Run(suite, renderer.command, results, alike, len(images) == len(suite.images))
-    print(as_text(run))
+    say(as_text(run))
     for path in write_pictures(run, args.report):
         print(f"    {path}")
     for path, text_of in ((args.json, as_json), (args.html, as_html)):

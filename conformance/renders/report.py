@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from conformance.harness.plain import MOST_OF_LINE, plain, plain_all, plain_lines
 from conformance.harness.trial import FAILED, INCOMPLETE, PASSED
 from conformance.renders.candidate import Result
 from conformance.renders.judging import read_golden, side_by_side
@@ -92,12 +93,12 @@ def as_text(run: Run) -> str:
                 f"    tests: {scene_.tests}",
                 f"    a wrong renderer: {scene_.faulty}",
             ]
-    return "\n".join([*lines, *run.alike, run.conclusion])
+    return plain_lines("\n".join([*lines, *run.alike, run.conclusion]))
 
 
 def as_json(run: Run) -> str:
     """The report as JSON."""
-    return json.dumps(_as_dict(run), indent=1) + "\n"
+    return json.dumps(plain_all(_as_dict(run)), indent=1) + "\n"
 
 
 def as_html(run: Run) -> str:
@@ -107,7 +108,7 @@ def as_html(run: Run) -> str:
         style=STYLE,
         state=state,
         conclusion=html.escape(run.conclusion),
-        command=html.escape(" ".join(run.command)),
+        command=html.escape(plain(" ".join(run.command), MOST_OF_LINE)),
         alike="".join(f'<p class="like">{html.escape(text)}</p>\n' for text in run.alike),
         rows="\n".join(_row(run.suite, result) for result in run.results),
     )
@@ -178,7 +179,7 @@ def _row(suite: Suite, result: Result) -> str:
     else:
         cells += [f"{255 * numbers.error:.3f}", str(numbers.n_over), f"{numbers.psnr:.2f}"]
     row = "".join(f"<td>{html.escape(cell)}" for cell in cells)
-    about = html.escape(result.says)
+    about = html.escape(plain(result.says, MOST_OF_LINE))
     if result.failed:
         data = base64.b64encode(_picture(suite, result)).decode()
         about += f"<br><small>{html.escape(scene.tests)} A wrong one: {html.escape(scene.faulty)}"

@@ -20,6 +20,7 @@ from conformance.harness import process
 from conformance.harness.capabilities import Capabilities
 from conformance.harness.cli import main
 from conformance.harness.judging import KINDS
+from conformance.harness.keepers import Keeper
 from conformance.harness.selftest import BAD
 from tests.conformance import tiny
 from tests.conformance.schemas import errors
@@ -305,8 +306,6 @@ def test_the_memory_counted_is_that_of_the_decoder_and_not_of_the_harness(tmp_pa
         tmp_path,
         process.clean_environment(tmp_path),
         process.Bounds(),
-        stdout=tmp_path / "out",
-        stderr=tmp_path / "err",
     )
     assert 40 << 20 < ended.peak < 100 << 20 < len(ours)
 
@@ -333,28 +332,29 @@ def test_an_interrupt_ends_what_was_started(made_suite, tmp_path):
 
 @pytest.mark.parametrize("starts", [True, False])
 def test_an_interrupt_while_a_process_starts_leaves_none(starts, tmp_path, monkeypatch):
-    started = []
+    used = []
 
-    def start(*args, **options):
+    def begin(keeper, *args):
         signal.raise_signal(signal.SIGINT)
+        used.append(keeper)
         if not starts:
             raise OSError("no more processes")
-        started.append(popen(*args, **options))
-        return started[-1]
+        begin_as_usual(keeper, *args)
+        assert keeper.processes()
 
-    popen = subprocess.Popen
+    begin_as_usual = Keeper.start
     command = [sys.executable, "-c", "import time; time.sleep(60)"]
     # What a shell starts in the background ignores interrupts, and so would this.
     usual = signal.signal(signal.SIGINT, signal.default_int_handler)
     with monkeypatch.context() as patched:
-        patched.setattr("subprocess.Popen", start)
+        patched.setattr(Keeper, "start", begin)
         try:
             with pytest.raises(KeyboardInterrupt):
-                process.Watched(command, tmp_path, os.environ, process.Bounds())
+                process.Watched(command, tmp_path, os.environ, process.Bounds(), files=(0, 1, 2))
             assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
         finally:
             signal.signal(signal.SIGINT, usual)
-    assert [p.returncode for p in started] == [-signal.SIGKILL] * starts
+    assert [keeper.processes() for keeper in used] == [[]]
 
 
 def _asked_about(folder):

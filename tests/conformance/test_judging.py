@@ -121,11 +121,11 @@ def test_channels_have_the_names_of_the_spec():
 
 
 def test_lines_of_the_contract_are_read_strictly():
-    assert read_fault('{"code": "E_CRC", "offset": 371}\n') == ("E_CRC", 371)
+    assert read_fault(b'{"code": "E_CRC", "offset": 371}\n') == ("E_CRC", 371)
     assert read_entry(b'{"id": 5, "exit": 3}', 5) == (3, None, None)
     for line in ("", "\n", "[]", "{", '{"code": 1}', '{"why": ""}', "{}\n{}", '{"offset": true}'):
         with pytest.raises(AnswerError):
-            read_fault(line)
+            read_fault(line.encode())
     for entry in (b'{"id": 4, "exit": 0}', b'{"exit": 0}', b'{"id": 5}', b"[5, 0]", b"\xff"):
         with pytest.raises(AnswerError):
             read_entry(entry, 5)

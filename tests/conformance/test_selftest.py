@@ -16,6 +16,8 @@ QUICK = [
     *("right in batches", "modest", "accept-all", "by-heart", "by-surroundings"),
     *("last-off-by-one", "crash-after-success", "sleeps-at-the-end", "memory-hog", "noise"),
     *("huge-output", "wrong-ids", "stale-output", "says-not-what-it-can"),
+    *("hides-its-memory", "leaves-a-hopper", "huge-output-below", "pipes-for-files"),
+    *("strange-name-and-codes", "strange-last-words", "deep-json", "stale-verdict", "banner"),
 ]
 
 
@@ -33,10 +35,11 @@ def test_every_other_bad_decoder_is_judged_as_written(made_suite, name):
 
 
 def test_there_are_bad_decoders_of_every_sort_and_each_verdict_is_a_failure():
-    assert len(TABLE) >= 40
+    assert len(TABLE) >= 75
     assert all(entry["says"] for entry in TABLE.values())
     assert [name for name, entry in TABLE.items() if entry.get("exit") == 0] == [
-        *("right", "right in batches", "modest", "leaves-a-process")
+        *("right", "right in batches", "modest", "leaves-a-process"),
+        *("strange-name", "leaves-a-daemon", "leaves-a-hopper"),
     ]
 
 

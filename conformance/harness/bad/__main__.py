@@ -13,8 +13,10 @@ if __name__ == "__main__":  # started by its path, in any folder and without an 
 
 from conformance.harness.bad.answers import ANSWERS
 from conformance.harness.bad.endings import ENDINGS
+from conformance.harness.bad.escapes import ESCAPES
 from conformance.harness.bad.protocol import PROTOCOLS, question_of, serve, write
 from conformance.harness.bad.right import Table
+from conformance.harness.bad.talk import DEPTH, HOSTILE, TALKS, TALKS_IN_BATCH
 
 __all__ = ["main"]
 
@@ -46,9 +48,10 @@ def main() -> int:
     if args.capabilities:
         return capabilities(name)
     table = Table(folder)
-    answerer = {**ANSWERS, **ENDINGS}.get(name, ANSWERS["right"])
+    answerer = {**ANSWERS, **ENDINGS, **ESCAPES, **TALKS}.get(name, ANSWERS["right"])
     if args.batch:
-        serve(answerer, table) if name not in PROTOCOLS else PROTOCOLS[name](table)
+        protocols = {**PROTOCOLS, **TALKS_IN_BATCH}
+        protocols[name](table) if name in protocols else serve(answerer, table)
         return 0
     question = question_of(vars(args))
     reply = write(question, answerer(table, question))
@@ -63,8 +66,11 @@ def capabilities(name: str) -> int:
         time.sleep(60)
     elif name == "says-not-what-it-can":
         print("all of it")
+    elif name == "says-deep-json":
+        print("[" * DEPTH)
     else:
-        print(json.dumps(CAPABILITIES | (MODEST if name == "modest" else {}) | {"name": name}))
+        said = {"name": HOSTILE if name == "strange-name-and-codes" else name}
+        print(json.dumps(CAPABILITIES | (MODEST if name == "modest" else {}) | said))
     return 0
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from conformance.harness.bad.right import Question, Reply, Table
 
-__all__ = ["PROTOCOLS", "question_of", "serve", "write"]
+__all__ = ["PROTOCOLS", "question_of", "requests", "serve", "write"]
 
 Answerer = Callable[[Table, Question], Reply]
 Entry = dict[str, Any]
@@ -19,19 +19,19 @@ Entry = dict[str, Any]
 
 def serve(answerer: Answerer, table: Table) -> None:
     """The protocol as it should be."""
-    for entry, question in _requests():
+    for entry, question in requests():
         _say(_entry(entry, write(question, answerer(table, question))))
 
 
 def wrong_ids(table: Table) -> None:
-    for entry, question in _requests():
+    for entry, question in requests():
         _say(_entry(entry, write(question, table.answer(question))) | {"id": entry["id"] + 1})
 
 
 def out_of_order(table: Table) -> None:
     """Waits for the next request before it answers."""
     late: list[Entry] = []
-    for entry, question in _requests():
+    for entry, question in requests():
         late.append(_entry(entry, write(question, table.answer(question))))
         if len(late) == 2:
             _say(late.pop())
@@ -39,27 +39,27 @@ def out_of_order(table: Table) -> None:
 
 
 def dies_half_way(table: Table) -> None:
-    for number, (entry, question) in enumerate(_requests()):
+    for number, (entry, question) in enumerate(requests()):
         if number == 3:
             os._exit(0)
         _say(_entry(entry, write(question, table.answer(question))))
 
 
 def answers_twice(table: Table) -> None:
-    for entry, question in _requests():
+    for entry, question in requests():
         text = json.dumps(_entry(entry, write(question, table.answer(question))))
         sys.stdout.write(f"{text}\n{text}\n")
         sys.stdout.flush()
 
 
 def not_json(table: Table) -> None:
-    for _, question in _requests():
+    for _, question in requests():
         print(f"exit {write(question, table.answer(question)).exit}", flush=True)
 
 
 def no_line_end(table: Table) -> None:
     """The answer is there, but its line does not end."""
-    for entry, question in _requests():
+    for entry, question in requests():
         sys.stdout.write(json.dumps(_entry(entry, write(question, table.answer(question)))))
         sys.stdout.flush()
 
@@ -67,7 +67,7 @@ def no_line_end(table: Table) -> None:
 def stale_output(table: Table) -> None:
     """Writes the dump of the run before."""
     before: bytes | None = None
-    for entry, question in _requests():
+    for entry, question in requests():
         reply = table.answer(question)
         if reply.dump is not None:
             before, dump = reply.dump, before
@@ -78,7 +78,7 @@ def stale_output(table: Table) -> None:
 def stale_verdict(table: Table) -> None:
     """After a fault, rejects everything."""
     is_broken = False
-    for entry, question in _requests():
+    for entry, question in requests():
         reply = Reply(1, "E_CRC", 0) if is_broken else table.answer(question)
         is_broken |= reply.exit == 1
         _say(_entry(entry, write(question, reply)))
@@ -117,7 +117,8 @@ def write(question: Question, reply: Reply) -> Reply:
     return reply
 
 
-def _requests() -> Iterator[tuple[Entry, Question]]:
+def requests() -> Iterator[tuple[Entry, Question]]:
+    """Those on standard input."""
     for line in sys.stdin:
         entry = json.loads(line)
         yield entry, question_of(entry)
