@@ -2,6 +2,7 @@
 
 import random
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -182,16 +183,19 @@ def agreed_verdict(tree):
 @pytest.mark.parametrize("n_splits", [0, 1, 3])
 def test_states_are_bounded_to_the_unit_on_both_sides(sign, n, n_splits):
     kinds = np.array([Kind.SPLIT] * min(n_splits, n) + [Kind.REFINE] * max(n - n_splits, 0))
-    quarter, slots = 1 << 28, np.arange(n)
-    # From 2^28 on in steps that 24 bits can store, the last one to the bound or one over it.
-    most = (1 << 23) - 1
-    n_steps, rest = divmod(MAX_X - quarter, most)
-    refine = changing(slots, np.full(n, Kind.REFINE, np.uint8), filled(sign * most, n))
+    quarter, slots, coarse = 1 << 28, np.arange(n), Quantiser(64, 0)
+    # From 2^28 on by the largest coarse steps, then a fine one to the bound or one over it.
+    fourth, rest = divmod(MAX_X - 3 * quarter, coarse.step)
+    refines = [
+        changing(slots, np.full(n, Kind.REFINE, np.uint8), filled(sign * q, n))
+        for q in (quarter // coarse.step, quarter // coarse.step, fourth)
+    ]
     for over, expected in ((0, "legal"), (1, "E_RANGE")):
         last = changing(slots, kinds.astype(np.uint8), filled(sign * (rest + over), n))
-        steps = [adding(filled(sign * (quarter >> 14), n)), *[refine] * n_steps, last]
-        tree = tile_of(steps, of_adds=Quantiser(1 << 14, 0), of_psi=Quantiser(1, 0))
-        assert agreed_verdict(tree) == expected
+        steps = [adding(filled(sign * (quarter >> 14), n)), *refines, replace(last, level=1)]
+        tree = tile_of(steps, of_adds=Quantiser(1 << 14, 0), of_psi=coarse)
+        finer = (*tree.quantisers, (Quantiser(1, 0),) * 5)
+        assert agreed_verdict(replace(tree, n_levels=2, quantisers=finer)) == expected
 
 
 @pytest.mark.parametrize("kind", [Kind.REFINE, Kind.SPLIT])
