@@ -25,7 +25,7 @@ def float_view(directory: Directory, tiles: Sequence[TileState], sh_degree: int)
     """binary32 of (O + X) * 2**-G, rounded once (R-7.6-1), of the live slots."""
     n_live = np.array([int(np.count_nonzero(t.live[: t.n_slots])) for t in tiles], np.int64)
     leaves = FloatView(directory, n_live, sh_degree)
-    for _ in each(leaves.write, tiles):
+    for _ in each(leaves.write, tiles, n_splats=int(n_live.sum())):
         pass
     return leaves.splats()
 

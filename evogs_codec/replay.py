@@ -53,7 +53,8 @@ def replay_tiles(
     order = np.argsort(tile_of, kind="stable")
     ends = np.searchsorted(tile_of[order], np.arange(1, len(directory.tiles)))
     of_tile = np.split(packets[order], ends)[: len(directory.tiles)]  # one part for no tiles
-    kernels = kernels_for(_slots_there(directory, packets, len(data)))
+    n_slots = _slots_there(directory, packets, len(data))
+    kernels = kernels_for(n_slots)
     has_more = len(data) > directory.size
     digests = directory.digests if verify and not has_more else {}
     n_done = count(1)
@@ -79,7 +80,7 @@ def replay_tiles(
     # The palette begins before the tiles, which wait for it where they need it.
     jobs: list[Callable[[], _Outcome]] = [palette.run] if len(of_palette) else []
     jobs += [partial(run, tile) for tile in range(len(of_tile))]
-    outcomes = list(each(call, jobs))
+    outcomes = list(each(call, jobs, n_splats=n_slots))
     faults = [(outcome.packet, outcome.fault) for outcome in outcomes if outcome.fault is not None]
     if faults:
         raise min(faults, key=lambda item: item[0])[1]

@@ -7,16 +7,23 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
-__all__ = ["each"]
+__all__ = ["MIN_THREADED", "each"]
+
+MIN_THREADED = 10_000  # splats below which threads take longer to start than to work
 
 T = TypeVar("T")
 R = TypeVar("R")
 
 
-def each(function: Callable[[T], R], arguments: Iterable[T]) -> Iterator[R]:
-    """`map(function, arguments)` in as many threads as there are processors."""
+def each(
+    function: Callable[[T], R], arguments: Iterable[T], *, n_splats: int = MIN_THREADED
+) -> Iterator[R]:
+    """`map(function, arguments)` in as many threads as there are processors.
+
+    Few splats, `n_splats` in all, are done in this thread, in order.
+    """
     todo = list(arguments)
-    if len(todo) < 2:
+    if len(todo) < 2 or n_splats < MIN_THREADED:
         yield from map(function, todo)
         return
     with ThreadPoolExecutor(min(len(todo), os.cpu_count() or 1)) as pool:
