@@ -189,10 +189,7 @@ def cameras_of(path: Path) -> list[Camera]:
     """The cameras of a file; an InputError where it has none, or an impossible one."""
     from conformance.rasterizer import load_cameras
 
-    try:
-        return load_cameras(path)
-    except ValueError as error:
-        raise InputError(str(error)) from None
+    return load_cameras(path)
 
 
 def rings(scene: SplatParams, up: str, times: int = 1) -> list[Camera]:

@@ -27,6 +27,8 @@ from evogs_codec.interchange import read_tree as read_tree
 from evogs_codec.interchange import write_tree as write_tree
 from evogs_codec.lifting import lift as lift
 from evogs_codec.lifting import lift_with_order as lift_with_order
+from evogs_codec.ply import drop_non_finite as drop_non_finite
+from evogs_codec.ply import finite_opacities as finite_opacities
 from evogs_codec.ply import read_ply as read_ply
 from evogs_codec.ply import write_ply as write_ply
 from evogs_codec.settings import PRESETS as PRESETS
@@ -59,8 +61,10 @@ __all__ = [
     "decode",
     "decode_leaves",
     "decode_prefix",
+    "drop_non_finite",
     "encode",
     "extract",
+    "finite_opacities",
     "lift",
     "lift_with_order",
     "read_directory",

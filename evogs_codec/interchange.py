@@ -26,6 +26,7 @@ import numpy.typing as npt
 from evogs_codec.directory import n_classes
 from evogs_codec.files import write_atomic
 from evogs_codec.npz import Npz
+from evogs_codec.printable import shown
 from evogs_codec.splats import F32, I64, SplatParams, n_channels, sh_degree_of
 from evogs_codec.tree import EvolutionTree, Kind, Step
 
@@ -35,6 +36,7 @@ PathLike: TypeAlias = "str | os.PathLike[str]"
 
 FORMAT = "evogs-tree 1"
 MAX_SLOTS = 2**31 - 1  # slots are int32
+MAX_DIGITS = 18  # of a level; Python reads no number of 4301
 N_GROUPS = 5
 ADD_SLOT = -1  # what `slot` holds for an add
 
@@ -47,7 +49,7 @@ def read_tree(path: PathLike) -> EvolutionTree:
     """
     with Npz(path) as npz:
         if (found := npz.text("format")) != FORMAT:
-            raise npz.error("format", f"is {found!r}, expected {FORMAT!r}")
+            raise npz.error("format", f"is '{shown(found)}', expected '{FORMAT}'")
         roots = _read_roots(npz)
         degree = roots.sh_degree
         steps = [Step.of_adds(0, roots.channels())]
@@ -129,8 +131,12 @@ def _read_roots(npz: Npz) -> SplatParams:
 
 def _levels(npz: Npz) -> range:
     """The levels that have keys: 1 to the last, and 0 where the roots have records too."""
-    matches = (re.fullmatch(r"L(\d+)_.+", name) for name in npz.names)
-    found = {int(match[1]) for match in matches if match}
+    matches = (re.fullmatch(r"L([0-9]+)_.+", name) for name in npz.names)
+    digits = {match[1] for match in matches if match}
+    longest = max(digits, key=len, default="")
+    if len(longest) > MAX_DIGITS:
+        raise npz.error(f"L{shown(longest)}", f"is a level of {len(longest)} digits")
+    found = {int(number) for number in digits}
     if not found:
         return range(0)
     last = max(found)

@@ -13,7 +13,7 @@ import os
 import re
 import warnings
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO, TextIOWrapper
 from pathlib import Path
 from typing import Any, TextIO, TypeAlias
@@ -24,14 +24,20 @@ from plyfile import PlyData, PlyElement, PlyListProperty, PlyParseError
 
 from evogs_codec.errors import InputError
 from evogs_codec.files import write_atomic
+from evogs_codec.printable import shown
 from evogs_codec.splats import SplatParams, sh_degree_of
 
-__all__ = ["drop_non_finite", "read_ply", "write_ply"]
+__all__ = ["OPAQUE", "drop_non_finite", "finite_opacities", "read_ply", "write_ply"]
 
 PathLike: TypeAlias = "str | os.PathLike[str]"
 
 MAX_HEADER = 1 << 20  # bytes; real headers have 2 kB, comments of an hour's work a little more
 BLOCK = 4096  # rows converted at a time, so that one block of all properties stays in cache
+
+# The logit for an opacity of 1, which some trainers write as infinity. From 17.4 on the opacity is
+# exactly 1 in float32: this renders the same, also where a quantiser rounds it by up to 2.6, and is
+# small enough to cost no bits worth a mention.
+OPAQUE = 20.0
 
 MEANS = ("x", "y", "z")
 QUATS = ("rot_0", "rot_1", "rot_2", "rot_3")
@@ -44,7 +50,9 @@ REQUIRED = (*MEANS, *SH_DC, OPACITY, *LOG_SCALES, *QUATS)
 def read_ply(path: PathLike) -> SplatParams:
     """Splats of a 3DGS `.ply`: ASCII or binary of either byte order, SH degree 0 to 3.
 
-    Other properties and elements are ignored; numbers that are not finite are returned as they are.
+    Other properties and elements are ignored. Infinite opacities are made finite as by
+    `finite_opacities`, and a warning says how many; other numbers that are not finite are returned
+    as they are.
 
     Raises:
         InputError: the file cannot be read or is no 3DGS `.ply`.
@@ -54,7 +62,14 @@ def read_ply(path: PathLike) -> SplatParams:
         rows = _read_rows(path, header)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
-    return _splats(rows, _n_rest(path, header.names))
+    splats, n_infinite = finite_opacities(_splats(rows, _n_rest(path, header.names)))
+    if n_infinite:
+        warnings.warn(
+            f"{path}: {n_infinite:,} of {len(splats):,} splats have an infinite opacity:"
+            f" {OPAQUE:g} or {-OPAQUE:g} is taken, which renders the same",
+            stacklevel=2,
+        )
+    return splats
 
 
 def write_ply(path: PathLike, splats: SplatParams, comments: Iterable[str] = ()) -> None:
@@ -78,6 +93,19 @@ def write_ply(path: PathLike, splats: SplatParams, comments: Iterable[str] = ())
     rows = columns.view([(name, "<f4") for name in names])[:, 0]
     ply = PlyData([PlyElement.describe(rows, "vertex")], byte_order="<", comments=list(comments))
     write_atomic(path, ply.write)
+
+
+def finite_opacities(splats: SplatParams) -> tuple[SplatParams, int]:
+    """`splats` with `OPAQUE` for an opacity logit of +infinity and its negative for -infinity.
+
+    Also how many those were. They render the same: opaque, or not at all.
+    """
+    infinite = np.isinf(splats.opacity_logits)
+    n_infinite = int(np.count_nonzero(infinite))
+    if not n_infinite:
+        return splats, 0
+    finite = np.where(infinite, np.copysign(OPAQUE, splats.opacity_logits), splats.opacity_logits)
+    return replace(splats, opacity_logits=finite), n_infinite
 
 
 def drop_non_finite(splats: SplatParams) -> tuple[SplatParams, int]:
@@ -138,14 +166,14 @@ def _read_header(path: PathLike) -> _Header:
             # With no rows to read, `plyfile` parses the header alone.
             lines.append(b"element %s 0" % element[1])
         elif line.startswith(b"element"):
-            found = line.decode("ascii", "backslashreplace")
-            raise InputError(f"{path}: header line {found!r}; expected 'element NAME COUNT'")
+            found = shown(line.decode("latin-1"))
+            raise InputError(f"{path}: header line '{found}'; expected 'element NAME COUNT'")
         else:
             lines.append(line)
     try:
         ply = PlyData.read(BytesIO(newline.join(lines)))
     except (PlyParseError, ValueError) as error:
-        raise InputError(f"{path}: the header is not that of a .ply: {_line(error)}") from error
+        raise InputError(f"{path}: the header is not that of a .ply: {shown(error)}") from error
     return _vertex_header(path, ply, counts, body)
 
 
@@ -157,14 +185,14 @@ def _vertex_header(
 ) -> _Header:
     elements = list(ply.elements)
     if "vertex" not in ply:
-        listed = ", ".join(element.name for element in elements) or "none"
+        listed = shown(", ".join(element.name for element in elements) or "none")
         raise InputError(f"{path}: no element 'vertex' (elements: {listed}); expected a 3DGS .ply")
     order = ply.byte_order if not ply.text else "="
     at = [element.name for element in elements].index("vertex")
     for prop in elements[at].properties:
         if isinstance(prop, PlyListProperty):
             raise InputError(
-                f"{path}: vertex property '{prop.name}' is a list; expected only numbers"
+                f"{path}: vertex property '{shown(prop.name)}' is a list; expected only numbers"
             )
     before = list(zip(elements[:at], counts[:at], strict=True))
     has_lists = any(isinstance(p, PlyListProperty) for e, _ in before for p in e.properties)
@@ -228,7 +256,7 @@ def _read_rows(path: PathLike, header: _Header) -> npt.NDArray[np.void]:
     try:
         rows: npt.NDArray[np.void] = PlyData.read(os.fspath(path))["vertex"].data
     except (PlyParseError, ValueError) as error:
-        raise InputError(f"{path}: the body does not fit its header: {_line(error)}") from error
+        raise InputError(f"{path}: the body does not fit its header: {shown(error)}") from error
     return rows
 
 
@@ -247,7 +275,7 @@ def _parse_text(path: PathLike, header: _Header, text: TextIO) -> npt.NDArray[np
                 ndmin=2,
             )
     except ValueError as error:
-        raise InputError(f"{path}: a vertex row is not {p} numbers: {_line(error)}") from error
+        raise InputError(f"{path}: a vertex row is not {p} numbers: {shown(error)}") from error
     if len(numbers) < n:
         raise InputError(f"{path}: cut short: {len(numbers)} vertex rows, the header says {n}")
     if numbers.shape[1] != p:
@@ -283,8 +311,3 @@ def _splats(rows: npt.NDArray[np.void], n_rest: int) -> SplatParams:
 
 def _rest(n_rest: int) -> tuple[str, ...]:
     return tuple(f"f_rest_{i}" for i in range(n_rest))
-
-
-def _line(error: Exception) -> str:
-    """The message of `error` as one line."""
-    return " ".join(str(error).split())

@@ -335,10 +335,23 @@ HUGE = "{'descr': '<f4', 'fortran_order': False, 'shape': (1000000000, 3)}"
 FORGED = {
     "a shape beyond its bytes": (forged(HUGE), "has shape (1000000000, 3) of float32, which its"),
     "a size beyond its bytes": (forged(HUGE, claimed=4_000_000_000), "claims to hold"),
-    "negative sizes": (forged("{'descr': '<f4', 'fortran_order': False, 'shape': (-1, -3)}"), "-3"),
+    "negative sizes": (
+        forged("{'descr': '<f4', 'fortran_order': False, 'shape': (-1, -3)}"),
+        "a side below 0",
+    ),
     "no dictionary": (forged("[" * 50), "means cannot be read"),
     "no Python": (forged("}{'"), "means cannot be read"),
     "a strange type": (forged("{'descr': 'q9', 'fortran_order': 0, 'shape': ()}"), "cannot be"),
+    "a type that is no Python": (
+        forged("{'descr': ',U12', 'fortran_order': False, 'shape': ()}"),
+        "means cannot be read",
+    ),
+    "a number of 5000 digits": (
+        forged(f"{{'descr': '<f4', 'fortran_order': False, 'shape': (0x{'f' * 5000},)}}"),
+        "a side below 0 or above",
+    ),
+    "a deep header": (forged("-" * 9000 + "1"), "means cannot be read"),
+    "a header of 60 kB": (forged(HUGE.ljust(60_000)), "means cannot be read"),
 }
 
 
@@ -349,6 +362,46 @@ def test_a_forged_file_is_refused_before_its_arrays_are_made(tmp_path, data, mes
     with pytest.raises(InputError) as refused:
         read_tree(path)
     assert message in str(refused.value)
+
+
+def test_a_number_that_is_no_character_is_refused(tmp_path):
+    data = file_of([1])
+    data["format"] = np.array([0x7FFFFFFF] * 12, np.uint32).view("<U12")
+    path = tmp_path / "t.tree.npz"
+    np.savez(path, **data)
+    with pytest.raises(InputError, match="format cannot be read"):
+        read_tree(path)
+
+
+def test_a_text_of_either_byte_order_is_read(read):
+    for kind in ("<U13", ">U13", "S13"):
+        assert read(file_of([1]) | {"format": np.array("evogs-tree 1", kind)}).n_leaves == 1
+
+
+def test_a_level_of_5000_digits_is_refused(read):
+    with pytest.raises(InputError, match="is a level of 5000 digits"):
+        read(file_of([1]) | {f"L{'9' * 5000}_slot": np.zeros(0)})
+
+
+def test_arrays_that_the_directory_skips_are_noticed(tmp_path):
+    # The comment of an entry of the directory is said to be so long that it holds all others.
+    data = bytearray(npz_bytes(file_of([1, 2, 3], RECORDS) | {"quanta": np.full((3, 5), 0.25)}))
+    at = data.find(b"sh.npy", data.find(b"PK\x01\x02")) - 46
+    assert data[at : at + 4] == b"PK\x01\x02"
+    data[at + 33] = 0x7F
+    path = tmp_path / "t.tree.npz"
+    path.write_bytes(data)
+    with pytest.raises(InputError, match="says that it holds 16 arrays, and does not"):
+        read_tree(path)
+
+
+def test_a_name_that_is_damaged_in_the_directory_is_noticed(tmp_path):
+    data = bytearray(npz_bytes(file_of([1, 2, 3], RECORDS) | {"quanta": np.full((3, 5), 0.25)}))
+    data[data.rfind(b"quanta")] ^= 1
+    path = tmp_path / "t.tree.npz"
+    path.write_bytes(data)
+    with pytest.raises(InputError, match="puanta"):
+        read_tree(path)
 
 
 def repaired(data):

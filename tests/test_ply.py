@@ -5,6 +5,7 @@ import errno
 import os
 import stat
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 
 from evogs_codec.errors import InputError
 from evogs_codec.files import write_atomic
-from evogs_codec.ply import drop_non_finite, read_ply, write_ply
+from evogs_codec.ply import OPAQUE, drop_non_finite, finite_opacities, read_ply, write_ply
 from evogs_codec.splats import SplatParams, n_channels
 from tests.strategies import splats
 from tools.scene import make_scene
@@ -136,13 +137,34 @@ def test_a_file_of_no_vertices_has_no_splats(read, form):
 def test_numbers_that_are_not_finite_come_as_they_are_and_can_be_dropped(read, form):
     scene = scene_of(5, 1)
     columns = {name: column.copy() for name, column in columns_of(scene).items()}
-    columns["x"][1], columns["f_rest_8"][3], columns["opacity"][4] = np.nan, np.inf, -np.inf
+    columns["x"][1], columns["f_rest_8"][3], columns["opacity"][4] = np.nan, np.inf, np.nan
     found = read(ply_bytes(columns, form))
     assert found.finite().tolist() == [True, False, True, False, False]
     kept, n_dropped = drop_non_finite(found)
     assert n_dropped == 3
     assert_same(kept, scene.take(np.array([0, 2])))
     assert drop_non_finite(scene) == (scene, 0)
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_infinite_opacities_become_finite_and_are_counted(read, form):
+    scene = scene_of(6, 1)
+    columns = columns_of(scene) | {"opacity": np.array([1, np.inf, -np.inf, 40, np.nan, -2])}
+    with pytest.warns(UserWarning, match=r"scene\.ply: 2 of 6 splats have an infinite opacity"):
+        found = read(ply_bytes(columns, form))
+    np.testing.assert_array_equal(found.opacity_logits, [1, OPAQUE, -OPAQUE, 40, np.nan, -2])
+    assert_same(replace(found, opacity_logits=scene.opacity_logits), scene)
+
+
+def test_a_finite_opacity_for_infinity_is_all_or_nothing_in_float32():
+    scene = replace(scene_of(3, 0), opacity_logits=np.array([np.inf, -np.inf, 3], np.float32))
+    found, n = finite_opacities(scene)
+    x = found.opacity_logits
+    assert (n, x[2]) == (2, 3)
+    rounded = x[0] - np.float32(2.5)  # as a quantiser may
+    assert 1 / (1 + np.exp(-x[0])) == 1 / (1 + np.exp(-rounded)) == np.float32(1)
+    assert 1 / (1 + np.exp(-(x[1] + np.float32(2.5)))) < 1 / 255 / 1000
+    assert finite_opacities(found) == (found, 0)
 
 
 def test_a_double_beyond_float32_becomes_infinite(read):

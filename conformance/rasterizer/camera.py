@@ -9,12 +9,16 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from conformance.rasterizer.options import Options
+from evogs_codec.errors import InputError
+from evogs_codec.json_files import read_json
+from evogs_codec.printable import shown
 
 __all__ = ["Camera", "load_cameras", "orbit", "save_cameras"]
 
@@ -23,6 +27,7 @@ Vector = Sequence[float] | npt.NDArray[np.floating]
 
 MAX_SIDE = 1 << 15
 _ROTATION_TOLERANCE = 1e-4  # what published cameras, rounded to a few digits, stay within
+_FIELDS = {"width", "height", "fx", "fy", "cx", "cy", "rotation", "translation"}
 _FLIP = np.diag([1.0, -1.0, -1.0])  # y up and z backward to ours
 
 
@@ -47,6 +52,8 @@ class Camera:
     translation: F64
 
     def __post_init__(self) -> None:
+        for name in ("fx", "fy", "cx", "cy"):
+            object.__setattr__(self, name, _float(name, getattr(self, name)))
         for name, shape in (("rotation", (3, 3)), ("translation", (3,))):
             array = np.array(getattr(self, name), np.float64)
             if array.shape != shape or not np.isfinite(array).all():
@@ -61,8 +68,9 @@ class Camera:
             raise ValueError(f"focal lengths {self.fx}, {self.fy} are not positive")
         if not (math.isfinite(self.cx) and math.isfinite(self.cy)):
             raise ValueError(f"principal point {self.cx}, {self.cy} is not finite")
-        error = np.abs(self.rotation @ self.rotation.T - np.eye(3)).max()
-        if error > _ROTATION_TOLERANCE or np.linalg.det(self.rotation) < 0:
+        with np.errstate(over="ignore", invalid="ignore"):  # of huge numbers, which are none
+            error = np.abs(self.rotation @ self.rotation.T - np.eye(3)).max()
+        if not error <= _ROTATION_TOLERANCE or np.linalg.det(self.rotation) < 0:
             raise ValueError("rotation is not a rotation matrix")
 
     @property
@@ -190,12 +198,32 @@ def load_cameras(path: Path) -> list[Camera]:
     """Read what `save_cameras` wrote.
 
     Raises:
-        ValueError: the file is something else, has no camera, or an impossible one.
+        InputError: the file is something else, has no camera, or an impossible one.
     """
+    found = read_json(path)
+    rows = found.get("cameras") if isinstance(found, dict) else None
+    if not isinstance(rows, list):
+        raise InputError(f'{path}: is no list of cameras, {{"cameras": [...]}}')
+    if not rows:
+        raise InputError(f"{path}: no camera in it")
+    return [_camera(path, number, row) for number, row in enumerate(rows)]
+
+
+def _camera(path: Path, number: int, row: object) -> Camera:
+    if not isinstance(row, dict) or set(row) != _FIELDS:
+        names = ", ".join(sorted(_FIELDS))
+        raise InputError(f"{path}: camera {number} is no object of {names}")
     try:
-        cameras = [Camera(**row) for row in json.loads(path.read_text(encoding="utf-8"))["cameras"]]
-    except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{path} is not a list of cameras: {error}") from error
-    if not cameras:
-        raise ValueError(f"{path}: no camera in it")
-    return cameras
+        return Camera(**row)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{path}: camera {number}: {shown(error)}") from error
+
+
+def _float(name: str, value: object) -> float:
+    """A number, also one of numpy; a whole number may be too large for a float."""
+    if not isinstance(value, Real):
+        raise TypeError(f"{name} is no number")
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
