@@ -20,7 +20,8 @@ from tqdm import tqdm
 from evogs_codec import Cut, InputError, SplatParams, decode, read_directory, read_ply
 from evogs_codec.cut import tiles_meeting
 from evogs_codec.files import PICTURE
-from evogs_codec.options import add_output
+from evogs_codec.json_files import read_limits
+from evogs_codec.options import add_limits, add_output
 from evogs_codec.printable import shown
 
 if TYPE_CHECKING:
@@ -66,11 +67,12 @@ def run_render(args: argparse.Namespace) -> None:
     from conformance.rasterizer import render
     from conformance.rasterizer.png import contact_sheet, write_png
 
+    limits = None if args.limits is None else read_limits(args.limits)
     if args.sheet:
-        levels = read_directory(memoryview(args.input.read_bytes())).n_levels
-        scenes = [_load(args.input, level=level) for level in range(levels)]
+        levels = read_directory(memoryview(args.input.read_bytes()), limits).n_levels
+        scenes = [_load(args.input, limits, level=level) for level in range(levels)]
     else:
-        scenes = [_load(args.input, level=args.level, box=args.box, outside=args.outside)]
+        scenes = [_load(args.input, limits, level=args.level, box=args.box, outside=args.outside)]
     cameras = _cameras(args, scenes[-1])
     if not 0 <= args.view < len(cameras):
         raise ValueError(f"view {args.view} is not one of 0..{len(cameras) - 1}")
@@ -89,8 +91,9 @@ def run_psnr(args: argparse.Namespace) -> None:
     _need_numba()
     from conformance.rasterizer import psnr, render
 
-    scene = _load(args.input, level=args.level)
-    reference = _load(args.reference)
+    limits = None if args.limits is None else read_limits(args.limits)
+    scene = _load(args.input, limits, level=args.level)
+    reference = _load(args.reference, limits)
     background = BACKGROUNDS[args.background]
     found = [
         psnr(render(scene, camera, background), render(reference, camera, background))
@@ -113,6 +116,7 @@ def _need_numba() -> None:
 
 def _load(
     path: Path,
+    limits: dict[str, int] | None,
     *,
     level: int | None = None,
     box: list[float] | None = None,
@@ -128,7 +132,7 @@ def _load(
                 warnings.warn(text, stacklevel=1)
             return splats
     data = path.read_bytes()
-    directory = read_directory(memoryview(data))
+    directory = read_directory(memoryview(data), limits)
     cut = Cut.full(directory) if level is None else Cut.of_level(directory, level)
     if box is not None:
         far = Cut.of_level(directory, 0 if outside is None else outside)
@@ -273,3 +277,4 @@ def _add(
     parser.add_argument("--size", type=int, default=SIZE, metavar="PIXELS")
     parser.add_argument("--up", choices=["x", "y", "z", "-x", "-y", "-z"], default="z")
     parser.add_argument("--background", choices=list(BACKGROUNDS), default="white")
+    add_limits(parser)

@@ -24,6 +24,7 @@ from evogs_codec.encoding import run_encode, run_lift
 from evogs_codec.errors import InputError, StreamError
 from evogs_codec.extract import choose_cut, extract
 from evogs_codec.files import check_target, write_atomic
+from evogs_codec.json_files import read_limits
 from evogs_codec.omissions import omissions
 from evogs_codec.ply import write_ply
 from evogs_codec.printable import shown
@@ -117,12 +118,13 @@ def _fail(args: argparse.Namespace, message: object, *, path: object = None) -> 
 def run_decode(args: argparse.Namespace) -> None:
     """`evogs decode`."""
     data = _read(args.input)
-    directory = read_directory(data)
+    limits = _limits(args)
+    directory = read_directory(data, limits)
     degree = args.sh_degree
     if degree is not None:
         degree = min(degree, directory.sh_degree)
     if args.partial:
-        splats = _decode_partial(data, args).leaves(sh_degree=degree)
+        splats = _decode_partial(directory, data, args).leaves(sh_degree=degree)
     else:
         with progress_bar() as progress:
             splats = decode_leaves(
@@ -130,14 +132,14 @@ def run_decode(args: argparse.Namespace) -> None:
                 _cut(directory, args),
                 sh_degree=degree,
                 verify=args.verify,
+                limits=limits,
                 progress=lambda part: progress("decode", part),
             )
     write_ply(args.output, splats, comments=comments_of(directory))
     print(f"{shown(args.output)}: {len(splats):,} splats, SH degree {splats.sh_degree}")
 
 
-def _decode_partial(data: memoryview, args: argparse.Namespace) -> Decoded:
-    directory = read_directory(data)
+def _decode_partial(directory: Directory, data: memoryview, args: argparse.Namespace) -> Decoded:
     ends = directory.offsets + directory.packets["size"]
     there = Cut.of_complete(directory, ends <= len(data))
     asked = _cut(directory, args)
@@ -151,7 +153,7 @@ def _decode_partial(data: memoryview, args: argparse.Namespace) -> Decoded:
 def run_info(args: argparse.Namespace) -> None:
     """`evogs info`."""
     data = _read(args.input)
-    directory = read_directory(data)
+    directory = read_directory(data, _limits(args))
     whole = len(data) >= directory.size
     groups = bytes_by_group(directory, data) if whole else {}
     left_out = omissions(directory, data) if whole else []
@@ -165,9 +167,14 @@ def run_info(args: argparse.Namespace) -> None:
 def run_validate(args: argparse.Namespace) -> int:
     """`evogs validate`."""
     try:
-        data = _read(args.input)
+        data, limits = _read(args.input), _limits(args)
         with progress_bar() as progress:
-            decoded = decode(data, verify=True, progress=lambda part: progress("validate", part))
+            decoded = decode(
+                data,
+                verify=True,
+                limits=limits,
+                progress=lambda part: progress("validate", part),
+            )
     except StreamError as error:
         if not args.json:
             raise
@@ -191,7 +198,7 @@ def run_validate(args: argparse.Namespace) -> int:
 def run_extract(args: argparse.Namespace) -> None:
     """`evogs extract`."""
     data = _read(args.input)
-    directory = read_directory(data)
+    directory = read_directory(data, _limits(args))
     if directory.has_palette and 0 < (args.sh_degree or 0) < directory.sh_degree:
         said = "the entries of a palette have all SH bands: only --sh-degree 0 leaves packets out"
         warnings.warn(said, stacklevel=1)
@@ -205,6 +212,10 @@ def run_extract(args: argparse.Namespace) -> None:
 
 def _read(path: Path) -> memoryview:
     return memoryview(path.read_bytes())
+
+
+def _limits(args: argparse.Namespace) -> dict[str, int] | None:
+    return None if args.limits is None else read_limits(args.limits)
 
 
 def _cut(directory: Directory, args: argparse.Namespace) -> Cut:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from evogs_codec import files, registry
+from evogs_codec.limits import LIMITS
 from evogs_codec.settings import PRESETS, TREE_PSNR
 from evogs_codec.splats import GROUPS
 
@@ -18,6 +19,7 @@ __all__ = [
     "add_extract",
     "add_info",
     "add_lift",
+    "add_limits",
     "add_output",
     "add_validate",
 ]
@@ -174,6 +176,7 @@ def add_decode(commands: Commands, run: Run) -> None:
     parser.add_argument("input", type=Path, metavar="IN.evogs")
     add_output(parser, "OUT.ply", files.SCENE)
     _add_cut_options(parser)
+    add_limits(parser)
     parser.add_argument("--partial", action="store_true", help="take what a cut-short file has")
     parser.add_argument("--verify", action="store_true", help="check digests of the integers")
 
@@ -209,6 +212,7 @@ def add_info(commands: Commands, run: Run) -> None:
         "over order-0: bytes over the entropy of the integers in them, taken one by one"
     )
     parser.add_argument("input", type=Path, metavar="IN.evogs")
+    add_limits(parser)
     _add_json(parser)
 
 
@@ -219,9 +223,11 @@ def add_validate(commands: Commands, run: Run) -> None:
         "validate",
         run,
         "Check a stream in every respect; exit 0 if valid, 1 with the fault if not.",
-        "  evogs validate scene.evogs\n  evogs validate scene.evogs --json",
+        "  evogs validate scene.evogs\n  evogs validate scene.evogs --json\n"
+        "  evogs validate download.evogs --limits limits.json",
     )
     parser.add_argument("input", type=Path, metavar="IN.evogs")
+    add_limits(parser)
     _add_json(parser)
 
 
@@ -239,6 +245,7 @@ def add_extract(commands: Commands, run: Run) -> None:
     parser.add_argument("input", type=Path, metavar="IN.evogs")
     add_output(parser, "OUT.evogs", files.STREAM)
     _add_cut_options(parser)
+    add_limits(parser)
 
 
 def add_output(parser: argparse.ArgumentParser, metavar: str, kind: files.FileKind) -> None:
@@ -250,6 +257,17 @@ def add_output(parser: argparse.ArgumentParser, metavar: str, kind: files.FileKi
         help=f"replace {metavar} also where that is a file of another kind",
     )
     parser.set_defaults(makes=kind)
+
+
+def add_limits(parser: argparse.ArgumentParser) -> None:
+    """Limits of this decoder, for streams of strangers."""
+    parser.add_argument(
+        "--limits",
+        type=Path,
+        metavar="FILE.json",
+        help='refuse a stream over these limits before its packets are read: {"slots": 5000000};'
+        f" names: {', '.join(LIMITS)}",
+    )
 
 
 def _add_lift_options(parser: argparse.ArgumentParser, uses: str) -> None:
