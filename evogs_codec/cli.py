@@ -38,14 +38,26 @@ from evogs_codec.terminal import (
     version,
 )
 
-__all__ = ["main"]
+__all__ = ["main", "parse", "run"]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit code."""
+    return run(parse(arguments))
+
+
+def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
+    """The options of a command; imports the packages whose commands are registered.
+
+    Raises:
+        SystemExit: they were misused, or asked for help.
+    """
     escape_what_cannot_be_encoded()
-    parser = _parser()
-    args = parser.parse_args(arguments)
+    return _parser().parse_args(arguments)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command of these options; returns the exit code."""
     try:
         with plain_warnings():
             _check_output(args)
