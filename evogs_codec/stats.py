@@ -94,7 +94,8 @@ def _errors(directory: Directory, core: I64) -> Iterator[float]:
         errors[tile[new]], has_step[tile[new]] = hints[new], True  # of a tile, the last remains
         total = float(weights[has_step].sum())
         squares = float((weights * np.square(errors))[has_step].sum())
-        yield float(np.sqrt(squares / total)) * grid if total else 0.0
+        # Without splats 0, or unknown.
+        yield float(np.sqrt(squares / total)) * grid if total else squares
         begin = end
 
 
