@@ -34,3 +34,17 @@ def test_mutants_behind_the_contract_are_named(suite_folder, tmp_path, capsys, m
         first = json.loads(report.read_text())["diagnosis"]["alike"][0]
         assert (first["name"], first["share"]) == (name, 1.0)
         assert f"this looks like {name}: {found[name]['says']}" in capsys.readouterr().out
+
+
+def test_a_decoder_that_uses_only_the_first_range_is_named(suite_folder, capsys, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    vectors = tiny.read_manifest(suite_folder)["vectors"]
+    files = {entry["file"]: (suite_folder / entry["file"]).read_bytes() for entry in vectors}
+    mutants = [mutant for mutant in MUTANTS if mutant.section == "R-6.4-2"]
+    found = fingerprints(vectors, files, mutants, jobs=1)
+    (suite_folder / "fingerprints.json").write_text(json.dumps(found))
+    command = shlex.join([sys.executable, "-m", "conformance.mutants", "run", "first-range-only"])
+    options = ["--vectors", str(suite_folder), "--quick", "--fresh", "0", "--again", "1"]
+    assert main(["run", "--decoder", command, "--env", "PYTHONPATH", *options]) == 1
+    said = capsys.readouterr().out
+    assert "this looks like first-range-only: only the range that comes first is used" in said
