@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import signal
+import stat
 import tempfile
 import threading
 import time
@@ -96,7 +97,9 @@ class Watched:
         self.nap = GLANCE  # seconds until it should be looked at again
         self.ended: Ended | None = None
         self._written = written
-        self._files = [os.dup(number) for number in files[1:]]
+        # Not those of pipes: as long as they are open here, their readers hear of no end.
+        regular = (one for one in files[1:] if stat.S_ISREG(os.fstat(one).st_mode))
+        self._files = [os.dup(number) for number in regular]
         self.started = time.monotonic()
         self._keeper: Keeper | None = None
         try:

@@ -30,6 +30,13 @@ LINUX = pytest.mark.skipif(sys.platform != "linux", reason="looks at processes i
 PYTHON = [sys.executable, "-I", "-S", "-c"]
 
 
+def test_the_end_of_a_batch_process_is_heard_at_once(made_suite, capsys):
+    assert run(made_suite, "dies-half-way", "--quick", "--jobs", "1", "--again", "0") == 1
+    said = capsys.readouterr().out
+    assert "its output ended without an answer" in said
+    assert "timeout" not in said
+
+
 # --- its memory -----------------------------------------------------------------------------------
 
 
@@ -336,7 +343,7 @@ def test_a_decoder_with_a_memory_is_told_so(made_suite, tmp_path, capsys):
 
 
 def test_output_that_is_not_flushed_is_told_so(made_suite, capsys):
-    options = ["--id", "crc-*", "--timeout", "1", "--jobs", "1"]
+    options = ["--id", "crc-*", "--timeout", "1", "--jobs", "4"]
     assert run(made_suite, "flushes-at-the-end", *options) == 1
     assert "flush standard output after each line" in capsys.readouterr().out
     assert run(made_suite, "hang", *options) == 1
