@@ -16,15 +16,17 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from evogs_codec import SplatParams
+from evogs_codec import InputError, SplatParams
 from reference_trainer import kernels
-from reference_trainer.optim import GROUPS, Arrays, Variable, splat_variables
+from reference_trainer.optim import GROUPS, Variable, splat_variables
+from reference_trainer.saved import Arrays, taken, taken_number
 from reference_trainer.tensors import SplatTensors
 
 __all__ = ["Block", "Collinear", "Free", "Refined", "restored"]
 
 Array = npt.NDArray[Any]
 I64 = npt.NDArray[np.int64]
+KINDS = ("learned", "fixed", "residuals", "children", "refined")  # their places are in checkpoints
 
 
 class Block(Protocol):
@@ -42,6 +44,10 @@ class Block(Protocol):
     @property
     def n_new(self) -> int:
         """Slots that it makes."""
+
+    @property
+    def kind(self) -> str:
+        """Of `KINDS`."""
 
     @property
     def variables(self) -> tuple[Variable, ...]:
@@ -103,6 +109,11 @@ class Collinear:
         return len(self.slots)
 
     @property
+    def kind(self) -> str:
+        """With alpha learned, or fixed."""
+        return "learned" if self.learns_alpha else "fixed"
+
+    @property
     def variables(self) -> tuple[Variable, ...]:
         """psi, and alpha where it is learned."""
         return (*self.psi, self.alpha) if self.learns_alpha else self.psi
@@ -138,9 +149,7 @@ class Collinear:
 
     def arrays(self, prefix: str) -> Arrays:
         """For a checkpoint."""
-        return _saved(prefix, self, (*self.psi, self.alpha)) | {
-            f"{prefix}.kind": np.array("learned" if self.learns_alpha else "fixed")
-        }
+        return _saved(prefix, self, (*self.psi, self.alpha))
 
 
 @dataclass
@@ -175,6 +184,11 @@ class Free:
         """A C2 each."""
         return len(self.slots)
 
+    @property
+    def kind(self) -> str:
+        """Children that follow their parent, or do not."""
+        return "residuals" if self.keep else "children"
+
     def tensors(self) -> list[Tensor]:
         """Psi of the five groups, then psi'."""
         return [variable.value for variable in self.variables]
@@ -204,9 +218,7 @@ class Free:
 
     def arrays(self, prefix: str) -> Arrays:
         """For a checkpoint."""
-        return _saved(prefix, self, self.variables) | {
-            f"{prefix}.kind": np.array("residuals" if self.keep else "children")
-        }
+        return _saved(prefix, self, self.variables)
 
 
 @dataclass
@@ -221,6 +233,7 @@ class Refined:
     first: int
     variables: tuple[Variable, ...]
     n_new = 0
+    kind = "refined"
 
     @staticmethod
     def of(slots: I64, first: int, like: SplatTensors) -> Refined:
@@ -253,30 +266,46 @@ class Refined:
 
     def arrays(self, prefix: str) -> Arrays:
         """For a checkpoint."""
-        return _saved(prefix, self, self.variables) | {f"{prefix}.kind": np.array("refined")}
+        return _saved(prefix, self, self.variables)
 
 
-def restored(arrays: Arrays, prefix: str, device: torch.device) -> Block:
-    """The block that `arrays` saved."""
-    slots, first = arrays[f"{prefix}.slots"], int(arrays[f"{prefix}.first"])
-    kind = str(arrays[f"{prefix}.kind"])
+def restored(arrays: Arrays, prefix: str, base: SplatTensors, n_slots: int) -> Block:
+    """The block that `arrays` saved, of a frontier on `base` that had `n_slots` slots before it.
 
-    def variable(i: int, group: str) -> Variable:
-        return Variable.restored(arrays, f"{prefix}.{i}", group, device)
+    Raises:
+        InputError: the arrays are of no such block.
+    """
+    kind = KINDS[taken_number(arrays, f"{prefix}.kind", 0, len(KINDS) - 1)]
+    first = taken_number(arrays, f"{prefix}.first", n_slots, n_slots)
+    slots: I64 = taken(arrays, f"{prefix}.slots", np.int64, None)
+    if len(slots) and not (slots[0] >= 0 and slots[-1] < n_slots and (np.diff(slots) > 0).all()):
+        raise InputError(f"{prefix}.slots do not rise from 0 or more to below {n_slots}")
 
-    psi = tuple(variable(i, group) for i, group in enumerate(GROUPS))
+    def variable(i: int, group: str, *sides: int) -> Variable:
+        device = base.means.device
+        return Variable.restored(arrays, f"{prefix}.{i}", group, device, len(slots), *sides)
+
+    def psi(start: int) -> tuple[Variable, ...]:
+        groups = zip(GROUPS, base, strict=True)
+        return tuple(
+            variable(i, group, *like.shape[1:]) for i, (group, like) in enumerate(groups, start)
+        )
+
     if kind in ("learned", "fixed"):
-        alpha = variable(5, "alpha")
+        alpha = variable(5, "alpha", len(GROUPS))
         alpha.value.requires_grad_(kind == "learned")
-        return Collinear(slots, first, psi, alpha, kind == "learned")
+        return Collinear(slots, first, psi(0), alpha, kind == "learned")
     if kind == "refined":
-        return Refined(slots, first, psi)
-    other = tuple(variable(5 + i, group) for i, group in enumerate(GROUPS))
-    return Free(slots, first, (*psi, *other), kind == "residuals")
+        return Refined(slots, first, psi(0))
+    return Free(slots, first, (*psi(0), *psi(5)), kind == "residuals")
 
 
 def _saved(prefix: str, block: Block, variables: tuple[Variable, ...]) -> Arrays:
-    out: Arrays = {f"{prefix}.slots": block.slots, f"{prefix}.first": np.array(block.first)}
+    out: Arrays = {
+        f"{prefix}.kind": np.array(KINDS.index(block.kind)),
+        f"{prefix}.slots": block.slots,
+        f"{prefix}.first": np.array(block.first),
+    }
     for i, variable in enumerate(variables):
         out |= variable.arrays(f"{prefix}.{i}")
     return out

@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from evogs_codec import InputError
-from evogs_codec.files import check_target, write_atomic
+from evogs_codec.files import PICTURE, TREE, FileKind, check_target, same_file, write_atomic
 from evogs_codec.interchange import read_tree, write_tree
+from evogs_codec.options import add_output
 from reference_trainer.config import METHODS, PRESETS, Config
 
 if TYPE_CHECKING:
@@ -23,10 +24,11 @@ if TYPE_CHECKING:
 
 __all__ = ["config_of", "pyramid_of", "register", "run_train"]
 
+RESULT = FileKind("result of a run", (b'{\n "config"',))
 Commands = Any  # argparse's sub-parsers have no public type
 EXAMPLES = """examples:
   evogs train lego lego.tree.npz --size 400
-  evogs train lego lego.tree.npz --preset quick --size 128
+  evogs train lego lego.tree.npz --preset quick --size 200
   evogs train lego layers.tree.npz --method lapis --checkpoint work --resume
   evogs train lego small.tree.npz --distortion 0.2  # a smaller stream, less sharp
   evogs train lego lego.tree.npz --levels 2 --iterations 7000 3000 --max-splats 4000 12000
@@ -47,7 +49,7 @@ def register(commands: Commands) -> None:
     )
     parser.set_defaults(run=run_train)
     parser.add_argument("input", type=Path, metavar="DATASET", help="folder of photographs")
-    parser.add_argument("output", type=Path, metavar="OUT.tree.npz")
+    add_output(parser, "OUT.tree.npz", TREE)
     parser.add_argument("--preset", choices=list(PRESETS), default="two-cores")
     parser.add_argument("--method", choices=METHODS, default="evogs")
     parser.add_argument("--levels", type=int, metavar="N", help="how many; the coarsest go first")
@@ -98,8 +100,9 @@ def run_train(args: argparse.Namespace) -> None:
 
     if args.resume and args.checkpoint is None:
         raise ValueError("--resume needs --checkpoint")
-    check_target(args.output)
     config = config_of(args)
+    if args.checkpoint is not None:
+        _check_checkpoint(args, config.n_levels)
     keep_freed_memory()
     backend = backend_for(args.device)
     data = load_views(
@@ -134,6 +137,24 @@ def run_train(args: argparse.Namespace) -> None:
             f"L{row['level']}: {row['width']} x {row['height']}, {row['psnr']:.2f} dB, "
             f"SSIM {row['ssim']:.4f}, {row['splats']:,} splats, {row['storage_bytes']:,} bytes"
         )
+
+
+def _check_checkpoint(args: argparse.Namespace, n_levels: int) -> None:
+    """Refuse a folder for checkpoints where something else would be overwritten."""
+    from reference_trainer import checkpoint
+    from reference_trainer.progress import LOG
+
+    folder: Path = args.checkpoint
+    kinds = {checkpoint.FILE: checkpoint.KIND, "log.csv": LOG, "result.json": RESULT}
+    for level in range(n_levels):
+        kinds |= {f"pictures/L{level}{ending}.png": PICTURE for ending in ("", "-photograph")}
+    for place in (folder, folder / "pictures"):
+        if same_file(place, args.input):
+            raise InputError(f"{place}: has the photographs; name another --checkpoint")
+    sources = [path for path in (args.base, args.output) if path is not None]
+    for name, kind in kinds.items():
+        if (folder / name).exists():
+            check_target(folder / name, kind, sources=sources, force=args.force)
 
 
 def config_of(args: argparse.Namespace) -> Config:

@@ -16,7 +16,8 @@ import torch
 from evogs_codec import SplatParams
 from reference_trainer.config import CloudGrowth
 from reference_trainer.densify import ScreenGradients, largest, useless
-from reference_trainer.optim import GROUPS, Arrays, Variable, splat_tensors, splat_variables
+from reference_trainer.optim import GROUPS, Variable, splat_tensors, splat_variables
+from reference_trainer.saved import Arrays
 from reference_trainer.split import rotations
 from reference_trainer.tensors import SplatTensors
 
@@ -159,14 +160,20 @@ class Cloud:
         return out
 
     def restore(self, arrays: Arrays) -> None:
-        """The inverse of `arrays`, on a cloud made with the same arguments."""
-        device = self.layer[0].value.device
-        self.layer = tuple(
-            Variable.restored(arrays, f"variable{i}", group, device)
-            for i, group in enumerate(GROUPS)
-        )
+        """The inverse of `arrays`, on a cloud made with the same arguments.
+
+        Raises:
+            InputError: the arrays are of no such cloud.
+        """
+        device, n, layer = self.layer[0].value.device, None, []
+        for i, (group, before) in enumerate(zip(GROUPS, self.layer, strict=True)):
+            sides = before.value.shape[1:]
+            layer.append(Variable.restored(arrays, f"variable{i}", group, device, n, *sides))
+            n = len(layer[0].value)
+        self.layer = tuple(layer)
         if self.opacities is not None:
-            self.opacities = Variable.restored(arrays, "variable5", "opacity", device)
+            shape = self.opacities.value.shape
+            self.opacities = Variable.restored(arrays, "variable5", "opacity", device, *shape)
 
 
 def _halves(splats: SplatParams, rng: np.random.Generator) -> SplatParams:

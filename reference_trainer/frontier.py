@@ -15,11 +15,12 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from evogs_codec import SplatParams
+from evogs_codec import InputError, SplatParams
 from reference_trainer.blocks import Block, Collinear, Free, Refined, restored
 from reference_trainer.config import FrontierGrowth
 from reference_trainer.densify import ScreenGradients, largest, useless
-from reference_trainer.optim import Arrays, Variable
+from reference_trainer.optim import Variable
+from reference_trainer.saved import Arrays, taken, taken_number
 from reference_trainer.split import moment_matched, symmetric
 from reference_trainer.tensors import SplatTensors
 
@@ -30,6 +31,7 @@ Argument: TypeAlias = Any
 
 # The paper's design space (its section 3.1).
 OPTIONS = {"A": "independent children", "B": "residuals", "C": "symmetric", "D": "asymmetric"}
+KINDS = {"A": "children", "B": "residuals", "C": "fixed", "D": "learned"}  # of blocks
 
 
 class Frontier:
@@ -125,11 +127,19 @@ class Frontier:
         return out
 
     def restore(self, arrays: Arrays) -> None:
-        """The inverse of `arrays`, on a frontier made of the same base."""
-        device = self.base.means.device
-        self.live = arrays["live"].astype(bool)
-        n = int(arrays["n_blocks"])
-        self.blocks = [restored(arrays, f"block{i}", device) for i in range(n)]
+        """The inverse of `arrays`, on a frontier made of the same base.
+
+        Raises:
+            InputError: the arrays are of no such frontier.
+        """
+        n_slots, blocks = len(self.base.means), []
+        for i in range(taken_number(arrays, "n_blocks", 0, self.growth.rounds + 1)):
+            block = restored(arrays, f"block{i}", self.base, n_slots)
+            if block.kind not in (KINDS[self.option], "refined"):
+                raise InputError(f"block{i} is {block.kind}, expected {KINDS[self.option]}")
+            n_slots += block.n_new
+            blocks.append(block)
+        self.live, self.blocks = taken(arrays, "live", bool, n_slots), blocks
 
 
 def _children(

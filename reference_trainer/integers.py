@@ -34,7 +34,8 @@ from reference_trainer.blocks import Block, Collinear, Refined
 from reference_trainer.densify import ScreenGradients
 from reference_trainer.frontier import evolve, evolve_plain
 from reference_trainer.methods import Done, Setting
-from reference_trainer.optim import Arrays, Variable, splat_variables
+from reference_trainer.optim import Variable, splat_variables
+from reference_trainer.saved import Arrays, taken_number
 from reference_trainer.tensors import SplatTensors
 
 __all__ = ["IntegerLevel"]
@@ -112,10 +113,17 @@ class IntegerLevel:
         return out
 
     def restore(self, arrays: Arrays) -> None:
-        """The inverse of `arrays`, on a level begun from the same tree."""
+        """The inverse of `arrays`, on a level begun from the same tree.
+
+        Raises:
+            InputError: the arrays are of no such level.
+        """
+        taken_number(arrays, "n", len(self._numbers), len(self._numbers))
         for i, numbers in enumerate(self._numbers):
-            group, device = numbers.latent.group, numbers.latent.value.device
-            numbers.latent = Variable.restored(arrays, f"latent{i}", group, device)
+            group, like = numbers.latent.group, numbers.latent.value
+            numbers.latent = Variable.restored(
+                arrays, f"latent{i}", group, like.device, *like.shape
+            )
 
     def finished(self) -> tuple[Step, ...]:
         """The steps with the integers that training ended with."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +16,7 @@ from torch import Tensor
 
 from reference_trainer.config import Rates
 from reference_trainer.kernels import adam
+from reference_trainer.saved import Arrays, taken, taken_number
 from reference_trainer.tensors import SplatTensors
 
 __all__ = ["GROUPS", "RateTable", "Variable", "splat_tensors", "splat_variables"]
@@ -24,7 +24,7 @@ __all__ = ["GROUPS", "RateTable", "Variable", "splat_tensors", "splat_variables"
 GROUPS = ("position", "rotation", "scale", "opacity", "sh")
 N_BAND_0 = 3  # numbers of SH band 0, which come first
 BETA1, BETA2, EPS = 0.9, 0.999, 1e-15
-Arrays = dict[str, npt.NDArray[Any]]
+MAX_STEPS = 2**31 - 1
 
 
 @dataclass
@@ -88,12 +88,21 @@ class Variable:
         return found | {f"{prefix}.t": np.array(self.t)}
 
     @staticmethod
-    def restored(arrays: Arrays, prefix: str, group: str, device: torch.device) -> Variable:
-        """The inverse of `arrays`."""
+    def restored(
+        arrays: Arrays, prefix: str, group: str, device: torch.device, *shape: int | None
+    ) -> Variable:
+        """The inverse of `arrays`, of a variable of this shape; a side of None may have any length.
+
+        Raises:
+            InputError: the arrays are no such variable.
+        """
+        sides = taken(arrays, f"{prefix}.value", np.float32, *shape).shape
         value, m, v = (
-            torch.from_numpy(arrays[f"{prefix}.{name}"]).to(device) for name in ("value", "m", "v")
+            torch.from_numpy(taken(arrays, f"{prefix}.{name}", np.float32, *sides)).to(device)
+            for name in ("value", "m", "v")
         )
-        return Variable(value.requires_grad_(True), group, m, v, int(arrays[f"{prefix}.t"]))
+        t = taken_number(arrays, f"{prefix}.t", 0, MAX_STEPS)
+        return Variable(value.requires_grad_(True), group, m, v, t)
 
 
 @dataclass(frozen=True)

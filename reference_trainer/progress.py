@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,6 +14,8 @@ import torch
 from tqdm import tqdm
 
 from conformance.rasterizer import psnr
+from evogs_codec import InputError
+from evogs_codec.files import FileKind
 from reference_trainer.backends import Backend
 from reference_trainer.methods import Done, Plan
 from reference_trainer.train import Training
@@ -20,11 +23,12 @@ from reference_trainer.train import Training
 if TYPE_CHECKING:
     from reference_trainer.views import Dataset
 
-__all__ = ["Progress"]
+__all__ = ["LOG", "Progress"]
 
 EVERY = 100  # iterations between two rows
 LOOKED_AT = 4  # held-out views of a row's PSNR: all of them would cost more than training
 COLUMNS = ("stage", "level", "iteration", "loss", "splats", "psnr", "seconds")
+LOG = FileKind("log of a run", (",".join(COLUMNS).encode(),))
 
 
 class Progress:
@@ -46,13 +50,15 @@ class Progress:
         return self._before + time.perf_counter() - self._began
 
     def resume(self, stage: int, iteration: int) -> None:
-        """The run goes on from here: later rows of an earlier attempt go."""
+        """The run goes on from here: later rows of an earlier attempt go.
+
+        Raises:
+            InputError: what is there is no log.
+        """
         if self._log is None:
             return
-        rows = []
-        if self._log.exists():
-            with self._log.open(newline="", encoding="utf-8") as file:
-                rows = list(csv.reader(file))[1:]
+        is_new = (stage, iteration) == (0, 0)
+        rows = [] if is_new or not self._log.exists() else _rows_of(self._log)
         kept = [row for row in rows if (int(row[0]), int(row[2])) <= (stage, iteration)]
         self._before = float(kept[-1][-1]) if kept else 0.0
         self._write("w", [COLUMNS, *kept])
@@ -108,3 +114,32 @@ class Progress:
             return
         with self._log.open(mode, newline="", encoding="utf-8") as file:
             csv.writer(file).writerows(rows)
+
+
+def _rows_of(log: Path) -> list[list[str]]:
+    """Rows of a log; a last one that an interruption cut short is left out.
+
+    Raises:
+        InputError: it is no log.
+    """
+    wrong = f"{log}: is no log of a run; delete it, or name another --checkpoint"
+    try:
+        if not log.is_file():
+            raise InputError(wrong)
+        with log.open(newline="", encoding="utf-8") as file:
+            head, *rows = list(csv.reader(file)) or [list(COLUMNS)]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(wrong) from error
+    whole = [_is_whole(row) for row in rows]
+    if head != list(COLUMNS) or not all(whole[:-1]):
+        raise InputError(wrong)
+    return rows if all(whole) else rows[:-1]
+
+
+def _is_whole(row: list[str]) -> bool:
+    kinds = (int, int, int, float, int, float, float)
+    try:
+        numbers = [kind(text) for kind, text in zip(kinds, row, strict=True)]
+    except ValueError:
+        return False
+    return math.isfinite(numbers[-1])

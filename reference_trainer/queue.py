@@ -15,8 +15,10 @@ from typing import TYPE_CHECKING
 
 import numba
 
+from evogs_codec import InputError
 from evogs_codec.files import write_atomic
 from evogs_codec.interchange import read_tree, write_tree
+from evogs_codec.printable import MAX_LINE, shown
 from reference_trainer.backends import backend_for
 from reference_trainer.checkpoint import FILE
 from reference_trainer.cli import pyramid_of
@@ -85,10 +87,13 @@ def main(argv: list[str] | None = None) -> None:
         return
     from reference_trainer.views import load_views
 
-    data = load_views(args.data, size=args.size)
-    for number, job in enumerate(queue):
-        print(f"[{number + 1}/{len(queue)}] {job.name}", flush=True)
-        run_job(job, data, args.out, args.device)
+    try:
+        data = load_views(args.data, size=args.size)
+        for number, job in enumerate(queue):
+            print(f"[{number + 1}/{len(queue)}] {job.name}", flush=True)
+            run_job(job, data, args.out, args.device)
+    except InputError as error:
+        parser.exit(1, f"{shown(error, MAX_LINE)}\n")
 
 
 def jobs(config: Config, methods: list[str], seeds: list[int], budgets: list[str]) -> Iterator[Job]:

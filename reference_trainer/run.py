@@ -11,12 +11,12 @@ import numpy as np
 
 from evogs_codec import EvolutionTree, InputError
 from reference_trainer.backends import Backend
-from reference_trainer.checkpoint import Checkpoint, run_identity
+from reference_trainer.checkpoint import Checkpoint, refuse, run_identity
 from reference_trainer.config import Config
 from reference_trainer.densify import ScreenGradients
 from reference_trainer.methods import Done, Method, Plan, Setting, method_named
-from reference_trainer.optim import Arrays
 from reference_trainer.progress import Progress
+from reference_trainer.saved import Arrays, taken
 from reference_trainer.seeding import extent
 from reference_trainer.train import Model, Stage, Training, train
 
@@ -59,9 +59,9 @@ def run(
     method = method_named(config.method)
     plans = method.plans(config)
     identity = run_identity(config, _fingerprint(pyramid[-1], base))
-    saved = Checkpoint.read(folder) if folder is not None and resume else None
-    if saved is not None and saved.run != identity:
-        raise InputError(f"{folder}: the checkpoint there is of another configuration or data")
+    saved = None
+    if folder is not None and resume and (saved := Checkpoint.read(folder)) is not None:
+        saved.check(folder, identity, plans)
     if saved is None:
         first, done = _start(config, plans, base)
         saved = Checkpoint(identity, first, done, 0, {}, {})
@@ -102,7 +102,7 @@ def _run_stage(
     data = pyramid[plan.scale]
     setting = Setting(config, plan, data, extent(data.train), backend.device)
     model = method.begin(setting, saved.done)
-    training = _restored(model, saved)
+    training = _restored(model, saved, folder)
     progress.begin(saved.stage, plan, data, backend)
 
     def each(training: Training) -> None:
@@ -138,12 +138,16 @@ def _run_stage(
     return after
 
 
-def _restored(model: Model, saved: Checkpoint) -> Training:
-    if not saved.model:
+def _restored(model: Model, saved: Checkpoint, folder: Path | None) -> Training:
+    if folder is None or not saved.model:
         return Training(model, ScreenGradients(model.n_splats))
-    model.restore(saved.model)
-    scores = ScreenGradients(model.n_splats)
-    scores.total, scores.count = saved.scores["total"], saved.scores["count"]
+    try:
+        model.restore(saved.model)
+        scores = ScreenGradients(model.n_splats)
+        scores.total = taken(saved.scores, "total", np.float64, model.n_splats)
+        scores.count = taken(saved.scores, "count", np.int32, model.n_splats)
+    except InputError as error:
+        refuse(folder, error)
     return Training(model, scores, saved.iteration)
 
 
@@ -151,7 +155,7 @@ def _fingerprint(data: Dataset, base: EvolutionTree | None) -> dict[str, Any]:
     """What tells one data set, and one level 0, from another."""
     digest = hashlib.sha256()
     for view in (*data.train, *data.test):
-        digest.update(view.name.encode())
+        digest.update(view.name.encode("utf-8", "surrogateescape"))  # as file systems have it
         digest.update(view.camera.rotation.tobytes() + view.camera.translation.tobytes())
         digest.update(np.ascontiguousarray(view.image).tobytes())
     for step in base.steps if base is not None else ():

@@ -17,7 +17,10 @@ __all__ = ["extent", "first_splats"]
 
 C0 = 0.28209479177387814  # of spherical harmonics, band 0
 OPACITY = 0.1
-CUBE = 1.3  # half the side of the cube that random points fill; the objects of Blender scenes fit
+CUBE = 1.3  # least half side of the cube that random points fill; objects of Blender scenes fit
+# Part of the ball that a camera sees whole. For cameras of NeRF-synthetic this comes to the cube
+# that is usual for them; cameras that stand twice as far away see things twice as large.
+SEEN = 0.95
 NEIGHBOURS = 3
 F32 = npt.NDArray[np.float32]
 
@@ -35,7 +38,8 @@ def first_splats(
     """
     rng = np.random.default_rng(seed)
     if data.points is None:
-        points = rng.uniform(-CUBE, CUBE, (n_random, 3)).astype(np.float32)
+        half_side = _half_side(data.train)
+        points = rng.uniform(-half_side, half_side, (n_random, 3)).astype(np.float32)
         colours = rng.random((n_random, 3)).astype(np.float32)
     else:
         rows = np.sort(rng.permutation(len(data.points))[:n_random])
@@ -49,6 +53,16 @@ def first_splats(
     width = np.log(_spacing(points))[:, None].repeat(3, axis=1).astype(np.float32)
     logits = np.full(n, np.log(OPACITY / (1 - OPACITY)), np.float32)
     return SplatParams(points, quats, width, logits, sh)
+
+
+def _half_side(views: tuple[View, ...]) -> float:
+    """Of a cube around the origin that most of the pictures show whole."""
+    radii = []
+    for view in views:
+        camera = view.camera
+        tangent = 0.5 * min(camera.width / camera.fx, camera.height / camera.fy)
+        radii.append(np.linalg.norm(camera.position) * tangent / np.hypot(1, tangent))
+    return max(CUBE, SEEN * float(np.median(radii)))
 
 
 def _spacing(points: F32) -> npt.NDArray[np.float64]:

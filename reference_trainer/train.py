@@ -10,7 +10,8 @@ import numpy as np
 
 from reference_trainer.config import Config, Rates
 from reference_trainer.densify import ScreenGradients
-from reference_trainer.optim import Arrays, RateTable, Variable
+from reference_trainer.optim import RateTable, Variable
+from reference_trainer.saved import Arrays
 from reference_trainer.tensors import SplatTensors
 
 if TYPE_CHECKING:

@@ -17,11 +17,12 @@ from conformance.rasterizer.camera import Camera
 from evogs_codec.errors import InputError
 from evogs_codec.files import write_atomic
 from reference_trainer.views.distortion import undistorted_camera, undistorted_image
-from reference_trainer.views.photograph import Photograph, read_image
+from reference_trainer.views.photograph import MAX_PIXELS, Photograph, opened, read_image
 from reference_trainer.views.view import F32, Color
 
 __all__ = ["cache_folder", "undistorted"]
 
+BLOCK = 1 << 20  # bytes of a file that are read at a time
 VERSION = b"undistorted 1"  # changes when the same photograph would give other pixels
 
 
@@ -43,12 +44,18 @@ def undistorted(
         camera = undistorted_camera(photograph.camera, photograph.distortion)
     except ValueError as error:
         raise InputError(f"{photograph.path}: {error}") from error
+    if camera.width * camera.height > MAX_PIXELS:
+        raise InputError(
+            f"{photograph.path}: without its lens it has {camera.width} x {camera.height} pixels,"
+            f" at most {MAX_PIXELS:,} are possible: make it smaller"
+        )
     path = (folder or cache_folder()) / f"{_key(photograph, background)}.png"
     pixels = _read(path, camera)
     if pixels is None:
-        image = read_image(photograph.path, background)
+        image = read_image(photograph, background)
         made = undistorted_image(image, photograph.camera, photograph.distortion)
-        pixels = np.rint(made * 255).astype(np.uint8)
+        made *= 255
+        pixels = np.rint(made, out=made).astype(np.uint8)
         _write(path, pixels)
     return pixels.astype(np.float32) / np.float32(255), camera
 
@@ -65,7 +72,9 @@ def _key(photograph: Photograph, background: Color) -> str:
     digest = hashlib.sha256(VERSION)
     digest.update(np.array([*lens, *background], np.float64).tobytes())
     try:
-        digest.update(photograph.path.read_bytes())
+        with photograph.path.open("rb") as file:
+            while block := file.read(BLOCK):
+                digest.update(block)
     except OSError as error:
         path = photograph.path
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
@@ -74,11 +83,12 @@ def _key(photograph: Photograph, background: Color) -> str:
 
 def _read(path: Path, camera: Camera) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]] | None:
     try:
-        with Image.open(path) as image:
-            pixels = np.asarray(image.convert("RGB"))
-    except (OSError, SyntaxError, ValueError):
-        return None  # not there, or damaged: made anew
-    return pixels if pixels.shape == (camera.height, camera.width, 3) else None
+        with opened(path) as image:
+            if image.size != (camera.width, camera.height):
+                return None
+            return np.asarray(image.convert("RGB"))
+    except Exception:  # not there, or damaged, for which Pillow raises a dozen types: made anew
+        return None
 
 
 def _write(path: Path, pixels: np.ndarray[tuple[int, ...], np.dtype[np.uint8]]) -> None:

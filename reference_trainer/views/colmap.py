@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path, PurePosixPath
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from conformance.rasterizer.camera import Camera
 from evogs_codec.errors import InputError
+from evogs_codec.printable import shown
 from reference_trainer.views.colmap_files import ColmapCamera, ColmapImage, read_model
 from reference_trainer.views.distortion import Coefficients
-from reference_trainer.views.photograph import Photograph, image_size
+from reference_trainer.views.photograph import Photograph, image_size, name_of
+from reference_trainer.views.plain_files import is_there
 from reference_trainer.views.points import checked_points
 from reference_trainer.views.view import F32
 
-__all__ = ["find_model", "read_colmap"]
+__all__ = ["Reconstruction", "find_model", "read_colmap"]
 
 # Where fx, fy, cx, cy and k1, k2, p1, p2 of a model are among its parameters; None is 0.
 MODELS: dict[str, tuple[tuple[int, ...], tuple[int | None, ...]]] = {
@@ -27,40 +30,59 @@ MODELS: dict[str, tuple[tuple[int, ...], tuple[int | None, ...]]] = {
 }
 
 
+class Reconstruction(NamedTuple):
+    """What a model has.
+
+    Attributes:
+        photographs: in the order of their names.
+        points, colours: (N, 3) each, perhaps none.
+        missing: paths of photographs of which there is no file.
+    """
+
+    photographs: list[Photograph]
+    points: F32
+    colours: F32
+    missing: list[Path]
+
+
 def find_model(folder: Path) -> Path | None:
     """Where the model of a folder is, if it has one."""
     for inner in ("sparse/0", "sparse", "."):
-        if any((folder / inner / f"cameras{ending}").is_file() for ending in (".bin", ".txt")):
+        if any(is_there(folder / inner / f"cameras{ending}") for ending in (".bin", ".txt")):
             return folder / inner
     return None
 
 
-def read_colmap(folder: Path, model: Path) -> tuple[list[Photograph], F32, F32]:
-    """Photographs in the order of their names, and points with colours, perhaps none.
+def read_colmap(folder: Path, model: Path) -> Reconstruction:
+    """Photographs and points of a model; photographs are looked at, not yet decoded.
 
     Raises:
         InputError: the model is damaged, a camera is impossible or of a model that is not
-            supported, or its photograph is missing or of another size.
+            supported, or its photograph is no picture or of another size.
     """
     found = read_model(model)
     if not found.images:
         raise InputError(f"{model}: no cameras: the model has no image")
-    photographs = []
+    photographs, missing = [], []
     for image in sorted(found.images, key=lambda image: image.name):
+        where = f"{model}: image {shown(image.name)}"
         if image.camera not in found.cameras:
-            raise InputError(f"{model}: image {image.name} names camera {image.camera}, not there")
-        photographs.append(_photograph(folder, model, image, found.cameras[image.camera]))
-    return photographs, *checked_points(model, found.points, found.colours / 255)
+            raise InputError(f"{where} names camera {image.camera}, not there")
+        path = folder / "images" / image.name
+        if is_there(path, "picture"):
+            photographs.append(_photograph(where, path, image, found.cameras[image.camera]))
+        else:
+            missing.append(path)
+    points, colours = checked_points(model, found.points, found.colours / 255)
+    return Reconstruction(photographs, points, colours, missing)
 
 
-def _photograph(folder: Path, model: Path, image: ColmapImage, camera: ColmapCamera) -> Photograph:
-    where = f"{model}: image {image.name}"
+def _photograph(where: str, path: Path, image: ColmapImage, camera: ColmapCamera) -> Photograph:
     if camera.model not in MODELS:
         raise InputError(
-            f"{where}: camera model {camera.model} is not supported, only {', '.join(MODELS)}: "
-            "run COLMAP's image_undistorter first"
+            f"{where}: camera model {shown(camera.model)} is not supported, only "
+            f"{', '.join(MODELS)}: run COLMAP's image_undistorter first"
         )
-    path = folder / "images" / image.name
     width, height = image_size(path)
     if (width, height) != (camera.width, camera.height):
         raise InputError(
@@ -79,8 +101,7 @@ def _photograph(folder: Path, model: Path, image: ColmapImage, camera: ColmapCam
         )  # fmt: skip
     except ValueError as error:
         raise InputError(f"{where}: {error}") from error
-    name = str(PurePosixPath(image.name).with_suffix(""))
-    return Photograph(name, path, placed, _distortion(camera, lens))
+    return Photograph(name_of(image.name), path, placed, _distortion(camera, lens))
 
 
 def _distortion(camera: ColmapCamera, lens: tuple[int | None, ...]) -> Coefficients:

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.errors import InputError
+from reference_trainer.views.plain_files import is_there, read_plain
 
 __all__ = ["ColmapCamera", "ColmapImage", "ColmapModel", "read_model"]
 
@@ -74,12 +75,12 @@ def read_model(folder: Path) -> ColmapModel:
     Raises:
         InputError: a file is missing, cut short or damaged.
     """
-    ending = ".bin" if (folder / "cameras.bin").is_file() else ".txt"
+    ending = ".bin" if is_there(folder / "cameras.bin") else ".txt"
     paths = [folder / (stem + ending) for stem in ("cameras", "images", "points3D")]
     read_cameras, read_images, read_points = READERS[ending]
     cameras = read_cameras(paths[0])
     images = read_images(paths[1])
-    rows = read_points(paths[2]) if paths[2].is_file() else []
+    rows = read_points(paths[2]) if is_there(paths[2]) else []
     table = np.array(rows, np.float64).reshape(-1, 6)
     return ColmapModel(cameras, images, table[:, :3], table[:, 3:])
 
@@ -130,6 +131,8 @@ def _cameras_bin(path: Path) -> dict[int, ColmapCamera]:
         number, model, width, height = file.take("<iiQQ")
         if not 0 <= model < len(MODELS):
             raise InputError(f"{path}: camera {number} is of unknown model {model}")
+        if number in cameras:
+            raise _twice(path, number)
         name, n_params = MODELS[model]
         cameras[number] = ColmapCamera(name, width, height, file.take(f"<{n_params}d"))
     file.end()
@@ -178,6 +181,8 @@ def _cameras_txt(path: Path) -> dict[int, ColmapCamera]:
             raise InputError(
                 f"{path}: line {number}: {len(params)} parameters, {model} has {expected}"
             )
+        if camera in cameras:
+            raise _twice(path, camera)
         cameras[camera] = ColmapCamera(model, width, height, params)
     return cameras
 
@@ -232,12 +237,11 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
 
 
 def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: missing from the COLMAP model") from error
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    return read_plain(path, "missing from the COLMAP model")
+
+
+def _twice(path: Path, number: int) -> InputError:
+    return InputError(f"{path}: camera {number} is there twice")
 
 
 def _unreadable(path: Path, number: int, what: str) -> InputError:

@@ -67,6 +67,11 @@ def undistorted_camera(camera: Camera, distortion: Coefficients) -> Camera:
     Raises:
         ValueError: the lens bends rays beyond what its four numbers describe.
     """
+    with np.errstate(over="ignore", invalid="ignore"):  # of huge numbers, which bend too far
+        return _without_lens(camera, distortion)
+
+
+def _without_lens(camera: Camera, distortion: Coefficients) -> Camera:
     # The photograph's border, in ideal pixels relative to the principal point. Its innermost
     # points bound a rectangle whose every pixel the photograph has.
     u, v = np.linspace(0, camera.width, 257), np.linspace(0, camera.height, 257)

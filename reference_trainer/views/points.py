@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from plyfile import PlyData, PlyParseError
+from plyfile import PlyData
 
 from evogs_codec.errors import InputError
+from evogs_codec.printable import shown
+from reference_trainer.views.plain_files import is_there
 from reference_trainer.views.view import F32
 
 __all__ = ["checked_points", "read_points"]
@@ -20,6 +22,8 @@ def read_points(path: Path) -> tuple[F32, F32]:
     Raises:
         InputError: the file cannot be read, or has no vertices with x, y and z.
     """
+    if not is_there(path):
+        raise InputError(f"{path}: cannot be read: it is missing")
     try:
         rows = PlyData.read(str(path))["vertex"]
         positions = np.column_stack([rows[name] for name in ("x", "y", "z")])
@@ -31,8 +35,10 @@ def read_points(path: Path) -> tuple[F32, F32]:
             colours = np.full(positions.shape, 0.5)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except (PlyParseError, KeyError, ValueError, TypeError) as error:
-        raise InputError(f"{path}: no .ply of points: {error}") from error
+    except MemoryError:
+        raise
+    except Exception as error:  # plyfile and numpy raise a dozen types over damaged bytes
+        raise InputError(f"{path}: no .ply of points: {shown(error)}") from error
     return checked_points(path, positions, colours)
 
 

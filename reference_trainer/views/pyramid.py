@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.sparse import csr_array
 
 from reference_trainer.views.view import F32, View
 
-__all__ = ["area_average", "at_scale"]
+__all__ = ["area_average", "at_scale", "averaged"]
+
+BAND = 1 << 20  # pixels of a picture that are averaged at a time
 
 
 def at_scale(view: View, factor: int) -> View:
@@ -28,12 +32,38 @@ def at_scale(view: View, factor: int) -> View:
 
 def area_average(image: F32, width: int, height: int) -> F32:
     """(height, width, C) of an (H, W, C) picture; border pixels count by the share covered."""
-    channels = image.shape[2]
-    rows = _shares(image.shape[0], height) @ image.reshape(image.shape[0], -1)
-    columns = rows.reshape(height, -1, channels).transpose(1, 0, 2).reshape(image.shape[1], -1)
-    small = _shares(image.shape[1], width) @ columns
-    averaged = small.reshape(width, height, channels).transpose(1, 0, 2)
-    return np.ascontiguousarray(averaged, np.float32)
+    size = (image.shape[1], image.shape[0])
+    return averaged(lambda start, stop: image[start:stop], size, (width, height), image.shape[2])
+
+
+def averaged(
+    rows: Callable[[int, int], F32],
+    size: tuple[int, int],
+    sides: tuple[int, int],
+    channels: int = 3,
+) -> F32:
+    """`area_average` of a picture that is made band by band, so that little of it is there at once.
+
+    Args:
+        rows: gives the rows from a first to before a last, (n, W, C).
+        size: W and H.
+        sides: width and height of the result.
+        channels: C.
+    """
+    width, height = sides
+    down, across = _shares(size[1], height), _shares(size[0], width)
+    found = np.empty((height, width, channels), np.float32)
+    step = max(1, BAND * height // (size[0] * size[1]))
+    for top in range(0, height, step):
+        shares = down[top : top + step]
+        first, last = int(shares.indices.min()), int(shares.indices.max()) + 1
+        band = rows(first, last)
+        n = shares.shape[0]
+        mixed = shares[:, first:last] @ band.reshape(len(band), -1)
+        columns = mixed.reshape(n, -1, channels).transpose(1, 0, 2).reshape(size[0], -1)
+        small = across @ columns
+        found[top : top + n] = small.reshape(width, n, channels).transpose(1, 0, 2)
+    return found
 
 
 def _shares(n: int, n_out: int) -> csr_array:

@@ -9,15 +9,17 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from conformance.rasterizer.camera import Camera
 from evogs_codec.errors import InputError
+from evogs_codec.printable import shown
 from reference_trainer.views.distortion import Coefficients
-from reference_trainer.views.photograph import Photograph, image_size
+from reference_trainer.views.photograph import ENDINGS, Photograph, image_size, name_of
+from reference_trainer.views.plain_files import first_there, read_plain
 
 __all__ = ["Transforms", "read_transforms"]
 
@@ -26,7 +28,6 @@ Json: TypeAlias = dict[str, Any]
 MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 # What other lenses need; a number here that is not 0 would be lost.
 UNKNOWN = ("k3", "k4", "k5", "k6")
-ENDINGS = (".png", ".jpg", ".jpeg")
 _FLIP = np.diag([1.0, -1.0, -1.0])
 
 
@@ -36,11 +37,13 @@ class Transforms:
 
     Attributes:
         photographs: in the order of the file.
+        missing: paths of those of which there is no file, by name.
         test: names of those that the file itself holds out.
         points: the `.ply` file that it names, if any.
     """
 
     photographs: list[Photograph]
+    missing: dict[str, Path]
     test: frozenset[str]
     points: Path | None
 
@@ -50,38 +53,41 @@ def read_transforms(path: Path) -> Transforms:
 
     Raises:
         InputError: the file is no list of cameras, a camera is impossible, its lens is of a kind
-            that is not supported, or its photograph is missing or of another size.
+            that is not supported, or its photograph is no picture or of another size.
     """
     top = _load(path)
     frames = top.get("frames")
     if not isinstance(frames, list) or not frames:
         raise InputError(f"{path}: no cameras: 'frames' is missing or empty")
-    photographs = []
+    photographs, missing = [], {}
     for index, frame in enumerate(frames):
         if not isinstance(frame, dict):
             raise InputError(f"{path}: frame {index} is not an object")
-        photographs.append(_photograph(path, index, top, frame))
-    return Transforms(photographs, _test_names(path, top), _points(path, top))
+        file_path = frame.get("file_path")
+        if not isinstance(file_path, str):
+            raise InputError(f"{path}: frame {index} has no 'file_path'")
+        image = _image(path.parent / file_path)
+        if image is None:
+            missing[name_of(file_path)] = path.parent / file_path
+            continue
+        where = f"{path}: frame {index} ({shown(file_path)})"
+        photographs.append(_photograph(where, top, frame, image))
+    return Transforms(photographs, missing, _test_names(path, top), _points(path, top))
 
 
 def _load(path: Path) -> Json:
+    data = read_plain(path, "missing")
     try:
-        top = json.loads(path.read_text(encoding="utf-8"), parse_int=float)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+        top = json.loads(data.decode("utf-8"), parse_int=float)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not JSON: {error}") from error
+        raise InputError(f"{path}: not JSON: {shown(error)}") from error
     if not isinstance(top, dict):
         raise InputError(f"{path}: not an object with 'frames'")
     return top
 
 
-def _photograph(path: Path, index: int, top: Json, frame: Json) -> Photograph:
-    if not isinstance(frame.get("file_path"), str):
-        raise InputError(f"{path}: frame {index} has no 'file_path'")
-    where = f"{path}: frame {index} ({frame['file_path']})"
+def _photograph(where: str, top: Json, frame: Json, image: Path) -> Photograph:
     lens = _Numbers(where, {**top, **frame})
-    image = _image(path.parent / frame["file_path"])
     distortion = _distortion(where, lens, top, frame)
     rotation, translation = _pose(where, frame)
     width, height = _size(where, lens, image)
@@ -93,7 +99,7 @@ def _photograph(path: Path, index: int, top: Json, frame: Json) -> Photograph:
         )  # fmt: skip
     except ValueError as error:
         raise InputError(f"{where}: {error}") from error
-    return Photograph(_name(frame["file_path"]), image, camera, distortion)
+    return Photograph(name_of(frame["file_path"]), image, camera, distortion)
 
 
 class _Numbers:
@@ -112,24 +118,25 @@ class _Numbers:
         if value is None:
             return None
         if not isinstance(value, float) or not math.isfinite(value):
-            raise InputError(f"{self.where}: {name} is {value!r}, expected a finite number")
+            found = repr(value) if isinstance(value, str | float | bool) else "no number"
+            raise InputError(f"{self.where}: {name} is {shown(found)}, expected a finite number")
         return value
 
 
-def _image(path: Path) -> Path:
-    """The file; Blender leaves its ending out."""
-    if not path.is_file():
-        for ending in ENDINGS:
-            longer = path.with_name(path.name + ending)
-            if longer.is_file():
-                return longer
-    return path
+def _image(path: Path) -> Path | None:
+    """The file, if there is one; Blender leaves its ending out.
+
+    Raises:
+        InputError: what is there is no file.
+    """
+    return first_there([path, *(Path(f"{path}{ending}") for ending in ENDINGS)], "picture")
 
 
 def _distortion(where: str, lens: _Numbers, top: Json, frame: Json) -> Coefficients:
     model = frame.get("camera_model", top.get("camera_model", "OPENCV"))
     if model not in MODELS or lens.values.get("is_fisheye"):
-        kind = model if model not in MODELS else "is_fisheye"
+        kind = shown(model) if isinstance(model, str) else "of another kind than text"
+        kind = "is_fisheye" if model in MODELS else kind
         raise InputError(
             f"{where}: camera model {kind} is not supported, only {', '.join(MODELS)}: undistort "
             "the photographs first"
@@ -154,7 +161,8 @@ def _pose(where: str, frame: Json) -> tuple[Any, Any]:
     if len(matrix) == 4 and not np.allclose(matrix[3], [0, 0, 0, 1]):
         raise InputError(f"{where}: the last row of 'transform_matrix' is not 0 0 0 1")
     rotation = _FLIP @ np.clip(matrix[:3, :3], -2, 2).T  # huge ones, no rotations, stay computable
-    return rotation, -rotation @ matrix[:3, 3]
+    with np.errstate(over="ignore", invalid="ignore"):  # what is too far is not finite
+        return rotation, -rotation @ matrix[:3, 3]
 
 
 def _size(where: str, lens: _Numbers, image: Path) -> tuple[int, int]:
@@ -181,17 +189,9 @@ def _focal(where: str, lens: _Numbers, width: int, height: int) -> tuple[float, 
 
 
 def _from_angle(where: str, name: str, angle: float, side: int) -> float:
-    if not 0 < angle < math.pi:
+    if not 1e-300 < angle < math.pi:  # half of a smaller one may be 0
         raise InputError(f"{where}: {name} is {angle}, expected radians above 0 and below pi")
     return 0.5 * side / math.tan(0.5 * angle)
-
-
-def _name(file_path: str) -> str:
-    """`./train/r_0.png`, `../train/r_0` and `train/r_0` are all `train/r_0`."""
-    path = PurePosixPath(file_path)
-    stem = path.with_suffix("") if path.suffix.lower() in ENDINGS else path
-    # Results are written under this name, and never above the folder they belong to.
-    return "/".join(part for part in stem.parts if part not in ("/", ".."))
 
 
 def _test_names(path: Path, top: Json) -> frozenset[str]:
@@ -203,7 +203,7 @@ def _test_names(path: Path, top: Json) -> frozenset[str]:
         ):
             raise InputError(f"{path}: '{key}' is not a list of names")
         if names:
-            return frozenset(_name(name) for name in names)
+            return frozenset(name_of(name) for name in names)
     return frozenset()
 
 

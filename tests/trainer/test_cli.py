@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 
+from evogs_codec.cli import main
 from evogs_codec.interchange import read_tree
 from reference_trainer.cli import config_of, register
 from reference_trainer.config import PRESETS, Config
@@ -93,3 +94,71 @@ def test_a_configuration_survives_json(name):
 def test_an_impossible_configuration_is_refused(changes):
     with pytest.raises(ValueError, match=r"."):
         Config(**changes)
+
+
+def test_an_output_that_is_the_base_is_refused(folder, tmp_path, capsys):
+    out = tmp_path / "a.tree.npz"
+    assert main(["train", str(folder), str(out), *FLAGS, *SHORT]) == 0
+    before = out.read_bytes()
+    assert main(["train", str(folder), str(out), *FLAGS, *SHORT, "--base", str(out)]) == 1
+    assert "is an input of the command" in capsys.readouterr().err
+    assert out.read_bytes() == before
+
+
+FOREIGN = {
+    "OUT": ("a.tree.npz", [], "is no .tree.npz"),
+    "checkpoint": ("work/checkpoint.npz", ["--checkpoint"], "is no checkpoint"),
+    "log": ("work/log.csv", ["--checkpoint"], "is no log of a run"),
+    "result": ("work/result.json", ["--checkpoint"], "is no result of a run"),
+    "picture": ("work/pictures/L1.png", ["--checkpoint"], "is no PNG"),
+}
+
+
+@pytest.mark.parametrize(("name", "flags", "words"), FOREIGN.values(), ids=FOREIGN)
+def test_a_file_of_another_kind_is_not_overwritten(folder, tmp_path, capsys, name, flags, words):
+    foreign = tmp_path / name
+    foreign.parent.mkdir(parents=True, exist_ok=True)
+    foreign.write_text("mine, and of no use to a trainer\n")
+    out = str(tmp_path / "a.tree.npz")
+    flags = [*flags, str(tmp_path / "work")] if flags else []
+    assert main(["train", str(folder), out, *FLAGS, *SHORT, *flags]) == 1
+    assert words in capsys.readouterr().err
+    assert foreign.read_text() == "mine, and of no use to a trainer\n"
+    assert main(["train", str(folder), out, *FLAGS, *SHORT, *flags, "--force"]) == 0
+
+
+@pytest.mark.parametrize("below", ["", "pictures"])
+def test_photographs_are_no_folder_for_checkpoints(folder, tmp_path, capsys, below):
+    work = tmp_path / "work"
+    (work / below).parent.mkdir(parents=True, exist_ok=True)
+    folder.rename(work / below)
+    before = {path: path.read_bytes() for path in work.rglob("*.*")}
+    command = ["train", str(work / below), str(tmp_path / "a.tree.npz"), *FLAGS, *SHORT]
+    assert main([*command, "--checkpoint", str(work)]) == 1
+    assert "has the photographs; name another --checkpoint" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in work.rglob("*.*")} == before
+
+
+def test_missing_photographs_are_a_line_of_warning(folder, tmp_path, capsys):
+    (folder / "train" / "r_3.png").unlink()
+    assert main(["train", str(folder), str(tmp_path / "a.tree.npz"), *FLAGS, *SHORT]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    said = "1 of 12 photographs are missing, "
+    assert [line for line in lines if line.startswith(f"evogs: warning: {folder}: {said}")] == lines
+
+
+def test_a_damaged_checkpoint_says_what_to_do(folder, tmp_path, capsys):
+    command = ["train", str(folder), str(tmp_path / "a.tree.npz"), *FLAGS, *SHORT]
+    command += ["--checkpoint", str(tmp_path / "work")]
+    assert main(command) == 0
+    path = tmp_path / "work" / "checkpoint.npz"
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    capsys.readouterr()
+    assert main([*command, "--resume"]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"evogs: {path}: is no checkpoint that is whole")
+    assert line.endswith("delete it and start again")
+    path.unlink()
+    assert main([*command, "--resume"]) == 0

@@ -13,6 +13,7 @@ from reference_trainer import queue
 from reference_trainer.config import METHODS, PRESETS
 from reference_trainer.queue import jobs, run_job
 from tests.trainer import tiny
+from tests.trainer.views_folders import folder_of
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -72,6 +73,19 @@ def test_the_command_line_lists_what_is_to_do(tmp_path, capsys):
     assert capsys.readouterr().out.splitlines() == [
         "level0: done", "equal-evogs-3: to do", "thresholds-evogs-3: to do",
     ]  # fmt: skip
+
+
+def test_a_damaged_level_0_ends_the_queue_with_one_line(tmp_path, capsys):
+    (tmp_path / "level0").mkdir()
+    (tmp_path / "level0" / "result.json").write_text("{}")
+    (tmp_path / "level0" / "tree.tree.npz").write_bytes(b"PK")
+    photos = folder_of(tmp_path / "photos", "blender", n=3)
+    flags = ["--data", str(photos), "--out", str(tmp_path), "--methods", "evogs"]
+    with pytest.raises(SystemExit) as ended:
+        queue.main(flags)
+    assert ended.value.code == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(str(tmp_path / "level0" / "tree.tree.npz"))
 
 
 def test_it_is_a_program(tmp_path):

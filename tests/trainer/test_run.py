@@ -133,6 +133,31 @@ def test_the_log_of_a_resumed_run_has_every_row_once(tmp_path):
     ]  # fmt: skip
 
 
+LOGS = {
+    "a row cut short": (b"stage,level,iteration,loss,splats,psnr,seconds\r\n0,0,1", None),
+    "nothing": (b"", None),
+    "another file": (b"name,price\r\ntea,3\r\n", "is no log of a run"),
+    "a row of text": (
+        b"stage,level,iteration,loss,splats,psnr,seconds\r\na,b,c,d,e,f,g\r\n0,0,1,1,1,1,1\r\n",
+        "is no log of a run",
+    ),
+    "no text": (b"stage,level,iteration\xff\xfe\0", "is no log of a run"),
+}
+
+
+@pytest.mark.parametrize(("data", "words"), LOGS.values(), ids=LOGS)
+def test_a_log_that_is_none_is_refused_and_a_last_row_cut_short_is_left_out(tmp_path, data, words):
+    log = tmp_path / "log.csv"
+    log.write_bytes(data)
+    if words is None:
+        Progress(log).resume(1, 1)
+        assert log.read_bytes() == b"stage,level,iteration,loss,splats,psnr,seconds\r\n"
+        return
+    with pytest.raises(InputError, match=words):
+        Progress(log).resume(1, 1)
+    assert log.read_bytes() == data
+
+
 def test_level_0_may_be_shared(tmp_path):
     base = trained("mono")
     tree = trained(base=base)

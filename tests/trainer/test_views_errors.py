@@ -47,7 +47,6 @@ def top_with(**values):
 
 
 FRAMES = {
-    "missing photograph": (frame_with(file_path="images/no.png"), "no.png: the photograph is miss"),
     "path with a zero": (frame_with(file_path="a\0b"), "no picture that can be read"),
     "no file_path": (frame_with(file_path=None), "frame 1 has no 'file_path'"),
     "wrong size": (frame_with(w=21), "has 20 x 12 pixels, its camera 21 x 12"),
@@ -191,11 +190,6 @@ TEXTS = {
     "NaN focal": ("cameras", second_row("2 PINHOLE 20 12 nan 9 9 9"), "that is not finite"),
     "no camera": ("cameras", second_row(""), "names camera 2, not there"),
     "no images": ("images", lambda text: "# nothing\n", "no cameras: the model has no image"),
-    "missing photograph": (
-        "images",
-        replaced("view_0001.png", "no.png"),
-        "images/no.png: the photograph is missing",
-    ),
     "short image": ("images", second_row("2 1 0 0 0 0 0 0 2"), "is not an image"),
     "NaN pose": ("images", second_row("2 1 0 0 0 nan 0 0 2 view_0001.png"), "that is not finite"),
     "no rotation": (
