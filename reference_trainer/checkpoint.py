@@ -1,7 +1,8 @@
 """Checkpoints: all that a run needs to go on to the same bytes, in one file, replaced whole.
 
-The file is a `.npz` and, behind it, a seal: its SHA-256. The seal is checked before anything is
-read from the file, so a checkpoint that was damaged is refused, never gone on from.
+The file is a `.npz` whose comment, at its end, is a seal: the SHA-256 of what comes before. The
+seal is checked before anything is read from the file, so a checkpoint that was damaged is refused,
+never gone on from.
 """
 
 from __future__ import annotations
@@ -9,7 +10,9 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 import stat
+import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,8 +35,9 @@ __all__ = ["FILE", "KIND", "Checkpoint", "refuse", "run_identity"]
 
 FILE = "checkpoint.npz"
 KIND = FileKind("checkpoint", (b"PK\x03\x04",), frozenset({"head.npy"}))
-SEAL = b"\nSHA-256 "
+SEAL = b"SHA-256 "
 SEAL_SIZE = len(SEAL) + 64 + 1  # in hexadecimal, and the end of the line
+COMMENT = struct.Struct("<H")  # the last field of a zip: how long its comment is
 BLOCK = 1 << 20
 _SPLATS = ("means", "quats", "log_scales", "opacity_logits", "sh")
 # What the head has besides the run, and of which type.
@@ -81,6 +85,8 @@ class Checkpoint:
 
         def save(stream: BinaryIO) -> None:
             np.savez(stream, allow_pickle=False, **dict(sorted(arrays.items())))
+            stream.seek(-COMMENT.size, os.SEEK_END)
+            stream.write(COMMENT.pack(SEAL_SIZE))
             stream.flush()
             stream.write(_seal(Path(stream.name), stream.tell()))
 
