@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import os
-import shlex
 import sys
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,13 +22,20 @@ from conformance.harness.runner import Options
 from conformance.harness.selftest import self_test
 from conformance.harness.table import print_report
 from conformance.harness.trial import FAILED, INCOMPLETE, PASSED, Choice, draw_seed, families, hold
+from conformance.harness.usage import (
+    USAGE,
+    UsageError,
+    check_reports,
+    check_sizes,
+    command_of,
+    write_reports,
+)
 
 __all__ = ["add_commands", "main"]
 
 Commands = Any  # argparse's sub-parsers have no public type
 VECTORS = Path(__file__).resolve().parent.parent / "vectors"
 MIB = 1 << 20
-USAGE = 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -51,12 +58,16 @@ def add_commands(commands: Commands) -> None:
 
 def run_run(args: argparse.Namespace) -> int:
     """`run`; what cannot be asked or written is told before anything is asked."""
-    wrong = _usage(args)
-    if wrong:
-        print(f"run: {plain(wrong, MOST_OF_LINE)}", file=sys.stderr)
+    try:
+        command = command_of("--decoder", args.decoder)
+        check_sizes(args, "jobs", "timeout", "memory")
+        check_reports(args, "json", "junit", "html")
+        _check_families(args)
+    except UsageError as error:
+        print(f"run: {plain(str(error), MOST_OF_LINE)}", file=sys.stderr)
         return USAGE
     options = Options(
-        command=_command(args.decoder),
+        command=command,
         bounds=Bounds(args.timeout, args.memory * MIB),
         jobs=args.jobs,
         batch=not args.no_batch,
@@ -68,39 +79,24 @@ def run_run(args: argparse.Namespace) -> int:
     trial = hold(choice, options, _progress)
     print_report(trial)
     reports = ((args.json, as_json), (args.junit, as_junit), (args.html, as_html))
-    for path, text_of in reports:
-        if path is not None:
-            try:
-                path.write_text(text_of(trial), encoding="utf-8")
-            except OSError as error:
-                print(f"run: no report: {plain(str(error))}", file=sys.stderr)
-                return trial.exit or INCOMPLETE
-    return trial.exit
+    is_written = write_reports((path, partial(text_of, trial)) for path, text_of in reports)
+    return trial.exit if is_written else trial.exit or INCOMPLETE
 
 
-def _usage(args: argparse.Namespace) -> str:
-    """What is wrong with the command line; "" if nothing."""
-    try:
-        words = shlex.split(args.decoder)
-    except ValueError as error:
-        return f"--decoder: {error}"
-    if not words:
-        return "--decoder: no command"
-    for name in ("jobs", "timeout", "memory"):
-        if not getattr(args, name) > 0:
-            return f"--{name}: not above 0"
-    for name in ("json", "junit", "html"):
-        path = getattr(args, name)
-        if path is not None and (path.is_dir() or not path.parent.is_dir()):
-            return f"--{name}: {path} cannot be a file: no such folder, or a folder"
+def _check_families(args: argparse.Namespace) -> None:
+    """Each family asked for must be in the suite.
+
+    Raises:
+        UsageError: one is not.
+    """
     try:
         known = families(args.vectors) if args.family else set()
     except SuiteError:  # told by the trial
-        return ""
+        return
     unknown = [family for family in args.family if family not in known]
     if unknown:
-        return f"--family: no {', '.join(unknown)} among {', '.join(sorted(known))}"
-    return ""
+        names = ", ".join(sorted(known))
+        raise UsageError(f"--family: no {', '.join(unknown)} among {names}")
 
 
 def run_selftest(args: argparse.Namespace) -> int:
@@ -135,13 +131,6 @@ def run_explain(args: argparse.Namespace) -> int:
 def _progress(done: int, all_: int) -> None:
     if sys.stderr.isatty() and (done % 50 == 0 or done == all_):
         print(f"\r{done} of {all_} runs", end="\n" if done == all_ else "", file=sys.stderr)
-
-
-def _command(text: str) -> list[str]:
-    """The words of a command; files named relative to here are found from everywhere."""
-    words = shlex.split(text)
-    # Not resolved: a link to a program may be what makes it find its libraries.
-    return [str(Path(word).absolute()) if Path(word).is_file() else word for word in words]
 
 
 def _add_explain(commands: Commands) -> None:

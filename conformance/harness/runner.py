@@ -25,7 +25,7 @@ from conformance.harness.plain import plain
 from conformance.harness.process import Bounds, clean_environment
 from conformance.harness.scratch import read_regular, scratch
 
-__all__ = ["Asked", "Asker", "Options", "ask_again", "ask_once", "run_cases"]
+__all__ = ["Asked", "Asker", "Options", "ask_again", "ask_once", "own_fault", "run_cases"]
 
 # Runs after which the rest is not asked, if all of them failed alike.
 N_ALIKE, N_ALIKE_HANGS = 12, 4
@@ -143,7 +143,7 @@ def run_cases(
         except SuiteError as error:  # raised again where the results are read
             errors.append(error)
         except Exception as error:  # the results so far are not lost
-            ends.append(_own_fault(error, case))
+            ends.append(own_fault(error, case))
         finally:
             asker.close()
 
@@ -219,7 +219,7 @@ def _why_end(troubles: Sequence[str], result: Result, options: Options) -> str:
     return ""
 
 
-def _own_fault(error: Exception, case: Case | None) -> str:
+def own_fault(error: Exception, case: Case | None = None) -> str:
     """The harness itself failed: where and how, in a line."""
     frames = traceback.extract_tb(error.__traceback__)
     at = f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else "?"

@@ -25,7 +25,7 @@ from conformance.harness.fresh import LackingError, make_fresh
 from conformance.harness.judging import Result
 from conformance.harness.manifest import Case, Suite, SuiteError, load
 from conformance.harness.process import clean_environment
-from conformance.harness.runner import Options, ask_again, run_cases
+from conformance.harness.runner import Options, ask_again, own_fault, run_cases
 from conformance.harness.scratch import scratch
 
 __all__ = [
@@ -142,8 +142,8 @@ def hold(choice: Choice, options: Options, progress: Progress = lambda done, all
         trial.incomplete.append(str(error))
     except CapabilityError as error:
         trial.failures.append(str(error))
-    except OSError as error:
-        trial.incomplete.append(f"the harness cannot go on: {error}")
+    except Exception as error:  # so that there is a report
+        trial.incomplete.append(own_fault(error))
     trial.seconds = time.monotonic() - started
     return trial
 

@@ -4,17 +4,25 @@ from __future__ import annotations
 
 import argparse
 import os
-import shlex
 import sys
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from conformance.harness.manifest import SuiteError
-from conformance.harness.plain import plain_lines, say
+from conformance.harness.plain import MOST_OF_LINE, plain, plain_lines, say
 from conformance.harness.process import Bounds
 from conformance.harness.trial import FAILED, INCOMPLETE, PASSED
+from conformance.harness.usage import (
+    USAGE,
+    UsageError,
+    check_reports,
+    check_sizes,
+    command_of,
+    write_reports,
+)
 from conformance.renders import reference
 from conformance.renders.candidate import Renderer, ask_all
 from conformance.renders.fingerprints import likenesses, read_fingerprints
@@ -75,7 +83,14 @@ def add_run(commands: Commands, name: str) -> None:
 
 
 def run_run(args: argparse.Namespace) -> int:
-    """`run`."""
+    """`run`; what cannot be asked or written is told before anything is asked."""
+    try:
+        command = command_of("--renderer", args.renderer)
+        check_sizes(args, "jobs", "timeout", "memory")
+        check_reports(args, "json", "html")
+    except UsageError as error:
+        print(f"render: {plain(str(error), MOST_OF_LINE)}", file=sys.stderr)
+        return USAGE
     try:
         suite = load(args.suite)
     except SuiteError as error:
@@ -83,9 +98,7 @@ def run_run(args: argparse.Namespace) -> int:
         return INCOMPLETE
     globs = args.id or ["*"]
     images = [i for i in suite.images if any(fnmatchcase(i.id, glob) for glob in globs)]
-    renderer = Renderer(
-        _command(args.renderer), Bounds(args.timeout, args.memory * MIB), tuple(args.env)
-    )
+    renderer = Renderer(command, Bounds(args.timeout, args.memory * MIB), tuple(args.env))
     results = []
     for result in ask_all(suite, images, renderer, jobs=args.jobs):
         results.append(result)
@@ -95,12 +108,15 @@ def run_run(args: argparse.Namespace) -> int:
     alike = likenesses(results, read_fingerprints(suite, args.suite))
     run = Run(suite, renderer.command, results, alike, len(images) == len(suite.images))
     say(as_text(run))
-    for path in write_pictures(run, args.report):
-        print(f"    {path}")
-    for path, text_of in ((args.json, as_json), (args.html, as_html)):
-        if path is not None:
-            path.write_text(text_of(run), encoding="utf-8")
-    return run.exit
+    reports = ((args.json, as_json), (args.html, as_html))
+    is_written = write_reports((path, partial(text_of, run)) for path, text_of in reports)
+    try:
+        for path in write_pictures(run, args.report):
+            say(plain(f"    {path}", MOST_OF_LINE))
+    except OSError as error:
+        is_written = False
+        print(f"no pictures: {plain(str(error), MOST_OF_LINE)}", file=sys.stderr)
+    return run.exit if is_written else run.exit or INCOMPLETE
 
 
 def run_generate(args: argparse.Namespace) -> int:
@@ -124,13 +140,6 @@ def run_mutants(args: argparse.Namespace) -> int:
         print(line, flush=True)
         code = FAILED
     return code
-
-
-def _command(text: str) -> tuple[str, ...]:
-    """The words of a command; files named relative to here are found from everywhere."""
-    words = shlex.split(text)
-    # Not resolved: a link to a program may be what makes it find its libraries.
-    return tuple(str(Path(word).absolute()) if Path(word).is_file() else word for word in words)
 
 
 def _add_generate(commands: Commands) -> None:
