@@ -206,10 +206,12 @@ def _conclude(
     trial.n_again, trial.again = ask_again(trial.results, options)
     covered = [result for result in trial.results if result.case.id in trial.vector_runs]
     hint, explains = ask_alone(trial.results, trial.capabilities, golden, options)
-    found = diagnose(covered, fingerprints, codes=trial.capabilities.codes)
-    if explains:  # the answers do not say how the decoder decodes
-        found = Diagnosis()
-    trial.diagnosis = replace(found, accepts=accepts_any(covered), hint=hint)
+    if explains or all(result.answer.trouble for result in covered):
+        # The answers do not say how the decoder decodes.
+        trial.diagnosis = Diagnosis(hint=hint)
+    else:
+        found = diagnose(covered, fingerprints, codes=trial.capabilities.codes)
+        trial.diagnosis = replace(found, accepts=accepts_any(covered), hint=hint)
     asked = [result for result in trial.results if result.case.vector.family != "canary"]
     if asked and all(result.kind == "skipped" for result in asked):
         trial.incomplete.append("all runs were skipped: the decoder declares that it does nothing")

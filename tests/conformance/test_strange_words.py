@@ -135,6 +135,8 @@ def test_the_rest_is_not_asked_if_all_runs_fail_alike(made_suite, capsys, tmp_pa
     said = capsys.readouterr().out
     assert "ended early, because all of the first 12 runs failed alike (protocol)" in said
     assert 'seen: answer "EvoGS decoder' in said
+    assert "looks like" not in said
+    assert "no legal stream" not in said
     assert "expected: a line for each request, and no other" in said
     report = json.loads(path.read_text())
     assert len(report["results"]) == N_ALIKE < report["summary"]["cases"]
