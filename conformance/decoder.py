@@ -8,8 +8,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,14 +16,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from conformance.outcomes import ACCEPTED, INCOMPLETE, Outcome, Run, refused
 from evogs_codec import Cut, Decoder, Directory, Fault, StreamError, decode, read_directory
 from evogs_codec.files import same_file
 from evogs_codec.printable import shown
 
-__all__ = ["add_options", "main", "run_command"]
+__all__ = ["add_options", "decoded", "main", "run_command"]
 
-ACCEPTED, REJECTED, USAGE, INCOMPLETE, OVER_LIMIT, NOT_SUPPORTED = 0, 1, 2, 3, 4, 127
-EXITS = {Fault.E_LIMIT: OVER_LIMIT, Fault.E_UNSUPPORTED: NOT_SUPPORTED}
+USAGE = 2
 MODES = ["file", "progressive"]
 CAPABILITIES = {
     "name": "evogs_codec",
@@ -34,36 +33,11 @@ CAPABILITIES = {
     "verify": True,
     "limits": True,
     "arrival": True,
+    "dump_on_fault": True,
     "batch": True,
     "max_tier": 3,
     "max_sh_degree": 3,
 }
-
-
-@dataclass(frozen=True)
-class Request:
-    """A run: `limits` by name, `arrival` as [offset, size] in order."""
-
-    source: Path
-    target: Path
-    mode: str
-    level: int | None = None
-    limits: dict[str, int] | None = None
-    verify: bool = False
-    arrival: list[list[int]] | None = None
-
-
-@dataclass(frozen=True)
-class Reply:
-    """An exit of the contract; the fault if there is one."""
-
-    exit: int
-    code: str | None = None
-    offset: int | None = None
-
-    def fault(self) -> dict[str, Any]:
-        """As the contract reports it."""
-        return {} if self.code is None else {"code": self.code, "offset": self.offset}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -82,6 +56,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--limits", type=Path, metavar="FILE.json", help="limits by name")
     parser.add_argument("--verify", action="store_true", help="check digests")
     parser.add_argument("--arrival", type=Path, metavar="FILE.json", help="[[offset, size], ...]")
+    parser.add_argument("--dump-on-fault", action="store_true", help="OUT has a dump then too")
     parser.add_argument("--capabilities", action="store_true", help="print them and end")
     parser.add_argument("--batch", action="store_true", help="a JSON request per line of input")
 
@@ -97,107 +72,132 @@ def run_command(args: argparse.Namespace) -> int:
     if args.source is None or args.target is None:
         print("evogs conformance decoder: --in and --out are required", file=sys.stderr)
         return USAGE
-    request = Request(
-        args.source,
-        args.target,
+    run = Run(
         args.mode,
         args.level,
         _json(args.limits),
         args.verify,
-        _json(args.arrival),
+        _ranges(args.arrival),
+        args.dump_on_fault,
     )
-    reply = answer(request)
-    if reply.code is not None:
-        print(json.dumps(reply.fault()))
-    return reply.exit
+    outcome = answer(args.source, args.target, run)
+    if outcome.code is not None:
+        print(json.dumps(outcome.fault()))
+    return outcome.exit
 
 
 def serve() -> None:
     """The batch protocol on standard input and output."""
     for line in sys.stdin:
         entry = json.loads(line)
-        request = Request(
-            Path(entry["in"]),
-            Path(entry["out"]),
+        run = Run(
             entry["mode"],
             entry.get("level"),
             _json(entry.get("limits")),
             entry.get("verify", False),
-            _json(entry.get("arrival")),
+            _ranges(entry.get("arrival")),
+            entry.get("dump_on_fault", False),
         )
-        reply = answer(request)
-        print(json.dumps({"id": entry["id"], "exit": reply.exit} | reply.fault()), flush=True)
+        outcome = answer(Path(entry["in"]), Path(entry["out"]), run)
+        print(json.dumps({"id": entry["id"], "exit": outcome.exit} | outcome.fault()), flush=True)
 
 
-def answer(request: Request) -> Reply:
-    """Decode, and write the dump if there is one."""
-    if same_file(request.source, request.target):
-        print(f"{shown(request.target)}: is the stream; name another file", file=sys.stderr)
-        return Reply(USAGE)
-    data = request.source.read_bytes()
+def answer(source: Path, target: Path, run: Run) -> Outcome:
+    """Decode a file, and write the dump if there is one."""
+    if same_file(source, target):
+        print(f"{shown(target)}: is the stream; name another file", file=sys.stderr)
+        return Outcome(USAGE)
+    outcome = decoded(source.read_bytes(), run)
+    if outcome.dump is not None:
+        target.write_bytes(outcome.dump)
+    return outcome
+
+
+def decoded(data: bytes, run: Run) -> Outcome:
+    """What the contract wants for these bytes."""
     try:
-        if request.mode == "file":
-            cut = partial(_cut, request.level)
-            decoded = decode(data, cut, verify=request.verify, limits=request.limits)
-            exit_code, dump = ACCEPTED, decoded.dump()
-        elif request.level is None and not request.verify:
-            exit_code, dump = feed(data, request)
-        else:
-            exit_code, dump = complete_packets(data, request)
+        if run.mode == "progressive":
+            is_fed = run.level is None and not run.verify
+            return feed(data, run) if is_fed else complete_packets(data, run)
+        cut = partial(_cut, run.level)
+        dump = decode(data, cut, verify=run.verify, limits=run.limits).dump()
     except StreamError as error:
-        if request.mode == "progressive" and error.fault is Fault.E_TRUNCATED:  # R-6.4-3
-            return Reply(INCOMPLETE)
-        return Reply(EXITS.get(error.fault, REJECTED), error.fault.name, error.offset)
-    request.target.write_bytes(dump)
-    return Reply(exit_code)
+        return refused(run, error.fault.name, error.offset)
+    return Outcome(ACCEPTED, dump=dump)
 
 
-def feed(data: bytes, request: Request) -> tuple[int, bytes]:
-    """Exit and dump of a progressive decoder that is fed piece by piece; then no more comes.
+def feed(data: bytes, run: Run) -> Outcome:
+    """The outcome of a progressive decoder that is fed piece by piece; then no more comes.
 
     Raises:
-        StreamError: the first fault; E_TRUNCATED only if header or chunks are not complete.
+        StreamError: a fault of header or chunks, or they are not complete.
     """
-    decoder = Decoder(limits=request.limits)
-    for at, size in _arrival(data, request):
-        decoder.feed(data[at : at + size], at)
-    if decoder.fault is not None:
-        raise decoder.fault
+    decoder = Decoder(limits=run.limits)
+    for at, size in _arrival(data, run):
+        try:
+            decoder.feed(data[at : at + size], at)
+        except StreamError:
+            if decoder.directory is None:
+                raise
+    fault = decoder.fault
     try:
         decoder.close()
     except StreamError as error:
-        if error.fault is not Fault.E_TRUNCATED or decoder.directory is None:
+        if decoder.directory is None:
             raise
+        if error.fault is not Fault.E_TRUNCATED:  # R-6.4-3
+            fault = fault or error
     assert decoder.directory is not None
-    _check_trailing(data, request, decoder.directory)
-    full = Cut.full(decoder.directory)
-    is_whole = decoder.cut.has(full)
-    return ACCEPTED if is_whole else INCOMPLETE, decoder.dump()
+    fault = fault or _trailing(data, run, decoder.directory)
+    is_whole = decoder.cut.has(Cut.full(decoder.directory))
+    return _outcome(run, fault, is_whole, decoder.dump)
 
 
-def complete_packets(data: bytes, request: Request) -> tuple[int, bytes]:
-    """The same, seen from the end: the packets whose bytes came, of the cut asked for."""
+def complete_packets(data: bytes, run: Run) -> Outcome:
+    """The same, seen from the end: the packets whose bytes came, of the cut asked for.
+
+    Raises:
+        StreamError: a fault of header or chunks, or they are not complete.
+    """
     there = np.zeros(len(data), bool)
-    for at, size in _arrival(data, request):
+    for at, size in _arrival(data, run):
         there[at : at + size] = True
-    directory = read_directory(memoryview(data)[: _prefix_size(there)], request.limits)
+    directory = read_directory(memoryview(data)[: _prefix_size(there)], run.limits)
     n_there = np.concatenate([[0], np.cumsum(there)])
-    ends = np.minimum(directory.offsets + directory.packets["size"], len(data))
+    sizes = directory.packets["size"]
+    ends = np.minimum(directory.offsets + sizes, len(data))
     starts = np.minimum(directory.offsets, len(data))
-    complete = n_there[ends] - n_there[starts] == directory.packets["size"]
-    wanted = _cut(request.level, directory)
-    cut = Cut.of_complete(directory, complete).within(wanted)
+    complete = n_there[ends] - n_there[starts] == sizes
+    wanted, fault = _cut(run.level, directory), None
     stream = memoryview(data)[: directory.size]
-    decoded = decode(stream, cut, limits=request.limits)
-    _check_trailing(data, request, directory)
-    if request.verify:  # 6.1: step 5 before 6
-        decode(stream, cut, verify=True, limits=request.limits)
-    is_whole = cut.has(wanted)
-    return ACCEPTED if is_whole else INCOMPLETE, decoded.dump()
+    while True:
+        cut = Cut.of_complete(directory, complete).within(wanted)
+        try:
+            result = decode(stream, cut, limits=run.limits)
+            break
+        except StreamError as error:  # the packet counts as one that did not come (R-6.4-5)
+            fault = fault or error
+            complete &= (directory.offsets != error.offset) | (sizes == 0)
+    fault = fault or _trailing(data, run, directory)
+    if run.verify and fault is None:  # 6.1: step 5 before 6
+        try:
+            decode(stream, cut, verify=True, limits=run.limits)
+        except StreamError as error:
+            fault = error
+    return _outcome(run, fault, cut.has(wanted), result.dump)
 
 
-def _arrival(data: bytes, request: Request) -> list[list[int]]:
-    return [[0, len(data)]] if request.arrival is None else request.arrival
+def _outcome(
+    run: Run, fault: StreamError | None, is_whole: bool, dump: Callable[[], bytes]
+) -> Outcome:
+    if fault is not None:
+        beside = dump() if run.dump_on_fault else None
+        return refused(run, fault.fault.name, fault.offset, beside)
+    return Outcome(ACCEPTED if is_whole else INCOMPLETE, dump=dump())
+
+
+def _arrival(data: bytes, run: Run) -> Sequence[tuple[int, int]]:
+    return ((0, len(data)),) if run.arrival is None else run.arrival
 
 
 def _prefix_size(there: npt.NDArray[np.bool_]) -> int:
@@ -205,11 +205,17 @@ def _prefix_size(there: npt.NDArray[np.bool_]) -> int:
     return len(there) if there.all() else int(np.argmin(there))
 
 
-def _check_trailing(data: bytes, request: Request, directory: Directory) -> None:
+def _trailing(data: bytes, run: Run, directory: Directory) -> StreamError | None:
     """Bytes after the last packet are a fault when no more come (spec 6.4)."""
-    ends = [min(at + size, len(data)) for at, size in _arrival(data, request) if size]
-    if max(ends, default=0) > directory.size:
-        raise StreamError(Fault.E_TRAILING, "bytes follow the last packet", directory.size)
+    ends = [min(at + size, len(data)) for at, size in _arrival(data, run) if size]
+    if max(ends, default=0) <= directory.size:
+        return None
+    return StreamError(Fault.E_TRAILING, "bytes follow the last packet", directory.size)
+
+
+def _ranges(path: str | Path | None) -> tuple[tuple[int, int], ...] | None:
+    ranges = _json(path)
+    return None if ranges is None else tuple((at, size) for at, size in ranges)
 
 
 def _json(path: str | Path | None) -> Any:  # noqa: ANN401 - limits, or ranges

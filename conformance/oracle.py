@@ -12,7 +12,7 @@ import struct
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import accumulate
 
 import zstandard
@@ -207,6 +207,7 @@ class Scene:
     palette_packets: list[Packet] = field(default_factory=list)
     digests: dict[tuple[int, int, int], bytes] = field(default_factory=dict)
     metadata: dict[str, str] = field(default_factory=dict)
+    faults: list[Reject] = field(default_factory=list)  # 6.4: those found, in the order of 6.1
 
     def palette_up_to(self, level: int) -> list[Packet]:
         """3.7: packets of the palette that picks of a step with this label require."""
@@ -723,6 +724,24 @@ def apply_packet(scene: Scene, packet: Packet, body: bytes) -> None:
     tile.cut[component] += 1
 
 
+def apply_whole(scene: Scene, packet: Packet, body: bytes) -> None:
+    """R-6.4-5: a packet is applied whole, or what it changed is put back."""
+    tile, palette = scene.tiles[packet.tile], [entries[:] for entries in scene.palette]
+    before = replace(
+        tile,
+        x=[x[:] for x in tile.x],
+        cut=tile.cut[:],
+        live=tile.live[:],
+        born_from=tile.born_from[:],
+        steps=tile.steps[:],
+    )
+    try:
+        apply_packet(scene, packet, body)
+    except Reject:
+        scene.tiles[packet.tile], scene.palette = before, palette
+        raise
+
+
 def apply_channel(
     x: list[int], step: Step, alpha: list[tuple[int, int]], psi: list[int], adds: list[int]
 ) -> None:
@@ -880,13 +899,25 @@ def is_there(pieces: Ranges, packet: Packet) -> bool:
     return packet.size == 0 or any(a <= packet.start and end <= b for a, b in pieces)
 
 
-def finish(scene: Scene, pieces: Ranges) -> Scene:
-    """6.1 step 5 (assumed: the offset is where the packets end), then 7.5."""
+def digest_differs(scene: Scene, p: Packet) -> bool:
+    """R-5.7-3 of the packet applied last, if it has a digest."""
+    digest = scene.digests.get((p.tile, p.component, p.step))
+    return digest is not None and scene.state_digest(p.tile, p.component) != digest
+
+
+def finish(scene: Scene, pieces: Ranges, wrong: set[tuple[int, int, int]]) -> Scene:
+    """7.5, then 6.1 step 5 (assumed: the offset is where the packets end) and step 6.
+
+    `wrong` are the packets whose digests differ. Assumed: a fault of dGST; a digest of a packet
+    outside the cut is not checked.
+    """
+    for tile in scene.tiles:
+        tile.channels = [[shown(tile, x, u) for u in range(tile.n_slots)] for x in tile.x]
     end = HEADER.size + scene.header.chunks_size + scene.header.data_size
     with structure_at(end):
         require(all(b <= end for _, b in pieces), "E_TRAILING", "R-6.2-1")
-    for tile in scene.tiles:
-        tile.channels = [[shown(tile, x, u) for u in range(tile.n_slots)] for x in tile.x]
+    with structure_at(scene.chunk_offsets.get(b"dGST", 0)):
+        require(not wrong, "E_DIGEST", "R-5.7-3")
     return scene
 
 
@@ -907,24 +938,18 @@ def decode(
     if cut is None:
         cut = cut_by_level(scene, scene.header.n_levels if level is None else level)
     check_cut(scene, cut)
-    wrong = set()
+    wrong = set[tuple[int, int, int]]()
     for p in scene.packets:
         if p.step >= cut[p.tile][p.component]:
             continue  # R-6.2-3
         with structure_at(p.start):
             require(is_there([(0, len(data))], p), "E_TRUNCATED", "R-6.2-2")
             apply_packet(scene, p, data[p.start : p.start + p.size])
-        if check_digests and (p.tile, p.component, p.step) in scene.digests:
-            digest = scene.state_digest(p.tile, p.component)
-            if digest != scene.digests[p.tile, p.component, p.step]:
-                wrong.add((p.tile, p.component, p.step))
+        if check_digests and digest_differs(scene, p):
+            wrong.add((p.tile, p.component, p.step))
         if trace is not None:
             trace(p.tile, p.step, p.component, state_bytes(scene, p.tile, p.component))
-    finish(scene, [(0, len(data))])
-    # 6.1 step 6. Assumed: a fault of dGST; a digest of a packet outside the cut is not checked.
-    with structure_at(scene.chunk_offsets.get(b"dGST", 0)):
-        require(not wrong, "E_DIGEST", "R-5.7-3")
-    return scene
+    return finish(scene, [(0, len(data))], wrong)
 
 
 def decode_prefix(data: bytes, *, limits: dict[str, int] | None = None) -> Scene:
@@ -936,6 +961,20 @@ def decode_pieces(
     data: bytes, arrival: list[tuple[int, int]], *, limits: dict[str, int] | None = None
 ) -> Scene:
     """The same where only some bytes of `data` came: (offset, size) of each piece, in any order."""
+    scene = decode_what_came(data, arrival, limits=limits)
+    for fault in scene.faults:
+        raise fault
+    return scene
+
+
+def decode_what_came(
+    data: bytes,
+    arrival: list[tuple[int, int]],
+    *,
+    check_digests: bool = False,
+    limits: dict[str, int] | None = None,
+) -> Scene:
+    """The same; faults but those of header and chunks are kept beside the state (R-6.4-5)."""
     pieces = Ranges()
     for begin, size in sorted(arrival):
         end = min(begin + size, len(data))
@@ -944,7 +983,7 @@ def decode_pieces(
         if begin < end:
             pieces.append((begin, end))
     head = data[: pieces[0][1]] if pieces and pieces[0][0] == 0 else b""
-    scene = read_tables(head, limits or {})
+    scene, wrong = read_tables(head, limits or {}), set[tuple[int, int, int]]()
     for p in scene.packets:
         steps = scene.tiles[p.tile].cut
         required = p.step == steps[p.component] and (p.component == 0 or p.step < steps[0])  # 3.5
@@ -952,7 +991,18 @@ def decode_pieces(
             required = p.step == steps[PALETTE]
         elif scene.header.has_palette and p.component == PICKS:
             required &= scene.tiles[0].cut[PALETTE] >= len(scene.palette_up_to(p.label))
-        if required and is_there(pieces, p):
+        if not required or not is_there(pieces, p):
+            continue
+        try:
             with structure_at(p.start):
-                apply_packet(scene, p, data[p.start : p.start + p.size])
-    return finish(scene, pieces)
+                apply_whole(scene, p, data[p.start : p.start + p.size])
+        except Reject as fault:
+            scene.faults.append(fault)
+            continue
+        if check_digests and digest_differs(scene, p):
+            wrong.add((p.tile, p.component, p.step))
+    try:
+        finish(scene, pieces, wrong)
+    except Reject as fault:
+        scene.faults.append(fault)
+    return scene

@@ -7,16 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from conformance import oracle
 
-if TYPE_CHECKING:
-    from evogs_codec import Cut, Directory
-
-__all__ = ["EXITS", "Outcome", "Run", "by_codec", "by_oracle"]
+__all__ = ["ACCEPTED", "EXITS", "INCOMPLETE", "Outcome", "Run", "by_codec", "by_oracle", "refused"]
 
 ACCEPTED, REJECTED, INCOMPLETE, OVER_LIMIT, NOT_SUPPORTED = 0, 1, 3, 4, 127
 EXITS = {"E_LIMIT": OVER_LIMIT, "E_UNSUPPORTED": NOT_SUPPORTED}  # all other faults: REJECTED
@@ -32,6 +28,7 @@ class Run:
         limits: the decoder's own limits by name (spec 8.3).
         verify: digests are checked.
         arrival: progressive: (offset, size) of the ranges that came, in order; None: all of it.
+        dump_on_fault: progressive: the dump of the state is given beside a fault too.
     """
 
     mode: str = "file"
@@ -39,6 +36,7 @@ class Run:
     limits: Mapping[str, int] | None = None
     verify: bool = False
     arrival: tuple[tuple[int, int], ...] | None = None
+    dump_on_fault: bool = False
 
 
 @dataclass(frozen=True)
@@ -49,6 +47,10 @@ class Outcome:
     code: str | None = None
     offset: int | None = None
     dump: bytes | None = None
+
+    def fault(self) -> dict[str, Any]:
+        """The fault as the contract reports it; empty if there is none."""
+        return {} if self.code is None else {"code": self.code, "offset": self.offset}
 
 
 def by_oracle(data: bytes, run: Run, module: ModuleType = oracle) -> Outcome:
@@ -64,9 +66,12 @@ def by_oracle(data: bytes, run: Run, module: ModuleType = oracle) -> Outcome:
             scene = decoder.decode(data, level=run.level, check_digests=run.verify, limits=limits)
             return Outcome(ACCEPTED, dump=scene.dump())
         arrival = [(0, len(data))] if run.arrival is None else list(run.arrival)
-        scene = decoder.decode_pieces(data, arrival, limits=limits)
+        scene = decoder.decode_what_came(data, arrival, check_digests=run.verify, limits=limits)
     except decoder.Reject as fault:
-        return _refused(run, fault.code, fault.offset)
+        return refused(run, fault.code, fault.offset)
+    if scene.faults:
+        fault = scene.faults[0]
+        return refused(run, fault.code, fault.offset, scene.dump() if run.dump_on_fault else None)
     n_applied = sum(sum(tile.cut) for tile in scene.tiles)
     is_whole = n_applied == len(scene.packets)
     return Outcome(ACCEPTED if is_whole else INCOMPLETE, dump=scene.dump())
@@ -74,51 +79,13 @@ def by_oracle(data: bytes, run: Run, module: ModuleType = oracle) -> Outcome:
 
 def by_codec(data: bytes, run: Run) -> Outcome:
     """The outcome by the reference decoder."""
-    from evogs_codec import StreamError, decode
+    from conformance.decoder import decoded  # fresh vectors need this module, but no codec
 
-    try:
-        if run.mode == "progressive":
-            return _fed(data, run)
-        decoded = decode(data, partial(_cut, run.level), verify=run.verify, limits=run.limits)
-    except StreamError as error:
-        return _refused(run, error.fault.name, error.offset)
-    return Outcome(ACCEPTED, dump=decoded.dump())
+    return decoded(data, run)
 
 
-def _cut(level: int | None, directory: Directory) -> Cut:
-    from evogs_codec import Cut
-
-    return Cut.full(directory) if level is None else Cut.of_level(directory, level)
-
-
-def _fed(data: bytes, run: Run) -> Outcome:
-    """All that came is fed, and the first fault but a missing packet is raised."""
-    from evogs_codec import Decoder, Fault, StreamError
-    from evogs_codec.decode import Decoded
-
-    decoder = Decoder(limits=run.limits)
-    for offset, size in ((0, len(data)),) if run.arrival is None else run.arrival:
-        decoder.feed(data[offset : offset + size], offset)
-    # Of packets that could be decoded; a fault behind a missing packet was not raised by feed.
-    faults = sorted(decoder._faults.items())
-    if faults:
-        raise faults[0][1]
-    try:
-        decoder.close()
-    except StreamError as error:
-        if error.fault is not Fault.E_TRUNCATED:
-            raise
-        if decoder.directory is None:
-            return _refused(run, "E_TRUNCATED", error.offset)
-        if decoder._trailing:
-            raise StreamError(Fault.E_TRAILING, "", decoder.directory.size) from None
-    assert decoder.directory is not None
-    exit_code = ACCEPTED if decoder._done.all() else INCOMPLETE
-    decoded = Decoded(decoder.directory, decoder.cut, tuple(decoder._tiles), memoryview(data))
-    return Outcome(exit_code, dump=decoded.dump())
-
-
-def _refused(run: Run, code: str, offset: int) -> Outcome:
+def refused(run: Run, code: str, offset: int, dump: bytes | None = None) -> Outcome:
+    """The outcome of a fault; `dump` is that of the state beside it, if there is one."""
     if run.mode == "progressive" and code == "E_TRUNCATED":  # missing bytes are no fault there
         return Outcome(INCOMPLETE)
-    return Outcome(EXITS.get(code, REJECTED), code, offset)
+    return Outcome(EXITS.get(code, REJECTED), code, offset, dump)

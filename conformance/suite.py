@@ -112,7 +112,8 @@ def _needs(data: bytes) -> dict[str, int]:
 
 def _run(run: Run, outcome: Outcome) -> Entry:
     dump = None if outcome.dump is None else hashlib.sha256(outcome.dump).hexdigest()
-    return {
+    beside = {"dump_on_fault": True} if run.dump_on_fault else {}
+    return beside | {
         "mode": run.mode,
         "level": run.level,
         "limits": None if run.limits is None else dict(run.limits),

@@ -8,6 +8,7 @@ from conformance.cases import (
     core,
     core_tables,
     extension,
+    fault_states,
     invalid_chunks,
     invalid_directory,
     invalid_header,
@@ -68,4 +69,5 @@ FAMILIES: tuple[ModuleType, ...] = (
     palette_levels,
     palette_waits,
     invalid_palette,
+    fault_states,
 )

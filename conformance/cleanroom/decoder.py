@@ -117,7 +117,8 @@ class Stream:
     rows: list[Row] = field(default_factory=list)
     digests: dict[tuple[int, int, int], bytes] = field(default_factory=dict)
     states: dict[int, Tile] = field(default_factory=dict)  # of tiles with packets in the cut
-    missing: int | None = None  # start of the first packet asked for that did not come
+    missing: int | None = None  # start of the first packet asked for that was not applied
+    faults: list[tuple[str, int]] = field(default_factory=list)  # 6.4: code and offset
 
     def limit(self, name: str, value: int) -> None:
         """Check the limit of the tier, then that of this decoder."""
@@ -610,7 +611,11 @@ def apply_packet(data: memoryview, row: Row, stream: Stream, tile: Tile) -> None
 
 # 6: the order of checks, cuts
 def choose(source: Source, stream: Stream, level: int | None, progressive: bool) -> list[Row]:
-    """Give the packets of the cut; progressively, of the largest cut that came whole."""
+    """Give the packets of the cut; progressively, of the largest cut that came whole.
+
+    A packet with a fault counts as one that did not come (R-6.4-5).
+    """
+    faulty = {start for _, start in stream.faults}
     cut: list[Row] = []
     taken: set[tuple[int, int, int]] = set()
     lacking = stream.n_levels  # the level of the first packet of the palette that is not taken
@@ -621,6 +626,7 @@ def choose(source: Source, stream: Stream, level: int | None, progressive: bool)
         ready = step == 0 or (tile, component, step - 1) in taken
         ready = ready and (row.holds in ("core", "entries") or (tile, 0, step) in taken)
         ready = ready and (row.holds != "picks" or row.level < lacking)  # 3.7, R-5.6-10
+        ready = ready and (row.size == 0 or row.start not in faulty)
         if not progressive or (ready and source.has(row.start, row.size)):  # R-6.4-1, R-6.4-3
             taken.add(row[:3])
             cut.append(row)
@@ -630,15 +636,11 @@ def choose(source: Source, stream: Stream, level: int | None, progressive: bool)
     return cut
 
 
-def decode(
-    source: Source, own: Limits, level: int | None, verify: bool, progressive: bool
-) -> Stream:
-    """Decode a cut in the order of 6.1; progressively, as much of it as came (6.4)."""
-    stream = read_header(source, own)
-    read_chunks(source, stream)
-    if level is not None and not 0 <= level < stream.n_levels:
-        raise ValueError(f"the stream has no level {level}")  # the mistake of a caller: 3.6
-    cut = choose(source, stream, level, progressive)
+def apply_cut(source: Source, stream: Stream, cut: list[Row], verify: bool) -> bool:
+    """Apply packets to an empty state; tell whether digests, if they are checked, are kept."""
+    stream.states.clear()
+    for entries in stream.palette:
+        del entries[:]
     of_tiles = [row for row in cut if row.holds != "entries"]
     last = {(row.tile, row.step): row for row in of_tiles}  # that need the records of a step
     digests_kept = True
@@ -654,11 +656,39 @@ def decode(
         digest = stream.digests.get(row[:3])
         if verify and digest is not None:
             digests_kept &= hashlib.sha256(state(row, stream, tile)).digest() == digest
-    source.at = 64 + stream.chunks_size + stream.data_size
-    require(source.there.find(1, source.at) < 0, "E_TRAILING")  # R-6.2-1
-    if not digests_kept:
-        source.at = stream.chunks[b"dGST"][0]
-        raise FaultError("E_DIGEST")  # R-5.7-3, R-5.7-4
+    return digests_kept
+
+
+def decode(
+    source: Source, own: Limits, level: int | None, verify: bool, progressive: bool
+) -> Stream:
+    """Decode a cut in the order of 6.1; progressively, as much of it as came (6.4).
+
+    Progressively, faults but those of header and chunks are kept beside the state: after that of a
+    packet, decoding begins anew without it.
+    """
+    stream = read_header(source, own)
+    read_chunks(source, stream)
+    if level is not None and not 0 <= level < stream.n_levels:
+        raise ValueError(f"the stream has no level {level}")  # the mistake of a caller: 3.6
+    while True:
+        cut = choose(source, stream, level, progressive)
+        try:
+            digests_kept = apply_cut(source, stream, cut, verify)
+            break
+        except FaultError as fault:
+            if not progressive:
+                raise
+            stream.faults.append((str(fault), source.at))
+    try:
+        source.at = 64 + stream.chunks_size + stream.data_size
+        require(source.there.find(1, source.at) < 0, "E_TRAILING")  # R-6.2-1
+        source.at = stream.chunks[b"dGST"][0] if not digests_kept else source.at
+        require(digests_kept, "E_DIGEST")  # R-5.7-3, R-5.7-4
+    except FaultError as fault:
+        if not progressive:
+            raise
+        stream.faults.append((str(fault), source.at))
     return stream
 
 
@@ -692,8 +722,12 @@ def perform(request: Mapping[str, Any]) -> dict[str, Any]:
     except FaultError as fault:
         exits = {"E_UNSUPPORTED": 127, "E_LIMIT": 4, "E_TRUNCATED": 3 if progressive else 1}
         return {"exit": exits.get(str(fault), 1), "code": str(fault), "offset": source.at}
-    with out.open("wb") as file:
-        write_dump(stream, file)
+    if not stream.faults or request.get("dump_on_fault"):
+        with out.open("wb") as file:
+            write_dump(stream, file)
+    if stream.faults:
+        code, offset = stream.faults[0]
+        return {"exit": 1, "code": code, "offset": offset}
     partial = {"exit": 3, "code": "E_TRUNCATED", "offset": stream.missing}
     return {"exit": 0} if stream.missing is None else partial
 
@@ -715,13 +749,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Decodes an EvoGS stream to a dump.")
     for name in ("--in", "--out", "--limits", "--arrival"):
         parser.add_argument(name, metavar="FILE")
-    for name in ("--verify", "--capabilities", "--batch"):
+    for name in ("--verify", "--dump-on-fault", "--capabilities", "--batch"):
         parser.add_argument(name, action="store_true")
     parser.add_argument("--mode", choices=("file", "progressive"), default="file")
     parser.add_argument("--level", type=int, metavar="K")
     request = vars(parser.parse_args())
     if request["capabilities"]:
         able = dict.fromkeys(("codes", "verify", "limits", "arrival", "batch"), True)
+        able["dump_on_fault"] = True
         most = {"modes": ["file", "progressive"], "max_tier": 3, "max_sh_degree": 3}
         print(json.dumps({"name": "cleanroom", "version": "1.0", **able, **most}))
         return 0

@@ -65,6 +65,7 @@ class Parcel:
     verify: bool
     limits: Path | None
     arrival: Path | None
+    dump_on_fault: bool
 
     @property
     def folders(self) -> tuple[Path, Path]:
@@ -78,6 +79,7 @@ class Parcel:
         words += [] if self.limits is None else ["--limits", str(self.limits)]
         words += ["--verify"] if self.verify else []
         words += [] if self.arrival is None else ["--arrival", str(self.arrival)]
+        words += ["--dump-on-fault"] if self.dump_on_fault else []
         return words
 
     def request(self, number: int) -> bytes:
@@ -92,6 +94,7 @@ class Parcel:
         entry |= {} if self.limits is None else {"limits": str(self.limits)}
         entry |= {"verify": True} if self.verify else {}
         entry |= {} if self.arrival is None else {"arrival": str(self.arrival)}
+        entry |= {"dump_on_fault": True} if self.dump_on_fault else {}
         return json.dumps(entry).encode() + b"\n"
 
 

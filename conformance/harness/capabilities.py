@@ -12,7 +12,9 @@ from conformance.harness.plain import plain, read_json
 from conformance.harness.process import Bounds, run
 from conformance.harness.scratch import scratch
 
-__all__ = ["Capabilities", "CapabilityError", "ask_capabilities", "lacking"]
+__all__ = ["Capabilities", "CapabilityError", "ask_capabilities", "lacking", "not_asked"]
+
+OPTIONAL = {"dump_on_fault": False}  # keys that may be left out, and what that means
 
 MOST_NAME = 80  # characters
 
@@ -23,7 +25,7 @@ class CapabilityError(Exception):
 
 @dataclass(frozen=True)
 class Capabilities:
-    """The answer to --capabilities, by its names."""
+    """The answer to --capabilities, by its names; `OPTIONAL` ones may be left out."""
 
     name: str
     version: str
@@ -32,6 +34,7 @@ class Capabilities:
     verify: bool
     limits: bool
     arrival: bool
+    dump_on_fault: bool
     batch: bool
     max_tier: int
     max_sh_degree: int
@@ -81,14 +84,20 @@ def lacking(capabilities: Capabilities, case: Case) -> list[str]:
     return [name for name, is_lacking in needs.items() if is_lacking]
 
 
+def not_asked(capabilities: Capabilities, case: Case) -> bool:
+    """Whether the run has an option that the decoder may not know: then it is not put to it."""
+    return case.run.dump_on_fault and not capabilities.dump_on_fault
+
+
 def _parse(entry: object) -> Capabilities:
     if not isinstance(entry, dict):
         raise TypeError("not an object")
     names = Capabilities.__dataclass_fields__
+    entry = dict[str, Any](OPTIONAL) | entry
     wrong = set(entry) ^ set(names)
     if wrong:
         raise ValueError(f"keys unknown or missing: {plain(', '.join(sorted(wrong)))}")
-    for key in ("codes", "verify", "limits", "arrival", "batch"):
+    for key in ("codes", "verify", "limits", "arrival", "dump_on_fault", "batch"):
         if type(entry[key]) is not bool:
             raise TypeError(f"{key} is not true or false")
     for key, low, high in (("max_tier", 1, 3), ("max_sh_degree", 0, 3)):

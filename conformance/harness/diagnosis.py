@@ -16,7 +16,15 @@ from pathlib import Path
 from conformance.harness.judging import Result
 from conformance.harness.manifest import SuiteError
 
-__all__ = ["Diagnosis", "Fingerprint", "Likeness", "accepts_any", "diagnose", "read_fingerprints"]
+__all__ = [
+    "Diagnosis",
+    "Fingerprint",
+    "Likeness",
+    "accepts_any",
+    "changed_by_faults",
+    "diagnose",
+    "read_fingerprints",
+]
 
 LEAST_SHARE = 0.5  # below it, to name a mutant would mislead
 LEAST_OWN = 0.75  # of the wrong runs of one among several: some are hidden by another's
@@ -71,6 +79,7 @@ class Diagnosis:
         n_explained, n_wrong: wrong runs that these explain, of all.
         accepts: whether any legal stream was accepted.
         hint: what was seen when wrong runs were asked alone; "" if nothing.
+        n_changed: wrong dumps beside a fault, if all other dumps are right.
     """
 
     alike: tuple[Likeness, ...] = ()
@@ -79,6 +88,7 @@ class Diagnosis:
     n_wrong: int = 0
     accepts: bool = True
     hint: str = ""
+    n_changed: int = 0
 
     def sentences(self) -> list[str]:
         """For people."""
@@ -88,6 +98,11 @@ class Diagnosis:
             names = ", ".join(one.name for one in best)
             like = f", as of {names}, looks alike" if names else " looks alike"
             return [f"no legal stream was accepted: any check that always fails{like}"]
+        if self.n_changed:
+            said.append(
+                f"a packet with a fault changed the state, or ended it: {self.n_changed} dumps"
+                " beside a fault are wrong, and all others right (spec 6.4, R-6.4-5)"
+            )
         for one in best:
             how = "all" if one.share == 1 else f"{one.n_same} of {one.n_runs}"
             said.append(f"this looks like {one.sentence()} (explains {how} wrong runs)")
@@ -127,7 +142,7 @@ def diagnose(
         fingerprints: of the mutants.
         codes: the decoder reports fault codes, so these tell mutants apart too.
     """
-    runs = {result.case.id: result for result in results if result.kind != "skipped"}
+    runs = {result.case.id: result for result in results if result.judged}
     symptoms = {case: _symptom(result) for case, result in runs.items() if result.failed}
     compared = []
     for name, fingerprint in fingerprints.items():
@@ -155,8 +170,14 @@ def diagnose(
 
 def accepts_any(results: Sequence[Result]) -> bool:
     """Whether some legal stream was accepted, or none was asked for."""
-    legal = [one for one in results if one.case.run.exit in (0, 3) and one.kind != "skipped"]
+    legal = [one for one in results if one.case.run.exit in (0, 3) and one.judged]
     return not legal or any(one.answer.exit in (0, 3) for one in legal)
+
+
+def changed_by_faults(results: Sequence[Result]) -> int:
+    """How many dumps beside a fault are wrong; 0 if other dumps are wrong too."""
+    wrong = [one for one in results if one.kind == "wrong dump"]
+    return len(wrong) if all(one.case.run.exit == 1 for one in wrong) else 0
 
 
 @dataclass(frozen=True)

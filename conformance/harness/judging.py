@@ -16,6 +16,7 @@ __all__ = ["EXPECTED", "KINDS", "Result", "judge"]
 KINDS = {
     "pass": "as expected",
     "skipped": "needs a feature that the decoder declares not to have, and says so with 127",
+    "not asked": "needs an option of the contract that the decoder does not declare to know",
     "wrong verdict": "accepted, rejected, not complete, over limits, unsupported: not as expected",
     "wrong dump": "the right verdict, but not the right integers",
     "wrong code": "rejected, but for another reason or at another place",
@@ -38,6 +39,7 @@ EXPECTED = {
     "memory": "less memory than the limit",
     "output": "fewer bytes in files than the limit, and no file touched that is not its own",
 }
+UNJUDGED = ("skipped", "not asked")
 VERDICTS = {
     0: "accepted",
     1: "rejected",
@@ -59,7 +61,12 @@ class Result:
     @property
     def failed(self) -> bool:
         """Whether the decoder is not right here."""
-        return self.kind not in ("pass", "skipped")
+        return self.kind not in ("pass", *UNJUDGED)
+
+    @property
+    def judged(self) -> bool:
+        """Whether the decoder was asked and gave an answer to judge."""
+        return self.kind not in UNJUDGED
 
 
 def judge(
@@ -97,6 +104,7 @@ def judge(
             return Result(case, answer, "stray output", says)
     elif hashlib.sha256(output).hexdigest() != run.dump:
         at = "" if run.level is None else f"level {run.level}, "
+        at += "the state beside the fault: " if run.exit == 1 else ""
         says = at + difference(output, golden(run.dump))
         return Result(case, answer, "wrong dump", says)
     if codes and run.code is not None and run.exit != 0:

@@ -29,7 +29,12 @@ class SuiteError(Exception):
 
 @dataclass(frozen=True)
 class Run:
-    """One question to a decoder and the answer expected (conformance/README.md)."""
+    """One question to a decoder and the answer expected (conformance/README.md).
+
+    Attributes:
+        dump_on_fault: `dump` is that of the state beside the fault, if there is one; left out of
+            the manifest where it is false.
+    """
 
     mode: str
     level: int | None
@@ -40,12 +45,15 @@ class Run:
     code: str | None
     offset: int | None
     dump: str | None  # SHA-256 of the dump
+    dump_on_fault: bool = False
 
     def __post_init__(self) -> None:
         if self.mode not in MODES or self.exit not in EXITS:
             raise SuiteError(f"a run has mode {self.mode!r} and exit {self.exit!r}")
         if self.exit == 0 and self.dump is None:
             raise SuiteError("a run that is accepted has no dump")
+        if self.exit == 1 and self.dump is not None and not self.dump_on_fault:
+            raise SuiteError("a run that is rejected has a dump that is not asked for")
 
     def options(self) -> str:
         """What was asked for, in words."""
@@ -54,6 +62,7 @@ class Run:
         words += ["limits"] if self.limits else []
         words += ["verify"] if self.verify else []
         words += [f"{len(self.arrival)} ranges"] if self.arrival is not None else []
+        words += ["dump on fault"] if self.dump_on_fault else []
         return ", ".join(words)
 
 
@@ -186,7 +195,7 @@ def _run(entry: Mapping[str, Any]) -> Run:
     arrival = entry["arrival"]
     if arrival is not None:
         arrival = tuple((int(offset), int(size)) for offset, size in arrival)
-    return _build(Run, {**entry, "arrival": arrival})
+    return _build(Run, {"dump_on_fault": False, **entry, "arrival": arrival})
 
 
 T = TypeVar("T")

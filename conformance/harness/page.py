@@ -51,10 +51,11 @@ def _messages(trial: Trial, report: dict[str, Any]) -> str:
 def _families(families: dict[str, dict[str, int]]) -> str:
     rows = []
     for family, counts in families.items():
-        n, n_pass, n_skipped = sum(counts.values()), counts.get("pass", 0), counts.get("skipped", 0)
-        n_wrong = n - n_pass - n_skipped
+        n, n_pass = sum(counts.values()), counts.get("pass", 0)
+        n_skipped, n_not_asked = counts.get("skipped", 0), counts.get("not asked", 0)
+        n_wrong = n - n_pass - n_skipped - n_not_asked
         state = "bad" if n_wrong else "good" if n_pass else ""
-        cells = f"<td>{n}<td>{n_pass}<td>{n_skipped}<td>{n_wrong}"
+        cells = f"<td>{n}<td>{n_pass}<td>{n_skipped}<td>{n_not_asked}<td>{n_wrong}"
         rows.append(f'<tr class="{state}"><th>{_text(family)}{cells}</tr>')
     return "\n".join(rows)
 
@@ -99,7 +100,7 @@ PAGE = """<!DOCTYPE html>
 <p>{line}<br><code>{command}</code></p>
 {messages}
 <details open><summary>Families</summary>
-<table><tr><th>family<th>runs<th>pass<th>skipped<th>wrong</tr>
+<table><tr><th>family<th>runs<th>pass<th>skipped<th>not asked<th>wrong</tr>
 {families}
 </table></details>
 <details><summary>Requirements (a click shows the runs)</summary>
@@ -138,7 +139,7 @@ const MOST = 500;
 const rows = JSON.parse(document.getElementById('data').textContent);
 const find = document.getElementById('find'), wrong = document.getElementById('wrong');
 const table = document.getElementById('runs'), count = document.getElementById('count');
-const isWrong = row => row[0] !== 'pass' && row[0] !== 'skipped';
+const isWrong = row => !['pass', 'skipped', 'not asked'].includes(row[0]);
 if (!rows.some(isWrong)) wrong.checked = false;
 function show() {
   const words = find.value.toLowerCase().split(/\\s+/).filter(Boolean);

@@ -68,9 +68,12 @@ def claim(trial: Trial) -> str | None:
     capabilities = trial.capabilities
     if trial.exit != PASSED or not trial.choice.is_all or capabilities is None:
         return None
+    modes = list(capabilities.modes)
+    if trial.n_not_asked and "progressive" in modes:
+        modes[modes.index("progressive")] += " but for its state beside a fault"
     return (
         f"{capabilities.name} {capabilities.version} decodes EvoGS {trial.spec}"
-        f" ({', '.join(capabilities.modes)}) to tier {capabilities.max_tier}"
+        f" ({', '.join(modes)}) to tier {capabilities.max_tier}"
         f" and SH degree {capabilities.max_sh_degree}: suite {trial.version}"
         f" {trial.suite_sha256[:12]}, {trial.n_fresh} fresh vectors of seed {trial.options.seed}"
     )

@@ -17,7 +17,7 @@ from typing import Protocol
 
 from conformance.harness.answers import Answer, Parcel
 from conformance.harness.batch import Batch
-from conformance.harness.capabilities import Capabilities, lacking
+from conformance.harness.capabilities import Capabilities, lacking, not_asked
 from conformance.harness.judging import EXPECTED, Result, judge
 from conformance.harness.manifest import Case, Run, SuiteError
 from conformance.harness.oneshot import OneShot
@@ -43,6 +43,8 @@ SURROUNDINGS = (
         "EVOGS_UNRELATED": "x" * 4096,
     },
 )
+
+NOT_ASKED = "the decoder does not declare dump_on_fault"
 
 
 class Asker(Protocol):
@@ -132,6 +134,9 @@ def run_cases(
             while not ends and not errors:
                 number = waiting.get_nowait()
                 case = cases[number]
+                if not_asked(capabilities, case):
+                    results[number] = Result(case, Answer(None), "not asked", NOT_ASKED)
+                    continue
                 result = ask_once(asker, case, root, capabilities, golden, options)
                 results[number] = result
                 troubles.append(result.answer.trouble)
@@ -188,7 +193,8 @@ def ask_again(results: Sequence[Result], options: Options) -> tuple[int, list[Re
 
     With the batch protocol, this also holds the two ways of asking against each other.
     """
-    sample = [result for result in results if not result.answer.trouble]
+    sample = [result for result in results if result.kind != "not asked"]
+    sample = [result for result in sample if not result.answer.trouble]
     sample = random.Random(options.seed).sample(sample, min(options.n_again, len(sample)))
     asker, found = options.one_shot(), []
     with scratch() as root:
@@ -264,6 +270,7 @@ def _parcel(run: Run, data: bytes, folder: Path) -> Parcel:
         verify=run.verify,
         limits=None if run.limits is None else put(json.dumps(dict(run.limits)).encode()),
         arrival=None if run.arrival is None else put(json.dumps(run.arrival).encode()),
+        dump_on_fault=run.dump_on_fault,
     )
 
 

@@ -42,6 +42,7 @@ CLASSES = {  # how many runs of each the small suite has
     "progressive": 2,
     "incomplete": 2,
     "rejected": 5,
+    "beside fault": 2,
     "verify": 1,
     "limit": 1,
     "unsupported": 1,
@@ -119,6 +120,8 @@ def class_of(case: Case) -> str | None:
         return None
     if run.exit == 127:
         return "unsupported" if run.mode == "file" else None
+    if run.dump_on_fault:
+        return "beside fault" if run.exit == 1 and run.dump is not None else None
     if run.exit == 1:
         return "rejected" if run.mode == "file" and run.level is None else None
     if run.exit == 3:

@@ -13,7 +13,7 @@ from conformance.harness.trial import FAILED, INCOMPLETE, PASSED, Trial
 __all__ = ["print_report", "report", "requirements"]
 
 MOST_FAILURES = 20
-COLUMNS = ("pass", "skipped", "wrong verdict", "wrong dump", "wrong code")
+COLUMNS = ("pass", "skipped", "not asked", "wrong verdict", "wrong dump", "wrong code")
 
 
 def print_report(trial: Trial) -> None:
@@ -49,8 +49,9 @@ def trial_line(trial: Trial) -> str:
     capabilities = trial.capabilities
     name = f"{capabilities.name} {capabilities.version}" if capabilities else "the decoder"
     peak = max((result.answer.peak for result in trial.results), default=0)
+    n_asked = len(trial.results) - trial.n_not_asked
     return (
-        f"{name}: {len(trial.results)} of {trial.n_cases} runs in {trial.seconds:.1f} s,"
+        f"{name}: {n_asked} of {trial.n_cases} runs in {trial.seconds:.1f} s,"
         f" seed {trial.options.seed}, peak memory {peak >> 20} MiB,"
         f" {trial.n_again} asked again"
     )
@@ -119,6 +120,7 @@ def _conclusion(trial: Trial) -> Iterable[str]:
             "PASS: the decoder is right in all runs"
             + ("" if trial.choice.is_all else " of this selection")
             + (f" but {n_skipped} that need what it does not have" if n_skipped else "")
+            + (f"; {trial.n_not_asked} were not asked" if trial.n_not_asked else "")
         )
     assert trial.exit in (PASSED, FAILED, INCOMPLETE)
     assert set(KINDS) >= {result.kind for result in trial.failed}

@@ -17,6 +17,7 @@ from conformance.harness.diagnosis import (
     Diagnosis,
     Fingerprint,
     accepts_any,
+    changed_by_faults,
     diagnose,
     read_fingerprints,
 )
@@ -121,6 +122,11 @@ class Trial:
         return [result for result in self.results if result.failed] + self.again
 
     @property
+    def n_not_asked(self) -> int:
+        """Runs that were not put to the decoder."""
+        return sum(result.kind == "not asked" for result in self.results)
+
+    @property
     def exit(self) -> int:
         """Exit code: a failure is sure, a pass needs a complete trial."""
         if self.failed or self.failures:
@@ -211,10 +217,20 @@ def _conclude(
         trial.diagnosis = Diagnosis(hint=hint)
     else:
         found = diagnose(covered, fingerprints, codes=trial.capabilities.codes)
-        trial.diagnosis = replace(found, accepts=accepts_any(covered), hint=hint)
+        trial.diagnosis = replace(
+            found,
+            accepts=accepts_any(covered),
+            hint=hint,
+            n_changed=changed_by_faults(covered),
+        )
     asked = [result for result in trial.results if result.case.vector.family != "canary"]
-    if asked and all(result.kind == "skipped" for result in asked):
+    if asked and not any(result.judged for result in asked):
         trial.incomplete.append("all runs were skipped: the decoder declares that it does nothing")
+    if trial.n_not_asked:
+        trial.notes.append(
+            f"{trial.n_not_asked} runs were not asked, since the decoder does not declare"
+            " dump_on_fault: whether a packet with a fault changes its state is not known"
+        )
     if not trial.n_again:
         trial.incomplete.append("no run was asked again: determinism is not known")
     if not trial.choice.is_all:

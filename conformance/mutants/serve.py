@@ -27,6 +27,7 @@ CAPABILITIES = {
     "verify": True,
     "limits": True,
     "arrival": True,
+    "dump_on_fault": True,
     "batch": True,
     "max_tier": 3,
     "max_sh_degree": 3,
@@ -44,6 +45,7 @@ def serve(arguments: Sequence[str]) -> int:
     parser.add_argument("--limits", metavar="FILE.json")
     parser.add_argument("--verify", action="store_true")
     parser.add_argument("--arrival", metavar="FILE.json")
+    parser.add_argument("--dump-on-fault", action="store_true")
     parser.add_argument("--capabilities", action="store_true")
     parser.add_argument("--batch", action="store_true")
     args = vars(parser.parse_args(arguments))
@@ -57,12 +59,12 @@ def serve(arguments: Sequence[str]) -> int:
         for line in sys.stdin:
             entry = json.loads(line)
             came = _answer(module, entry | {"source": entry["in"], "target": entry["out"]})
-            reply = {"id": entry["id"], "exit": came.exit} | _fault(came)
+            reply = {"id": entry["id"], "exit": came.exit} | came.fault()
             print(json.dumps(reply), flush=True)
         return 0
     came = _answer(module, args)
     if came.code is not None:
-        print(json.dumps(_fault(came)))
+        print(json.dumps(came.fault()))
     return came.exit
 
 
@@ -75,6 +77,7 @@ def _answer(module: ModuleType, request: Mapping[str, Any]) -> Outcome:
         _json(request.get("limits")),
         bool(request.get("verify")),
         None if arrival is None else tuple((at, size) for at, size in arrival),
+        bool(request.get("dump_on_fault")),
     )
     came = outcome(module, Path(request["source"]).read_bytes(), run)
     if came == CRASH:
@@ -82,10 +85,6 @@ def _answer(module: ModuleType, request: Mapping[str, Any]) -> Outcome:
     if came.dump is not None:
         Path(request["target"]).write_bytes(came.dump)
     return came
-
-
-def _fault(came: Outcome) -> dict[str, Any]:
-    return {} if came.code is None else {"code": came.code, "offset": came.offset}
 
 
 def _json(path: str | None) -> Any:  # noqa: ANN401 - what a file says

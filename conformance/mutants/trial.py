@@ -41,6 +41,7 @@ def run_of(entry: Mapping[str, Any]) -> Run:
         entry["limits"],
         entry["verify"],
         None if arrival is None else tuple((at, size) for at, size in arrival),
+        entry.get("dump_on_fault", False),
     )
 
 

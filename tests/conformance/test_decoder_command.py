@@ -9,6 +9,7 @@ import pytest
 
 from conformance import decoder, oracle
 from conformance.commands import register
+from conformance.outcomes import Run
 from tests.conformance.tiny import EXAMPLE, ROOT
 
 COMMAND = [sys.executable, "-m", "conformance.decoder"]
@@ -28,13 +29,14 @@ def call(tmp_path, *options, data=EXAMPLE, mode="file"):
 
 
 def ask(tmp_path, data=EXAMPLE, **options):
-    """(exit, code, offset, bytes of OUT or None) of the function behind it."""
+    """(exit, code, offset, bytes of OUT or None) of the functions behind it."""
     source, target = tmp_path / "in", tmp_path / "out"
     source.write_bytes(data)
     target.unlink(missing_ok=True)
-    reply = decoder.answer(decoder.Request(source, target, **{"mode": "progressive"} | options))
+    came = decoder.answer(source, target, Run(**{"mode": "progressive"} | options))
     dump = target.read_bytes() if target.exists() else None
-    return reply.exit, reply.code, reply.offset, dump
+    assert came.dump == dump
+    return came.exit, came.code, came.offset, dump
 
 
 def test_an_accepted_stream_leaves_its_dump_and_no_word(tmp_path):

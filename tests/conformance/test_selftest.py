@@ -14,6 +14,7 @@ TABLE = json.loads((BAD / "expected.json").read_text(encoding="utf-8"))
 # One of each kind; all of them take a minute.
 QUICK = [
     *("right in batches", "modest", "accept-all", "by-heart", "by-surroundings"),
+    *("changed-by-a-fault", "nothing-beside-a-fault", "of-before-dump-on-fault"),
     *("last-off-by-one", "crash-after-success", "sleeps-at-the-end", "memory-hog", "noise"),
     *("huge-output", "wrong-ids", "stale-output", "says-not-what-it-can"),
     *("hides-its-memory", "leaves-a-hopper", "huge-output-below", "pipes-for-files"),
@@ -38,7 +39,7 @@ def test_there_are_bad_decoders_of_every_sort_and_each_verdict_is_a_failure():
     assert len(TABLE) >= 75
     assert all(entry["says"] for entry in TABLE.values())
     assert [name for name, entry in TABLE.items() if entry.get("exit") == 0] == [
-        *("right", "right in batches", "modest", "leaves-a-process"),
+        *("right", "right in batches", "modest", "of-before-dump-on-fault", "leaves-a-process"),
         *("strange-name", "leaves-a-daemon", "leaves-a-hopper"),
     ]
 

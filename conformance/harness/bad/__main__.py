@@ -28,11 +28,14 @@ CAPABILITIES = {
     "verify": True,
     "limits": True,
     "arrival": True,
+    "dump_on_fault": True,
     "batch": True,
     "max_tier": 3,
     "max_sh_degree": 3,
 }
-MODEST = {"modes": ["file"], "codes": False, "verify": False, "limits": False, "arrival": False}
+OLD = {key: value for key, value in CAPABILITIES.items() if key != "dump_on_fault"}
+MODEST = OLD | dict.fromkeys(("codes", "verify", "limits", "arrival"), False) | {"modes": ["file"]}
+DECLARED = {"modest": MODEST, "of-before-dump-on-fault": OLD}  # by other decoders: CAPABILITIES
 
 
 def main() -> int:
@@ -42,7 +45,7 @@ def main() -> int:
     for option in ("in", "out", "mode", "limits", "arrival"):
         parser.add_argument(f"--{option}")
     parser.add_argument("--level", type=int)
-    for option in ("verify", "capabilities", "batch"):
+    for option in ("verify", "dump-on-fault", "capabilities", "batch"):
         parser.add_argument(f"--{option}", action="store_true")
     args = parser.parse_args(sys.argv[3:])
     if args.capabilities:
@@ -70,7 +73,7 @@ def capabilities(name: str) -> int:
         print("[" * DEPTH)
     else:
         said = {"name": HOSTILE if name == "strange-name-and-codes" else name}
-        print(json.dumps(CAPABILITIES | (MODEST if name == "modest" else {}) | said))
+        print(json.dumps(DECLARED.get(name, CAPABILITIES) | said))
     return 0
 
 

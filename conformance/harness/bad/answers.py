@@ -148,6 +148,23 @@ def skips_the_unknown(table: Table, question: Question) -> Reply:
     return Reply(0, dump=NO_TILES) if reply.exit == 127 else reply
 
 
+def changed_by_a_fault(table: Table, question: Question) -> Reply:
+    reply = table.answer(question)
+    return _with_dump(reply, _last_off_by_one) if reply.exit == 1 else reply
+
+
+def nothing_beside_a_fault(table: Table, question: Question) -> Reply:
+    reply = table.answer(question)
+    return replace(reply, dump=None) if reply.exit == 1 else reply
+
+
+def of_before_dump_on_fault(table: Table, question: Question) -> Reply:
+    """Was written before the option came, and dies of it."""
+    if question.dump_on_fault:
+        os.abort()
+    return table.answer(question)
+
+
 ANSWERS = {
     function.__name__.replace("_", "-"): function
     for function in (
@@ -156,7 +173,7 @@ ANSWERS = {
         *(big_endian, last_off_by_one, truncated_dump, trailing_bytes, empty_dump),
         *(output_on_rejection, partial_then_fail, wrong_codes, wrong_offsets, ignores_level),
         *(ignores_limits, ignores_checksums, ignores_digests, waits_for_nothing),
-        skips_the_unknown,
+        *(skips_the_unknown, changed_by_a_fault, nothing_beside_a_fault, of_before_dump_on_fault),
     )
 }
 

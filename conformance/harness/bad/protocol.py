@@ -107,6 +107,7 @@ def question_of(entry: Entry) -> Question:
         limits,
         entry.get("verify", False),
         arrival,
+        entry.get("dump_on_fault", False),
     )
 
 

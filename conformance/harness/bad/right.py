@@ -13,6 +13,7 @@ from typing import Any
 __all__ = ["Question", "Reply", "Table", "Told"]
 
 HEADER_SIZE = 64
+OPTIONS = ("mode", "level", "limits", "verify", "arrival", "dump_on_fault")
 KNOWN = (b"STEP", b"ALFA", b"TILE", b"PACK", b"dGST", b"mETa")
 
 
@@ -27,11 +28,12 @@ class Question:
     limits: Any = None
     verify: bool = False
     arrival: Any = None
+    dump_on_fault: bool = False
 
     @property
     def options(self) -> str:
         """What was asked for, to look up."""
-        return json.dumps([self.mode, self.level, self.limits, self.verify, self.arrival])
+        return json.dumps([getattr(self, key) for key in OPTIONS])
 
 
 @dataclass(frozen=True)
@@ -57,8 +59,7 @@ class Table:
         self.whole: dict[str, Told] = {}
         for vector in manifest["vectors"]:
             for run in vector["runs"]:
-                keys = ("mode", "level", "limits", "verify", "arrival")
-                options = json.dumps([run[key] for key in keys])
+                options = json.dumps([run.get(key, False) for key in OPTIONS])
                 self.runs[vector["sha256"], options] = run
                 self.whole.setdefault(vector["sha256"], run)
 
