@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from random import Random
@@ -39,6 +40,7 @@ def fresh(seed: int, number: int) -> Vector:
         data = random_stream(rng)
         data = data if is_legal else tampered(rng, data)
         runs = tuple(runs_of(rng, data))
+        runs += tuple(replace(r, dump_on_fault=True) for r in runs if r.mode == "progressive")
         outcomes = tuple(agreed(data, run, has_codec=has_codec) for run in runs)
         if (outcomes[0].exit == 0) == is_legal:
             break

@@ -2,14 +2,19 @@
 
 Random streams, and copies of them with damage behind right checksums, are decoded by the reference
 decoder, with and without its compiled loops, and by the oracle: whole, by level, under limits, and
-in pieces that come in any order. They must agree on verdict, fault code, offset and dump; the
-reference may raise nothing but `StreamError`, must end in time, and must keep to the memory of
-spec 8.3. What breaks this is made smaller and kept as a file.
+in pieces that come in any order. They must agree on verdict, fault code, offset and dump, which in
+pieces is that of the state beside the fault; the reference may raise nothing but `StreamError`,
+must end in time, and must keep to the memory of spec 8.3. What breaks this is made smaller and
+kept as a file.
+
+Of ten streams one is as it was made, seven are `damaged` anywhere, and two have `late-faults`,
+in the last checks of a packet. `--family` asks for one kind alone.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import multiprocessing
 import signal
@@ -25,13 +30,16 @@ from random import Random
 from types import FrameType
 
 from conformance import memory
+from conformance.late_faults import late_fault, runs_beside_faults
 from conformance.outcomes import Outcome, Run, by_codec, by_oracle
 from conformance.random_streams import random_stream
 from conformance.tampering import Parts, tampered
 
 __all__ = ["Finding", "check", "fuzz", "main", "smaller"]
 
-VARIANTS = 10  # streams from one: itself, and damaged
+FAMILIES = ("plain", "damaged", "late-faults")
+KINDS = (FAMILIES[0], *FAMILIES[1:2] * 7, *FAMILIES[2:] * 2)  # of the streams from one
+VARIANTS = len(KINDS)
 BATCH = 50  # random streams of a task of a worker
 N_TO_COMPILE = 3  # streams: one may have no packet
 SECONDS = 20  # of processor time that a decoder may take for a stream of a few kilobytes
@@ -52,8 +60,10 @@ class TooLong(BaseException):
     """A decoder did not end in time; no Exception, so that nothing catches it."""
 
 
-def fuzz(seed: int, first: int, count: int) -> tuple[Counter[str], list[Finding]]:
-    """Verdicts of streams number `first` and following, and what is wrong."""
+def fuzz(
+    seed: int, first: int, count: int, family: str | None = None
+) -> tuple[Counter[str], list[Finding]]:
+    """Verdicts of streams number `first` and following, all of a family, and what is wrong."""
     verdicts, findings = Counter[str](), list[Finding]()
     for k in range(N_TO_COMPILE):  # before any clock runs: to compile takes a minute
         by_compiled(random_stream(Random(f"compile {k}"), 1), Run())
@@ -63,15 +73,29 @@ def fuzz(seed: int, first: int, count: int) -> tuple[Counter[str], list[Finding]
             is_large = number // VARIANTS % LARGE == LARGE - 1
             base = random_stream(rng, TIMES if is_large else 1)
         rng = Random(f"{seed}/{number}/damage")
-        data = base if number % VARIANTS == 0 else tampered(rng, base)
-        for run in runs_of(rng, data):
-            verdict, says = check(data, run, measures=True)
-            if not says and run.mode == "file" and run.level is None:
+        kind = family or KINDS[number % VARIANTS]
+        data, runs = _made(kind, rng, base)
+        for run in runs:
+            is_late = kind == "late-faults"
+            verdict, says = check(data, run, measures=not is_late or run.arrival is None)
+            is_main = run.mode == "file" and run.level is None
+            if not says and (is_main or is_late):
                 _, says = check(data, run, decode=by_compiled)
-            verdicts[f"{run.mode} {verdict}"] += 1
+            name = "late fault" if is_late else run.mode
+            verdicts[f"{name} {verdict}"] += 1
             if says:
                 findings.append(Finding(data, run, says))
     return verdicts, findings
+
+
+def _made(family: str, rng: Random, base: bytes) -> tuple[bytes, Sequence[Run]]:
+    """A stream of a family, made of another, and its runs."""
+    if family == "late-faults":
+        data = late_fault(rng, base)
+        return data, runs_beside_faults(rng, data)
+    data = base if family == "plain" else tampered(rng, base)
+    runs = runs_of(rng, data)
+    return data, [replace(run, dump_on_fault=run.mode == "progressive") for run in runs]
 
 
 def by_compiled(data: bytes, run: Run) -> Outcome:
@@ -148,7 +172,10 @@ def _allowed(data: bytes, run: Run, outcome: Outcome) -> int:
 
 
 def _said(outcome: Outcome) -> str:
-    dump = "" if outcome.dump is None else f", a dump of {len(outcome.dump)} bytes"
+    dump = ""
+    if outcome.dump is not None:
+        digest = hashlib.sha256(outcome.dump).hexdigest()
+        dump = f", dump {digest[:8]} of {len(outcome.dump)} bytes"
     return f"exit {outcome.exit} {outcome.code} at {outcome.offset}{dump}"
 
 
@@ -204,7 +231,11 @@ def _kind(says: str) -> str:
 def _less(finding: Finding) -> Iterator[Finding]:
     """The finding without one thing: an option, a piece, a packet, a chunk, the end."""
     data, run = finding.data, finding.run
-    for plain in (replace(run, verify=False), replace(run, limits=None), replace(run, level=None)):
+    plainer = (
+        *(replace(run, verify=False), replace(run, limits=None), replace(run, level=None)),
+        replace(run, dump_on_fault=False),
+    )
+    for plain in plainer:
         if plain != run:
             yield replace(finding, run=plain)
     if run.arrival is not None:
@@ -252,6 +283,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--count", type=int, default=10_000, help="streams (default 10,000)")
     parser.add_argument("--first", type=int, default=0, help="number of the first stream")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--family", choices=FAMILIES, help="streams of one kind (default: of all)")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="write findings here")
     args = parser.parse_args(arguments)
@@ -259,7 +291,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     end = args.first + args.count
     tasks = [(at, min(size, end - at)) for at in range(args.first, end, size)]
     with multiprocessing.get_context("spawn").Pool(args.jobs) as pool:
-        for k, (seen, found) in enumerate(pool.imap(partial(_task, args.seed), tasks)):
+        for k, (seen, found) in enumerate(pool.imap(partial(_task, args.seed, args.family), tasks)):
             verdicts += seen
             for finding in found[: max(0, MOST_SHOWN - n_findings)]:
                 print(_shown(finding, args.keep), flush=True)
@@ -282,8 +314,10 @@ def _shown(finding: Finding, folder: Path | None) -> str:
     return f"{len(small.data)} bytes, {small.run}: {small.says}{path}"
 
 
-def _task(seed: int, task: tuple[int, int]) -> tuple[Counter[str], list[Finding]]:
-    return fuzz(seed, *task)
+def _task(
+    seed: int, family: str | None, task: tuple[int, int]
+) -> tuple[Counter[str], list[Finding]]:
+    return fuzz(seed, *task, family)
 
 
 def _summary(verdicts: Mapping[str, int]) -> list[str]:

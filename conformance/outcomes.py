@@ -70,8 +70,8 @@ def by_oracle(data: bytes, run: Run, module: ModuleType = oracle) -> Outcome:
     except decoder.Reject as fault:
         return refused(run, fault.code, fault.offset)
     if scene.faults:
-        fault = scene.faults[0]
-        return refused(run, fault.code, fault.offset, scene.dump() if run.dump_on_fault else None)
+        first, dump = scene.faults[0], scene.dump() if run.dump_on_fault else None
+        return refused(run, first.code, first.offset, dump)
     n_applied = sum(sum(tile.cut) for tile in scene.tiles)
     is_whole = n_applied == len(scene.packets)
     return Outcome(ACCEPTED if is_whole else INCOMPLETE, dump=scene.dump())

@@ -26,7 +26,7 @@ from conformance.builder import (
     runs,
 )
 
-__all__ = ["Parts", "tampered"]
+__all__ = ["Parts", "edited_content", "tampered"]
 
 Body = bytearray
 NUMBERS = (0, 1, 2, 3, 7, 8, 9, 15, 16, 24, 25, 40, 63, 64, 65, 127, 128, 239, 254, 255)
@@ -265,6 +265,21 @@ def _frame_of(rng: Random, parts: Parts, k: int) -> None:
     packet[begin : begin + len(frame)] = changed
     size = table[which][1] + len(changed) - len(frame)
     struct.pack_into("<I", packet, frames_at + 5 * which + 1, size % (1 << 32))
+    parts.fit()
+
+
+def edited_content(rng: Random, parts: Parts, k: int, edit: Callable[[bytearray], None]) -> None:
+    """The content of the last frame of packet k changed, if it has frames that can be made out."""
+    packet, frames_at = parts.packets[k], parts.frames_at(k)
+    entries = frames_at + 5 * packet[1]
+    if entries > len(packet) or not packet[1]:
+        return
+    (size,) = struct.unpack_from("<I", packet, entries - 4)
+    content = Body(_decompressed(bytes(packet[len(packet) - size :])))
+    edit(content)
+    frame = _packed(rng, content)
+    packet[len(packet) - size :] = frame
+    struct.pack_into("<I", packet, entries - 4, len(frame))
     parts.fit()
 
 

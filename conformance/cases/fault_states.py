@@ -101,7 +101,7 @@ class Scene:
                 f"{fault.what}, in {self.what}: the state is that without the packet",
                 "keeps what it wrote of the packet before it found the fault, or ends with it",
                 fault.code,
-                f"{self.name}-without-a-fault",
+                f"{FAMILY}-{self.name}-without-a-fault",
                 runs=(ALL, *(came(data, order) for order in orders)),
             )
 
@@ -147,6 +147,7 @@ CORE = Scene(
     1,
     Stream([ADD, OF_TILE_1, GROW, replace(GROW, tile=1), AGAIN], n_levels=3, tiles=(BOX, Tile())),
 )
+TWIN = f"{FAMILY}-core-without-a-fault"
 STRAY = "a bit of the last plane belongs to no value"
 
 
@@ -323,14 +324,14 @@ def several() -> Iterator[Case]:
         "refines of both tiles leave their boxes: the first is reported, the state is without both",
         "keeps the packet whose fault is not the one that it reports",
         "E_RANGE",
-        "core-without-a-fault",
+        TWIN,
         runs=(ALL, came(data, range(4, -1, -1)), came(data, (3, 1, 0)), came(data, (1, 3))),
     )
 
 
 def of_no_packet() -> Iterator[Case]:
     """Faults that are not of a packet."""
-    twin, stream = "core-without-a-fault", CORE.stream
+    stream = CORE.stream
     whole = build(stream)
     parts = came(whole, (3, 0))
     yield case(
@@ -340,7 +341,7 @@ def of_no_packet() -> Iterator[Case]:
         "a byte behind the last packet: the state is that of the packets",
         "takes the last packet for wrong, or has no state",
         "E_TRAILING",
-        twin,
+        TWIN,
         runs=(ALL, replace(parts, arrival=((len(whole), 1), *(parts.arrival or ())))),
     )
     data = build(replace(stream, digests={(0, 0, 1): bytes(32), (1, 0, 0): None}))
@@ -351,7 +352,7 @@ def of_no_packet() -> Iterator[Case]:
         "a digest of step 1 of tile 0 is wrong: the packet has no fault, and the state holds it",
         "takes back the packet whose digest differs, or does not go on behind it",
         "E_DIGEST",
-        twin,
+        TWIN,
         runs=(replace(ALL, verify=True), replace(came(data, (4, 2, 0)), verify=True), ALL),
     )
     for name, rule, code, fields, tests in (
@@ -365,7 +366,7 @@ def of_no_packet() -> Iterator[Case]:
             f"{tests}: there is no state, and so no dump",
             "gives an empty dump, or goes on",
             code,
-            twin,
+            TWIN,
             runs=(ALL,),
         )
     yield case(
@@ -375,7 +376,7 @@ def of_no_packet() -> Iterator[Case]:
         "more slots than the decoder's own limit, and as many",
         "gives a dump of what is within its limit",
         "E_LIMIT",
-        twin,
+        TWIN,
         runs=(replace(ALL, limits={"slots": 10}), replace(ALL, limits={"slots": 11})),
     )
 
