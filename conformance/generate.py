@@ -20,6 +20,7 @@ from pathlib import Path
 from conformance.cases import FAMILIES
 from conformance.cases.case import Case
 from conformance.families import generated
+from conformance.harness.grouping import grouped, ungrouped
 from conformance.matrix import matrix
 from conformance.suite import (
     ZSTD,
@@ -34,12 +35,13 @@ from conformance.suite import (
 )
 from conformance.traceability import requirements_of
 
-__all__ = ["collect", "main", "make_all"]
+__all__ = ["collect", "fingerprint_table", "main", "make_all", "stored_fingerprints"]
 
 ROOT = Path(__file__).resolve().parents[1]
 VECTORS = ROOT / "conformance" / "vectors"
 MATRIX = ROOT / "docs" / "conformance-matrix.md"
 REDUNDANT = ROOT / "conformance" / "cases" / "redundant.json"
+OF_RUNS = ("outcomes", "codes")  # of a fingerprint
 KEPT = ("LICENSE", "manifest.schema.json")  # in the folder, and not generated
 
 
@@ -119,7 +121,7 @@ def files_of(vectors: Sequence[Vector], *, mutants: bool) -> dict[Path, bytes]:
     """
     entries = [entry_of(vector) for vector in vectors]
     files = {entry["file"]: v.case.data for entry, v in zip(entries, vectors, strict=True)}
-    fingerprints = _tried(entries, files) if mutants else _stored("fingerprints.json")
+    fingerprints = _tried(entries, files) if mutants else stored_fingerprints()
     killers(entries, fingerprints)
     left_out = redundant(entries) if mutants else _left_out()
     entries = [entry for entry in entries if entry["id"] not in left_out]
@@ -130,10 +132,29 @@ def files_of(vectors: Sequence[Vector], *, mutants: bool) -> dict[Path, bytes]:
     files |= goldens(dumps)
     files |= goldens(o.dump for v in vectors for o in v.outcomes if o.dump is not None)
     files["manifest.json"] = manifest(families, entries)
-    files["fingerprints.json"] = json_table(fingerprints)
+    files["fingerprints.json"] = fingerprint_table(fingerprints)
     page = matrix(entries, requirements_of(ROOT))
     found = {VECTORS / name: data for name, data in files.items()}
     return found | {MATRIX: page.encode(), REDUNDANT: json_table(left_out)}
+
+
+def fingerprint_table(fingerprints: Entry) -> bytes:
+    """The file of fingerprints, which are given by run."""
+    return json_table(
+        {
+            name: found | {key: grouped(found[key]) for key in OF_RUNS}
+            for name, found in fingerprints.items()
+        }
+    )
+
+
+def stored_fingerprints() -> Entry:
+    """The committed fingerprints, by run."""
+    stored = _stored("fingerprints.json")
+    return {
+        name: found | {key: ungrouped(found[key]) for key in OF_RUNS}
+        for name, found in stored.items()
+    }
 
 
 def _tried(entries: Sequence[Entry], files: Mapping[str, bytes]) -> Entry:

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from conformance.harness.grouping import ungrouped
 from conformance.harness.judging import Result
 from conformance.harness.manifest import SuiteError
 
@@ -125,7 +126,9 @@ def read_fingerprints(folder: Path) -> dict[str, Fingerprint]:
     try:
         found = json.loads(path.read_bytes())
         return {
-            name: Fingerprint(entry["says"], entry["outcomes"], entry["codes"])
+            name: Fingerprint(
+                entry["says"], ungrouped(entry["outcomes"]), ungrouped(entry["codes"])
+            )
             for name, entry in found.items()
         }
     except (ValueError, AttributeError, TypeError, KeyError) as error:

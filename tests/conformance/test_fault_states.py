@@ -13,6 +13,7 @@ from conformance import fuzz, oracle
 from conformance.builder import places
 from conformance.cases import fault_states
 from conformance.fuzz import check
+from conformance.generate import stored_fingerprints
 from conformance.harness.cli import main
 from conformance.late_faults import late_fault, runs_beside_faults
 from conformance.mutants import MUTANTS, load
@@ -132,7 +133,7 @@ def test_the_state_beside_a_fault_is_that_of_a_file_without_the_packet():
 
 @pytest.mark.parametrize("name", KEEPS)
 def test_what_a_wrong_decoder_keeps_of_a_packet_shows_in_the_vectors_of_its_component_alone(name):
-    found = json.loads((VECTORS / "fingerprints.json").read_bytes())[name]
+    found = stored_fingerprints()[name]
     vectors = {run.partition("#")[0] for run in (*found["outcomes"], *found["codes"])}
     words = {vector.removeprefix("fault-states-").partition("-")[0] for vector in vectors}
     assert words

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from conformance.builder import repaired
+from conformance.generate import stored_fingerprints
 from conformance.harness import diagnosis
 from conformance.harness.runner import Options
 from conformance.harness.trial import Choice, hold
@@ -24,7 +25,7 @@ NAMED_SHARE = 0.8
 @cache
 def stored() -> dict[str, Any]:
     """The committed fingerprints."""
-    return dict(json.loads((VECTORS / "fingerprints.json").read_bytes()))
+    return stored_fingerprints()
 
 
 @cache
