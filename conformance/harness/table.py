@@ -120,7 +120,7 @@ def _conclusion(trial: Trial) -> Iterable[str]:
             "PASS: the decoder is right in all runs"
             + ("" if trial.choice.is_all else " of this selection")
             + (f" but {n_skipped} that need what it does not have" if n_skipped else "")
-            + (f"; {trial.n_not_asked} were not asked" if trial.n_not_asked else "")
+            + (f"; not asked: {trial.n_not_asked}" if trial.n_not_asked else "")
         )
     assert trial.exit in (PASSED, FAILED, INCOMPLETE)
     assert set(KINDS) >= {result.kind for result in trial.failed}

@@ -228,8 +228,8 @@ def _conclude(
         trial.incomplete.append("all runs were skipped: the decoder declares that it does nothing")
     if trial.n_not_asked:
         trial.notes.append(
-            f"{trial.n_not_asked} runs were not asked, since the decoder does not declare"
-            " dump_on_fault: whether a packet with a fault changes its state is not known"
+            f"not asked: {trial.n_not_asked} with --dump-on-fault, which the decoder does not"
+            " declare; whether a packet with a fault changes its state is not known"
         )
     if not trial.n_again:
         trial.incomplete.append("no run was asked again: determinism is not known")
