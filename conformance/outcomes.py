@@ -12,7 +12,17 @@ from typing import Any
 
 from conformance import oracle
 
-__all__ = ["ACCEPTED", "EXITS", "INCOMPLETE", "Outcome", "Run", "by_codec", "by_oracle", "refused"]
+__all__ = [
+    "ACCEPTED",
+    "EXITS",
+    "INCOMPLETE",
+    "OVER_LIMIT",
+    "Outcome",
+    "Run",
+    "by_codec",
+    "by_oracle",
+    "refused",
+]
 
 ACCEPTED, REJECTED, INCOMPLETE, OVER_LIMIT, NOT_SUPPORTED = 0, 1, 3, 4, 127
 EXITS = {"E_LIMIT": OVER_LIMIT, "E_UNSUPPORTED": NOT_SUPPORTED}  # all other faults: REJECTED

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from conformance.decoder import OVER_LIMIT
 from conformance.decoder import main as decoder
+from conformance.outcomes import OVER_LIMIT
 from evogs_codec import read_directory
 
 COMMANDS = ("decode", "validate", "info", "extract", "render", "psnr")
