@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+from dataclasses import replace
 
 from conformance.harness.bad.protocol import requests, write
 from conformance.harness.bad.right import Question, Reply, Table
@@ -19,7 +20,7 @@ HOSTILE = "\ud800\x1b[2J\x00\u202e</script><script>alert(1)</script>]]>&" + "x" 
 def strange_name_and_codes(table: Table, question: Question) -> Reply:
     """Right but for the code, which is not even text."""
     reply = table.answer(question)
-    return reply if reply.code is None else Reply(reply.exit, HOSTILE, reply.offset)
+    return reply if reply.code is None else replace(reply, code=HOSTILE)
 
 
 def strange_last_words(table: Table, question: Question) -> Reply:
