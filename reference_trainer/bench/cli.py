@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from evogs_codec import InputError
+from evogs_codec.json_files import read_json
 from reference_trainer.cli import config_of, pyramid_of
 from reference_trainer.config import METHODS, PRESETS
 
@@ -144,8 +145,9 @@ def _train(queue: list[Job], data: Dataset, folder: Path, device: str) -> None:
     for number, job in enumerate(queue):
         result = folder / job.name / "result.json"
         if result.exists():
-            found = json.loads(result.read_text(encoding="utf-8"))["config"]
-            if found != json.loads(json.dumps(job.config.as_dict())):
+            found = read_json(result)
+            config = found.get("config") if isinstance(found, dict) else None
+            if config != json.loads(json.dumps(job.config.as_dict())):
                 raise InputError(
                     f"{result}: is of another configuration; give its flags, --no-train, or "
                     "another --out"

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from evogs_codec.files import write_atomic
+from evogs_codec.json_files import read_json
 from reference_trainer.bench.runs import Run, Views
 
 __all__ = ["Bench"]
@@ -53,8 +54,8 @@ class Bench:
         key: dict[str, Any] = {"version": VERSION, "tree": run.sha256, "views": self.views.sha256}
         key["depends"] = repr(depends)
         if path.exists():
-            found = json.loads(path.read_text(encoding="utf-8"))
-            if found["key"] == key:
+            found = read_json(path)
+            if isinstance(found, dict) and found.get("key") == key and "value" in found:
                 return found["value"]
         self.say(f"{run.folder.name}: {what}")
         value = json.loads(json.dumps(function(run)))

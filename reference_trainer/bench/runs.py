@@ -6,7 +6,6 @@ Letters: L levels, n runs.
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,6 +17,8 @@ import numpy as np
 from conformance.rasterizer import psnr, render
 from evogs_codec import EvolutionTree, InputError, SplatParams
 from evogs_codec.interchange import read_tree
+from evogs_codec.json_files import read_json
+from evogs_codec.printable import shown
 
 if TYPE_CHECKING:
     from reference_trainer.views import Dataset, View
@@ -93,7 +94,7 @@ def find_runs(folder: Path) -> list[Run]:
 
 def _read(path: Path, budget: str) -> Run:
     try:
-        result = json.loads(path.read_text(encoding="utf-8"))
+        result: Any = read_json(path)
         config = result["config"]
         return Run(
             path.parent,
@@ -106,8 +107,8 @@ def _read(path: Path, budget: str) -> Run:
             f"{result['machine']}, {result['threads']} threads",
             (result["data"]["train"], result["data"]["test"]),
         )
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: is no result of a run: {error!r}") from error
+    except (AttributeError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: is no result of a run: {shown(repr(error))}") from error
 
 
 @dataclass(frozen=True, eq=False)

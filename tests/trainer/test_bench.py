@@ -258,3 +258,28 @@ def test_samples_are_pictures_of_the_runs(folder):
     bench = Bench(find_runs(folder), Views(tiny.pyramid(), 1), folder, lambda _: None)
     section = paper._samples(bench)
     assert [figure.name for figure in section.figures] == ["samples-equal"]
+
+
+@pytest.mark.parametrize(
+    "text", ["{", "[]", "3", "null", "[" * 100_000, '{"config": 3}', '{"config": {"method": "x"}}']
+)
+def test_a_damaged_result_is_refused(tmp_path, text):
+    path = tmp_path / "equal-evogs-0" / "result.json"
+    path.parent.mkdir()
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"result\.json: ") as caught:
+        find_runs(tmp_path)
+    assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize("text", ["{", "[]", "[" * 100_000, "{}"])
+def test_a_damaged_measurement_is_refused_or_made_again(folder, tmp_path, text):
+    run = find_runs(folder)[0]
+    path = tmp_path / f"{run.folder.name}.answer.json"
+    path.write_text(text)
+    bench = Bench([run], Views(tiny.pyramid(), 1), tmp_path, lambda _: None)
+    if text in ("[]", "{}"):
+        assert bench.measure(run, "answer", lambda _: 42) == 42
+        return
+    with pytest.raises(InputError, match=r"answer\.json: "):
+        bench.measure(run, "answer", lambda _: 42)
