@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass
 from heapq import heappop, heappush
@@ -62,7 +62,8 @@ class Decoder:
         self._n_done = 0  # packets in file order before the first that is not done, as last seen
         self._faults: dict[int, StreamError] = {}
         self._first_fault = -1  # the packet, or -1
-        self._ends = np.zeros(0, np.int64)  # of packets
+        self._begins: list[int] = []  # of packets, in the file; lists are searched faster
+        self._ends: list[int] = []
         self._chains: list[list[list[int]]] = []  # packets by tile and component
         self._touched: set[int] = set()  # tiles that may advance
         self._waiting: dict[int, set[int]] = {}  # tiles by the packets of the palette they require
@@ -166,7 +167,8 @@ class Decoder:
         n_tiles = len(directory.tiles)
         self._tiles = [TileState(directory, t, 0, self._palette) for t in range(n_tiles)]
         self._done = np.zeros(len(rows), bool)
-        self._ends = directory.offsets + rows["size"]
+        self._begins = directory.offsets.tolist()
+        self._ends = (directory.offsets + rows["size"]).tolist()
         self._chains = [[[] for _ in range(directory.n_components)] for _ in self._tiles]
         for packet, (tile, component) in enumerate(rows[["tile", "component"]].tolist()):
             if component < directory.n_components:  # else it is of the palette
@@ -182,14 +184,13 @@ class Decoder:
         assert directory is not None
         end = at + len(data)
         self._trailing |= len(data) > 0 and end > directory.size
-        first = int(np.searchsorted(self._ends, at, side="right"))
-        last = int(np.searchsorted(directory.offsets, end, side="left"))
+        first, last = bisect_right(self._ends, at), bisect_left(self._begins, end)
         for packet in range(first, last):
-            size = int(directory.packets["size"][packet])
+            offset, stop = self._begins[packet], self._ends[packet]
+            size = stop - offset
             if self._done[packet] or packet in self._faults or packet in self._whole or size == 0:
                 continue
-            offset = int(directory.offsets[packet])
-            begin, stop = max(at, offset), min(end, offset + size)
+            begin, stop = max(at, offset), min(end, stop)
             part = bytes(data[begin - at : stop - at])
             if len(part) == size:
                 self._whole[packet] = part

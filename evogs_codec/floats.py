@@ -48,30 +48,30 @@ class FloatView:
     def write(self, tile: TileState) -> None:
         """Put the live splats of a tile in their place."""
         live = tile.live[: tile.n_slots]
-        components = range(1, self.directory.n_components)
-        shown = [None, *(tile.shown(component) for component in components)]
+        shown = [None, *(tile.shown(component) for component in range(1, self._n_components()))]
         n_live = int(np.count_nonzero(live))
         at = int(self.ends[tile.tile]) - n_live
         # Slots that are gathered are gathered in blocks, so that no copy of the state is made.
         as_stored = n_live == len(live) and all(slots is None for slots in shown)
         size = max(len(live), 1) if as_stored else BLOCK
         for begin in range(0, len(live), size):
-            slots: slice | I64 = slice(begin, begin + size)
-            if not as_stored:
+            slots: slice | I64 = slice(begin, min(begin + size, len(live)))
+            if n_live < len(live) and not live[slots].all():
                 slots = begin + np.flatnonzero(live[slots])
             at += self._write_slots(tile, slots, shown, at)
+
+    def _n_components(self) -> int:
+        """Those of a tile that the view shows: of SH bands, none above its degree."""
+        n = self.directory.n_components
+        return n if self.directory.has_palette else min(n, 1 + self.sh_degree)
 
     def _write_slots(
         self, tile: TileState, slots: slice | I64, shown: list[I32 | None], at: int
     ) -> int:
         """Put some slots of a tile from row `at` on; `shown` by component. Returns how many."""
-        x = tile.x[:, : tile.n_slots][:, slots]
+        x = self._gathered(tile, slots, shown)
         origins = np.zeros(len(x), np.int64)
         origins[0:3] = self.directory.tiles[tile.tile]["origin"]
-        for component, sources in enumerate(shown):
-            if sources is not None and tile.palette is None:
-                rows, source = component_slice(component), sources[slots]
-                x[rows] = np.where(source >= 0, tile.x[rows][:, source], np.int32(0))
         n = int(x.shape[1])
         for exponent, part, out in zip(
             self.directory.grid_exponents, GROUP_CHANNELS, self.groups, strict=True
@@ -85,6 +85,23 @@ class FloatView:
                 continue
             self.write_rows(x[channels], origins[channels], 2.0**-exponent, to)
         return n
+
+    def _gathered(self, tile: TileState, slots: slice | I64, shown: list[I32 | None]) -> I32:
+        """The integers of some slots as shown, a view of the state where that is the same."""
+        if tile.palette is not None or all(sources is None for sources in shown):
+            return tile.x[: component_slice(len(shown) - 1).stop, slots]
+        n = len(tile.live[slots])
+        parts = []
+        for component, sources in enumerate(shown):
+            rows = tile.x[component_slice(component)]
+            if sources is None:
+                parts.append(rows[:, slots])
+            elif not tile.band_slots(component):
+                parts.append(np.zeros((len(rows), n), np.int32))
+            else:
+                source = sources[slots]
+                parts.append(np.where(source >= 0, rows[:, source], np.int32(0)))
+        return np.concatenate(parts)
 
     def splats(self) -> SplatParams:
         """What was written, read-only."""

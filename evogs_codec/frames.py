@@ -102,6 +102,24 @@ def decompress_all(data: memoryview, places: I64) -> U8 | None:
         except StreamError:
             return None
         return np.frombuffer(b"".join(contents), np.uint8)
+    ends = np.cumsum(places[:, 2])
+    if ends[-1] <= MAX_CONTENT:
+        return _decompress_many(data, places)
+    # In parts, so that what comes out is not there twice.
+    joined = np.empty(int(ends[-1]), np.uint8)
+    first = at = 0
+    while first < len(places):
+        last = max(first + 1, int(np.searchsorted(ends, at + MAX_CONTENT, side="right")))
+        found = _decompress_many(data, places[first:last])
+        if found is None or len(found) != ends[last - 1] - at:
+            return None
+        joined[at : at + len(found)] = found
+        first, at = last, int(ends[last - 1])
+    return joined
+
+
+def _decompress_many(data: memoryview, places: I64) -> U8 | None:
+    """`decompress_all` in one call of the library."""
     frames = zstandard.BufferWithSegments(data, places[:, :2].astype(np.uint64).tobytes())
     sizes = places[:, 2].astype(np.uint64).tobytes()
     try:

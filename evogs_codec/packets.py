@@ -27,13 +27,14 @@ from evogs_codec.packet_header import (
 from evogs_codec.planes import (
     ABSENT,
     CODINGS,
+    PART,
     Coding,
+    integers,
     inverse_ycocg,
     join_planes,
     planes_at,
     stray_bits,
     undelta,
-    unzigzag,
 )
 from evogs_codec.refine import Quantiser
 from evogs_codec.splats import I32, I64, U8
@@ -118,13 +119,16 @@ def read_planes(body: memoryview, head: PacketHeader, offset: int) -> U8:
         )
     if head.size + sum(size for _, size in head.frames) != len(body):  # R-5.9-8
         raise StreamError(Fault.E_PACKET, "the frames do not fill the packet", offset)
-    contents = []
-    at, plane = head.size, 0
+    if len(head.frames) == 1:
+        return np.frombuffer(frames.decompress(body[head.size :], sum(sizes), offset), np.uint8)
+    data = np.empty(sum(sizes), np.uint8)  # filled frame by frame, so that it is not there twice
+    at, plane, begin = head.size, 0, 0
     for n_planes, size in head.frames:
-        content = sum(sizes[plane : plane + n_planes])
-        contents.append(frames.decompress(body[at : at + size], content, offset))
-        at, plane = at + size, plane + n_planes
-    return np.frombuffer(contents[0] if len(contents) == 1 else b"".join(contents), np.uint8)
+        n = sum(sizes[plane : plane + n_planes])
+        content = frames.decompress(body[at : at + size], n, offset)
+        data[begin : begin + n] = np.frombuffer(content, np.uint8)
+        at, plane, begin = at + size, plane + n_planes, begin + n
+    return data
 
 
 def check_bits(data: U8, head: PacketHeader, offset: int) -> None:
@@ -214,13 +218,14 @@ class Values:
             assert coding is not None, "read_packet_header lets no other byte through"
             if coding is ABSENT:
                 continue
-            alike, size = np.flatnonzero(codes == code), sum(coding.plane_sizes(self.n))
-            stored = np.stack([self.data[at : at + size] for at in starts[alike].tolist()])
-            q = unzigzag(join_planes(planes_at(stored, 0, coding, self.n), coding, self.n))
-            out[alike] = undelta(q, self.offset) if coding.delta else q
+            alike = np.flatnonzero(codes == code)
+            integers(self.data, starts[alike].tolist(), coding, out, alike.tolist())
+            for row in alike.tolist() if coding.delta else ():
+                undelta(out[row], self.offset, out[row])
         turned = out[max(self.first_sh - channels.start, 0) :]
         if self.is_ycocg and len(turned):
-            turned[:] = inverse_ycocg(turned)
+            for at in range(0, self.n, PART):
+                turned[:, at : at + PART] = inverse_ycocg(turned[:, at : at + PART])
         return out
 
     def all(self) -> I32:

@@ -22,6 +22,7 @@ MAX_STORED = 1 << 24  # z of 7.1: 2 high planes and 8 low bits
 MAX_SUM = 1 << 28  # R-7.1-1
 SAMPLE_RUN = 8192
 MANY_BYTES = 1 << 17  # of planes: above, a call for each plane costs little
+PART = 1 << 15  # values that are joined at a time: larger arrays come from the system page by page
 
 
 @dataclass(frozen=True)
@@ -88,12 +89,20 @@ def delta(q: I32) -> I32:
     return np.diff(q, prepend=np.int32(0)).astype(np.int32)
 
 
-def undelta(differences: I32, offset: int) -> I32:
-    """The inverse of `delta`, (..., n); E_RANGE if a sum leaves its bounds (R-7.1-1)."""
-    sums = np.cumsum(differences, axis=-1, dtype=np.int64)
-    if sums.size and max(int(sums.max()), -int(sums.min())) > MAX_SUM:
-        raise StreamError(Fault.E_RANGE, "a running sum of adds exceeds 2^28", offset)
-    return sums.astype(np.int32)
+def undelta(differences: I32, offset: int, out: I32 | None = None) -> I32:
+    """The inverse of `delta`, (..., n); E_RANGE if a sum leaves its bounds (R-7.1-1).
+
+    It is written to `out`, which may be the differences.
+    """
+    out = np.empty(differences.shape, np.int32) if out is None else out
+    before = np.zeros((*differences.shape[:-1], 1), np.int64)
+    for at in range(0, differences.shape[-1], PART):
+        sums = np.cumsum(differences[..., at : at + PART], axis=-1, dtype=np.int64)
+        sums += before
+        if sums.size and max(int(sums.max()), -int(sums.min())) > MAX_SUM:
+            raise StreamError(Fault.E_RANGE, "a running sum of adds exceeds 2^28", offset)
+        out[..., at : at + PART], before = sums, sums[..., -1:]
+    return out
 
 
 def ycocg(rgb: I32) -> I32:
@@ -227,6 +236,28 @@ def planes_at(data: U8, start: int, coding: Coding, n: int) -> list[U8]:
         planes.append(data[..., start : start + size])
         start += size
     return planes
+
+
+def integers(
+    data: U8, starts: Sequence[int], coding: Coding, out: I32, rows: Sequence[int]
+) -> None:
+    """The integers of lists with the same coding, without `undelta`, to rows of `out` (..., n).
+
+    `starts` says where in `data` the planes of each begin.
+    """
+    n = out.shape[1]
+    sizes = coding.plane_sizes(n)
+    to: slice | list[int] = slice(0, len(out)) if len(rows) == len(out) else list(rows)
+    for at in range(0, n, PART):  # a multiple of 8: packed planes begin a byte with each part
+        m = min(PART, n - at)
+        planes, begin = [], 0
+        for k, (size, size_of_part) in enumerate(zip(sizes, coding.plane_sizes(m), strict=True)):
+            is_packed = k == 0 and coding.low in PACKED
+            first = begin + (at * coding.low // 8 if is_packed else at)
+            parts = [data[start + first : start + first + size_of_part] for start in starts]
+            planes.append(parts[0][None] if len(parts) == 1 else np.stack(parts))
+            begin += size
+        out[to, at : at + m] = unzigzag(join_planes(planes, coding, m))
 
 
 def stray_bits(planes: Sequence[U8], coding: Coding, n: int) -> bool:

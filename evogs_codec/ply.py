@@ -16,7 +16,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from io import BytesIO, TextIOWrapper
 from pathlib import Path
-from typing import Any, TextIO, TypeAlias
+from typing import Any, BinaryIO, TextIO, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -82,7 +82,22 @@ def write_ply(path: PathLike, splats: SplatParams, comments: Iterable[str] = ())
     n = len(splats)
     n_rest = 3 * (splats.sh.shape[1] - 1)
     names = (*MEANS, *SH_DC, *_rest(n_rest), OPACITY, *LOG_SCALES, *QUATS)
-    columns = np.empty((n, len(names)), "<f4")
+    row = np.empty(1, [(name, "<f4") for name in names])
+    of_all = PlyElement.describe(np.broadcast_to(row, n), "vertex")  # for the header alone
+    header = PlyData([of_all], byte_order="<", comments=list(comments)).header
+
+    def fill(stream: BinaryIO) -> None:
+        stream.write(f"{header}\n".encode("ascii"))
+        for at in range(0, n, BLOCK):
+            stream.write(_columns(splats.take(slice(at, at + BLOCK))).data)
+
+    write_atomic(path, fill)
+
+
+def _columns(splats: SplatParams) -> npt.NDArray[np.float32]:
+    """(n, properties) numbers in the order in which `write_ply` names them."""
+    n_rest = 3 * (splats.sh.shape[1] - 1)
+    columns = np.empty((len(splats), len(REQUIRED) + n_rest), "<f4")
     columns[:, 0:3] = splats.means
     columns[:, 3:6] = splats.sh[:, 0]
     for colour in range(3):
@@ -90,9 +105,7 @@ def write_ply(path: PathLike, splats: SplatParams, comments: Iterable[str] = ())
     columns[:, -8] = splats.opacity_logits
     columns[:, -7:-4] = splats.log_scales
     columns[:, -4:] = splats.quats
-    rows = columns.view([(name, "<f4") for name in names])[:, 0]
-    ply = PlyData([PlyElement.describe(rows, "vertex")], byte_order="<", comments=list(comments))
-    write_atomic(path, ply.write)
+    return columns
 
 
 def finite_opacities(splats: SplatParams) -> tuple[SplatParams, int]:

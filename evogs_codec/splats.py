@@ -114,7 +114,7 @@ class SplatParams:
             sh=np.ascontiguousarray(x[11:].T, np.float32).reshape(n, (len(x) - 11) // 3, 3),
         )
 
-    def take(self, rows: npt.NDArray[np.integer] | npt.NDArray[np.bool_]) -> SplatParams:
+    def take(self, rows: npt.NDArray[np.integer] | npt.NDArray[np.bool_] | slice) -> SplatParams:
         """The splats of `rows`, in that order."""
         return SplatParams(
             self.means[rows],

@@ -147,13 +147,15 @@ class TileState:
     def _reserve(self, n: int) -> None:
         """Make room for n slots, with more to spare: growing costs a copy."""
         if n > len(self.live):
-            promised = int(self.directory.tile_slots[self.tile])
-            capacity = max(n, min(2 * len(self.live), promised))
-            self.x = _grown(self.x, capacity, 0)
-            self.live = _grown(self.live, capacity, 0)
-            self.born_from = _grown(self.born_from, capacity, -1)
+            capacity = min(2 * n, int(self.directory.tile_slots[self.tile]))
+            n_before, self.x = len(self.live), _grown(self.x, capacity)
+            self.live, self.born_from = (
+                _grown(self.live, capacity),
+                _grown(self.born_from, capacity),
+            )
+            self.live[n_before:], self.born_from[n_before:] = False, -1
             if self.palette is not None:
-                self.picks = _grown(self.picks, capacity, 0)
+                self.picks = _grown(self.picks, capacity)
 
     def _apply_band(self, component: int, body: memoryview, offset: int) -> None:
         step = self.n_applied[component]
@@ -220,6 +222,8 @@ class TileState:
         n, n_band = self.n_slots, self.band_slots(component)
         if n == n_band:
             return None
+        if n_band == 0:
+            return np.full(n, -1, np.int32)
         slots = np.arange(n, dtype=np.int32)
         # A slot is split from one that was there before the step, so one pass in order is enough.
         for step in range(self.n_applied[component], self.n_applied[0]):
@@ -299,11 +303,10 @@ class TileState:
             yield np.ascontiguousarray(channel, "<i4").data
 
 
-def _grown(array: npt.NDArray[Scalar], capacity: int, fill: int) -> npt.NDArray[Scalar]:
-    """A copy with room for `capacity` slots, those behind the old ones `fill`."""
+def _grown(array: npt.NDArray[Scalar], capacity: int) -> npt.NDArray[Scalar]:
+    """A copy with room for `capacity` slots, those behind the old ones of any content."""
     grown = np.empty((*array.shape[:-1], capacity), array.dtype)
-    n = array.shape[-1]
-    grown[..., :n], grown[..., n:] = array, fill
+    grown[..., : array.shape[-1]] = array
     return grown
 
 

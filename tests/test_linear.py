@@ -13,14 +13,25 @@ import pytest
 from conformance import memory
 from conformance.builder import DROP, REFINE, SPLIT, Packet, Stream, Tile, X, build, places
 from conformance.random_streams import random_stream
-from evogs_codec import Decoder, EvolutionTree, StreamError, compiled, decode, encode
+from evogs_codec import (
+    Decoder,
+    EvolutionTree,
+    StreamError,
+    compiled,
+    decode,
+    encode,
+    write_ply,
+)
 from evogs_codec.coded import component_slice
 from evogs_codec.crc import crc32
 from evogs_codec.cut import Cut
 from evogs_codec.directory import read_directory
 from evogs_codec.extract import extract
 from evogs_codec.omissions import omissions
+from evogs_codec.packet_header import read_packet_header
+from evogs_codec.packets import read_planes, unpack
 from evogs_codec.refine import StepPlan
+from evogs_codec.replay import packet_body
 from evogs_codec.stats import bytes_by_group, levels
 from evogs_codec.tree import Kind
 from tools.scene import make_scene
@@ -290,6 +301,65 @@ def test_a_state_that_grows_takes_no_more_than_spec_8_3_says():
 
     allowed = 3 * state + 3 * len(data) + (1 << 18)
     assert memory.peak(feed, allowed) < allowed
+
+
+def test_a_ply_is_written_without_a_copy_of_the_splats(tmp_path):
+    splats = decode(large()).leaves()
+    block = 4 * 59 * 4096
+    written = memory.peak(lambda: write_ply(tmp_path / "a.ply", splats), 3 * block)
+    assert written < 3 * block < 4 * 59 * N / 4
+
+
+def test_a_view_without_sh_bands_reads_none():
+    decoded = decode(large(dropped=True))
+    tile = decoded.tiles[0]
+    tile.x = tile.x.view(Counted)
+    Counted.n_read = 0
+    assert decoded.leaves(sh_degree=0).sh_degree == 0
+    assert Counted.n_read < 3 * 14 * N  # of 59 channels it was more
+
+
+def test_a_state_that_is_almost_whole_at_once_is_not_copied_as_it_grows():
+    state = (4 * 59 + 5) * N
+    data = large()
+
+    def feed():
+        Decoder().feed(data)
+
+    few_arrays = 8 * 4 * N + 3 * len(data) + (1 << 18)
+    assert memory.peak(feed, state + few_arrays) < state + few_arrays
+
+
+def many_frames():
+    """N splats whose planes are a frame each, and their size."""
+    packet = Packet(
+        n_adds=N, adds=dict.fromkeys(range(14), [300, -300] * (N // 2)), frames=[1] * 28
+    )
+    data = build(Stream([packet]))
+    return data, 2 * 14 * N
+
+
+def test_planes_in_many_frames_are_not_there_twice():
+    data, size = many_frames()
+    directory = read_directory(memoryview(data))
+    body = packet_body(directory, memoryview(data), 0)
+    head = read_packet_header(body, 0, directory.counts(0), 0)
+    assert sum(head.plane_sizes) == size
+    assert memory.peak(lambda: read_planes(body, head, 0), int(1.2 * size)) < 1.2 * size
+
+
+@pytest.mark.parametrize("flags", [0, 2], ids=["colours", "turned colours"])
+def test_lists_become_integers_without_large_arrays_beside_them(flags):
+    n = 8 * N
+    lists = dict.fromkeys((11, 12, 13), [300, -300] * (n // 2))
+    coding = {f"adds {k}": 0x28 | 64 for k in lists}
+    packet = Packet(n_adds=n, adds=lists, codings=coding, flags=flags)
+    data = build(Stream([packet]))
+    directory = read_directory(memoryview(data))
+    body = packet_body(directory, memoryview(data), 0)
+    adds = unpack(body, 0, directory.counts(0), 0).adds
+    allowed = 4 * n * (3 if flags else 1) + (3 << 20)
+    assert memory.peak(lambda: adds.rows(11), allowed) < allowed
 
 
 # --- bytes that change ----------------------------------------------------------------------------
