@@ -11,6 +11,7 @@ Letters: n nodes, e edges (candidate pairs), channel-major arrays.
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,7 @@ from evogs_codec.axes import STEP_ROTATION, STEP_SCALE
 from evogs_codec.merging import TINY, Moments, merged, sizes
 from evogs_codec.morton import every_third_bit
 from evogs_codec.splats import F32, F64, I64
+from evogs_codec.threads import each
 
 __all__ = ["Features", "features", "match", "morton_order"]
 
@@ -38,6 +40,7 @@ BITS_PER_MASS = 2.0  # price of a doubling of the ratio of the masses beyond FRE
 FREE_MASS = 2.0
 MAX_MASS = 7.0  # doublings; beyond, the lesser would only tint the greater
 JITTER = 1e-3  # in units of the median splat
+MIN_PART = 2048  # nodes that are worth a thread
 CHUNK = 1 << 16  # edges priced at a time: fits the cache
 
 
@@ -112,9 +115,12 @@ def _edges(points: F64) -> tuple[I64, I64]:
     """Each node with its nearest neighbours, every pair once: (e,), (e,)."""
     n = len(points)
     k = min(N_NEIGHBOURS + 1, n)
-    _, near = scipy.spatial.cKDTree(points).query(points, k=k, workers=-1)
+    tree = scipy.spatial.cKDTree(points)
+    # Not with `workers` of scipy: an interrupt frees the arrays that its threads still write to.
+    parts = np.array_split(points, max(1, min(os.cpu_count() or 1, n // MIN_PART)))
+    near = [found.ravel() for found in each(lambda part: tree.query(part, k=k)[1], parts)]
     start = np.repeat(np.arange(n), k)
-    end = near.ravel().astype(np.int64)
+    end = np.concatenate(near).astype(np.int64)
     keys = (np.minimum(start, end) * n + np.maximum(start, end))[start != end]
     keys.sort()  # 15 times as fast as np.unique, which hashes
     i, j = np.divmod(keys[np.diff(keys, prepend=-1) > 0], n)

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import scipy
 
 from evogs_codec import lifting
 from evogs_codec.axes import COMPOSE, MAX_G, N_TURNS, TURNS, largest_w, matrices, multiply, turned
@@ -15,6 +16,7 @@ from evogs_codec.merging import ALPHAS_OPACITY, ALPHAS_SCALE, MENDED
 from evogs_codec.pairing import morton_order
 from evogs_codec.splats import F64, SplatParams
 from evogs_codec.tree import EvolutionTree, Kind, Step
+from tools.scene import make_scene
 
 
 def surface(n: int, sh_degree: int = 1, seed: int = 0) -> SplatParams:
@@ -260,6 +262,26 @@ def test_a_large_scene_is_lifted_in_parts(monkeypatch):
     for level in range(4):
         n = len(lifted.tree.leaves(level))
         assert abs(n / len(whole.leaves(level)) - 1) < 0.05
+
+
+def test_no_threads_of_scipy_outlive_an_interrupt(monkeypatch):
+    """They would write on, into arrays that are free by then."""
+    tree, queries = scipy.spatial.cKDTree, []
+
+    class Tree:
+        def __init__(self, points):
+            self._tree = tree(points)
+
+        def query(self, points, k, workers=1):
+            queries.append((len(points), workers))
+            return self._tree.query(points, k, workers=workers)
+
+    scene = make_scene(9000)
+    expected = lift(scene, 3)
+    monkeypatch.setattr(scipy.spatial, "cKDTree", Tree)
+    found = lift(scene, 3)
+    assert {workers for _, workers in queries} == {1}
+    np.testing.assert_array_equal(found.leaves(0).channels(), expected.leaves(0).channels())
 
 
 def test_joined_trees_have_the_leaves_of_each_at_every_level():
