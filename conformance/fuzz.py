@@ -8,7 +8,10 @@ must end in time, and must keep to the memory of spec 8.3. What breaks this is m
 kept as a file.
 
 Of ten streams one is as it was made, seven are `damaged` anywhere, and two have `late-faults`,
-in the last checks of a packet. `--family` asks for one kind alone.
+in the last checks of a packet. One of a thousand is `costly` instead: 100,000 bytes that ask for as
+much time and memory as they can. The oracle would take hours for these, so the reference decoder
+is held to itself (whole and in pieces), to the clock, and to the memory of each of its results.
+`--family` asks for one kind alone.
 """
 
 from __future__ import annotations
@@ -28,6 +31,7 @@ from itertools import pairwise
 from pathlib import Path
 from random import Random
 from types import FrameType
+from typing import TypeVar
 
 from conformance import memory
 from conformance.late_faults import late_fault, runs_beside_faults
@@ -37,14 +41,19 @@ from conformance.tampering import Parts, tampered
 
 __all__ = ["Finding", "check", "fuzz", "main", "smaller"]
 
-FAMILIES = ("plain", "damaged", "late-faults")
-KINDS = (FAMILIES[0], *FAMILIES[1:2] * 7, *FAMILIES[2:] * 2)  # of the streams from one
+FAMILIES = ("plain", "damaged", "late-faults", "costly")
+KINDS = (FAMILIES[0], *FAMILIES[1:2] * 7, *FAMILIES[2:3] * 2)  # of the streams from one
+COSTLY = 1000  # one of so many streams is costly
 VARIANTS = len(KINDS)
 BATCH = 50  # random streams of a task of a worker
 N_TO_COMPILE = 3  # streams: one may have no packet
 SECONDS = 20  # of processor time that a decoder may take for a stream of a few kilobytes
+COSTLY_SECONDS = 6  # the same for each result of a costly one: 2 on a machine of its own
 LARGE, TIMES = 100, 40  # of so many random streams one has so many times the splats
+MOST_MADE_SMALLER = 50_000  # bytes: only costly streams have more
 MOST_SHOWN = 20  # findings; more have the same cause, most likely
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -73,19 +82,50 @@ def fuzz(
             is_large = number // VARIANTS % LARGE == LARGE - 1
             base = random_stream(rng, TIMES if is_large else 1)
         rng = Random(f"{seed}/{number}/damage")
+        if family == "costly" or (family is None and number % COSTLY == COSTLY - 1):
+            data, verdict, says = costly(rng)
+            verdicts[f"costly {verdict}"] += 1
+            if says:
+                findings.append(Finding(data, Run(), says))
+            continue
         kind = family or KINDS[number % VARIANTS]
         data, runs = _made(kind, rng, base)
         for run in runs:
             is_late = kind == "late-faults"
-            verdict, says = check(data, run, measures=not is_late or run.arrival is None)
-            is_main = run.mode == "file" and run.level is None
-            if not says and (is_main or is_late):
-                _, says = check(data, run, decode=by_compiled)
+            right = _right(data, run)
+            if isinstance(right, str):
+                verdict, says = "oracle", right
+            else:
+                verdict = _verdict(right)
+                measures = not is_late or run.arrival is None
+                says = _wrong(data, run, right, by_codec, measures=measures)
+                is_main = run.mode == "file" and run.level is None
+                if not says and (is_main or is_late):
+                    says = _wrong(data, run, right, by_compiled)
             name = "late fault" if is_late else run.mode
             verdicts[f"{name} {verdict}"] += 1
             if says:
                 findings.append(Finding(data, run, says))
     return verdicts, findings
+
+
+def costly(rng: Random) -> tuple[bytes, str, str]:
+    """A costly stream, whether it is legal, and what is wrong with the reference, or ""."""
+    from conformance.costly import costly_stream  # fresh vectors need this module, but no codec
+    from conformance.costly.trial import tried
+
+    def within(call: Callable[[], T]) -> T:
+        with _alarm(COSTLY_SECONDS):
+            return call()
+
+    data = costly_stream(rng)
+    try:
+        verdict, says = tried(data, within)
+    except TooLong:
+        return data, "", f"no end within {COSTLY_SECONDS} s"
+    except Exception as error:
+        return data, "", f"{type(error).__name__}: {error}"
+    return data, verdict.split(" ")[0] if " at " in verdict else "0", says
 
 
 def _made(family: str, rng: Random, base: bytes) -> tuple[bytes, Sequence[Run]]:
@@ -143,26 +183,55 @@ def check(
     decode: Callable[[bytes, Run], Outcome] = by_codec,
 ) -> tuple[str, str]:
     """(verdict of the oracle, what is wrong with the reference, or "")."""
+    right = _right(data, run)
+    if isinstance(right, str):
+        return "oracle", right
+    return _verdict(right), _wrong(data, run, right, decode, measures=measures)
+
+
+def _verdict(outcome: Outcome) -> str:
+    return f"{outcome.exit} {outcome.code or ''}".strip()
+
+
+def _right(data: bytes, run: Run) -> Outcome | str:
+    """The outcome by the oracle, or what is wrong with it."""
     try:
         with _alarm(SECONDS):
-            right = by_oracle(data, run)
+            return by_oracle(data, run)
     except (Exception, TooLong) as error:
-        return "oracle", f"oracle: {type(error).__name__}: {error}"
-    verdict = f"{right.exit} {right.code or ''}".strip()
+        return f"oracle: {type(error).__name__}: {error}"
+
+
+def _wrong(
+    data: bytes,
+    run: Run,
+    right: Outcome,
+    decode: Callable[[bytes, Run], Outcome],
+    *,
+    measures: bool = False,
+) -> str:
+    """What is wrong with a decoder whose outcome should be `right`, or ""."""
+    came: list[Outcome] = []
+
+    def call() -> None:
+        came.append(decode(data, run))
+
+    allowed, peak = _allowed(data, run, right), 0
     try:
         with _alarm(SECONDS):
-            came = decode(data, run)
-            allowed = _allowed(data, run, right)
-            peak = memory.peak(partial(decode, data, run), allowed) if measures else 0
+            if measures:
+                peak = memory.peak(call, allowed)
+            else:
+                call()
     except TooLong:
-        return verdict, f"no end within {SECONDS} s"
+        return f"no end within {SECONDS} s"
     except Exception as error:
-        return verdict, f"{type(error).__name__}: {error}"
-    if came != right:
-        return verdict, f"reference: {_said(came)}; oracle: {_said(right)}"
+        return f"{type(error).__name__}: {error}"
+    if came[0] != right:
+        return f"reference: {_said(came[0])}; oracle: {_said(right)}"
     if peak > allowed:
-        return verdict, f"{peak:,} bytes of memory, more than {allowed:,}"
-    return verdict, ""
+        return f"{peak:,} bytes of memory, more than {allowed:,}"
+    return ""
 
 
 def _allowed(data: bytes, run: Run, outcome: Outcome) -> int:
@@ -307,7 +376,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _shown(finding: Finding, folder: Path | None) -> str:
-    """A line about a finding, made as small as it gets, and kept."""
+    """A line about a finding, made as small as it gets, and kept; a costly one as it is."""
+    if len(finding.data) > MOST_MADE_SMALLER:
+        path = f" ({keep(finding, folder)})" if folder else ""
+        return f"{len(finding.data)} bytes: {finding.says}{path}"
     is_compiled = not check(finding.data, finding.run)[1]
     small = smaller(finding, decode=by_compiled if is_compiled else by_codec)
     path = f" ({keep(small, folder)})" if folder else ""

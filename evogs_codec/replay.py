@@ -137,6 +137,8 @@ class _Job:
                     self.tick()
                 wrong = tuple(key for key in last.values() if self._is_wrong(state, key))
                 return _Outcome(state, wrong=wrong)
+            del state  # or there are two for a while
+            self.scratch.rewind()
         state = TileState(self.directory, self.tile, capacity, palette, memory)
         return self._one_by_one(state, keys)
 

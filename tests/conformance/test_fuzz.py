@@ -1,6 +1,7 @@
 """Reference and oracle agree on strange and on damaged streams; wrong decoders are found."""
 
 from collections import Counter
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from random import Random
@@ -11,12 +12,13 @@ import pytest
 from conformance import fuzz, memory, oracle
 from conformance.builder import Packet, Stream, X, build, repaired
 from conformance.cases.scenes import SMALL
+from conformance.costly import BUDGET, costly_stream, random_shape, stream_of
 from conformance.fuzz import Finding, check, smaller
 from conformance.mutants import MUTANTS, load
 from conformance.outcomes import Outcome, Run, by_codec, by_oracle
 from conformance.random_streams import random_stream
 from conformance.tampering import Parts, tampered
-from evogs_codec import decode
+from evogs_codec import Decoded, SplatParams, decode
 
 NAMED = {mutant.name: mutant for mutant in MUTANTS}
 # What shows only in the integers, behind right checksums.
@@ -229,3 +231,48 @@ def test_a_stream_with_trailing_bytes_is_refused_alike() -> None:
 def test_the_command_prints_what_it_found(capsys: pytest.CaptureFixture[str]) -> None:
     assert fuzz.main(["--count", "20", "--seed", "3"]) == 0
     assert "0 findings" in capsys.readouterr().out
+
+
+def test_costly_streams_are_what_the_oracle_takes_them_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("conformance.costly.streams.BUDGET", 6000)
+    verdicts = Counter[str]()
+    for seed in range(40):
+        rng = Random(seed)
+        shape = replace(random_shape(rng), adds=rng.choice((1, 3, 50)), tiles=rng.choice((1, 3)))
+        shape = replace(shape, chunks=0, metadata=rng.choice((0, 50)), entries=0)
+        try:
+            data = stream_of(shape)
+        except ValueError:  # no room for packets
+            continue
+        assert len(data) <= 6001
+        verdict, says = check(data, Run())
+        assert says == ""
+        assert verdict == {"": "0", "trailing": "1 E_TRAILING", "crc": "1 E_CRC"}[shape.fault]
+        verdicts[verdict] += 1
+    assert len(verdicts) == 3
+
+
+def test_costly_streams_have_no_more_bytes_than_they_may() -> None:
+    sizes = [len(costly_stream(Random(seed))) for seed in range(30)]
+    assert max(sizes) <= BUDGET + 1  # and a byte that trails
+    assert sorted(sizes)[10] > 0.8 * BUDGET
+
+
+def test_a_costly_stream_is_held_to_the_clock_and_to_memory(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    _, verdict, says = fuzz.costly(Random(2))
+    assert (verdict, says) == ("0", "")
+    leaves = Decoded.leaves
+
+    def with_copies(self: Decoded) -> SplatParams:
+        copies = [tile.x.astype(np.float64) for tile in self.tiles]
+        found = leaves(self)
+        assert len(copies) == len(self.tiles)  # still there
+        return found
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Decoded, "leaves", with_copies)
+        assert "bytes of memory for the float view" in fuzz.costly(Random(2))[2]
+    monkeypatch.setattr(fuzz, "COSTLY_SECONDS", 0.01)
+    assert fuzz.costly(Random(2))[2] == "no end within 0.01 s"
