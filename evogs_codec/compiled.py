@@ -19,7 +19,6 @@ from evogs_codec.packet_header import FLAG_OF_CHANGED, N_SIDES, PICKS, Counts, c
 from evogs_codec.palette import read_picks
 from evogs_codec.scratch import Scratch
 from evogs_codec.splats import I64
-from evogs_codec.tree import N_GROUPS
 
 if TYPE_CHECKING:
     from evogs_codec.directory import Directory
@@ -177,15 +176,6 @@ def _headers(
 
 
 def _tables(kernels: ModuleType, directory: Directory, tile: int) -> object:
-    units = [[quantiser.step for quantiser in row] for row in directory.quantisers]
-    entries: list[int] = []
-    places = np.empty((directory.n_levels, N_GROUPS, 4), np.int64)
-    for level in range(directory.n_levels):
-        for group in range(N_GROUPS):
-            table = directory.alpha_table(level, group)
-            largest = max(map(abs, table.entries))
-            places[level, group] = len(entries), len(table.entries), table.shift, largest
-            entries += table.entries
     row = directory.tiles[tile]
     box = np.stack([row["box_min"], row["box_max"]], 1).astype(np.int64)
-    return kernels.Tables(np.array(units, np.int64), np.array(entries, np.int32), places, box)
+    return kernels.Tables(directory.quantiser_units, *directory.alpha_entries, box)

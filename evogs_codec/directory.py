@@ -20,7 +20,7 @@ from evogs_codec.limits import LIMITS
 from evogs_codec.packet_header import FLAG_PALETTE, PALETTE, PICKS, Counts
 from evogs_codec.packet_table import labels_of, read_packet_table, state_sizes
 from evogs_codec.refine import SYMMETRIC, AlphaTable, Quantiser
-from evogs_codec.splats import I64, MAX_SH_DEGREE
+from evogs_codec.splats import I32, I64, MAX_SH_DEGREE
 from evogs_codec.tables import (
     read_alpha_tables,
     read_digests,
@@ -28,6 +28,7 @@ from evogs_codec.tables import (
     read_quantisers,
     read_tiles,
 )
+from evogs_codec.tree import N_GROUPS
 
 __all__ = ["Directory", "SceneInfo", "check_crc", "n_classes", "read_directory", "read_header"]
 
@@ -146,6 +147,27 @@ class Directory:
         """(n_packets,) entries of these: the largest pick that each packet may have."""
         n_entries = self.packets["n_adds"][self.palette_packets].astype(np.int64)
         return np.concatenate([[0], np.cumsum(n_entries)])[self.palette_required]
+
+    @cached_property
+    def quantiser_units(self) -> I64:
+        """(1 + n_levels, classes) grid units of one q: of adds, of psi of each level."""
+        units = [[quantiser.step for quantiser in row] for row in self.quantisers]
+        return np.array(units, np.int64)
+
+    @cached_property
+    def alpha_entries(self) -> tuple[I32, I64]:
+        """The entries of all alpha tables, one after the other, and where those of each are.
+
+        (n_levels, groups, 4): first entry, number of entries, K, largest |entry|.
+        """
+        entries: list[int] = []
+        places = np.empty((self.n_levels, N_GROUPS, 4), np.int64)
+        for level, group in np.ndindex(self.n_levels, N_GROUPS):
+            table = self.alpha_table(level, group)
+            largest = max(map(abs, table.entries))
+            places[level, group] = len(entries), len(table.entries), table.shift, largest
+            entries += table.entries
+        return np.array(entries, np.int32), places
 
     def alpha_table(self, level: int, group: int) -> AlphaTable:
         """The table of a level and group (spec 5.4)."""

@@ -195,13 +195,15 @@ class Decoder:
             if len(part) == size:
                 self._whole[packet] = part
             else:
-                ranges = self._parts.setdefault(packet, _Ranges())
+                ranges = self._parts.get(packet) or self._parts.setdefault(packet, _Ranges())
                 ranges.put(begin - offset, part)
                 if ranges.covers(size):
                     self._whole[packet] = ranges.prefix(size)
                     del self._parts[packet]
             if packet in self._whole:
                 self._touched.add(int(directory.packets["tile"][packet]))
+        if not self._touched:  # nothing became complete
+            return []
         ready = self._advance_palette()
         touched, self._touched = sorted(self._touched), set()
         for tile in touched:

@@ -25,7 +25,7 @@ from evogs_codec import (
 from evogs_codec.coded import component_slice
 from evogs_codec.crc import crc32
 from evogs_codec.cut import Cut
-from evogs_codec.directory import read_directory
+from evogs_codec.directory import Directory, read_directory
 from evogs_codec.extract import extract
 from evogs_codec.omissions import omissions
 from evogs_codec.packet_header import read_packet_header
@@ -208,6 +208,22 @@ def test_feeding_pieces_is_linear_whatever_waits(late):
         return feed
 
     assert_linear(work, 150)
+
+
+def test_alpha_tables_are_looked_up_once_and_not_for_each_tile(monkeypatch):
+    pytest.importorskip("evogs_codec.kernels", reason="numba is an extra")
+    n_calls, alpha_table = 0, Directory.alpha_table
+
+    def counted(*args):
+        nonlocal n_calls
+        n_calls += 1
+        return alpha_table(*args)
+
+    monkeypatch.setattr(Directory, "alpha_table", counted)
+    monkeypatch.setattr(compiled, "MIN_COMPILED", 0)
+    data = many_tiles(20)
+    decode(data)
+    assert n_calls == 64 * 5
 
 
 def test_single_bytes_in_the_worst_order_take_linear_calls_and_memory():

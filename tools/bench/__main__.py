@@ -27,6 +27,7 @@ from tools.bench.scale import scale
 from tools.bench.sog import published, sog
 from tools.bench.subjects import Subject, subjects
 from tools.bench.surface import tables as surface
+from tools.bench.worst import worst
 from tools.extremes import page as extremes
 from tools.scene import make_scene
 
@@ -54,6 +55,8 @@ def run(args: argparse.Namespace) -> int:
         for key in ("ply", "tree", "photos", "runs")
         if getattr(args, key)
     )
+    command += " --before CHECKOUT" if args.before else ""
+    command += f" --tries {args.tries}" if args.tries else ""
     command += " --splat-transform CMD" if args.splat_transform else ""
     if tables:
         write(args.out, command, tables, keep_others=bool(some))
@@ -93,6 +96,9 @@ def _measurements(args: argparse.Namespace, folder: Path) -> Iterator[Measuremen
             yield name, title, partial(of_samples, entropy.samples(args.ply, args.tree))
     if "scale" in args.only:
         yield "scale", "Time and memory as scenes grow", partial(scale, folder)
+    if "worst" in args.only:
+        title = "Worst cases of 100,000 bytes"
+        yield "worst", title, partial(worst, args.before, args.tries)
 
 
 def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement]:

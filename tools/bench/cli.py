@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 EXAMPLE = "example: --ply scene.ply --tree lego.tree.npz --photos lego --only rate surface"
 PARTS = (
     "raster", "scene", "rate", "sog", "levels", "refine", "tree", "surface", "prefix", "first",
-    "decimate", "entropy", "scale", "extremes",
+    "decimate", "entropy", "scale", "worst", "extremes",
 )  # fmt: skip
 
 
@@ -41,6 +41,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--splat-transform", metavar="CMD", help="how to start it: adds SOG and decimation"
     )
     parser.add_argument("--up", default="z", help="up axis of the scene, as -y (default: z)")
+    parser.add_argument(
+        "--before", type=Path, metavar="CHECKOUT", help="a checkout that `worst` measures too"
+    )
+    parser.add_argument(
+        "--tries", type=int, default=0, metavar="N", help="shapes that `worst` tries per command"
+    )
     parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder of the results")
     parser.add_argument("--only", choices=PARTS, nargs="+", default=PARTS, help="some tables")
 

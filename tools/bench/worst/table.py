@@ -1,0 +1,141 @@
+"""The table of worst cases: per command the stream that costs most, before a change and now."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from dataclasses import fields
+from functools import partial
+from pathlib import Path
+from random import Random
+
+from conformance import memory
+from evogs_codec import StreamError, read_directory
+from evogs_codec.splats import n_channels
+from tools.bench.page import Rows
+from tools.bench.worst.known import KNOWN
+from tools.bench.worst.processes import Codec, Measure
+from tools.bench.worst.search import uphill
+from tools.bench.worst.shapes import Shape, stream_of
+
+__all__ = ["COMMANDS", "worst"]
+
+ROOT = Path(__file__).resolve().parent.parent.parent.parent
+COMMANDS = (
+    "decode to .ply", "decode to arrays", "validate", "info", "info --json", "extract --level",
+    "extract --max-bytes", "extract --box", "extract --sh-degree", "feed 1", "feed 1 backward",
+    "feed 100", "feed 100 interleaved", "feed 100 overlapping", "feed 100, the first packet last",
+    "feed 4096", "feed 4096 backward", "feed all, one packet missing",
+)  # fmt: skip
+TURNS = 3
+SEED = 1
+SMALLEST = Shape(degree=0, adds=51_000)  # that loads compiled loops
+
+
+def worst(before: Path | None = None, tries: int = 0) -> Rows:
+    """Streams of 100,000 bytes that cost most, for each command the worst that was found.
+
+    A search makes shapes at random and climbs from the worst: SH degree or palette, tiles, levels,
+    what the steps do (adds, splits of all, of the newest or of one, refinements, drops, nothing),
+    which lists are stored and in how many planes and frames, bands and picks that come late,
+    digests up to their bound, alpha tables, metadata, unknown chunks, and a fault at the very end.
+    What it found stands in `tools/bench/worst/known.py`; `--tries N` searches on from there.
+    Seconds are those of the processor, the least of 3 turns, start of Python and imports included.
+    Memory is the peak above a process that only imports, and the model is that of spec 8.3
+    (`conformance/memory.py`) with the float view and, where they are used, compiled loops. "Before"
+    is the worst of the same streams with the codec of another checkout.
+    """
+    with tempfile.TemporaryDirectory() as folder, Codec(ROOT) as codec:
+        stream = Path(folder) / "worst.evogs"
+        stream.write_bytes(stream_of(SMALLEST))
+        compiled = codec.measure("decode to arrays", stream, TURNS)
+        shapes = dict(KNOWN)
+        if tries:
+            shapes |= _found(codec, stream, tries)
+        now = _costliest(codec, shapes, stream, compiled.peak)
+        earlier: dict[str, dict[str, object]] = {}
+        if before is not None:
+            with Codec(before) as old:
+                earlier = _costliest(old, shapes, stream, compiled.peak)
+        start = f"{codec.start:.2f}"
+    rows: Rows = []
+    for command in COMMANDS:
+        row: dict[str, object] = {"command": command}
+        if before is not None:
+            of_old = earlier[command]
+            row |= {"before, s": of_old["s"], "worst before": of_old["shape"]}
+        row |= {key: value for key, value in now[command].items() if key != "shape"}
+        row |= {"start, s": start, "worst": now[command]["shape"]}
+        rows.append(row)
+    return rows
+
+
+def _found(codec: Codec, stream: Path, tries: int) -> dict[str, Shape]:
+    """What the search finds for each command, by a description."""
+    rng = Random(SEED)
+    found: dict[str, Shape] = {}
+    for command in COMMANDS:
+        cost = partial(_cost, codec, command, stream)
+        known = max(KNOWN.values(), key=cost)
+        seconds, shape = uphill(cost, known, rng, tries // 2, tries - tries // 2)
+        print(f"{command}: {seconds:.2f} s, {_described(shape)}", file=sys.stderr, flush=True)
+        found[_described(shape)] = shape
+    return {name: shape for name, shape in found.items() if shape not in KNOWN.values()}
+
+
+def _cost(codec: Codec, command: str, stream: Path, shape: Shape) -> float:
+    try:
+        stream.write_bytes(stream_of(shape))
+    except ValueError:  # its chunks take all the room
+        return 0.0
+    return codec.measure(command, stream).seconds
+
+
+def _costliest(
+    codec: Codec, shapes: dict[str, Shape], stream: Path, compiled: int
+) -> dict[str, dict[str, object]]:
+    """By command: seconds of the slowest shape, and memory of the one that most needs it."""
+    by_command: dict[str, list[tuple[str, Measure, int]]] = {name: [] for name in COMMANDS}
+    for name, shape in shapes.items():
+        print(name, file=sys.stderr, flush=True)
+        data = stream_of(shape)
+        stream.write_bytes(data)
+        for command in COMMANDS:
+            found = codec.measure(command, stream, TURNS)
+            model = _model(data, command) + compiled * found.compiled
+            by_command[command].append((name, found, model))
+    rows: dict[str, dict[str, object]] = {}
+    for command, measures in by_command.items():
+        shape_name, slowest, _ = max(measures, key=lambda item: item[1].seconds)
+        _, largest, model = max(measures, key=lambda item: item[1].peak)
+        rows[command] = {
+            "s": f"{slowest.seconds:.2f}",
+            "shape": shape_name if slowest.ended != "killed" else f"{shape_name} (stopped)",
+            "peak MiB": f"{largest.peak / 2**20:.0f}",
+            "model MiB": f"{model / 2**20:.0f}",
+            "most over the model, MiB": f"{max(0, max(m.peak - b for _, m, b in measures)) >> 20}",
+        }
+    return rows
+
+
+def _model(data: bytes, command: str) -> int:
+    """Bytes that a command may take: the state by spec 8.3, and the float view."""
+    try:
+        directory = read_directory(memoryview(data))
+    except StreamError:
+        return memory.bound(data)
+    rows = directory.packets
+    live = int((rows["n_adds"].astype(int) + rows["n_splits"] - rows["n_drops"]).sum())
+    view = 4 * n_channels(directory.sh_degree) * live
+    has_view = command.startswith(("decode", "feed"))
+    return memory.bound(data, grows=command.startswith("feed")) + view * has_view
+
+
+def _described(shape: Shape) -> str:
+    """The fields that are not usual."""
+    usual = Shape()
+    return ", ".join(
+        f"{field.name} {getattr(shape, field.name)}"
+        for field in fields(Shape)
+        if getattr(shape, field.name) != getattr(usual, field.name)
+    )
