@@ -19,6 +19,7 @@ from conformance.harness.scratch import read_regular, scratch
 
 __all__ = ["Batch"]
 
+LATE = 3.0  # seconds in which an answer that was kept back comes when the input ends
 REST = 1.0  # seconds in which a process whose input or output has ended should end too
 
 
@@ -156,7 +157,7 @@ class _Process:
             return ": the answer is there, but its line does not end"
         with suppress(OSError):
             self.stdin.close()
-        deadline = time.monotonic() + REST
+        deadline = time.monotonic() + LATE
         while (left := deadline - time.monotonic()) > 0 and len(self._said) <= MOST_SAID:
             if not select.select([self.stdout], [], [], left)[0] or not self._hear():
                 break

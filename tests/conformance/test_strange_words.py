@@ -156,7 +156,7 @@ def test_a_decoder_with_a_memory_is_told_so(made_suite, tmp_path, capsys):
 
 
 def test_output_that_is_not_flushed_is_told_so(made_suite, capsys):
-    options = ["--id", "crc-*", "--timeout", "1", "--jobs", "4"]
+    options = ["--id", "crc-*", "--timeout", "2", "--jobs", "4"]
     assert run(made_suite, "flushes-at-the-end", *options) == 1
     assert "flush standard output after each line" in capsys.readouterr().out
     assert run(made_suite, "hang", *options) == 1
@@ -167,10 +167,10 @@ def test_output_that_is_not_flushed_is_told_so(made_suite, capsys):
 
 def test_a_family_that_does_not_exist_lists_those_that_do(made_suite, capsys):
     assert run(made_suite, "right", "--family", "core", "--family", "corre\x1b") == 2
-    assert capsys.readouterr().err == (
-        "run: --family: no corre\\x1b among"
-        " core, crc, critical, digest, every-bit-flip, every-prefix, signature, trailing\n"
-    )
+    told = tiny.read_manifest(made_suite)
+    names = {entry["family"] for entry in told["vectors"]} | {"every-bit-flip", "every-prefix"}
+    said = f"run: --family: no corre\\x1b among {', '.join(sorted(names))}\n"
+    assert capsys.readouterr().err == said
 
 
 @pytest.mark.parametrize(
