@@ -4,11 +4,11 @@ from random import Random
 
 import pytest
 
+from conformance.costly import BUDGET, Shape, stream_of
 from evogs_codec import StreamError, decode, read_directory
 from tools.bench.worst.commands import COMMANDS as MEASURED
 from tools.bench.worst.known import KNOWN
 from tools.bench.worst.search import changed, random_shape, uphill
-from tools.bench.worst.shapes import BUDGET, Shape, stream_of
 from tools.bench.worst.table import COMMANDS
 
 SMALL = 6_000  # bytes

@@ -8,8 +8,8 @@ from random import Random
 __all__ = ["STEPS", "Shape", "random_shape"]
 
 STEPS = (
-    "adds", "split all", "split last", "split first", "refine all", "refine other", "refine one",
-    "drop one", "drop all", "mixed", "empty",
+    "adds", "split all", "split new", "split last", "split first", "refine all", "refine other",
+    "refine one", "drop one", "drop all", "mixed", "empty",
 )  # fmt: skip
 
 

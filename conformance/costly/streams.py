@@ -29,7 +29,7 @@ from evogs_codec.packet_header import (
     value_counts,
 )
 from evogs_codec.packet_table import state_sizes
-from evogs_codec.planes import CODINGS, Coding
+from evogs_codec.planes import CODINGS
 from evogs_codec.refine import MAX_X, AlphaTable, Quantiser
 from evogs_codec.splats import n_channels
 
@@ -66,21 +66,22 @@ class _Packet:
 
 @dataclass
 class _Chain:
-    """A tile so far: slots, of which the first `n_dropped` are empty, and its core packets."""
+    """A tile so far: slots, of which the first `n_dropped` are empty and the last `n_new` new."""
 
     n_slots: int = 0
     n_dropped: int = 0
+    n_new: int = 0
     n_steps: int = 0
 
 
-def stream_of(shape: Shape) -> bytes:
-    """The stream, of at most `BUDGET` bytes.
+def stream_of(shape: Shape, budget: int = BUDGET) -> bytes:
+    """The stream, of at most `budget` bytes.
 
     Raises:
         ValueError: the chunks leave no room for packets.
     """
     fixed = len(_directory(shape, [], [])) + DIGEST * shape.digests + CHUNK * bool(shape.digests)
-    left = BUDGET - fixed
+    left = budget - fixed - len(shape.fault)
     if left < ROW * 2:
         raise ValueError("the chunks leave no room for packets")
     packets = _ordered(shape, list(_packets(shape, left)))
@@ -163,6 +164,7 @@ def _step(shape: Shape, tile: int, chain: _Chain, room: int) -> _Packet | None:
     counts = {
         "adds": Counts(n_some, 0, 0, 0),
         "split all": Counts(0, n_all, 0, 0),
+        "split new": Counts(0, min(chain.n_new, most), 0, 0),
         "split last": Counts(0, 1, 0, 0),
         "split first": Counts(0, 1, 0, 0),
         "refine all": Counts(0, 0, n_all, 0),
@@ -175,15 +177,16 @@ def _step(shape: Shape, tile: int, chain: _Chain, room: int) -> _Packet | None:
     if not chain.n_steps:
         counts = Counts(n_some, 0, 0, 0)
     first = chain.n_dropped
-    if kind == "split last":
-        first = chain.n_slots - 1
+    if kind in ("split last", "split new"):
+        first = chain.n_slots - counts.n_splits
     body = _body(shape, 0, counts, first, every=2 if kind == "refine other" else 1)
     return _Packet(tile, 0, level, chain.n_steps, counts, body)
 
 
 def _advance(chain: _Chain, counts: Counts) -> None:
     chain.n_steps += 1
-    chain.n_slots += counts.n_adds + counts.n_splits
+    chain.n_new = counts.n_adds + counts.n_splits
+    chain.n_slots += chain.n_new
     chain.n_dropped += counts.n_drops
 
 
@@ -263,23 +266,15 @@ def _side(
 
 def _planes(code: int, n: int, value: int) -> list[Run]:
     """The planes of n equal integers below 4."""
-    coding = _coding(code)
+    coding = CODINGS[code]
+    assert coding is not None
     sizes = coding.plane_sizes(n) if n else []
     return [(value if j == 0 and coding.low == 8 else 0, size) for j, size in enumerate(sizes)]
 
 
-def _coding(code: int) -> Coding:
-    coding = CODINGS[code]
-    assert coding is not None
-    return coding
-
-
 def _sealed(flags: int, codes: list[int], runs: list[Run], per_frame: int, least: int) -> bytes:
     """A packet of at least so many bytes; `runs` are those of its planes."""
-    # Gaps and kinds are planes of several runs: frames are counted in planes.
-    sizes = [_coding(code).n_planes for code in codes]
-    n_planes = sum(sizes)
-    if not n_planes:
+    if not any(codes):
         return bytes([flags, 0, *codes])
     parts = _by_plane(codes, runs)
     groups = _frames_of(parts, per_frame)
@@ -298,7 +293,7 @@ def _sealed(flags: int, codes: list[int], runs: list[Run], per_frame: int, least
 
 def _by_plane(codes: list[int], runs: list[Run]) -> list[list[Run]]:
     """The runs of each plane: a run is a plane, but for those of gaps and kinds."""
-    n_planes = sum(_coding(code).n_planes for code in codes)
+    n_planes = sum(coding.n_planes for code in codes if (coding := CODINGS[code]))
     if len(runs) == n_planes:
         return [[run] for run in runs]
     parts: list[list[Run]] = []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tools.bench.worst.shapes import Shape
+from conformance.costly import Shape
 
 __all__ = ["KNOWN"]
 

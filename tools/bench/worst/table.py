@@ -10,13 +10,13 @@ from pathlib import Path
 from random import Random
 
 from conformance import memory
+from conformance.costly import Shape, stream_of
 from evogs_codec import StreamError, read_directory
 from evogs_codec.splats import n_channels
 from tools.bench.page import Rows
 from tools.bench.worst.known import KNOWN
 from tools.bench.worst.processes import Codec, Measure
 from tools.bench.worst.search import uphill
-from tools.bench.worst.shapes import Shape, stream_of
 
 __all__ = ["COMMANDS", "worst"]
 
