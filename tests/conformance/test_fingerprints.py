@@ -66,7 +66,8 @@ def test_most_mutants_are_named_by_what_they_do(
     def result(run: str, symptom: str | None) -> SimpleNamespace:
         case = SimpleNamespace(id=run, run=SimpleNamespace(level=None))
         kind = "wrong dump" if symptom else "pass"
-        return SimpleNamespace(case=case, failed=bool(symptom), kind=kind, says="", symptom=symptom)
+        judged = {"kind": kind, "says": "", "symptom": symptom, "judged": True}
+        return SimpleNamespace(case=case, failed=bool(symptom), **judged)
 
     shown = {name: found for name, found in prints.items() if codes or found.outcomes}
     named = 0
