@@ -44,9 +44,13 @@ PLACES = [
 ]
 
 
+# Tests that run in the background of a script start with interrupts ignored.
+NOT_IGNORED = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+
+
 def run_interrupted(place, *arguments):
     return subprocess.run(
-        [sys.executable, "-c", PROGRAM, place, *map(str, arguments)],
+        [sys.executable, "-c", f"{NOT_IGNORED}\n{PROGRAM}", place, *map(str, arguments)],
         capture_output=True,
         text=True,
         cwd=ROOT,
