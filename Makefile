@@ -8,6 +8,8 @@ EVOGS := $(VENV)/bin/evogs
 PIP := $(PY) -m pip install --quiet --disable-pip-version-check -c constraints.txt
 RUNTIME := $(VENV)/.installed-runtime
 DEV := $(VENV)/.installed-dev
+# A worker for each core; compiled loops of one test do not take the core of another.
+PYTEST := NUMBA_NUM_THREADS=1 $(PY) -m pytest -n auto --dist loadfile
 INPUTS := pyproject.toml constraints.txt
 
 DEMO_LEVELS := 0 1 2 3 4
@@ -68,16 +70,16 @@ demo: $(RUNTIME)
 	echo; echo "build/demo.png shows all levels, the coarsest first."
 
 test: $(DEV)
-	$(PY) -m pytest -m "not slow"
+	$(PYTEST) -m "not slow"
 
 test-slow: $(DEV)
-	$(PY) -m pytest -m slow
+	$(PYTEST) -m slow
 
 check: $(DEV)
 	$(PY) -m ruff format --check .
 	$(PY) -m ruff check .
 	$(PY) -m mypy
-	$(PY) -m pytest -m "not slow"
+	$(PYTEST) -m "not slow"
 	$(PY) -m tools.spec_tables --check
 	$(PY) -m conformance.generate --check --no-mutants
 	$(PY) -m conformance.renders generate --check

