@@ -2,9 +2,9 @@
 
 import resource
 import struct
-import time
 import subprocess
 import sys
+import time
 import tracemalloc
 
 import pytest
