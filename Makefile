@@ -48,7 +48,7 @@ venv: $(DEV)
 
 demo: $(RUNTIME)
 	@mkdir -p build
-	$(PY) -m tools.scene build/demo.ply --splats $(DEMO_SPLATS)
+	$(PY) -m evogs_codec.render.demo_scene build/demo.ply --splats $(DEMO_SPLATS)
 	$(EVOGS) encode build/demo.ply build/demo.evogs --levels $(words $(DEMO_LEVELS))
 	$(EVOGS) validate build/demo.evogs
 	$(EVOGS) info build/demo.evogs
@@ -81,19 +81,19 @@ check: $(DEV)
 	$(PY) -m mypy
 	$(PYTEST) -m "not slow"
 	$(PY) -m tools.spec_tables --check
-	$(PY) -m conformance.generate --check --no-mutants
+	$(PY) -m conformance.generator --check --no-mutants
 	$(PY) -m conformance.renders generate --check
 
 # The suite in full, on the reference decoder and on itself; 15 minutes, most of them for mutants.
 conformance: $(DEV)
-	$(EVOGS) conformance run --decoder "$(PY) -m conformance.decoder" --fresh 25
-	$(EVOGS) conformance run --decoder "$(PY) conformance/cleanroom/decoder.py" --fresh 25
+	$(EVOGS) conformance run --decoder "$(PY) -m conformance.decoders.reference" --fresh 25
+	$(EVOGS) conformance run --decoder "$(PY) conformance/decoders/cleanroom/decoder.py" --fresh 25
 	$(EVOGS) conformance selftest
 	$(PY) -m conformance.renders run --renderer "$(PY) -m conformance.renders reference"
-	$(PY) -m conformance.generate --check
+	$(PY) -m conformance.generator --check
 
 fuzz: $(DEV)
-	$(PY) -m conformance.fuzz --count 100000 --jobs 2 --keep build/findings
+	$(PY) -m conformance.fuzzing --count 100000 --jobs 2 --keep build/findings
 
 format: $(DEV)
 	$(PY) -m ruff format .

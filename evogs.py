@@ -17,11 +17,11 @@ def main() -> int:
     """Run the command that the arguments of the process name; returns the exit code."""
     if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         # Somebody decided otherwise: behind `nohup`, or in a script's background, it is ignored.
-        from evogs_codec.cli import main as run_all
+        from evogs_codec.cli.commands import main as run_all
 
         return run_all()
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    from evogs_codec.cli import parse, run
+    from evogs_codec.cli.commands import parse, run
 
     args = parse()
     try:

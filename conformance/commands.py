@@ -27,13 +27,14 @@ def register(commands: Commands) -> None:
 
 
 def _add_decoder(commands: Commands) -> None:
-    from conformance.decoder import add_options, run_command
+    from conformance.decoders.reference import add_options, run_command
 
     parser: argparse.ArgumentParser = commands.add_parser(
         "decoder",
         help="the reference decoder behind the command of a decoder under test",
         description="The reference decoder behind the command of a decoder under test"
-        " (conformance/README.md). `python -m conformance.decoder` is the same and starts faster.",
+        " (conformance/README.md). `python -m conformance.decoders.reference` is the same, and"
+        " starts faster.",
     )
     parser.set_defaults(run=run_command)
     add_options(parser)

@@ -5,39 +5,39 @@ data = encode(tree, PRESETS["scene"])
 splats = decode_leaves(data)
 """
 
-from evogs_codec.aiming import Aim as Aim
-from evogs_codec.cut import Cut as Cut
-from evogs_codec.decode import Decoded as Decoded
-from evogs_codec.decode import decode as decode
-from evogs_codec.decode import decode_leaves as decode_leaves
-from evogs_codec.decode import decode_prefix as decode_prefix
-from evogs_codec.directory import Directory as Directory
-from evogs_codec.directory import SceneInfo as SceneInfo
-from evogs_codec.directory import read_directory as read_directory
-from evogs_codec.encode import encode as encode
+from evogs_codec.decoding.cut import Cut as Cut
+from evogs_codec.decoding.decode import Decoded as Decoded
+from evogs_codec.decoding.decode import decode as decode
+from evogs_codec.decoding.decode import decode_leaves as decode_leaves
+from evogs_codec.decoding.decode import decode_prefix as decode_prefix
+from evogs_codec.decoding.progressive import Decoder as Decoder
+from evogs_codec.decoding.progressive import StepReady as StepReady
+from evogs_codec.editing.extract import choose_cut as choose_cut
+from evogs_codec.editing.extract import extract as extract
+from evogs_codec.encoding.encode import encode as encode
+from evogs_codec.encoding.grids import NotRepresentable as NotRepresentable
+from evogs_codec.encoding.settings import PRESETS as PRESETS
+from evogs_codec.encoding.settings import Settings as Settings
+from evogs_codec.encoding.targets import Aim as Aim
 from evogs_codec.errors import Fault as Fault
 from evogs_codec.errors import InputError as InputError
 from evogs_codec.errors import StreamError as StreamError
-from evogs_codec.extract import choose_cut as choose_cut
-from evogs_codec.extract import extract as extract
-from evogs_codec.feeding import Decoder as Decoder
-from evogs_codec.feeding import StepReady as StepReady
-from evogs_codec.grids import NotRepresentable as NotRepresentable
-from evogs_codec.interchange import read_tree as read_tree
-from evogs_codec.interchange import write_tree as write_tree
-from evogs_codec.lifting import lift as lift
-from evogs_codec.lifting import lift_with_order as lift_with_order
-from evogs_codec.ply import drop_non_finite as drop_non_finite
-from evogs_codec.ply import finite_opacities as finite_opacities
-from evogs_codec.ply import read_ply as read_ply
-from evogs_codec.ply import write_ply as write_ply
-from evogs_codec.settings import PRESETS as PRESETS
-from evogs_codec.settings import Settings as Settings
-from evogs_codec.sharing import with_palette as with_palette
-from evogs_codec.splats import SplatParams as SplatParams
-from evogs_codec.tree import EvolutionTree as EvolutionTree
-from evogs_codec.tree import Kind as Kind
-from evogs_codec.tree import Step as Step
+from evogs_codec.format.directory import Directory as Directory
+from evogs_codec.format.directory import read_directory as read_directory
+from evogs_codec.io.ply import drop_non_finite as drop_non_finite
+from evogs_codec.io.ply import finite_opacities as finite_opacities
+from evogs_codec.io.ply import read_ply as read_ply
+from evogs_codec.io.ply import write_ply as write_ply
+from evogs_codec.io.tree_npz import read_tree as read_tree
+from evogs_codec.io.tree_npz import write_tree as write_tree
+from evogs_codec.lifting.lift import lift as lift
+from evogs_codec.lifting.lift import lift_with_order as lift_with_order
+from evogs_codec.lifting.shared_sh import with_palette as with_palette
+from evogs_codec.model.scene_info import SceneInfo as SceneInfo
+from evogs_codec.model.splats import SplatParams as SplatParams
+from evogs_codec.model.tree import EvolutionTree as EvolutionTree
+from evogs_codec.model.tree import Kind as Kind
+from evogs_codec.model.tree import Step as Step
 
 __all__ = [
     "PRESETS",

@@ -5,7 +5,7 @@ Caller mistakes raise plain `ValueError` or `TypeError`; anything else that esca
 
 from __future__ import annotations
 
-from evogs_codec.faults import Fault
+from evogs_codec._generated.faults import Fault
 
 __all__ = ["Fault", "InputError", "StreamError"]
 

@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from evogs_codec import InputError
-from evogs_codec.files import PICTURE, TREE, FileKind, check_target, same_file, write_atomic
-from evogs_codec.interchange import read_tree, write_tree
-from evogs_codec.options import add_output
+from evogs_codec.cli.options import add_output
+from evogs_codec.io.files import PICTURE, TREE, FileKind, check_target, same_file, write_atomic
+from evogs_codec.io.tree_npz import read_tree, write_tree
 from reference_trainer.config import METHODS, PRESETS, Config
 
 if TYPE_CHECKING:
-    from reference_trainer.views import Dataset
+    from reference_trainer.data import Dataset
 
 __all__ = ["config_of", "pyramid_of", "register", "run_train"]
 
@@ -90,13 +90,13 @@ def run_train(args: argparse.Namespace) -> None:
     for library in ("torch", "numba"):
         if find_spec(library) is None:
             raise InputError(f"training needs {library}: pip install 'evogs[train]'")
-    from reference_trainer.backends import backend_for
+    from reference_trainer.data import load_views
     from reference_trainer.evaluate import evaluate
-    from reference_trainer.memory import keep_freed_memory
-    from reference_trainer.progress import Progress
+    from reference_trainer.models.backends import backend_for
     from reference_trainer.run import run
+    from reference_trainer.runtime.memory import keep_freed_memory
+    from reference_trainer.runtime.progress import Progress
     from reference_trainer.train import NotFiniteError
-    from reference_trainer.views import load_views
 
     if args.resume and args.checkpoint is None:
         raise ValueError("--resume needs --checkpoint")
@@ -141,8 +141,8 @@ def run_train(args: argparse.Namespace) -> None:
 
 def _check_checkpoint(args: argparse.Namespace, n_levels: int) -> None:
     """Refuse a folder for checkpoints where something else would be overwritten."""
-    from reference_trainer import checkpoint
-    from reference_trainer.progress import LOG
+    from reference_trainer.runtime import checkpoint
+    from reference_trainer.runtime.progress import LOG
 
     folder: Path = args.checkpoint
     kinds = {checkpoint.FILE: checkpoint.KIND, "log.csv": LOG, "result.json": RESULT}
@@ -188,7 +188,7 @@ def _per_level(
 
 def pyramid_of(data: Dataset, n_levels: int) -> tuple[Dataset, ...]:
     """The data at 1/2^(n-1), ..., 1/2, 1 of its size."""
-    from reference_trainer.views import at_scale
+    from reference_trainer.data import at_scale
 
     return tuple(
         replace(

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from conformance.rasterizer import psnr, render, ssim
-from conformance.rasterizer.png import write_png
 from evogs_codec import EvolutionTree, SplatParams
-from evogs_codec.splats import GROUP_CHANNELS, n_channels
-from evogs_codec.tree import Kind, Step
+from evogs_codec.model.channels import GROUP_CHANNELS, n_channels
+from evogs_codec.model.tree import Kind, Step
+from evogs_codec.render import psnr, render, ssim
+from evogs_codec.render.png import write_png
 
 if TYPE_CHECKING:
-    from reference_trainer.views import Dataset
+    from reference_trainer.data import Dataset
 
 __all__ = ["evaluate", "leaves_drawn", "storage"]
 

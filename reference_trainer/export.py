@@ -12,10 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec import EvolutionTree, SplatParams
-from evogs_codec.splats import F32
-from evogs_codec.tree import N_GROUPS, Kind, Step
-from reference_trainer.blocks import Block, Collinear, Refined
-from reference_trainer.frontier import Frontier
+from evogs_codec.model.channels import N_GROUPS
+from evogs_codec.model.splats import F32
+from evogs_codec.model.tree import Kind, Step
+from reference_trainer.models.blocks import Block, Collinear, Refined
+from reference_trainer.models.frontier import Frontier
 
 __all__ = ["drops", "frontier_steps", "opacity_refines", "roots"]
 

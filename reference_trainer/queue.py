@@ -16,21 +16,21 @@ from typing import TYPE_CHECKING
 import numba
 
 from evogs_codec import InputError
-from evogs_codec.files import write_atomic
-from evogs_codec.interchange import read_tree, write_tree
-from evogs_codec.printable import MAX_LINE, shown
-from reference_trainer.backends import backend_for
-from reference_trainer.checkpoint import FILE
+from evogs_codec.common.printable import MAX_LINE, shown
+from evogs_codec.io.files import write_atomic
+from evogs_codec.io.tree_npz import read_tree, write_tree
 from reference_trainer.cli import pyramid_of
 from reference_trainer.config import METHODS, PRESETS, Config, FrontierGrowth, Integers
 from reference_trainer.evaluate import evaluate
-from reference_trainer.hardware import machine
-from reference_trainer.memory import keep_freed_memory
-from reference_trainer.progress import Progress
+from reference_trainer.models.backends import backend_for
 from reference_trainer.run import run
+from reference_trainer.runtime.checkpoint import FILE
+from reference_trainer.runtime.hardware import machine
+from reference_trainer.runtime.memory import keep_freed_memory
+from reference_trainer.runtime.progress import Progress
 
 if TYPE_CHECKING:
-    from reference_trainer.views import Dataset
+    from reference_trainer.data import Dataset
 
 __all__ = ["Job", "jobs", "main", "run_job"]
 
@@ -85,7 +85,7 @@ def main(argv: list[str] | None = None) -> None:
             state = "done" if (args.out / job.name / "result.json").exists() else "to do"
             print(f"{job.name}: {state}")
         return
-    from reference_trainer.views import load_views
+    from reference_trainer.data import load_views
 
     try:
         data = load_views(args.data, size=args.size)

@@ -10,18 +10,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from evogs_codec import EvolutionTree, InputError
-from reference_trainer.backends import Backend
-from reference_trainer.checkpoint import Checkpoint, refuse, run_identity
 from reference_trainer.config import Config
-from reference_trainer.densify import ScreenGradients
-from reference_trainer.methods import Done, Method, Plan, Setting, method_named
-from reference_trainer.progress import Progress
-from reference_trainer.saved import Arrays, taken
-from reference_trainer.seeding import extent
+from reference_trainer.data.seeding import extent
+from reference_trainer.methods import method_named
+from reference_trainer.methods.base import Done, Method, Plan, Setting
+from reference_trainer.models.backends import Backend
+from reference_trainer.models.densify import ScreenGradients
+from reference_trainer.models.saved import Arrays, taken
+from reference_trainer.runtime.checkpoint import Checkpoint, refuse, run_identity
+from reference_trainer.runtime.progress import Progress
 from reference_trainer.train import Model, Stage, Training, train
 
 if TYPE_CHECKING:
-    from reference_trainer.views import Dataset
+    from reference_trainer.data import Dataset
 
 __all__ = ["run"]
 

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from reference_trainer.config import Config, Rates
-from reference_trainer.densify import ScreenGradients
-from reference_trainer.optim import RateTable, Variable
-from reference_trainer.saved import Arrays
-from reference_trainer.tensors import SplatTensors
+from reference_trainer.models.adam import RateTable, Variable
+from reference_trainer.models.densify import ScreenGradients
+from reference_trainer.models.saved import Arrays
+from reference_trainer.models.tensors import SplatTensors
 
 if TYPE_CHECKING:
-    from reference_trainer.backends import Backend
-    from reference_trainer.views import View
+    from reference_trainer.data import View
+    from reference_trainer.models.backends import Backend
 
 __all__ = ["Model", "NotFiniteError", "Training", "train"]
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from evogs_codec import write_ply, write_tree
-from evogs_codec.cli import main
-from tests import damage
-from tools.scene import make_scene
+from evogs_codec.cli.commands import main
+from evogs_codec.render.demo_scene import make_scene
+from tests.support import damage
 
 # The first call of a numpy function may take longer than hypothesis allows an example.
 settings.register_profile("dev", deadline=None, suppress_health_check=[HealthCheck.too_slow])

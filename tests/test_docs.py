@@ -4,9 +4,9 @@ import re
 from pathlib import Path
 
 from conformance.harness.cli import VECTORS
-from conformance.harness.explain import explain
+from conformance.harness.reporting.explain import explain
 from evogs_codec import write_ply
-from tools.scene import make_scene
+from evogs_codec.render.demo_scene import make_scene
 
 ROOT = Path(__file__).resolve().parent.parent
 

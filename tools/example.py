@@ -12,18 +12,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evogs_codec import frames, layout
-from evogs_codec.coded import CodedStep, CodedTile, CodedTree
-from evogs_codec.cut import Cut
-from evogs_codec.decode import decode
-from evogs_codec.directory import Directory, SceneInfo, read_directory
-from evogs_codec.encode import write
-from evogs_codec.packet_header import PacketHeader, read_packet_header
-from evogs_codec.planes import ABSENT, join_planes, undelta, unzigzag
-from evogs_codec.refine import AlphaTable, Quantiser
-from evogs_codec.splats import GROUP_CHANNELS, GROUPS
-from evogs_codec.state import TileState
-from evogs_codec.tree import N_GROUPS, Kind
+from evogs_codec.decoding.cut import Cut
+from evogs_codec.decoding.decode import decode
+from evogs_codec.decoding.tile_state import TileState
+from evogs_codec.encoding.encode import write
+from evogs_codec.format import frames, layout
+from evogs_codec.format.directory import Directory, read_directory
+from evogs_codec.format.packet_header import PacketHeader, read_packet_header
+from evogs_codec.format.planes import ABSENT, join_planes, undelta, unzigzag
+from evogs_codec.model.arithmetic import AlphaTable, Quantiser
+from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS, N_GROUPS
+from evogs_codec.model.coded_tree import CodedStep, CodedTile, CodedTree
+from evogs_codec.model.scene_info import SceneInfo
+from evogs_codec.model.tree import Kind
 
 __all__ = ["annex", "stream"]
 

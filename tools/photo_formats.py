@@ -1,4 +1,4 @@
-"""Writers of the folders that `reference_trainer.views` reads: Blender, nerfstudio and COLMAP.
+"""Writers of the folders that `reference_trainer.data` reads: Blender, nerfstudio and COLMAP.
 
 Letters: P points, V views.
 """
@@ -18,7 +18,7 @@ from PIL import Image
 from plyfile import PlyData, PlyElement
 from scipy.spatial.transform import Rotation
 
-from conformance.rasterizer import Camera
+from evogs_codec.render import Camera
 
 __all__ = ["FORMATS", "Cloud", "Shot", "write_blender", "write_colmap", "write_nerfstudio"]
 

@@ -16,13 +16,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import map_coordinates
 
-from conformance.rasterizer import Camera, Options, draw
 from evogs_codec import InputError, read_ply
-from evogs_codec.splats import SplatParams
-from reference_trainer.views.distortion import undistort
-from reference_trainer.views.pyramid import area_average
+from evogs_codec.model.splats import SplatParams
+from evogs_codec.render import Camera, Options, draw
+from evogs_codec.render.demo_scene import SH_C0, make_scene
+from reference_trainer.data.distortion import undistort
+from reference_trainer.data.pyramid import area_average
 from tools.photo_formats import FORMATS, Cloud, Shot
-from tools.scene import SH_C0, make_scene
 
 __all__ = ["Framing", "cloud_of", "main", "photograph", "shooting_cameras"]
 
@@ -109,8 +109,12 @@ def main(argv: Sequence[str] | None = None) -> None:
         epilog="example: python -m tools.photos build/photos --views 60 --size 200",
     )
     parser.add_argument("out", metavar="OUT_DIR", type=Path)
-    parser.add_argument("--scene", metavar="PLY", type=Path, help="z up; default: tools.scene")
-    parser.add_argument("--splats", type=int, default=10_000, metavar="N", help="of tools.scene")
+    parser.add_argument(
+        "--scene", metavar="PLY", type=Path, help="z up; default: evogs_codec.render.demo_scene"
+    )
+    parser.add_argument(
+        "--splats", type=int, default=10_000, metavar="N", help="of evogs_codec.render.demo_scene"
+    )
     parser.add_argument("--views", type=int, default=60, metavar="N", help="default: 60")
     parser.add_argument("--size", type=int, default=200, metavar="PX", help="default: 200")
     parser.add_argument("--format", choices=FORMATS, default="blender", help="default: blender")

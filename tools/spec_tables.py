@@ -1,10 +1,10 @@
 """Keep the spec, its CSV files and the codec's tables the same: `python -m tools.spec_tables`.
 
 Writes the tables between the `<!-- table NAME -->` and `<!-- end NAME -->` marks of
-`spec/evogs.md` from the declarations of `evogs_codec.layout` and from `spec/*.csv`, the worked
-example (`tools/example.py`) there and as `spec/example.evogs`, and the modules
-`evogs_codec/faults.py`, `limits.py` and `registry.py` from the CSV files. `--check` writes nothing
-and fails if anything would change.
+`spec/evogs.md` from the declarations of `evogs_codec.format.layout` and from `spec/*.csv`, the
+worked example (`tools/example.py`) there and as `spec/example.evogs`, and the modules of
+`evogs_codec/_generated/` from the CSV files. `--check` writes nothing and fails if anything would
+change.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def rows(name: str) -> list[dict[str, str]]:
 
 
 def faults_module() -> str:
-    """Text of `evogs_codec/faults.py`."""
+    """Text of `evogs_codec/_generated/faults.py`."""
     lines = [
         '"""Fault codes of spec 9. Made by `tools/spec_tables.py` from `spec/faults.csv`."""',
         "",
@@ -66,7 +66,7 @@ def faults_module() -> str:
 
 
 def limits_module() -> str:
-    """Text of `evogs_codec/limits.py`."""
+    """Text of `evogs_codec/_generated/limits.py`."""
     lines = [
         '"""Limits by tier of spec 8.2. Made by `tools/spec_tables.py` from `spec/limits.csv`."""',
         "",
@@ -91,7 +91,7 @@ REGISTRIES = {
 
 
 def registry_module() -> str:
-    """Text of `evogs_codec/registry.py`."""
+    """Text of `evogs_codec/_generated/registry.py`."""
     lines = [
         '"""Registered names of spec 8.4. Made by `tools/spec_tables.py` from'
         ' `spec/registry.csv`."""',
@@ -127,7 +127,7 @@ def markdown(header: list[str], body: list[list[str]]) -> str:
 
 def spec_tables() -> dict[str, str]:
     """Name of a mark in the spec: the table that belongs there."""
-    from evogs_codec import layout  # after faults.py and limits.py exist
+    from evogs_codec.format import layout  # after faults.py and limits.py exist
     from tools import example
 
     tables = {
@@ -189,9 +189,9 @@ def main() -> int:
         if not check:
             path.write_bytes(data)
 
-    put(ROOT / "evogs_codec" / "faults.py", faults_module())
-    put(ROOT / "evogs_codec" / "limits.py", limits_module())
-    put(ROOT / "evogs_codec" / "registry.py", registry_module())
+    put(ROOT / "evogs_codec" / "_generated" / "faults.py", faults_module())
+    put(ROOT / "evogs_codec" / "_generated" / "limits.py", limits_module())
+    put(ROOT / "evogs_codec" / "_generated" / "registry.py", registry_module())
     from tools import example
 
     put(SPEC / "example.evogs", example.stream())

@@ -2,8 +2,8 @@
 
 `python -m tools.trained_streams OUT` makes `trained-*.evogs`: one per method that makes a tree or
 layers, and two settings of EvoGS. Needs the extra `train`; a few minutes on two cores. The streams
-of `conformance/cases/streams` were made so once and are kept as bytes: a better trainer or encoder
-must not change them.
+of `conformance/generator/cases/streams` were made so once and are kept as bytes: a better trainer
+or encoder must not change them.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from tempfile import TemporaryDirectory
 
 from evogs_codec import PRESETS as ENCODERS
 from evogs_codec import encode
-from evogs_codec.directory import SceneInfo
-from evogs_codec.files import write_atomic
+from evogs_codec.io.files import write_atomic
+from evogs_codec.model.scene_info import SceneInfo
 from tools import photos
 
 __all__ = ["TREES", "main"]
@@ -51,11 +51,11 @@ def main() -> None:
 
 def stream(name: str, photographs: Path) -> bytes:
     """The stream of a tree."""
-    from reference_trainer.backends import backend_for
     from reference_trainer.cli import pyramid_of
     from reference_trainer.config import PRESETS, Integers
+    from reference_trainer.data import load_views
+    from reference_trainer.models.backends import backend_for
     from reference_trainer.run import run
-    from reference_trainer.views import load_views
 
     method, sh_degree, caps, encoder = TREES[name]
     quick = PRESETS["quick"]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import random
 from collections.abc import Callable, Sequence
 
-from conformance.harness.capabilities import Capabilities
-from conformance.harness.judging import Result
+from conformance.harness.judging.judging import Result
 from conformance.harness.runner import Asker, Options, ask_once
-from conformance.harness.scratch import scratch
+from conformance.harness.running.capabilities import Capabilities
+from conformance.harness.running.scratch import scratch
 
 __all__ = ["ask_alone"]
 

@@ -11,18 +11,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from conformance.harness.explain import explain
-from conformance.harness.junit import as_junit
 from conformance.harness.manifest import SuiteError
-from conformance.harness.page import as_html
-from conformance.harness.plain import MOST_OF_LINE, plain, plain_lines, say
-from conformance.harness.process import Bounds
-from conformance.harness.report import as_json
-from conformance.harness.runner import Options
-from conformance.harness.selftest import self_test
-from conformance.harness.table import print_report
-from conformance.harness.trial import FAILED, INCOMPLETE, PASSED, Choice, draw_seed, families, hold
-from conformance.harness.usage import (
+from conformance.harness.reporting.explain import explain
+from conformance.harness.reporting.junit import as_junit
+from conformance.harness.reporting.page import as_html
+from conformance.harness.reporting.report import as_json
+from conformance.harness.reporting.table import print_report
+from conformance.harness.reporting.usage import (
     USAGE,
     UsageError,
     check_reports,
@@ -30,6 +25,11 @@ from conformance.harness.usage import (
     command_of,
     write_reports,
 )
+from conformance.harness.runner import Options
+from conformance.harness.running.plain import MOST_OF_LINE, plain, plain_lines, say
+from conformance.harness.running.process import Bounds
+from conformance.harness.selftest import self_test
+from conformance.harness.trial import FAILED, INCOMPLETE, PASSED, Choice, draw_seed, families, hold
 
 __all__ = ["add_commands", "main"]
 

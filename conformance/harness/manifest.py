@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
-from conformance.harness.plain import read_json
+from conformance.harness.running.plain import read_json
 
 __all__ = ["MODES", "Case", "Run", "Suite", "SuiteError", "Vector", "load"]
 

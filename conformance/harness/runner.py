@@ -15,15 +15,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
-from conformance.harness.answers import Answer, Parcel
-from conformance.harness.batch import Batch
-from conformance.harness.capabilities import Capabilities, lacking, not_asked
-from conformance.harness.judging import EXPECTED, Result, judge
+from conformance.harness.judging.judging import EXPECTED, Result, judge
 from conformance.harness.manifest import Case, Run, SuiteError
-from conformance.harness.oneshot import OneShot
-from conformance.harness.plain import plain
-from conformance.harness.process import Bounds, clean_environment
-from conformance.harness.scratch import read_regular, scratch
+from conformance.harness.running.answers import Answer, Parcel
+from conformance.harness.running.batch import Batch
+from conformance.harness.running.capabilities import Capabilities, lacking, not_asked
+from conformance.harness.running.oneshot import OneShot
+from conformance.harness.running.plain import plain
+from conformance.harness.running.process import Bounds, clean_environment
+from conformance.harness.running.scratch import read_regular, scratch
 
 __all__ = ["Asked", "Asker", "Options", "ask_again", "ask_once", "own_fault", "run_cases"]
 

@@ -20,15 +20,15 @@ from typing import Any
 from xml.etree import ElementTree
 
 from conformance.harness.bad.escapes import ALIVE
-from conformance.harness.dumps import tiles_of
-from conformance.harness.junit import as_junit
+from conformance.harness.judging.dumps import tiles_of
 from conformance.harness.manifest import Case, Suite, SuiteError, load
-from conformance.harness.page import as_html
-from conformance.harness.process import Bounds
-from conformance.harness.report import as_json
+from conformance.harness.reporting.junit import as_junit
+from conformance.harness.reporting.page import as_html
+from conformance.harness.reporting.report import as_json
+from conformance.harness.reporting.table import report
 from conformance.harness.runner import Options
-from conformance.harness.scratch import scratch
-from conformance.harness.table import report
+from conformance.harness.running.process import Bounds
+from conformance.harness.running.scratch import scratch
 from conformance.harness.trial import FAILED, Choice, Trial, hold
 
 __all__ = ["CLASSES", "Judged", "class_of", "self_test", "small_suite"]

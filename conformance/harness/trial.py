@@ -11,9 +11,8 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from conformance.harness.alone import ask_alone
-from conformance.harness.canary import canaries
-from conformance.harness.capabilities import Capabilities, CapabilityError, ask_capabilities
-from conformance.harness.diagnosis import (
+from conformance.harness.judging.canary import canaries
+from conformance.harness.judging.diagnosis import (
     Diagnosis,
     Fingerprint,
     accepts_any,
@@ -21,13 +20,14 @@ from conformance.harness.diagnosis import (
     diagnose,
     read_fingerprints,
 )
-from conformance.harness.families import expand
-from conformance.harness.fresh import LackingError, make_fresh
-from conformance.harness.judging import Result
+from conformance.harness.judging.families import expand
+from conformance.harness.judging.fresh import LackingError, make_fresh
+from conformance.harness.judging.judging import Result
 from conformance.harness.manifest import Case, Suite, SuiteError, load
-from conformance.harness.process import clean_environment
 from conformance.harness.runner import Options, ask_again, own_fault, run_cases
-from conformance.harness.scratch import scratch
+from conformance.harness.running.capabilities import Capabilities, CapabilityError, ask_capabilities
+from conformance.harness.running.process import clean_environment
+from conformance.harness.running.scratch import scratch
 
 __all__ = [
     "FAILED",
@@ -257,6 +257,8 @@ def families(folder: Path) -> set[str]:
 def harness_sha256() -> str:
     """Hash of the harness itself, over names and contents of its modules."""
     digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    folder = Path(__file__).parent
+    for path in sorted(folder.rglob("*.py")):
+        name = path.relative_to(folder).as_posix()
+        digest.update(name.encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()

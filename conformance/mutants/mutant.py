@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 from types import ModuleType
 
-from conformance import oracle
+from conformance.decoders import oracle
 
 __all__ = ["Mutant", "load", "original"]
 
@@ -45,7 +45,7 @@ class Mutant:
 
 @cache
 def load(mutant: Mutant) -> ModuleType:
-    """The mutant as a module of its own, with the functions of `conformance.oracle`."""
+    """The mutant as a module of its own, with the functions of `conformance.decoders.oracle`."""
     module = ModuleType(f"conformance.mutants.{mutant.name}")
     sys.modules[module.__name__] = module  # dataclasses look their module up
     code = compile(mutant.text(original()), f"oracle.py as {mutant.name}", "exec")

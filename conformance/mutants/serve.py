@@ -11,11 +11,11 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from conformance import oracle
+from conformance.decoders import oracle
+from conformance.decoders.outcomes import Outcome, Run
 from conformance.mutants.library import MUTANTS
 from conformance.mutants.mutant import load
 from conformance.mutants.trial import CRASH, limit_memory, outcome
-from conformance.outcomes import Outcome, Run
 
 __all__ = ["serve"]
 

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from types import FrameType, ModuleType
 from typing import Any
 
-from conformance.outcomes import Outcome, Run, by_oracle
+from conformance.decoders.outcomes import Outcome, Run, by_oracle
 
 __all__ = ["CRASH", "fault_text", "limit_memory", "outcome", "run_of", "verdict"]
 

@@ -8,9 +8,9 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
-from conformance.harness.oneshot import last_words, over
-from conformance.harness.process import Bounds, clean_environment, run
-from conformance.harness.scratch import read_regular, scratch
+from conformance.harness.running.oneshot import last_words, over
+from conformance.harness.running.process import Bounds, clean_environment, run
+from conformance.harness.running.scratch import read_regular, scratch
 from conformance.renders.judging import Numbers, judge, read_golden, read_picture
 from conformance.renders.manifest import Image, Suite
 from conformance.renders.png import Pixels, PngError

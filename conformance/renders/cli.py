@@ -12,10 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from conformance.harness.manifest import SuiteError
-from conformance.harness.plain import MOST_OF_LINE, plain, plain_lines, say
-from conformance.harness.process import Bounds
-from conformance.harness.trial import FAILED, INCOMPLETE, PASSED
-from conformance.harness.usage import (
+from conformance.harness.reporting.usage import (
     USAGE,
     UsageError,
     check_reports,
@@ -23,6 +20,9 @@ from conformance.harness.usage import (
     command_of,
     write_reports,
 )
+from conformance.harness.running.plain import MOST_OF_LINE, plain, plain_lines, say
+from conformance.harness.running.process import Bounds
+from conformance.harness.trial import FAILED, INCOMPLETE, PASSED
 from conformance.renders import reference
 from conformance.renders.candidate import Renderer, ask_all
 from conformance.renders.fingerprints import likenesses, read_fingerprints

@@ -18,14 +18,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from conformance.rasterizer import Camera, Options, psnr, render
-from conformance.rasterizer.oracle import render_exactly
 from conformance.renders.manifest import FOLDER, Image, Thresholds
 from conformance.renders.manifest import Scene as SceneEntry
 from conformance.renders.png import decode_png, encode_png
 from conformance.renders.reference import to_pixels
 from conformance.renders.scenes import SCENES, Scene
 from evogs_codec import Cut, decode, read_directory
+from evogs_codec.render import Camera, Options, psnr, render
+from evogs_codec.render.oracle import render_exactly
 
 __all__ = ["check", "make_all", "write"]
 

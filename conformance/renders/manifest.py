@@ -63,7 +63,7 @@ class Image:
         scene: id of the stream.
         view: name of the camera.
         level: of the stream.
-        camera: as in a file of cameras (`conformance.rasterizer.save_cameras`).
+        camera: as in a file of cameras (`evogs_codec.render.save_cameras`).
         background: R G B in 0..1.
         golden, sha256: file and its hash.
         n_splats: splats of the level.

@@ -12,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec import EvolutionTree, Kind, SplatParams, Step, lift
-from evogs_codec.splats import F32, F64, n_channels
-from tools.scene import make_scene
+from evogs_codec.model.channels import n_channels
+from evogs_codec.model.splats import F32, F64
+from evogs_codec.render.demo_scene import make_scene
 
 __all__ = [
     "antialiased",
@@ -37,7 +38,7 @@ __all__ = [
 
 SH_C0 = 0.28209479177387814  # colour = 0.5 + SH_C0 * coefficient 0
 N_KINDS = 24
-TREES = Path(__file__).resolve().parents[1] / "cases" / "streams"
+TREES = Path(__file__).resolve().parents[1] / "generator" / "cases" / "streams"
 
 
 def ties() -> EvolutionTree:

@@ -16,8 +16,8 @@ __all__ = ["add_options", "run_reference", "to_pixels"]
 def run_reference(args: argparse.Namespace) -> int:
     """`reference`."""
     # numba, an extra, is needed here and not for judging.
-    from conformance.rasterizer import Options, load_cameras, render
     from evogs_codec import Cut, decode, read_directory
+    from evogs_codec.render import Options, load_cameras, render
 
     data = args.input.read_bytes()
     cut = Cut.of_level(read_directory(memoryview(data)), args.level)

@@ -13,11 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from conformance.mutants.mutant import Mutant
-from conformance.rasterizer import Camera, Options, oracle
 from conformance.renders.manifest import Image, Suite
 from conformance.renders.png import Pixels
 from conformance.renders.reference import to_pixels
 from evogs_codec import Cut, decode, read_directory
+from evogs_codec.render import Camera, Options, oracle
 
 __all__ = ["Rendering", "picture"]
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from conformance.harness.plain import MOST_OF_LINE, plain, plain_all, plain_lines
+from conformance.harness.running.plain import MOST_OF_LINE, plain, plain_all, plain_lines
 from conformance.harness.trial import FAILED, INCOMPLETE, PASSED
 from conformance.renders.candidate import Result
 from conformance.renders.judging import read_golden, side_by_side

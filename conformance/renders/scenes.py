@@ -8,10 +8,10 @@ from functools import partial
 
 import numpy as np
 
-from conformance.rasterizer import Camera
 from conformance.renders import recipes
 from conformance.renders.manifest import FOLDER
 from evogs_codec import PRESETS, EvolutionTree, Settings, SplatParams, encode
+from evogs_codec.render import Camera
 
 __all__ = ["SCENES", "Scene", "View"]
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from reference_trainer.cloud import Cloud
 from reference_trainer.config import Config
 from reference_trainer.export import frontier_steps, roots
-from reference_trainer.frontier import Frontier
-from reference_trainer.integers import IntegerLevel
-from reference_trainer.methods import Done, Plan, Setting, a_plan_per_level
+from reference_trainer.methods.base import Done, Plan, Setting, a_plan_per_level
 from reference_trainer.methods.plain import plain_cloud
-from reference_trainer.tensors import SplatTensors
+from reference_trainer.methods.quantised import IntegerLevel
+from reference_trainer.models.cloud import Cloud
+from reference_trainer.models.frontier import Frontier
+from reference_trainer.models.tensors import SplatTensors
 from reference_trainer.train import Model
 
 __all__ = ["Evogs"]

@@ -16,13 +16,13 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec import SplatParams
-from reference_trainer.cloud import Cloud
 from reference_trainer.config import Config
 from reference_trainer.export import roots
-from reference_trainer.methods import Done, Plan, Setting, a_plan_per_level
+from reference_trainer.methods.base import Done, Plan, Setting, a_plan_per_level
 from reference_trainer.methods.plain import SPLITS
 from reference_trainer.methods.separate import Single
-from reference_trainer.tensors import SplatTensors
+from reference_trainer.models.cloud import Cloud
+from reference_trainer.models.tensors import SplatTensors
 from reference_trainer.train import Model
 
 __all__ = ["L3gs", "significance"]
@@ -70,7 +70,7 @@ class L3gs:
 
 def significance(splats: SplatParams, setting: Setting) -> npt.NDArray[np.float64]:
     """(N,) GSG over the training views."""
-    from conformance.rasterizer import draw, gradients
+    from evogs_codec.render import draw, gradients
 
     grey = SplatParams(
         splats.means,

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from reference_trainer.cloud import Cloud
 from reference_trainer.config import Config
 from reference_trainer.export import opacity_refines, roots
-from reference_trainer.methods import Done, Plan, Setting, a_plan_per_level
+from reference_trainer.methods.base import Done, Plan, Setting, a_plan_per_level
 from reference_trainer.methods.plain import plain_cloud
-from reference_trainer.tensors import SplatTensors
+from reference_trainer.models.cloud import Cloud
+from reference_trainer.models.tensors import SplatTensors
 from reference_trainer.train import Model
 
 __all__ = ["Lapis"]

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from reference_trainer.cloud import Cloud
-from reference_trainer.methods import Setting
-from reference_trainer.seeding import first_splats
-from reference_trainer.tensors import SplatTensors
+from reference_trainer.data.seeding import first_splats
+from reference_trainer.methods.base import Setting
+from reference_trainer.models.cloud import Cloud
+from reference_trainer.models.tensors import SplatTensors
 
 __all__ = ["plain_cloud"]
 

@@ -7,8 +7,10 @@ import zlib
 import pytest
 import zstandard
 
-from conformance import oracle
-from conformance.builder import (
+from conformance.decoders import oracle
+from conformance.decoders.outcomes import Run, by_oracle
+from conformance.decoders.reference import by_codec
+from conformance.generator.builder import (
     ADDS_YCOCG,
     DELTA,
     DROP,
@@ -35,7 +37,6 @@ from conformance.builder import (
     repaired,
     runs,
 )
-from conformance.outcomes import Run, by_codec, by_oracle
 
 CONTENT = b"aaaaaabcd" * 40
 

@@ -7,12 +7,12 @@ import sys
 
 import pytest
 
-from conformance import decoder, oracle
 from conformance.commands import register
-from conformance.outcomes import Run
+from conformance.decoders import oracle, reference
+from conformance.decoders.outcomes import Run
 from tests.conformance.tiny import EXAMPLE, ROOT
 
-COMMAND = [sys.executable, "-m", "conformance.decoder"]
+COMMAND = [sys.executable, "-m", "conformance.decoders.reference"]
 WHOLE = oracle.decode(EXAMPLE).dump()
 
 
@@ -33,7 +33,7 @@ def ask(tmp_path, data=EXAMPLE, **options):
     source, target = tmp_path / "in", tmp_path / "out"
     source.write_bytes(data)
     target.unlink(missing_ok=True)
-    came = decoder.answer(source, target, Run(**{"mode": "progressive"} | options))
+    came = reference.answer(source, target, Run(**{"mode": "progressive"} | options))
     dump = target.read_bytes() if target.exists() else None
     assert came.dump == dump
     return came.exit, came.code, came.offset, dump
@@ -64,7 +64,7 @@ def test_the_commands_register_with_the_command_line(made_suite, capsys):
     register(parser.add_subparsers())
     args = parser.parse_args(["conformance", "decoder", "--capabilities"])
     assert args.run(args) == 0
-    assert json.loads(capsys.readouterr().out) == decoder.CAPABILITIES
+    assert json.loads(capsys.readouterr().out) == reference.CAPABILITIES
     args = parser.parse_args(["conformance", "decoder", "--mode", "file"])
     assert args.run(args) == 2
     options = ["explain", "core-example", "--vectors", str(made_suite)]
@@ -77,7 +77,7 @@ def test_capabilities_say_that_it_does_everything():
     done = subprocess.run(
         [*COMMAND, "--capabilities"], capture_output=True, text=True, cwd=ROOT, check=True
     )
-    assert json.loads(done.stdout) == decoder.CAPABILITIES
+    assert json.loads(done.stdout) == reference.CAPABILITIES
 
 
 def test_a_batch_answers_each_line_in_turn(tmp_path):

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import pytest
 
-from conformance.builder import DELTA, Packet, Stream, X, build
-from conformance.harness.anatomy import anatomy
+from conformance.generator.builder import DELTA, Packet, Stream, X, build
 from conformance.harness.cli import main
-from conformance.harness.explain import explain
 from conformance.harness.manifest import SuiteError, load
+from conformance.harness.reporting.anatomy import anatomy
+from conformance.harness.reporting.explain import explain
 from tests.conformance.tiny import EXAMPLE, ROOT
 
 VECTORS = ROOT / "conformance" / "vectors"

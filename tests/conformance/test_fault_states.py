@@ -9,22 +9,24 @@ from random import Random
 
 import pytest
 
-from conformance import fuzz, oracle
-from conformance.builder import places
-from conformance.cases import fault_states
-from conformance.fuzz import check
-from conformance.generate import stored_fingerprints
+from conformance.decoders import oracle
+from conformance.decoders.outcomes import Outcome, Run, by_oracle
+from conformance.decoders.reference import by_codec
+from conformance.fuzzing import fuzz
+from conformance.fuzzing.fuzz import check
+from conformance.fuzzing.late_faults import late_fault, runs_beside_faults
+from conformance.generator.builder import places
+from conformance.generator.cases import fault_states
+from conformance.generator.generate import stored_fingerprints
+from conformance.generator.random_streams import random_stream
 from conformance.harness.cli import main
-from conformance.late_faults import late_fault, runs_beside_faults
 from conformance.mutants import MUTANTS, load
-from conformance.outcomes import Outcome, Run, by_codec, by_oracle
-from conformance.random_streams import random_stream
 from tests.conformance.schemas import errors
 from tests.conformance.tiny import EXAMPLE, ROOT
 
 VECTORS = ROOT / "conformance" / "vectors"
 ATTACK = ROOT.parent / "shared" / "data" / "attacks" / "feed_fault_corrupts.evogs"
-SCHEMA = json.loads((ROOT / "conformance/harness/report.schema.json").read_text())
+SCHEMA = json.loads((ROOT / "conformance/harness/reporting/report.schema.json").read_text())
 NAMED = {mutant.name: mutant for mutant in MUTANTS}
 KEEPS = {  # wrong decoders that keep what a packet with a fault wrote, and the vectors that show it
     "core-fault-keeps-numbers": ("core", "two"),
@@ -35,8 +37,8 @@ KEEPS = {  # wrong decoders that keep what a packet with a fault wrote, and the 
     "palette-fault-keeps-entries": ("palette",),
 }
 DECODERS = {
-    "reference": ["-m", "conformance.decoder"],
-    "cleanroom": [str(ROOT / "conformance" / "cleanroom" / "decoder.py")],
+    "reference": ["-m", "conformance.decoders.reference"],
+    "cleanroom": [str(ROOT / "conformance" / "decoders" / "cleanroom" / "decoder.py")],
     "oracle": ["-m", "conformance.mutants", "run", "oracle"],
 }
 BESIDE = Run("progressive", dump_on_fault=True)

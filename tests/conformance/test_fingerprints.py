@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from conformance.builder import repaired
-from conformance.generate import stored_fingerprints
-from conformance.harness import diagnosis
+from conformance.generator.builder import repaired
+from conformance.generator.generate import stored_fingerprints
+from conformance.harness.judging import diagnosis
 from conformance.harness.runner import Options
 from conformance.harness.trial import Choice, hold
 from conformance.mutants import MUTANTS, fingerprints

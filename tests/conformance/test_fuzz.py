@@ -9,15 +9,17 @@ from random import Random
 import numpy as np
 import pytest
 
-from conformance import fuzz, memory, oracle
-from conformance.builder import Packet, Stream, X, build, repaired
-from conformance.cases.scenes import SMALL
-from conformance.costly import BUDGET, costly_stream, random_shape, stream_of
-from conformance.fuzz import Finding, check, smaller
+from conformance.decoders import oracle
+from conformance.decoders.outcomes import Outcome, Run, by_oracle
+from conformance.decoders.reference import by_codec
+from conformance.fuzzing import fuzz, memory
+from conformance.fuzzing.costly import BUDGET, costly_stream, random_shape, stream_of
+from conformance.fuzzing.fuzz import Finding, check, smaller
+from conformance.generator.builder import Packet, Stream, X, build, repaired
+from conformance.generator.cases.scenes import SMALL
+from conformance.generator.random_streams import random_stream
+from conformance.generator.tampering import Parts, tampered
 from conformance.mutants import MUTANTS, load
-from conformance.outcomes import Outcome, Run, by_codec, by_oracle
-from conformance.random_streams import random_stream
-from conformance.tampering import Parts, tampered
 from evogs_codec import Decoded, SplatParams, decode
 
 NAMED = {mutant.name: mutant for mutant in MUTANTS}

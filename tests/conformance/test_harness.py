@@ -16,17 +16,17 @@ from xml.etree import ElementTree
 
 import pytest
 
-from conformance.harness import process
-from conformance.harness.capabilities import Capabilities
 from conformance.harness.cli import main
-from conformance.harness.judging import KINDS
-from conformance.harness.keepers import Keeper
+from conformance.harness.judging.judging import KINDS
+from conformance.harness.running import process
+from conformance.harness.running.capabilities import Capabilities
+from conformance.harness.running.keepers import Keeper
 from conformance.harness.selftest import BAD
 from tests.conformance import tiny
 from tests.conformance.schemas import errors
 from tests.conformance.tiny import EXAMPLE, ROOT
 
-SCHEMA = json.loads((ROOT / "conformance/harness/report.schema.json").read_text())
+SCHEMA = json.loads((ROOT / "conformance/harness/reporting/report.schema.json").read_text())
 VECTORS = ROOT / "conformance" / "vectors" / "manifest.json"
 HARNESS = ROOT / "conformance" / "harness"
 PROVEN = sys.stdlib_module_names
@@ -241,7 +241,7 @@ def test_a_claim_is_made_only_of_a_whole_suite(made_suite, tmp_path):
 
 
 def test_what_a_decoder_says_does_not_get_into_the_page_as_markup(made_suite, tmp_path):
-    from conformance.harness.page import _embedded
+    from conformance.harness.reporting.page import _embedded
 
     assert "</script>" not in _embedded({"says": "</script><script>alert(1)</script>"})
 

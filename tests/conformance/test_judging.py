@@ -6,12 +6,12 @@ from dataclasses import replace
 import pytest
 
 from conformance.harness import manifest
-from conformance.harness.answers import Answer, AnswerError, read_entry, read_fault
-from conformance.harness.canary import canaries
-from conformance.harness.diagnosis import Fingerprint, accepts_any, diagnose
-from conformance.harness.dumps import channel_name, difference
-from conformance.harness.families import expand
-from conformance.harness.judging import KINDS, judge
+from conformance.harness.judging.canary import canaries
+from conformance.harness.judging.diagnosis import Fingerprint, accepts_any, diagnose
+from conformance.harness.judging.dumps import channel_name, difference
+from conformance.harness.judging.families import expand
+from conformance.harness.judging.judging import KINDS, judge
+from conformance.harness.running.answers import Answer, AnswerError, read_entry, read_fault
 from tests.conformance.tiny import EXAMPLE
 
 

@@ -9,14 +9,14 @@ from types import SimpleNamespace
 
 import pytest
 
-from conformance import oracle
+from conformance.decoders import oracle
+from conformance.decoders.outcomes import Run, by_oracle
 from conformance.mutants import MUTANTS, load, outcome, trial
 from conformance.mutants.__main__ import alike, report
 from conformance.mutants.fingerprint import fingerprints
 from conformance.mutants.library import parse
 from conformance.mutants.mutant import original
 from conformance.mutants.trial import CRASH
-from conformance.outcomes import Run, by_oracle
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = (ROOT / "spec" / "example.evogs").read_bytes()

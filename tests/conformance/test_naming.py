@@ -4,7 +4,7 @@ import json
 import shlex
 import sys
 
-from conformance.generate import fingerprint_table
+from conformance.generator.generate import fingerprint_table
 from conformance.harness.cli import main
 from conformance.mutants import MUTANTS, fingerprints
 from tests.conformance import tiny

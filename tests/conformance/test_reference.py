@@ -14,8 +14,8 @@ from tests.conformance.tiny import ROOT
 VECTORS = ROOT / "conformance" / "vectors"
 
 
-REFERENCE = ["-m", "conformance.decoder"]
-CLEANROOM = [str(ROOT / "conformance" / "cleanroom" / "decoder.py")]
+REFERENCE = ["-m", "conformance.decoders.reference"]
+CLEANROOM = [str(ROOT / "conformance" / "decoders" / "cleanroom" / "decoder.py")]
 
 
 def run(tmp_path, monkeypatch, *options, decoder=REFERENCE):

@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from PIL import Image as Pillow
 
 from conformance.harness.manifest import SuiteError
-from conformance.rasterizer import Camera, Options, render
 from conformance.renders.candidate import Result, judged
 from conformance.renders.cli import main
 from conformance.renders.fingerprints import likenesses, of_results, read_fingerprints
@@ -30,6 +29,7 @@ from conformance.renders.rendering import picture
 from conformance.renders.scenes import SCENES
 from conformance.renders.trial import PAGE, between, scene_table, table
 from evogs_codec import Cut, decode, read_directory
+from evogs_codec.render import Camera, Options, render
 
 SUITE = load()
 KNOWN = {one.name: one for one in read_fingerprints(SUITE)}

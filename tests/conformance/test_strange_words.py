@@ -8,10 +8,10 @@ from xml.etree import ElementTree
 
 import pytest
 
-from conformance.harness.answers import AnswerError, read_entry, read_fault
 from conformance.harness.cli import main
-from conformance.harness.plain import plain, read_json, say
 from conformance.harness.runner import N_ALIKE
+from conformance.harness.running.answers import AnswerError, read_entry, read_fault
+from conformance.harness.running.plain import plain, read_json, say
 from conformance.renders.cli import main as renders
 from tests.conformance import tiny
 from tests.conformance.test_harness import bad, run

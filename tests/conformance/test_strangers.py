@@ -11,10 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from conformance.harness import process, selftest
+from conformance.harness import selftest
 from conformance.harness.bad.escapes import ALIVE
-from conformance.harness.process import Bounds, clean_environment
-from conformance.harness.scratch import MOST_DEPTH, read_regular, scratch, written_too_much
+from conformance.harness.running import process
+from conformance.harness.running.process import Bounds, clean_environment
+from conformance.harness.running.scratch import MOST_DEPTH, read_regular, scratch, written_too_much
 from tests.conformance.test_harness import run
 from tests.conformance.tiny import ROOT
 
@@ -90,7 +91,7 @@ def test_a_daemon_ends_when_the_harness_is_killed(tmp_path):
 import sys
 from pathlib import Path
 sys.path.insert(0, {str(ROOT)!r})
-from conformance.harness.process import Bounds, run
+from conformance.harness.running.process import Bounds, run
 run({[*PYTHON, program]!r}, Path({str(tmp_path)!r}), {{}}, Bounds())
 """
     with subprocess.Popen([*PYTHON, harness]) as running:

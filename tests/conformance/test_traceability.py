@@ -3,9 +3,9 @@
 import json
 from pathlib import Path
 
-from conformance.generate import MATRIX, VECTORS
-from conformance.matrix import matrix
-from conformance.traceability import fault_codes, limitations, requirements_of
+from conformance.generator.generate import MATRIX, VECTORS
+from conformance.generator.matrix import matrix
+from conformance.generator.traceability import fault_codes, limitations, requirements_of
 
 ROOT = Path(__file__).resolve().parents[2]
 REQUIREMENTS = requirements_of(ROOT)

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from conformance.generate import (
+from conformance.decoders.outcomes import Outcome
+from conformance.generator.generate import (
     KEPT,
     REDUNDANT,
     VECTORS,
@@ -22,9 +23,8 @@ from conformance.generate import (
     make_all,
     stored_fingerprints,
 )
+from conformance.generator.suite import ZSTD, Disagreement, Vector, agreed
 from conformance.mutants import MUTANTS
-from conformance.outcomes import Outcome
-from conformance.suite import ZSTD, Disagreement, Vector, agreed
 from tests.conformance.schemas import errors
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -173,10 +173,12 @@ def test_recipes_are_deterministic():
 
 def test_no_golden_without_agreement(monkeypatch):
     family, provenance, case = next(collect())
-    monkeypatch.setattr("conformance.suite.by_codec", lambda data, run: Outcome(4))
+    monkeypatch.setattr("conformance.decoders.reference.by_codec", lambda data, run: Outcome(4))
     with pytest.raises(Disagreement, match="oracle 0"):
         agreed(case.data, case.runs[0])
-    monkeypatch.setattr("conformance.generate.collect", lambda: [(family, provenance, case)])
+    monkeypatch.setattr(
+        "conformance.generator.generate.collect", lambda: [(family, provenance, case)]
+    )
     with pytest.raises(Disagreement, match=f"{family}-{case.name}"):
         make_all()
 
@@ -187,7 +189,7 @@ def test_a_recipe_that_expects_another_verdict_or_twin_is_a_finding(monkeypatch)
         (family, provenance, type(case)(**{**vars(case), **change}))
         for change in ({"expect": "E_CRC"}, {"twin": "core-none"})
     ]
-    monkeypatch.setattr("conformance.generate.collect", lambda: wrong)
+    monkeypatch.setattr("conformance.generator.generate.collect", lambda: wrong)
     with pytest.raises(Disagreement) as found:
         make_all()
     assert str(found.value).splitlines() == [
@@ -198,7 +200,7 @@ def test_a_recipe_that_expects_another_verdict_or_twin_is_a_finding(monkeypatch)
 
 
 def fresh(folder: Path, seed: int, count: int) -> dict[str, bytes]:
-    command = [sys.executable, "-m", "conformance.fresh", "--seed", str(seed)]
+    command = [sys.executable, "-m", "conformance.fuzzing.fresh", "--seed", str(seed)]
     command += ["--count", str(count), "--out", str(folder)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")

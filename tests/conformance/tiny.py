@@ -6,8 +6,8 @@ import struct
 import zlib
 from pathlib import Path
 
-from conformance import decoder, oracle
-from conformance.outcomes import Run
+from conformance.decoders import oracle, reference
+from conformance.decoders.outcomes import Run
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = (ROOT / "spec" / "example.evogs").read_bytes()
@@ -88,7 +88,7 @@ def _vector(folder, name, data, runs, requirements):
 
 def _expected(folder, data, run):
     """The run with the answer of the reference decoder."""
-    came = decoder.decoded(data, Run(**run))
+    came = reference.by_codec(data, Run(**run))
     dump = None if came.dump is None else _golden(folder, came.dump)
     return run | {"exit": came.exit, "code": came.code, "offset": came.offset, "dump": dump}
 

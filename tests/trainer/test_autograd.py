@@ -5,9 +5,9 @@ import pytest
 import torch
 from torch.nn import functional
 
-from conformance.rasterizer import Camera
-from reference_trainer.autograd import photometric_loss, render
-from reference_trainer.tensors import SplatTensors
+from evogs_codec.render import Camera
+from reference_trainer.models.autograd import photometric_loss, render
+from reference_trainer.models.tensors import SplatTensors
 from tests.trainer import tiny
 
 CAMERA = Camera.look_at((0, -4, 1), (0, 0, 0), width=20, height=16, fov_x=0.7)

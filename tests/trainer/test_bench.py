@@ -13,16 +13,16 @@ import pytest
 import torch
 
 from evogs_codec import PRESETS, InputError
-from reference_trainer.bench import cli, compression, lpips, paper, plots, streaming
-from reference_trainer.bench.lpips import Lpips
-from reference_trainer.bench.measured import Bench
-from reference_trainer.bench.paper import sections, write_paper
-from reference_trainer.bench.quality import means
-from reference_trainer.bench.report import Figure, Section, pivot, write_report
-from reference_trainer.bench.runs import Views, find_runs
 from reference_trainer.cli import pyramid_of
 from reference_trainer.queue import jobs, run_job
 from tests.trainer import tiny
+from tools.bench.paper import cli, compression, lpips, paper, plots, streaming
+from tools.bench.paper.lpips import Lpips
+from tools.bench.paper.measured import Bench
+from tools.bench.paper.paper import sections, write_paper
+from tools.bench.paper.quality import means
+from tools.bench.paper.report import Figure, Section, pivot, write_report
+from tools.bench.paper.runs import Views, find_runs
 
 matplotlib = pytest.importorskip("matplotlib")
 

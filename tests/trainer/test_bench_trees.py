@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 from evogs_codec import EvolutionTree, Kind, Step, lift
-from evogs_codec.interchange import write_tree
-from evogs_codec.splats import GROUPS
-from reference_trainer.backends import backend_for
-from reference_trainer.bench.foveal import foveal
-from reference_trainer.bench.options import with_parents
-from reference_trainer.bench.orders import Records, by_energy, by_opacity, reordered
-from reference_trainer.bench.psi import concentration, distribution, refinements
-from reference_trainer.bench.runs import Run, Views
-from reference_trainer.bench.streaming import CODINGS, N_CUTS, ORDERS, curve, raw_cuts
+from evogs_codec.io.tree_npz import write_tree
+from evogs_codec.model.channels import GROUPS
 from reference_trainer.evaluate import storage
+from reference_trainer.models.backends import backend_for
 from reference_trainer.run import run
 from tests.trainer import tiny
+from tools.bench.paper.foveal import foveal
+from tools.bench.paper.options import with_parents
+from tools.bench.paper.orders import Records, by_energy, by_opacity, reordered
+from tools.bench.paper.psi import concentration, distribution, refinements
+from tools.bench.paper.runs import Run, Views
+from tools.bench.paper.streaming import CODINGS, N_CUTS, ORDERS, curve, raw_cuts
 
 METHODS = ("evogs", "evogs-sym", "evogs-b", "lapis", "l3gs")
 D = 14

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from evogs_codec import InputError
-from reference_trainer.backends import backend_for
-from reference_trainer.checkpoint import FILE, SEAL, SEAL_SIZE, Checkpoint
 from reference_trainer.config import Integers
-from reference_trainer.progress import Progress
+from reference_trainer.models.backends import backend_for
 from reference_trainer.run import run
-from tests import damaged_files as damage
+from reference_trainer.runtime.checkpoint import FILE, SEAL, SEAL_SIZE, Checkpoint
+from reference_trainer.runtime.progress import Progress
+from tests.support import damaged_files as damage
 from tests.trainer import tiny
 
 # Method, part in integers, iterations before it stops: levels and stages of every kind.

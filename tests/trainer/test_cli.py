@@ -6,8 +6,8 @@ import json
 import numpy as np
 import pytest
 
-from evogs_codec.cli import main
-from evogs_codec.interchange import read_tree
+from evogs_codec.cli.commands import main
+from evogs_codec.io.tree_npz import read_tree
 from reference_trainer.cli import config_of, register
 from reference_trainer.config import PRESETS, Config
 from tests.trainer import tiny

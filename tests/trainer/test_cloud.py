@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from reference_trainer.cloud import Cloud
 from reference_trainer.config import CloudGrowth
-from reference_trainer.densify import ScreenGradients, largest, useless
-from reference_trainer.seeding import extent, first_splats
-from reference_trainer.tensors import SplatTensors
+from reference_trainer.data.seeding import extent, first_splats
+from reference_trainer.models.cloud import Cloud
+from reference_trainer.models.densify import ScreenGradients, largest, useless
+from reference_trainer.models.tensors import SplatTensors
 from tests.trainer import tiny
 
 GROWTH = CloudGrowth(start=1, every=1, stop=1.0, prune_scale=1e9)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from conformance.rasterizer import Camera
-from reference_trainer.backends import backend_for
-from reference_trainer.tensors import SplatTensors
+from evogs_codec.render import Camera
+from reference_trainer.models.backends import backend_for
+from reference_trainer.models.tensors import SplatTensors
 from tests.trainer import tiny
 
 CAMERA = Camera.look_at((0, -4, 1), (0, 0, 0), width=48, height=40, fov_x=0.7)

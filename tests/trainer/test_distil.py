@@ -7,18 +7,19 @@ import numpy as np
 import pytest
 
 pytest.importorskip("numba", reason="the rasterizer is compiled")
-from conformance.cli import around
-from conformance.rasterizer import orbit, save_cameras
-from conformance.views import Views
-from evogs_codec import EvolutionTree, SplatParams, cli, lift, write_ply
-from evogs_codec.interchange import write_tree
-from evogs_codec.merging import MENDED
-from evogs_codec.splats import GROUP_CHANNELS
-from evogs_codec.tree import Kind, Step
-from reference_trainer import refining
-from reference_trainer.distil import distil
-from reference_trainer.generations import levels_of, tree_of
-from tools.scene import make_scene
+from evogs_codec import EvolutionTree, SplatParams, lift, write_ply
+from evogs_codec.cli import commands
+from evogs_codec.cli.rendering import around
+from evogs_codec.io.tree_npz import write_tree
+from evogs_codec.lifting.parents import MENDED
+from evogs_codec.model.channels import GROUP_CHANNELS
+from evogs_codec.model.tree import Kind, Step
+from evogs_codec.render import orbit, save_cameras
+from evogs_codec.render.demo_scene import make_scene
+from evogs_codec.render.views import Views
+from reference_trainer.distil import refining
+from reference_trainer.distil.distil import distil
+from reference_trainer.distil.generations import levels_of, tree_of
 
 SIZE = 48
 SCALE = GROUP_CHANNELS[2]
@@ -169,8 +170,8 @@ def test_without_numba_the_extra_is_named(monkeypatch):
 
 
 def test_refining_says_what_became_of_each_level(capsys, monkeypatch):
-    monkeypatch.setattr("conformance.cli.SIZE", SIZE)
-    monkeypatch.setattr("conformance.cli.RINGS", ((5, 0.2, 2.0),))
+    monkeypatch.setattr("evogs_codec.cli.rendering.SIZE", SIZE)
+    monkeypatch.setattr("evogs_codec.cli.rendering.RINGS", ((5, 0.2, 2.0),))
     parts: list[float] = []
     tree = refining.refine(lifted(), None, "z", 4, parts.append)
     assert parts == sorted(parts)
@@ -192,8 +193,8 @@ def evogs(monkeypatch, *arguments, refiners=()):
     def entries(group):
         return [SimpleNamespace(load=lambda r=r: r) for r in refiners if group == "evogs.refiners"]
 
-    monkeypatch.setattr("evogs_codec.encoding.entry_points", entries)
-    return cli.main([str(argument) for argument in arguments])
+    monkeypatch.setattr("evogs_codec.cli.make.entry_points", entries)
+    return commands.main([str(argument) for argument in arguments])
 
 
 @pytest.mark.parametrize("command", ["lift", "encode"])

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from conformance.rasterizer import orbit, psnr, render
 from evogs_codec import EvolutionTree
-from evogs_codec.tree import Kind
+from evogs_codec.model.tree import Kind
+from evogs_codec.render import orbit, psnr, render
 from reference_trainer.config import FrontierGrowth
-from reference_trainer.densify import ScreenGradients
 from reference_trainer.export import frontier_steps, roots
-from reference_trainer.frontier import OPTIONS, Frontier, evolve, evolve_plain
-from reference_trainer.tensors import SplatTensors
+from reference_trainer.models.densify import ScreenGradients
+from reference_trainer.models.frontier import OPTIONS, Frontier, evolve, evolve_plain
+from reference_trainer.models.tensors import SplatTensors
 from tests.trainer import tiny
 
 GROWTH = FrontierGrowth(start=1, rounds=3, stop=0.3, threshold=0.0)

@@ -6,29 +6,28 @@ import numpy as np
 import pytest
 import torch
 
-from conformance.rasterizer import psnr, render
 from evogs_codec import Cut, EvolutionTree, InputError, decode, encode, read_directory
-from evogs_codec.coded import channel_class
-from evogs_codec.interchange import read_tree, write_tree
-from evogs_codec.splats import GROUP_CHANNELS, n_channels
-from evogs_codec.tree import Kind
-from reference_trainer import integers
-from reference_trainer.backends import backend_for
+from evogs_codec.io.tree_npz import read_tree, write_tree
+from evogs_codec.model.channels import GROUP_CHANNELS, channel_class, n_channels
+from evogs_codec.model.tree import Kind
+from evogs_codec.render import psnr, render
 from reference_trainer.config import PRESETS, Integers
-from reference_trainer.densify import ScreenGradients
-from reference_trainer.frontier import evolve_plain
-from reference_trainer.methods import Done, Plan, Setting
+from reference_trainer.data.seeding import extent
+from reference_trainer.methods import quantised
+from reference_trainer.methods.base import Done, Plan, Setting
 from reference_trainer.methods.evogs import Evogs
+from reference_trainer.models.backends import backend_for
+from reference_trainer.models.densify import ScreenGradients
+from reference_trainer.models.frontier import evolve_plain
 from reference_trainer.run import run
-from reference_trainer.seeding import extent
 from reference_trainer.train import Stage, Training, train
 from tests.trainer import tiny
 
 METHODS = ("evogs", "evogs-sym", "evogs-a", "evogs-b")
 
 
-def trained(method="evogs", integers=Integers(0.3), **changes):  # noqa: B008 - frozen
-    config = tiny.config(method=method, integers=integers, **changes)
+def trained(method="evogs", quantised=Integers(0.3), **changes):  # noqa: B008 - frozen
+    config = tiny.config(method=method, quantised=quantised, **changes)
     return run(config, tiny.pyramid(), backend_for("cpu"))
 
 
@@ -63,7 +62,7 @@ def test_a_tree_keeps_its_quanta_in_a_file(tmp_path):
 
 
 def test_without_integers_nothing_is_rounded():
-    tree, rounded = trained(integers=Integers()), trained()
+    tree, rounded = trained(quantised=Integers()), trained()
     assert tree.quanta == ()
     psi = np.concatenate([step.psi for step in tree.steps], axis=1)
     assert (psi % quanta_of(rounded, 2) != 0).mean() > 0.5
@@ -71,7 +70,7 @@ def test_without_integers_nothing_is_rounded():
 
 @pytest.mark.parametrize("iterations", [(3, 40), (40, 3), (1, 1)])
 def test_every_level_has_both_stages_however_short(iterations):
-    tree = trained(iterations=iterations, integers=Integers(0.15))
+    tree = trained(iterations=iterations, quantised=Integers(0.15))
     assert [step.level for step in tree.steps][-1] == 1
     assert len(tree.quanta) == 3
 
@@ -79,13 +78,13 @@ def test_every_level_has_both_stages_however_short(iterations):
 @pytest.mark.parametrize("part", [0, 0.3])
 def test_a_last_level_may_lose_all_its_splats_but_no_other(part):
     growth = replace(tiny.config().frontier, prune_opacity=0.9999)
-    tree = trained(integers=Integers(part), frontier=growth)
+    tree = trained(quantised=Integers(part), frontier=growth)
     assert (tree.n_levels, tree.n_leaves) == (2, 0)
     assert decode(encode(tree), verify=True).n_leaves == 0
     config = tiny.config(
         iterations=(40,) * 3,
         max_splats=(30, 60, 120),
-        integers=Integers(part),
+        quantised=Integers(part),
         frontier=growth,
     )
     with pytest.raises(InputError, match="level 1 ended without a splat"):
@@ -93,8 +92,8 @@ def test_a_last_level_may_lose_all_its_splats_but_no_other(part):
 
 
 def test_a_base_in_integers_keeps_them():
-    config = tiny.config(integers=Integers(0.3))
-    base = trained(integers=Integers(0.3, distortion=1e-3))
+    config = tiny.config(quantised=Integers(0.3))
+    base = trained(quantised=Integers(0.3, distortion=1e-3))
     tree = run(config, tiny.pyramid(), backend_for("cpu"), base=base)
     assert tree.quanta[:2] == base.quanta[:2]
     assert tree.quanta[2] != base.quanta[2]
@@ -104,15 +103,15 @@ def test_a_base_in_integers_keeps_them():
 def test_integers_of_finished_levels_are_found_again():
     """By the codec, when it rounds the next level: else that would mend what is not wrong."""
     config = tiny.config(
-        iterations=(40, 40, 40), max_splats=(30, 60, 120), integers=Integers(0.3, distortion=1e-3)
+        iterations=(40, 40, 40), max_splats=(30, 60, 120), quantised=Integers(0.3, distortion=1e-3)
     )
     tree = run(config, tiny.pyramid(3), backend_for("cpu"))
     done = Done(1, tree.steps, quanta=tree.quanta[:3])
     data = tiny.pyramid(3)[2]
     plan = Plan(2, 2, 10, 120, in_integers=True)
     setting = Setting(config, plan, data, 1.0, backend_for("cpu").device)
-    coded, _ = integers._coded(setting, done)
-    found = integers._in_floats(coded, done.steps)
+    coded, _ = quantised._coded(setting, done)
+    found = quantised._in_floats(coded, done.steps)
     n_alphas = 0
     for before, after in zip(tree.steps, found, strict=True):
         if before.level == 2:
@@ -129,7 +128,7 @@ def test_integers_of_finished_levels_are_found_again():
 
 
 def test_torch_draws_the_leaves_that_compiled_loops_draw():
-    model, _ = begun(trained(integers=Integers()), distortion=1e-3)
+    model, _ = begun(trained(quantised=Integers()), distortion=1e-3)
     blocks = [columns.block for columns in model._columns]
     compiled = model.splats(0)
     plain = evolve_plain(model._base, blocks, np.flatnonzero(model._live))
@@ -143,7 +142,7 @@ FINE = (2.0**-12,) * 6
 def begun(tree, distortion):
     """The last level of a tree, rounded: what is trained, and its pictures."""
     level = tree.n_levels - 1
-    config, data = tiny.config(integers=Integers(0.5, distortion=distortion)), tiny.pyramid()[1]
+    config, data = tiny.config(quantised=Integers(0.5, distortion=distortion)), tiny.pyramid()[1]
     plan = Plan(level, 1, 60, 100, in_integers=True)
     setting = Setting(config, plan, data, extent(data.train), backend_for("cpu").device)
     done = Done(tree.sh_degree, tree.steps, quanta=(FINE,) * (1 + level))
@@ -156,7 +155,7 @@ def quality(splats, data):
 
 
 def test_training_mends_what_rounding_lost():
-    tree = trained(integers=Integers())
+    tree = trained(quantised=Integers())
     model, data = begun(tree, distortion=0.02)
     before, rates = model.splats(0).params(), Integers(0.5).rates(PRESETS["quick"].rates)
     stage = Stage(data.train, data.background, 1.0, 600, 100, (0,), rates)
@@ -169,13 +168,13 @@ def test_training_mends_what_rounding_lost():
 
 
 def test_more_distortion_makes_smaller_streams():
-    streams = [encode(trained(integers=Integers(0.3, distortion=x))) for x in (0.001, 0.05, 1.0)]
+    streams = [encode(trained(quantised=Integers(0.3, distortion=x))) for x in (0.001, 0.05, 1.0)]
     sizes = [len(data) for data in streams]
     assert sizes[0] > 1.2 * sizes[1] > 1.2 * 1.2 * sizes[2]
 
 
 def test_zeros_stay_and_the_others_move():
-    model, _ = begun(trained(integers=Integers()), distortion=0.5)
+    model, _ = begun(trained(quantised=Integers()), distortion=0.5)
     for variable in model.variables():
         variable.value.detach().add_(10.0)
     before, after = (
@@ -188,7 +187,7 @@ def test_zeros_stay_and_the_others_move():
 
 def test_steps_with_drops_and_refines_are_the_same_in_blocks():
     growth = replace(tiny.config().frontier, prune_opacity=0.1, refines_rest=True)
-    tree = trained(integers=Integers(), frontier=growth)
+    tree = trained(quantised=Integers(), frontier=growth)
     records = np.concatenate([step.kinds for step in tree.steps])
     assert set(Kind) - {Kind.ADD} == {Kind(kind) for kind in records}
     model, _ = begun(tree, distortion=1e-6)

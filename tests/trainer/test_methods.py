@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from evogs_codec.interchange import read_tree, write_tree
-from evogs_codec.tree import Kind
-from reference_trainer.backends import backend_for
+from evogs_codec.io.tree_npz import read_tree, write_tree
+from evogs_codec.model.tree import Kind
 from reference_trainer.config import METHODS
 from reference_trainer.evaluate import evaluate, storage
+from reference_trainer.models.backends import backend_for
 from reference_trainer.run import run
 from tests.trainer import tiny
 

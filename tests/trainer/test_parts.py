@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from reference_trainer.config import Integers, Rates
-from reference_trainer.optim import RateTable, Variable
-from reference_trainer.split import moment_matched, rotations, symmetric
+from reference_trainer.models.adam import RateTable, Variable
+from reference_trainer.models.split import moment_matched, rotations, symmetric
 from reference_trainer.train import view_of
 from tests.trainer import tiny
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from evogs_codec.interchange import read_tree
+from evogs_codec.io.tree_npz import read_tree
 from reference_trainer import queue
 from reference_trainer.config import METHODS, PRESETS
 from reference_trainer.queue import jobs, run_job

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from conformance.rasterizer import orbit
-from reference_trainer.backends import backend_for
+from evogs_codec.render import orbit
 from reference_trainer.cli import pyramid_of
 from reference_trainer.config import PRESETS
+from reference_trainer.data import Dataset, View, load_views
+from reference_trainer.data.seeding import first_splats
 from reference_trainer.evaluate import evaluate
+from reference_trainer.models.backends import backend_for
 from reference_trainer.run import run
-from reference_trainer.seeding import first_splats
-from reference_trainer.views import Dataset, View, load_views
 from tools import photos
 
 

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from evogs_codec import InputError
-from evogs_codec.interchange import write_tree
-from reference_trainer.backends import backend_for
-from reference_trainer.checkpoint import FILE, Checkpoint
+from evogs_codec.io.tree_npz import write_tree
 from reference_trainer.config import Integers
-from reference_trainer.progress import Progress
+from reference_trainer.models.backends import backend_for
 from reference_trainer.run import run
+from reference_trainer.runtime.checkpoint import FILE, Checkpoint
+from reference_trainer.runtime.progress import Progress
 from reference_trainer.train import NotFiniteError
 from tests.trainer import tiny
 
@@ -91,8 +91,8 @@ def test_a_killed_run_goes_on_to_the_same_bytes(tmp_path):
     program = (
         "import sys\n"
         "from pathlib import Path\n"
-        "from reference_trainer.backends import backend_for\n"
-        "from reference_trainer.progress import Progress\n"
+        "from reference_trainer.models.backends import backend_for\n"
+        "from reference_trainer.runtime.progress import Progress\n"
         "from reference_trainer.run import run\n"
         "from tests.trainer import tiny\n"
         "class Slow(Progress):\n"

@@ -12,8 +12,8 @@ import pytest
 from PIL import Image
 
 from evogs_codec import InputError
-from reference_trainer.views import load_views
-from tests import damaged_files as damage
+from reference_trainer.data import load_views
+from tests.support import damaged_files as damage
 from tests.trainer.views_folders import LENS, WIDTH, edit_json, folder_of
 
 Damage: TypeAlias = Callable[[bytes, random.Random], bytes]

@@ -5,12 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from conformance.rasterizer import Camera, psnr, render
 from evogs_codec import InputError
-from reference_trainer.views import load_views
-from reference_trainer.views.cache import cache_folder
-from reference_trainer.views.colmap import read_colmap
-from reference_trainer.views.distortion import (
+from evogs_codec.render import Camera, psnr, render
+from evogs_codec.render.demo_scene import make_scene
+from reference_trainer.data import load_views
+from reference_trainer.data.cache import cache_folder
+from reference_trainer.data.colmap import read_colmap
+from reference_trainer.data.distortion import (
     distort,
     undistort,
     undistorted_camera,
@@ -18,7 +19,6 @@ from reference_trainer.views.distortion import (
 )
 from tests.trainer.views_folders import HEIGHT, LENS, WIDTH, edit_json, folder_of
 from tools.photos import main as photos_main
-from tools.scene import make_scene
 
 LENSES = [LENS, (0.15, -0.03, 0.0, 0.0), (0.0, 0.0, 0.01, -0.02), (-0.3, 0.1, 0.0, 0.0)]
 
@@ -146,7 +146,7 @@ def test_photographs_are_undistorted_once(tmp_path, monkeypatch):
     first = load_views(folder, cache=cache)
     assert len(list(cache.iterdir())) == 10
     assert sorted(tmp_path.rglob("d/**/*")) == before
-    monkeypatch.setattr("reference_trainer.views.cache.undistorted_image", None)
+    monkeypatch.setattr("reference_trainer.data.cache.undistorted_image", None)
     second = load_views(folder, cache=cache)
     for one, other in zip(first.train, second.train, strict=True):
         np.testing.assert_array_equal(one.image, other.image)

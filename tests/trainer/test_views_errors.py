@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from evogs_codec import InputError
-from reference_trainer.views import load_views
+from reference_trainer.data import load_views
 from tests.trainer.views_folders import edit_json, folder_of
 
 

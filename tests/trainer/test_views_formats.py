@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from conformance.rasterizer import psnr, render
 from evogs_codec import write_ply
-from reference_trainer.views import load_views
-from reference_trainer.views.colmap_files import read_model
-from reference_trainer.views.points import read_points
+from evogs_codec.render import psnr, render
+from evogs_codec.render.demo_scene import make_scene
+from reference_trainer.data import load_views
+from reference_trainer.data.colmap_files import read_model
+from reference_trainer.data.points import read_points
 from tests.trainer.views_folders import HEIGHT, WIDTH, cloud_of, edit_json, folder_of, shots_of
 from tools.photos import main as photos_main
-from tools.scene import make_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 KINDS = ("blender", "nerfstudio", "colmap", "colmap-text")

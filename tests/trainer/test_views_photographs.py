@@ -12,9 +12,9 @@ import pytest
 from PIL import EpsImagePlugin, Image
 
 from evogs_codec import InputError
-from reference_trainer.views import load_views, loading, photograph
-from reference_trainer.views.budget import Budget
-from reference_trainer.views.photograph import MAX_PIXELS
+from reference_trainer.data import load_views, loading, photograph
+from reference_trainer.data.budget import Budget
+from reference_trainer.data.photograph import MAX_PIXELS
 from tests.trainer.views_folders import HEIGHT, WIDTH, edit_json, folder_of
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -76,7 +76,7 @@ def test_a_large_photograph_takes_little_memory_beyond_its_bytes(tmp_path):
     program = (
         "import re, sys\n"
         "from pathlib import Path\n"
-        "from reference_trainer.views import load_views\n"
+        "from reference_trainer.data import load_views\n"
         "def most():\n"
         "    return int(re.search(r'VmHWM:\\s*(\\d+) kB', Path(sys.argv[2]).read_text())[1])\n"
         "before = most()\n"

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from conformance.rasterizer import Camera, Options, psnr, render
-from reference_trainer.views import View, at_scale
-from reference_trainer.views.pyramid import area_average
+from evogs_codec.render import Camera, Options, psnr, render
+from evogs_codec.render.demo_scene import make_scene
+from reference_trainer.data import View, at_scale
+from reference_trainer.data.pyramid import area_average
 from tools.photos import shooting_cameras
-from tools.scene import make_scene
 
 
 def picture(height, width, seed=0):

@@ -5,11 +5,11 @@ from functools import cache
 
 import numpy as np
 
-from conformance.rasterizer import orbit, render
 from evogs_codec import SplatParams
+from evogs_codec.render import orbit, render
 from reference_trainer.cli import pyramid_of
 from reference_trainer.config import CloudGrowth, Config, FrontierGrowth
-from reference_trainer.views import Dataset, View
+from reference_trainer.data import Dataset, View
 
 WHITE = (1.0, 1.0, 1.0)
 

@@ -1,10 +1,10 @@
-"""Small folders of photographs with known cameras, for the tests of `reference_trainer.views`."""
+"""Small folders of photographs with known cameras, for the tests of `reference_trainer.data`."""
 
 import json
 
 import numpy as np
 
-from conformance.rasterizer import Camera
+from evogs_codec.render import Camera
 from tools.photo_formats import FORMATS, Cloud, Shot
 
 LENS = (-0.2, 0.05, 0.002, -0.001)

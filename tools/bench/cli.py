@@ -11,16 +11,23 @@ from pathlib import Path
 from typing import Any
 
 from evogs_codec import InputError
+from tools.bench.parts import PARTS
+from tools.bench.run import run
 
-__all__ = ["EXAMPLE", "PARTS", "add_options", "register"]
+__all__ = ["main", "register"]
 
 Commands = Any  # argparse's sub-parsers have no public type
 ROOT = Path(__file__).resolve().parent.parent.parent
 EXAMPLE = "example: --ply scene.ply --tree lego.tree.npz --photos lego --only rate surface"
-PARTS = (
-    "raster", "scene", "rate", "sog", "levels", "refine", "tree", "surface", "prefix", "first",
-    "decimate", "entropy", "scale", "worst", "extremes",
-)  # fmt: skip
+
+
+def main() -> int:
+    """Run the benchmarks that were asked for; returns the exit code."""
+    parser = argparse.ArgumentParser(
+        prog="python -m tools.bench", description=__doc__, epilog=EXAMPLE
+    )
+    add_options(parser)
+    return _run(parser.parse_args())
 
 
 def register(commands: Commands) -> None:
@@ -33,7 +40,9 @@ def register(commands: Commands) -> None:
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """What is measured, and where the results go."""
-    parser.add_argument("--ply", type=Path, help="a scene (default: the one of tools.scene)")
+    parser.add_argument(
+        "--ply", type=Path, help="a scene (default: the one of evogs_codec.render.demo_scene)"
+    )
     parser.add_argument("--tree", type=Path, help="a trained .tree.npz (default: none)")
     parser.add_argument("--photos", type=Path, help="NeRF-synthetic folder of the tree")
     parser.add_argument("--runs", type=Path, help="runs of `evogs bench paper` (default: none)")
@@ -54,7 +63,5 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> int:
     for library in ("numba", "gsply", "PIL"):
         if find_spec(library) is None:
-            raise InputError(f"the figures need {library}: pip install 'evogs[render,bench]'")
-    from tools.bench.__main__ import run
-
+            raise InputError(f"the figures need {library}: pip install -e '.[render,bench]'")
     return run(args)

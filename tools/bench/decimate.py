@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from evogs_codec import Cut, decode, read_directory, write_ply
-from evogs_codec.options import DEFAULT_ITERATIONS
-from reference_trainer.refining import refine
+from evogs_codec.cli.options import DEFAULT_ITERATIONS
+from reference_trainer.distil.refining import refine
 from tools.bench.free_parents import free_levels
 from tools.bench.splat_transform import decimated
 from tools.bench.subjects import Subject

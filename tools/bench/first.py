@@ -9,15 +9,8 @@ from typing import NamedTuple
 
 import gsply
 
-from conformance.rasterizer import render
-from evogs_codec import (
-    Decoder,
-    SplatParams,
-    decode_leaves,
-    read_directory,
-    read_ply,
-    write_ply,
-)
+from evogs_codec import Decoder, SplatParams, decode_leaves, read_directory, read_ply, write_ply
+from evogs_codec.render import render
 from tools.bench.measure import least
 from tools.bench.peers import from_gsply, write_compressed_ply, write_spz
 from tools.bench.subjects import WHITE, Subject

@@ -1,6 +1,6 @@
 """The same pairs with free parents: moment matching, which no line holds, and no stream can store.
 
-What `evogs_codec.lifting` loses because a parent has to lie on the line through its children.
+What `evogs_codec.lifting.lift` loses because a parent has to lie on the line through its children.
 Letters: n slots of a level, D channels.
 """
 
@@ -10,9 +10,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from evogs_codec import EvolutionTree, SplatParams
-from evogs_codec.merging import MAX_OPACITY, TINY, Moments, merged, moments, sizes
-from evogs_codec.splats import F64
-from evogs_codec.tree import Kind
+from evogs_codec.lifting.parents import MAX_OPACITY, TINY, Moments, merged, moments, sizes
+from evogs_codec.model.splats import F64
+from evogs_codec.model.tree import Kind
 
 __all__ = ["free_levels"]
 

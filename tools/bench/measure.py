@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from evogs_codec import EvolutionTree, SplatParams
-from evogs_codec.arrange import arrange, default_tiles
+from evogs_codec.encoding.arrange import arrange, default_tiles
 
 __all__ = [
     "Code",

@@ -10,7 +10,7 @@ from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
-from reference_trainer.hardware import machine
+from reference_trainer.runtime.hardware import machine
 from tools.bench import plots
 
 __all__ = ["Rows", "markdown", "text_of", "write"]

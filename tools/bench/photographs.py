@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from conformance.rasterizer import Camera
+from evogs_codec.render import Camera
 
 __all__ = ["Photograph", "held_out"]
 

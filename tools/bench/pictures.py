@@ -7,9 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from conformance.cli import around
-from conformance.rasterizer import psnr, render
-from conformance.views import Views
 from evogs_codec import (
     PRESETS,
     Cut,
@@ -21,8 +18,11 @@ from evogs_codec import (
     read_directory,
     with_palette,
 )
-from evogs_codec.aiming import Aim
-from evogs_codec.settings import TREE_PSNR
+from evogs_codec.cli.rendering import around
+from evogs_codec.encoding.settings import TREE_PSNR
+from evogs_codec.encoding.targets import Aim
+from evogs_codec.render import psnr, render
+from evogs_codec.render.views import Views
 from tools.bench.free_parents import free_levels
 from tools.bench.photographs import held_out
 
@@ -36,7 +36,7 @@ PYRAMID = (8, 4, 2, 1)  # pixels of a photograph, to a side, in one of each leve
 
 
 def levels(splats: SplatParams, scene: str, up: str) -> Rows:
-    """PSNR of each level against the scene, over the cameras of `conformance.cli.around`.
+    """PSNR of each level against the scene, over the cameras of `evogs_codec.cli.rendering.around`.
 
     Beside it, of as many of its splats at random, and of the same pairs with free parents.
     """

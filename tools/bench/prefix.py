@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec import Cut, EvolutionTree, decode, read_directory
-from evogs_codec.directory import Directory
-from evogs_codec.layout import PACKET_ENTRY, size_of
-from reference_trainer.bench.runs import find_runs
+from evogs_codec.format.directory import Directory
+from evogs_codec.format.layout import PACKET_ENTRY, size_of
 from tools.bench.page import Rows
+from tools.bench.paper.runs import find_runs
 from tools.bench.subjects import Gauge, Subject
 
 __all__ = ["by_level", "prefixes", "rivals"]

@@ -16,16 +16,16 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from conformance.rasterizer import Camera, Options, draw, gradients, orbit, render, ssim_gradient
-from conformance.rasterizer import projection as p
-from conformance.rasterizer.blending import blend
-from conformance.rasterizer.blending_gradient import ENTRY, add_up, blend_gradient
-from conformance.rasterizer.compiled import n_threads
-from conformance.rasterizer.projection_gradient import project_gradient
-from conformance.rasterizer.render import Real
-from conformance.rasterizer.tiles import Tiles, depth_order
 from evogs_codec import SplatParams
-from evogs_codec.splats import F32
+from evogs_codec.model.splats import F32
+from evogs_codec.render import Camera, Options, draw, gradients, orbit, render, ssim_gradient
+from evogs_codec.render import projection as p
+from evogs_codec.render.blending import blend
+from evogs_codec.render.blending_gradient import ENTRY, add_up, blend_gradient
+from evogs_codec.render.compiled import n_threads
+from evogs_codec.render.forward import Real
+from evogs_codec.render.projection_gradient import project_gradient
+from evogs_codec.render.tiles import Tiles, depth_order
 from tools.bench.measure import peak_memory, take_turns
 from tools.bench.raster_torch import render_torch, render_torch_gradients
 

@@ -14,9 +14,9 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from conformance.rasterizer import Camera, Options
-from conformance.rasterizer.options import ALPHA_MIN, T_MIN
-from conformance.rasterizer.render import Color, Splats
+from evogs_codec.render import Camera, Options
+from evogs_codec.render.forward import Color, Splats
+from evogs_codec.render.options import ALPHA_MIN, T_MIN
 
 __all__ = ["FIELDS", "render_torch", "render_torch_gradients"]
 

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import gsply
 
 from evogs_codec import decode
-from evogs_codec.aiming import Aim
-from evogs_codec.options import DEFAULT_ITERATIONS
+from evogs_codec.cli.options import DEFAULT_ITERATIONS
+from evogs_codec.encoding.targets import Aim
 from tools.bench.peers import from_gsply, with_fewer_sh_bits, write_compressed_ply, write_spz
 from tools.bench.subjects import Subject
 

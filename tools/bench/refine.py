@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from conformance.cli import SIZE, around
-from conformance.views import Views
 from evogs_codec import (
     PRESETS,
     Cut,
@@ -22,9 +20,11 @@ from evogs_codec import (
     read_directory,
     read_ply,
 )
-from evogs_codec.options import DEFAULT_ITERATIONS, DEFAULT_LEVELS
-from reference_trainer.refining import refine
-from tools.scene import make_scene
+from evogs_codec.cli.options import DEFAULT_ITERATIONS, DEFAULT_LEVELS
+from evogs_codec.cli.rendering import SIZE, around
+from evogs_codec.render.demo_scene import make_scene
+from evogs_codec.render.views import Views
+from reference_trainer.distil.refining import refine
 
 __all__ = ["refined"]
 

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from evogs_codec import SplatParams
-from evogs_codec.splats import n_channels
+from evogs_codec.model.channels import n_channels
+from evogs_codec.render.demo_scene import make_scene
 from tools.bench.measure import cost
 from tools.bench.page import Rows
-from tools.scene import make_scene
 
 __all__ = ["scale", "tiled"]
 
@@ -23,7 +23,9 @@ SIZES = (100_000, 1_000_000, 10_000_000)  # splats
 COPY = 40_000  # splats
 SH_DEGREE = 1
 MOVED, RECOLOURED = 0.1, 0.01  # standard deviations: in those of a splat, in SH 0
-IMPORTS = "import evogs_codec.cli, evogs_codec.kernels, tools.bench.scale"
+IMPORTS = (
+    "import evogs_codec.cli.commands, evogs_codec.decoding.compiled.channels, tools.bench.scale"
+)
 LIFT = "tree = evogs_codec.lift(splats, 5)"
 ENCODE = "data = evogs_codec.encode(tree, evogs_codec.PRESETS['scene'])"
 DECODE = "leaves = evogs_codec.decode_leaves(data)"

@@ -21,8 +21,8 @@ from evogs_codec import (
     with_palette,
     write_ply,
 )
-from evogs_codec.lifting import Lifted
-from evogs_codec.stats import bytes_by_group
+from evogs_codec.editing.byte_stats import bytes_by_group
+from evogs_codec.lifting.lift import Lifted
 from tools.bench.measure import (
     Code,
     errors,
@@ -144,18 +144,18 @@ def memory(splats: SplatParams, folder: Path) -> Rows:
     ply = folder / "scene.ply"
     if not ply.exists():
         write_ply(ply, splats)
-    base, _ = peak_memory("import evogs_codec.cli, evogs_codec.kernels")
+    base, _ = peak_memory("import evogs_codec.cli.commands, evogs_codec.decoding.compiled.channels")
     rows: Rows = []
     output = splats.channels().nbytes
     for name, code in (
         (
             "encode with lifting",
-            "from evogs_codec.cli import main\n"
+            "from evogs_codec.cli.commands import main\n"
             f"main(['encode', {str(ply)!r}, {str(folder / 'again.evogs')!r}])",
         ),
         (
             "decode",
-            "from pathlib import Path\nimport evogs_codec.cli\n"
+            "from pathlib import Path\nimport evogs_codec.cli.commands\n"
             "from evogs_codec import decode_leaves\n"
             f"decode_leaves(Path({str(folder / 'scene.evogs')!r}).read_bytes())",
         ),

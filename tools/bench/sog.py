@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from conformance.views import Views
 from evogs_codec import EvolutionTree, Step, decode
-from evogs_codec.aiming import Aim
-from evogs_codec.coded import component_slice
+from evogs_codec.encoding.targets import Aim
+from evogs_codec.model.channels import component_slice
+from evogs_codec.render.views import Views
 from tools.bench.splat_transform import read_sog, write_sog
 from tools.bench.subjects import Subject
 

@@ -11,9 +11,6 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from conformance.cli import around, rings
-from conformance.rasterizer import Camera, psnr, render
-from conformance.views import Views
 from evogs_codec import (
     PRESETS,
     EvolutionTree,
@@ -25,10 +22,13 @@ from evogs_codec import (
     read_tree,
     with_palette,
 )
-from evogs_codec.drawn import ORDERING_VIEWS
-from evogs_codec.lifting import Lifted
+from evogs_codec.cli.rendering import around, rings
+from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
+from evogs_codec.lifting.lift import Lifted
+from evogs_codec.render import Camera, psnr, render
+from evogs_codec.render.demo_scene import make_scene
+from evogs_codec.render.views import Views
 from tools.bench.photographs import held_out
-from tools.scene import make_scene
 
 __all__ = ["SIZE", "WHITE", "Gauge", "Subject", "subjects"]
 

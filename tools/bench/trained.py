@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 
 from evogs_codec import PRESETS, EvolutionTree, decode, encode, read_directory
-from evogs_codec.arrange import arrange, default_tiles
-from evogs_codec.cut import Cut
-from evogs_codec.splats import GROUP_CHANNELS, GROUPS
-from evogs_codec.stats import bytes_by_group
+from evogs_codec.decoding.cut import Cut
+from evogs_codec.editing.byte_stats import bytes_by_group
+from evogs_codec.encoding.arrange import arrange, default_tiles
+from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS
 
 __all__ = ["TABLES"]
 

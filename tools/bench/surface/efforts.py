@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from functools import partial
 
 from evogs_codec import decode_leaves
-from evogs_codec.arrange import arrange, default_tiles
-from evogs_codec.encode import write
-from evogs_codec.quantize import quantise
+from evogs_codec.encoding.arrange import arrange, default_tiles
+from evogs_codec.encoding.encode import write
+from evogs_codec.encoding.quantise import quantise
 from tools.bench.measure import least
 from tools.bench.subjects import Subject
 from tools.bench.surface.fronts import NOISE, better

@@ -10,8 +10,8 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from conformance.rasterizer import psnr, render
-from conformance.rasterizer.compiled import exp2
+from evogs_codec.render import psnr, render
+from evogs_codec.render.compiled import exp2
 from tools.bench.measure import least
 from tools.bench.subjects import WHITE, Subject
 

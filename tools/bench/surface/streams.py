@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from evogs_codec import Cut, Directory, InputError, decode_leaves, encode, extract, read_directory
-from evogs_codec.aiming import Aim
+from evogs_codec.encoding.targets import Aim
 from tools.bench.measure import least
 from tools.bench.subjects import Subject
 from tools.bench.surface.fronts import NOISE, better

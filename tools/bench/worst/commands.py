@@ -18,9 +18,9 @@ import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import evogs_codec.cli
+import evogs_codec.cli.commands
 from evogs_codec import Decoder, StreamError, decode_leaves
-from evogs_codec.directory import read_directory
+from evogs_codec.format.directory import read_directory
 
 SECONDS = 120  # that a command may take
 
@@ -36,7 +36,7 @@ def cli(*arguments: str) -> Callable[[Path, Path], None]:
         if "--level" in args:
             args.append(str(max(0, stream.read_bytes()[12] - 2)))
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            evogs_codec.cli.main(args)
+            evogs_codec.cli.commands.main(args)
 
     return run
 
@@ -123,7 +123,7 @@ def measured(command: str, stream: Path) -> dict[str, object]:
                 ended = error.fault.name
             except BaseException as error:
                 ended = repr(error)
-            compiled = "evogs_codec.kernels" in sys.modules
+            compiled = "evogs_codec.decoding.compiled.channels" in sys.modules
             os.write(end, json.dumps({"compiled": compiled, "ended": ended}).encode())
             os._exit(0)
         os.close(end)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from conformance.costly import Shape
+from conformance.fuzzing.costly import Shape
 
 __all__ = ["KNOWN"]
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from random import Random
 
-from conformance.costly import STEPS, Shape
+from conformance.fuzzing.costly import STEPS, Shape
 
 __all__ = ["changed", "random_shape", "uphill"]
 

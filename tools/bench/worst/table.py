@@ -9,10 +9,10 @@ from functools import partial
 from pathlib import Path
 from random import Random
 
-from conformance import memory
-from conformance.costly import Shape, stream_of
+from conformance.fuzzing import memory
+from conformance.fuzzing.costly import Shape, stream_of
 from evogs_codec import StreamError, read_directory
-from evogs_codec.splats import n_channels
+from evogs_codec.model.channels import n_channels
 from tools.bench.page import Rows
 from tools.bench.worst.known import KNOWN
 from tools.bench.worst.processes import Codec, Measure
@@ -42,8 +42,8 @@ def worst(before: Path | None = None, tries: int = 0) -> Rows:
     What it found stands in `tools/bench/worst/known.py`; `--tries N` searches on from there.
     Seconds are those of the processor, the least of 3 turns, start of Python and imports included.
     Memory is the peak above a process that only imports, and the model is that of spec 8.3
-    (`conformance/memory.py`) with the float view and, where they are used, compiled loops. "Before"
-    is the worst of the same streams with the codec of another checkout.
+    (`conformance/fuzzing/memory.py`) with the float view and, where they are used, compiled loops.
+    "Before" is the worst of the same streams with the codec of another checkout.
     """
     with tempfile.TemporaryDirectory() as folder, Codec(ROOT) as codec:
         stream = Path(folder) / "worst.evogs"

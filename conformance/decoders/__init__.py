@@ -1,0 +1,1 @@
+"""Decoders: an oracle in plain integers, one from the text alone, and the reference codec."""

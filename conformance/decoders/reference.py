@@ -1,0 +1,230 @@
+"""The reference decoder behind the command of conformance/README.md.
+
+`python -m conformance.decoders.reference --in FILE --out OUT --mode file|progressive ...`
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from conformance.decoders.outcomes import ACCEPTED, INCOMPLETE, Outcome, Run, refused
+from evogs_codec import Cut, Decoder, Directory, Fault, StreamError, decode, read_directory
+from evogs_codec.common.printable import shown
+from evogs_codec.io.files import same_file
+
+__all__ = ["add_options", "by_codec", "main", "run_command"]
+
+USAGE = 2
+MODES = ["file", "progressive"]
+CAPABILITIES = {
+    "name": "evogs_codec",
+    "version": "1.0-draft",
+    "modes": MODES,
+    "codes": True,
+    "verify": True,
+    "limits": True,
+    "arrival": True,
+    "dump_on_fault": True,
+    "batch": True,
+    "max_tier": 3,
+    "max_sh_degree": 3,
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit code."""
+    parser = argparse.ArgumentParser(description="The reference decoder, under test.")
+    add_options(parser)
+    return run_command(parser.parse_args(arguments))
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """The options of the contract."""
+    parser.add_argument("--in", dest="source", type=Path, metavar="FILE")
+    parser.add_argument("--out", dest="target", type=Path, metavar="OUT")
+    parser.add_argument("--mode", choices=MODES, default="file")
+    parser.add_argument("--level", type=int, metavar="K", help="cut by level K")
+    parser.add_argument("--limits", type=Path, metavar="FILE.json", help="limits by name")
+    parser.add_argument("--verify", action="store_true", help="check digests")
+    parser.add_argument("--arrival", type=Path, metavar="FILE.json", help="[[offset, size], ...]")
+    parser.add_argument("--dump-on-fault", action="store_true", help="OUT has a dump then too")
+    parser.add_argument("--capabilities", action="store_true", help="print them and end")
+    parser.add_argument("--batch", action="store_true", help="a JSON request per line of input")
+
+
+def run_command(args: argparse.Namespace) -> int:
+    """What the options ask for; returns the exit code."""
+    if args.capabilities:
+        print(json.dumps(CAPABILITIES))
+        return 0
+    if args.batch:
+        serve()
+        return 0
+    if args.source is None or args.target is None:
+        print("evogs conformance decoder: --in and --out are required", file=sys.stderr)
+        return USAGE
+    run = Run(
+        args.mode,
+        args.level,
+        _json(args.limits),
+        args.verify,
+        _ranges(args.arrival),
+        args.dump_on_fault,
+    )
+    outcome = answer(args.source, args.target, run)
+    if outcome.code is not None:
+        print(json.dumps(outcome.fault()))
+    return outcome.exit
+
+
+def serve() -> None:
+    """The batch protocol on standard input and output."""
+    for line in sys.stdin:
+        entry = json.loads(line)
+        run = Run(
+            entry["mode"],
+            entry.get("level"),
+            _json(entry.get("limits")),
+            entry.get("verify", False),
+            _ranges(entry.get("arrival")),
+            entry.get("dump_on_fault", False),
+        )
+        outcome = answer(Path(entry["in"]), Path(entry["out"]), run)
+        print(json.dumps({"id": entry["id"], "exit": outcome.exit} | outcome.fault()), flush=True)
+
+
+def answer(source: Path, target: Path, run: Run) -> Outcome:
+    """Decode a file, and write the dump if there is one."""
+    if same_file(source, target):
+        print(f"{shown(target)}: is the stream; name another file", file=sys.stderr)
+        return Outcome(USAGE)
+    outcome = by_codec(source.read_bytes(), run)
+    if outcome.dump is not None:
+        target.write_bytes(outcome.dump)
+    return outcome
+
+
+def by_codec(data: bytes, run: Run) -> Outcome:
+    """What the contract wants for these bytes."""
+    try:
+        if run.mode == "progressive":
+            is_fed = run.level is None and not run.verify
+            return feed(data, run) if is_fed else complete_packets(data, run)
+        cut = partial(_cut, run.level)
+        dump = decode(data, cut, verify=run.verify, limits=run.limits).dump()
+    except StreamError as error:
+        return refused(run, error.fault.name, error.offset)
+    return Outcome(ACCEPTED, dump=dump)
+
+
+def feed(data: bytes, run: Run) -> Outcome:
+    """The outcome of a progressive decoder that is fed piece by piece; then no more comes.
+
+    Raises:
+        StreamError: a fault of header or chunks, or they are not complete.
+    """
+    decoder = Decoder(limits=run.limits)
+    for at, size in _arrival(data, run):
+        try:
+            decoder.feed(data[at : at + size], at)
+        except StreamError:
+            if decoder.directory is None:
+                raise
+    fault = decoder.fault
+    try:
+        decoder.close()
+    except StreamError as error:
+        if decoder.directory is None:
+            raise
+        if error.fault is not Fault.E_TRUNCATED:  # R-6.4-3
+            fault = fault or error
+    assert decoder.directory is not None
+    fault = fault or _trailing(data, run, decoder.directory)
+    is_whole = decoder.cut.has(Cut.full(decoder.directory))
+    return _outcome(run, fault, is_whole, decoder.dump)
+
+
+def complete_packets(data: bytes, run: Run) -> Outcome:
+    """The same, seen from the end: the packets whose bytes came, of the cut asked for.
+
+    Raises:
+        StreamError: a fault of header or chunks, or they are not complete.
+    """
+    there = np.zeros(len(data), bool)
+    for at, size in _arrival(data, run):
+        there[at : at + size] = True
+    directory = read_directory(memoryview(data)[: _prefix_size(there)], run.limits)
+    n_there = np.concatenate([[0], np.cumsum(there)])
+    sizes = directory.packets["size"]
+    ends = np.minimum(directory.offsets + sizes, len(data))
+    starts = np.minimum(directory.offsets, len(data))
+    complete = n_there[ends] - n_there[starts] == sizes
+    wanted, fault = _cut(run.level, directory), None
+    stream = memoryview(data)[: directory.size]
+    while True:
+        cut = Cut.of_complete(directory, complete).within(wanted)
+        try:
+            result = decode(stream, cut, limits=run.limits)
+            break
+        except StreamError as error:  # the packet counts as one that did not come (R-6.4-5)
+            fault = fault or error
+            complete &= (directory.offsets != error.offset) | (sizes == 0)
+    fault = fault or _trailing(data, run, directory)
+    if run.verify and fault is None:  # 6.1: step 5 before 6
+        try:
+            decode(stream, cut, verify=True, limits=run.limits)
+        except StreamError as error:
+            fault = error
+    return _outcome(run, fault, cut.has(wanted), result.dump)
+
+
+def _outcome(
+    run: Run, fault: StreamError | None, is_whole: bool, dump: Callable[[], bytes]
+) -> Outcome:
+    if fault is not None:
+        beside = dump() if run.dump_on_fault else None
+        return refused(run, fault.fault.name, fault.offset, beside)
+    return Outcome(ACCEPTED if is_whole else INCOMPLETE, dump=dump())
+
+
+def _arrival(data: bytes, run: Run) -> Sequence[tuple[int, int]]:
+    return ((0, len(data)),) if run.arrival is None else run.arrival
+
+
+def _prefix_size(there: npt.NDArray[np.bool_]) -> int:
+    """How many bytes came without a gap."""
+    return len(there) if there.all() else int(np.argmin(there))
+
+
+def _trailing(data: bytes, run: Run, directory: Directory) -> StreamError | None:
+    """Bytes after the last packet are a fault when no more come (spec 6.4)."""
+    ends = [min(at + size, len(data)) for at, size in _arrival(data, run) if size]
+    if max(ends, default=0) <= directory.size:
+        return None
+    return StreamError(Fault.E_TRAILING, "bytes follow the last packet", directory.size)
+
+
+def _ranges(path: str | Path | None) -> tuple[tuple[int, int], ...] | None:
+    ranges = _json(path)
+    return None if ranges is None else tuple((at, size) for at, size in ranges)
+
+
+def _json(path: str | Path | None) -> Any:  # noqa: ANN401 - limits, or ranges
+    return None if path is None else json.loads(Path(path).read_bytes())
+
+
+def _cut(level: int | None, directory: Directory) -> Cut:
+    return Cut.full(directory) if level is None else Cut.of_level(directory, level)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,8 @@
+"""`python -m conformance.fuzzing`: random and damaged streams, on which all decoders must agree."""
+
+import sys
+
+from conformance.fuzzing.fuzz import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""What makes the vectors: cases, a builder of streams, and the files in `conformance/vectors`."""

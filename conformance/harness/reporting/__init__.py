@@ -1,0 +1,1 @@
+"""Reports of a trial: JSON, JUnit, tables, pages, explanations."""

@@ -1,0 +1,1 @@
+"""The command line `evogs`: it parses, calls the library, and prints."""

@@ -1,0 +1,254 @@
+"""The command line: `evogs encode | decode | lift | info | validate | extract`.
+
+Other packages add commands through the entry-point group `evogs.commands`; each entry is a
+function that takes the sub-parsers. Exit codes: 0 done, 1 the input is bad or a file cannot be
+used, 2 usage, 130 interrupted, 141 nobody reads what is printed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import warnings
+from collections.abc import Sequence
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from evogs_codec.cli import options
+from evogs_codec.cli.make import run_encode, run_lift
+from evogs_codec.cli.reports import comments_of, info_of, print_info
+from evogs_codec.cli.terminal import (
+    complain,
+    escape_what_cannot_be_encoded,
+    plain_warnings,
+    progress_bar,
+    version,
+)
+from evogs_codec.common.printable import shown
+from evogs_codec.decoding.cut import Cut, tiles_meeting, tiles_within
+from evogs_codec.decoding.decode import Decoded, decode, decode_leaves, replay
+from evogs_codec.editing.byte_stats import bytes_by_group
+from evogs_codec.editing.extract import choose_cut, extract
+from evogs_codec.editing.omissions import omissions
+from evogs_codec.errors import InputError, StreamError
+from evogs_codec.format.directory import Directory, read_directory
+from evogs_codec.io.files import check_target, write_atomic
+from evogs_codec.io.json_files import read_limits
+from evogs_codec.io.ply import write_ply
+
+__all__ = ["main", "parse", "run"]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit code."""
+    return run(parse(arguments))
+
+
+def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
+    """The options of a command; imports the packages whose commands are registered.
+
+    Raises:
+        SystemExit: they were misused, or asked for help.
+    """
+    escape_what_cannot_be_encoded()
+    return _parser().parse_args(arguments)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command of these options; returns the exit code."""
+    try:
+        with plain_warnings():
+            _check_output(args)
+            code = int(args.run(args) or 0)
+            sys.stdout.flush()
+            return code
+    except StreamError as error:
+        return _fail(args, error)
+    except InputError as error:
+        complain(error)
+        return 1
+    except BrokenPipeError:
+        # Nobody reads what is printed any more; Python would say so once more as it ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141  # 128 + SIGPIPE, as shells have it
+    except OSError as error:
+        return _fail(args, error.strerror or error, path=error.filename)
+    except ValueError as error:
+        return _fail(args, error)
+    except MemoryError:
+        return _fail(args, "not enough memory")
+    except KeyboardInterrupt:
+        complain("interrupted")
+        return 130  # 128 + SIGINT, as shells have it
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="evogs",
+        description="Progressive streams of 3D Gaussian Splatting scenes.",
+        epilog="Each command has examples: evogs encode --help",
+    )
+    parser.add_argument("--version", action="version", version=f"evogs {version()}")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    options.add_encode(commands, run_encode)
+    options.add_decode(commands, run_decode)
+    options.add_lift(commands, run_lift)
+    options.add_info(commands, run_info)
+    options.add_validate(commands, run_validate)
+    options.add_extract(commands, run_extract)
+    for entry in entry_points(group="evogs.commands"):
+        entry.load()(commands)
+    for command in commands.choices.values():
+        command._negative_number_matcher = options.NO_OPTION
+    return parser
+
+
+def _check_output(args: argparse.Namespace) -> None:
+    """Refuse an output that must not be written; every other path of the command is a source."""
+    if "output" in args:
+        sources = [
+            value
+            for name, value in vars(args).items()
+            if name != "output" and isinstance(value, Path)
+        ]
+        kind, force = getattr(args, "makes", None), getattr(args, "force", False)
+        check_target(args.output, kind, sources=sources, force=force)
+
+
+def _fail(args: argparse.Namespace, message: object, *, path: object = None) -> int:
+    """Say it in one line, after the file that it is about, which is the input if none is named."""
+    of = path or getattr(args, "input", None)
+    complain(message if of is None else f"{of}: {message}")
+    return 1
+
+
+# --- commands ------------------------------------------------------------------------------------
+
+
+def run_decode(args: argparse.Namespace) -> None:
+    """`evogs decode`."""
+    data = _read(args.input)
+    limits = _limits(args)
+    directory = read_directory(data, limits)
+    degree = args.sh_degree
+    if degree is not None:
+        degree = min(degree, directory.sh_degree)
+    if args.partial:
+        splats = _decode_partial(directory, data, args).leaves(sh_degree=degree)
+    else:
+        with progress_bar() as progress:
+            splats = decode_leaves(
+                data,
+                _cut(directory, args),
+                sh_degree=degree,
+                verify=args.verify,
+                limits=limits,
+                progress=lambda part: progress("decode", part),
+            )
+    write_ply(args.output, splats, comments=comments_of(directory))
+    print(f"{shown(args.output)}: {len(splats):,} splats, SH degree {splats.sh_degree}")
+
+
+def _decode_partial(directory: Directory, data: memoryview, args: argparse.Namespace) -> Decoded:
+    ends = directory.offsets + directory.packets["size"]
+    there = Cut.of_complete(directory, ends <= len(data))
+    asked = _cut(directory, args)
+    decoded = replay(directory, data, there.within(asked), verify=args.verify)
+    if len(data) < directory.size:
+        part = 100 * len(data) / directory.size
+        complain(f"{args.input}: {part:.1f} % of the file is there")
+    return decoded
+
+
+def run_info(args: argparse.Namespace) -> None:
+    """`evogs info`."""
+    data = _read(args.input)
+    directory = read_directory(data, _limits(args))
+    whole = len(data) >= directory.size
+    groups = bytes_by_group(directory, data) if whole else {}
+    left_out = omissions(directory, data) if whole else []
+    info = info_of(directory, len(data), groups, left_out)
+    if args.json:
+        print(json.dumps(info, indent=2))
+    else:
+        print_info(directory, info, groups)
+
+
+def run_validate(args: argparse.Namespace) -> int:
+    """`evogs validate`."""
+    try:
+        data, limits = _read(args.input), _limits(args)
+        with progress_bar() as progress:
+            decoded = decode(
+                data,
+                verify=True,
+                limits=limits,
+                progress=lambda part: progress("validate", part),
+            )
+    except StreamError as error:
+        if not args.json:
+            raise
+        report = {
+            "valid": False,
+            "fault": error.fault.name,
+            "offset": error.offset,
+            "section": error.section,
+            "detail": error.detail,
+        }
+        print(json.dumps(report))
+        return 1
+    n_digests = len(decoded.directory.digests)
+    if args.json:
+        print(json.dumps({"valid": True, "splats": decoded.n_leaves, "digests": n_digests}))
+    else:
+        print(f"{shown(args.input)}: valid, {decoded.n_leaves:,} splats, {n_digests} digests match")
+    return 0
+
+
+def run_extract(args: argparse.Namespace) -> None:
+    """`evogs extract`."""
+    data = _read(args.input)
+    directory = read_directory(data, _limits(args))
+    if directory.has_palette and 0 < (args.sh_degree or 0) < directory.sh_degree:
+        said = "the entries of a palette have all SH bands: only --sh-degree 0 leaves packets out"
+        warnings.warn(said, stacklevel=1)
+    smaller = extract(data, _cut(directory, args), box=args.box)
+    write_atomic(args.output, smaller)
+    print(f"{shown(args.output)}: {len(smaller):,} bytes of {directory.size:,}")
+
+
+# --- parts of commands ---------------------------------------------------------------------------
+
+
+def _read(path: Path) -> memoryview:
+    return memoryview(path.read_bytes())
+
+
+def _limits(args: argparse.Namespace) -> dict[str, int] | None:
+    return None if args.limits is None else read_limits(args.limits)
+
+
+def _cut(directory: Directory, args: argparse.Namespace) -> Cut:
+    degree = args.sh_degree
+    if degree is not None:
+        degree = min(degree, directory.sh_degree)
+    if args.box:
+        _warn_of_box(directory, args.box)
+    return choose_cut(
+        directory, level=args.level, sh_degree=degree, box=args.box, max_bytes=args.max_bytes
+    )
+
+
+def _warn_of_box(directory: Directory, box: Sequence[float]) -> None:
+    met = tiles_meeting(directory, box)
+    if len(met) and not met.any():
+        warnings.warn("the box meets no tile: nothing is left", stacklevel=1)
+    elif met.all() and not tiles_within(directory, box).all():
+        more = "; `evogs encode --tiles N` makes more" if len(met) == 1 else ""
+        warnings.warn(f"the box meets all tiles: nothing is left out{more}", stacklevel=1)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

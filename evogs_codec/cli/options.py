@@ -1,0 +1,365 @@
+"""The options of the command line, a function for each command."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from evogs_codec._generated import registry
+from evogs_codec._generated.limits import LIMITS
+from evogs_codec.encoding.settings import PRESETS, TREE_PSNR
+from evogs_codec.io import files
+from evogs_codec.model.channels import GROUPS
+
+__all__ = [
+    "add_decode",
+    "add_encode",
+    "add_extract",
+    "add_info",
+    "add_lift",
+    "add_limits",
+    "add_output",
+    "add_validate",
+]
+
+DEFAULT_LEVELS = 5
+DEFAULT_ITERATIONS = 200
+
+# What argparse is not to take for an option, as it does before Python 3.14 with -1e3, and always
+# with an axis (`--up -y`).
+NO_OPTION = re.compile(r"-((\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[xyz])$")
+
+Commands: TypeAlias = Any  # argparse's sub-parsers have no public type
+Run: TypeAlias = Callable[[argparse.Namespace], int | None]
+
+
+def _command(
+    commands: Commands,
+    name: str,
+    run: Run,
+    help_: str,
+    examples: str,
+) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name,
+        help=help_,
+        description=help_,
+        epilog=f"examples:\n{examples}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.set_defaults(run=run)
+    return parser
+
+
+def add_encode(commands: Commands, run: Run) -> None:
+    """`evogs encode`."""
+    parser = _command(
+        commands,
+        "encode",
+        run,
+        "Encode a .ply scene or a .tree.npz tree.",
+        "  evogs encode scene.ply scene.evogs\n"
+        "  evogs encode scene.ply scene.evogs --levels 6 --title Bonsai --licence CC-BY-4.0\n"
+        "  evogs encode lego.tree.npz lego.evogs\n"
+        "  evogs encode lego.tree.npz lego.evogs --preset trained\n"
+        "  evogs encode scene.ply scene.evogs --target-psnr 45 --up -y\n"
+        "  evogs encode scene.ply scene.evogs --target-bytes 5000000\n"
+        "  evogs encode scene.ply scene.evogs --target-psnr 40 --polish\n"
+        "  evogs encode scene.ply scene.evogs --max-error 0.01 position=0.0005\n"
+        "  evogs encode lego.tree.npz exact.evogs --near-lossless",
+    )
+    parser.add_argument("input", type=Path, metavar="IN", help="a 3DGS .ply or a .tree.npz")
+    add_output(parser, "OUT.evogs", files.STREAM)
+    _add_lift_options(parser, "--refine, --polish and of a target")
+    accuracy = parser.add_mutually_exclusive_group()
+    accuracy.add_argument(
+        "--preset",
+        choices=[name for name in PRESETS if name != "near-lossless"],
+        help="scene: about the accuracy of SPZ version 4 as its reference encoder rounds (default"
+        " for .ply); trained: fixed steps for a .tree.npz; paper: the paper's pipeline, for"
+        " comparison",
+    )
+    accuracy.add_argument(
+        "--bits",
+        type=_number(int, 2, 16),
+        metavar="B",
+        help="instead of a preset: B bits over the range of each level's refinements, which make up"
+        " for the rounding of the levels before",
+    )
+    accuracy.add_argument(
+        "--near-lossless",
+        action="store_true",
+        help="every number within a unit of a grid of at least 4 million units over its range",
+    )
+    accuracy.add_argument(
+        "--target-psnr",
+        type=_number(float, 5, 120),
+        metavar="DB",
+        help="the smallest stream whose pictures have this PSNR against the scene's, over 24 views"
+        f" (default for .tree.npz that were not trained in integers: {TREE_PSNR:g}; --preset"
+        " trained where numba is missing or that cannot be met)",
+    )
+    accuracy.add_argument(
+        "--target-bytes",
+        type=_number(int, 1, 1 << 62),
+        metavar="N",
+        help="the best pictures that N bytes hold",
+    )
+    accuracy.add_argument(
+        "--max-error",
+        type=_error_of_group,
+        nargs="+",
+        metavar="E",
+        help="no number of a splat is further off, in units of the file; GROUP=E for one group:"
+        f" {', '.join(GROUPS)}",
+    )
+    _add_descent(
+        parser,
+        "--polish",
+        "with --target-psnr or --target-bytes: move the integers of the last level by gradient"
+        " descent on pictures, for minutes; 6 to 19 %% fewer bytes at the same PSNR of 43 to 48 dB,"
+        " none from 54 dB on;"
+        " of --camera, every 5th view judges"
+        f" (default: {DEFAULT_ITERATIONS})",
+    )
+    parser.add_argument(
+        "--finer", type=_number(float, 1e-3, 1e6), metavar="F", help="divide all steps by F"
+    )
+    parser.add_argument(
+        "--no-palette",
+        action="store_true",
+        help="store SH above band 0 splat by splat and band by band, also where most splats of a"
+        " .ply share them (as in scenes that were SOG files)",
+    )
+    parser.add_argument(
+        "--tiles",
+        type=_number(int, 1, 65536),
+        metavar="N",
+        help="spatial tiles (default: 1 below 200,000 splats)",
+    )
+    parser.add_argument(
+        "--effort",
+        type=_number(int, 1, 22),
+        default=19,
+        metavar="Z",
+        help="Zstandard level, 1..22 (default: 19)",
+    )
+    for key in registry.TEXT_OPTIONS:
+        parser.add_argument(f"--{key}", metavar="TEXT", help="metadata")
+    for option, names in (
+        ("--coordinate-system", registry.COORDINATE_SYSTEMS),
+        ("--up-axis", registry.UP_AXES),
+        ("--unit", registry.UNITS),
+        ("--colour-space", registry.COLOUR_SPACES),
+    ):
+        parser.add_argument(option, choices=names, default=names[0], help="metadata")
+    parser.add_argument(
+        "--antialiased", action="store_true", help="the scene was trained with antialiasing"
+    )
+    _add_json(parser)
+
+
+def add_decode(commands: Commands, run: Run) -> None:
+    """`evogs decode`."""
+    parser = _command(
+        commands,
+        "decode",
+        run,
+        "Decode a stream, or a part of it, to a .ply.",
+        "  evogs decode scene.evogs scene.ply\n"
+        "  evogs decode scene.evogs coarse.ply --level 1 --sh-degree 0\n"
+        "  evogs decode scene.evogs corner.ply --box 0 0 0 1 1 1\n"
+        "  evogs decode download.evogs.part so-far.ply --partial",
+    )
+    parser.add_argument("input", type=Path, metavar="IN.evogs")
+    add_output(parser, "OUT.ply", files.SCENE)
+    _add_cut_options(parser)
+    add_limits(parser)
+    parser.add_argument("--partial", action="store_true", help="take what a cut-short file has")
+    parser.add_argument("--verify", action="store_true", help="check digests of the integers")
+
+
+def add_lift(commands: Commands, run: Run) -> None:
+    """`evogs lift`."""
+    parser = _command(
+        commands,
+        "lift",
+        run,
+        "Build the tree under a .ply scene, uncompressed.",
+        "  evogs lift scene.ply scene.tree.npz\n"
+        "  evogs lift scene.ply scene.tree.npz --refine --up -y\n"
+        "  evogs encode scene.tree.npz scene.evogs --preset scene",
+    )
+    parser.add_argument("input", type=Path, metavar="IN.ply")
+    add_output(parser, "OUT.tree.npz", files.TREE)
+    _add_lift_options(parser, "--refine")
+
+
+def add_info(commands: Commands, run: Run) -> None:
+    """`evogs info`."""
+    parser = _command(
+        commands,
+        "info",
+        run,
+        "Say what is in a stream: header, levels, bytes per group.",
+        "  evogs info scene.evogs\n  evogs info scene.evogs --json",
+    )
+    parser.description = (
+        "Say what is in a stream: header, levels, bytes per group.\n\n"
+        "to move: estimated root-mean-square distance of splats from where they end, scene units\n"
+        "over order-0: bytes over the entropy of the integers in them, taken one by one"
+    )
+    parser.add_argument("input", type=Path, metavar="IN.evogs")
+    add_limits(parser)
+    _add_json(parser)
+
+
+def add_validate(commands: Commands, run: Run) -> None:
+    """`evogs validate`."""
+    parser = _command(
+        commands,
+        "validate",
+        run,
+        "Check a stream in every respect; exit 0 if valid, 1 with the fault if not.",
+        "  evogs validate scene.evogs\n  evogs validate scene.evogs --json\n"
+        "  evogs validate download.evogs --limits limits.json",
+    )
+    parser.add_argument("input", type=Path, metavar="IN.evogs")
+    add_limits(parser)
+    _add_json(parser)
+
+
+def add_extract(commands: Commands, run: Run) -> None:
+    """`evogs extract`."""
+    parser = _command(
+        commands,
+        "extract",
+        run,
+        "Make a smaller stream by moving packets, without decoding.",
+        "  evogs extract scene.evogs small.evogs --level 2\n"
+        "  evogs extract scene.evogs small.evogs --max-bytes 500000\n"
+        "  evogs extract scene.evogs corner.evogs --box 0 0 0 1 1 1 --sh-degree 0",
+    )
+    parser.add_argument("input", type=Path, metavar="IN.evogs")
+    add_output(parser, "OUT.evogs", files.STREAM)
+    _add_cut_options(parser)
+    add_limits(parser)
+
+
+def add_output(parser: argparse.ArgumentParser, metavar: str, kind: files.FileKind) -> None:
+    """What a command makes, and `--force`: `cli.commands` checks both before the work."""
+    parser.add_argument("output", type=Path, metavar=metavar)
+    parser.add_argument(
+        "--force",
+        action="store_true",
+        help=f"replace {metavar} also where that is a file of another kind",
+    )
+    parser.set_defaults(makes=kind)
+
+
+def add_limits(parser: argparse.ArgumentParser) -> None:
+    """Limits of this decoder, for streams of strangers."""
+    parser.add_argument(
+        "--limits",
+        type=Path,
+        metavar="FILE.json",
+        help='refuse a stream over these limits before its packets are read: {"slots": 5000000};'
+        f" names: {', '.join(LIMITS)}",
+    )
+
+
+def _add_lift_options(parser: argparse.ArgumentParser, uses: str) -> None:
+    parser.add_argument(
+        "--levels",
+        type=_number(int, 1, 64),
+        default=DEFAULT_LEVELS,
+        metavar="N",
+        help=f"levels of a lifted scene (default: {DEFAULT_LEVELS})",
+    )
+    parser.add_argument(
+        "--drop-invalid", action="store_true", help="leave out splats with NaN or infinite numbers"
+    )
+    _add_descent(
+        parser,
+        "--refine",
+        "make coarse levels of a lifted scene look more like it, by gradient descent on"
+        f" pictures of it (default: {DEFAULT_ITERATIONS} of each level)",
+    )
+    parser.add_argument(
+        "--camera",
+        type=Path,
+        metavar="FILE.json",
+        help=f"views for {uses} (default: around the scene)",
+    )
+    parser.add_argument(
+        "--up",
+        choices=("x", "y", "z", "-x", "-y", "-z"),
+        default="z",
+        help="of views around it (default: z; many trainers' scenes have -y)",
+    )
+
+
+def _add_descent(parser: argparse.ArgumentParser, option: str, help_: str) -> None:
+    """An option that draws pictures for so many iterations."""
+    parser.add_argument(
+        option,
+        type=_number(int, 2, 1_000_000),
+        nargs="?",
+        const=DEFAULT_ITERATIONS,
+        metavar="ITERATIONS",
+        help=help_,
+    )
+
+
+def _add_json(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--json", action="store_true", help="print figures as JSON")
+
+
+def _add_cut_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--level", type=_number(int, 0, 63), metavar="K", help="stop at level K")
+    parser.add_argument(
+        "--max-bytes",
+        type=_number(int, 0, 1 << 62),
+        metavar="N",
+        help="the longest prefix whose extracted file has at most N bytes",
+    )
+    parser.add_argument(
+        "--box",
+        type=_number(float, -1e30, 1e30),
+        nargs=6,
+        metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
+        help="only tiles that meet this box, in scene units; whole tiles: encode with --tiles N",
+    )
+    parser.add_argument(
+        "--sh-degree",
+        type=_number(int, 0, 3),
+        metavar="D",
+        help="no SH bands above D; a palette is left out for 0 alone",
+    )
+
+
+def _error_of_group(text: str) -> dict[str, float]:
+    """`E`, of all groups, or `GROUP=E`."""
+    name, is_of_group, number = text.rpartition("=")
+    if is_of_group and name not in GROUPS:
+        raise argparse.ArgumentTypeError(f"{name} is none of {', '.join(GROUPS)}")
+    error = float(number)
+    if not 1e-30 <= error <= 1e30:
+        raise argparse.ArgumentTypeError(f"{number} is not in 1e-30..1e30")
+    return {name: error} if name else dict.fromkeys(GROUPS, error)
+
+
+def _number(kind: type[int] | type[float], low: float, high: float) -> Callable[[str], int | float]:
+    """An argparse type for numbers of a range."""
+
+    def parse(text: str) -> int | float:
+        value = kind(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text} is not in {low}..{high}")
+        return value
+
+    parse.__name__ = kind.__name__
+    return parse

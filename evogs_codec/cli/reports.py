@@ -1,0 +1,112 @@
+"""What the command line says of a stream, as text and as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+from evogs_codec._generated import registry
+from evogs_codec.common.printable import shown
+from evogs_codec.editing.byte_stats import GroupBytes, levels
+from evogs_codec.editing.omissions import Omission
+from evogs_codec.format.directory import Directory
+
+__all__ = ["comments_of", "info_of", "level_figures", "print_info", "print_levels"]
+
+
+MAX_COMMENTS, MAX_COMMENT = 100, 1000  # a header of 100 kB, which every reader takes
+
+
+def comments_of(directory: Directory) -> list[str]:
+    """Metadata as comments of a .ply, which are ASCII without control characters."""
+    lines = [f"{key}: {value}" for key, value in directory.info.text.items()][:MAX_COMMENTS]
+    ascii_ = (shown(line, MAX_COMMENT).encode("ascii", "backslashreplace") for line in lines)
+    return [shown(line.decode("ascii"), MAX_COMMENT) for line in ascii_]
+
+
+def level_figures(directory: Directory) -> list[dict[str, Any]]:
+    """Figures per level for JSON, which has no NaN: an unknown error is null."""
+    figures = [asdict(level) for level in levels(directory)]
+    return [{k: v if v == v else None for k, v in level.items()} for level in figures]
+
+
+def info_of(
+    directory: Directory,
+    size: int,
+    groups: dict[str, GroupBytes],
+    left_out: Sequence[Omission] = (),
+) -> dict[str, Any]:
+    """What `evogs info` says of a stream of which `size` bytes are there."""
+    scene = directory.info
+    return {
+        "tier": directory.tier,
+        "sh_degree": directory.sh_degree,
+        "tiles": len(directory.tiles),
+        "packets": len(directory.packets),
+        "palette_entries": directory.n_entries,
+        "size": directory.size,
+        "bytes_present": size,
+        "grid_exponents": list(directory.grid_exponents),
+        "scene": {
+            "coordinate_system": registry.name(
+                registry.COORDINATE_SYSTEMS, scene.coordinate_system
+            ),
+            "up_axis": registry.name(registry.UP_AXES, scene.up_axis),
+            "unit": registry.name(registry.UNITS, scene.unit),
+            "colour_space": registry.name(registry.COLOUR_SPACES, scene.colour_space),
+            "antialiased": scene.antialiased,
+            **scene.text,
+        },
+        "levels": level_figures(directory),
+        "groups": {name: asdict(part) for name, part in groups.items()},
+        "left_out": [asdict(omission) for omission in left_out],
+        "digests": len(directory.digests),
+    }
+
+
+def print_info(directory: Directory, info: dict[str, Any], groups: dict[str, GroupBytes]) -> None:
+    """What `evogs info` prints."""
+    for key in ("tier", "sh_degree", "tiles", "packets", "size", "grid_exponents"):
+        print(f"{key:>18}  {info[key]}")
+    if directory.has_palette:
+        print(f"{'palette_entries':>18}  {info['palette_entries']}")
+    for key, value in info["scene"].items():
+        print(f"{shown(key):>18}  {shown(value)}")
+    present = info["bytes_present"]
+    if present < directory.size:
+        print(f"{'truncated':>18}  {present:,} of {directory.size:,} bytes are there")
+    print_levels(directory)
+    n = max(info["levels"][-1]["n_leaves"], 1)
+    print(f"\n{'part':>15} {'bytes':>12} {'a splat':>8} {'share':>7} {'over order-0':>13}")
+    for name, part in groups.items():
+        over = f"{100 * (part.n_bytes / part.entropy - 1):+.1f} %" if part.entropy else ""
+        share = 100 * part.n_bytes / directory.size
+        print(
+            f"{name:>15} {part.n_bytes:>12,.0f} {part.n_bytes / n:>8.3f} {share:>5.1f} % {over:>13}"
+        )
+    print_omissions(info["left_out"])
+
+
+def print_omissions(left_out: list[dict[str, Any]]) -> None:
+    """A row for all that is not there; changes are root mean squares, in the units of the part."""
+    if left_out:
+        print(f"\n{'left out':>18} {'levels':>12} {'change':>9}")
+    for row in left_out:
+        levels = ",".join(map(str, row["levels"]))
+        change = "unknown" if row["change"] is None else f"{row['change']:.3g}"
+        print(f"{row['part']:>18} {levels:>12} {change:>9}  {row['reason']}")
+
+
+def print_levels(directory: Directory) -> None:
+    """A row per level: splats, bytes, how far splats are from where they end."""
+    print(f"\n{'level':>6} {'splats':>10} {'bytes':>12} {'so far':>12} {'':>7} {'to move':>9}")
+    so_far = directory.data_offset
+    for level in levels(directory):
+        so_far += level.n_bytes
+        part = 100 * so_far / directory.size
+        bar = "#" * round(part / 5)
+        print(
+            f"{level.level:>6} {level.n_leaves:>10,} {level.n_bytes:>12,} {so_far:>12,}"
+            f" {part:>5.1f} % {level.error:>9.3g}  {bar}"
+        )

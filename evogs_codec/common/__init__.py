@@ -1,0 +1,1 @@
+"""What every package may use: threads, buffers, Morton codes, text that is safe to print."""

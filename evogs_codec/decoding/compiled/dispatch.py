@@ -1,0 +1,182 @@
+"""The compiled way to apply the packets of a tile: all of them in a few calls, or not at all.
+
+`kernel_headers` and `kernels` are an extra, and take time to load. They do what `packets`, `frames`
+and `state` do, without knowing faults: where they give up, those find out why.
+"""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec.common.buffers import Scratch
+from evogs_codec.decoding.palette_state import read_picks
+from evogs_codec.errors import StreamError
+from evogs_codec.format.crc import crc32
+from evogs_codec.format.frames import decompress_all
+from evogs_codec.format.packet_header import FLAG_OF_CHANGED, N_SIDES, Counts
+from evogs_codec.model.channels import PICKS, component_channels
+from evogs_codec.model.splats import I64
+
+if TYPE_CHECKING:
+    from evogs_codec.decoding.compiled.channels import Plans
+    from evogs_codec.decoding.tile_state import TileState
+    from evogs_codec.format.directory import Directory
+
+__all__ = ["apply_compiled", "kernels_for"]
+
+MIN_COMPILED = 50_000  # slots below which numpy is as fast as loading compiled code
+MAX_PLANES = 16 << 20  # bytes of planes that are decompressed at a time, if packets allow
+
+
+def kernels_for(n_slots: int) -> ModuleType | None:
+    """The compiled loops where they are installed and worth loading; None for numpy."""
+    if n_slots < MIN_COMPILED:
+        return None
+    try:
+        from evogs_codec.decoding.compiled import channels
+    except ImportError:  # numba is an extra
+        return None
+    return channels
+
+
+def apply_compiled(
+    channels: ModuleType, state: TileState, data: memoryview, packets: I64, scratch: Scratch
+) -> bool:
+    """Apply packets of a tile, in file order from its first on, to an empty state.
+
+    Returns:
+        False if a packet is not plainly legal; the state must not be used any more.
+    """
+    directory = state.directory
+    rows, offsets = directory.packets[packets], directory.offsets[packets]
+    sizes = rows["size"].astype(np.int64)
+    if len(packets) and int((offsets + sizes).max()) > len(data):
+        return False
+    data, offsets = _frozen_packets(data, offsets, sizes)
+    for at, size, crc in zip(offsets.tolist(), sizes.tolist(), rows["crc"].tolist(), strict=True):
+        if crc32(data[at : at + size]) != crc:
+            return False
+    components, steps = rows["component"].astype(np.int64), directory.steps[packets]
+    core = rows[components == 0]  # that of step s is row s
+    names = ("n_adds", "n_splits", "n_refines", "n_drops")
+    core_counts = np.stack([core[name].astype(np.int64) for name in names], 1)
+    counts, levels = core_counts[steps], core["level"].astype(np.int64)[steps]
+    n_records, n_splits = int(core_counts[:, 1:].sum()), int(core_counts[:, 1].sum())
+    plans = channels.Plans.empty(scratch, len(core), n_records, n_splits)
+    tables = _tables(channels, directory, state.tile)
+    is_compiled = np.ones(len(packets), bool)
+    if directory.has_palette:
+        is_compiled = components != PICKS
+    others = np.flatnonzero(is_compiled)
+    for within in _parts(components[others], counts[others]):
+        part = others[within]
+        headers = _headers(
+            channels, data, offsets[part], sizes[part], components[part], counts[part]
+        )
+        if headers is None:
+            return False
+        codes, starts, flags, planes = headers
+        args = components[part], steps[part], levels[part], counts[part], codes, starts, flags
+        if not channels.apply_packets(
+            channels.Headers(*args, planes), tables, plans, state.x, state.live, state.born_from
+        ):
+            return False
+    try:
+        for k in np.flatnonzero(~is_compiled):
+            own, begin = Counts(*counts[k].tolist()), int(offsets[k])
+            body = data[begin : begin + int(sizes[k])]
+            if not _apply_picks(channels, state, body, int(packets[k]), own, plans):
+                return False
+    except StreamError:
+        return False
+    applied = np.bincount(components, minlength=directory.n_components).tolist()
+    state.set_applied(applied, plans.places[1:, 0].tolist(), levels[components == 0].tolist())
+    return True
+
+
+def _apply_picks(
+    channels: ModuleType,
+    state: TileState,
+    body: memoryview,
+    packet: int,
+    counts: Counts,
+    plans: Plans,
+) -> bool:
+    """The picks of a step (spec 7.4), of whose slots `plans` says where they are."""
+    directory, step = state.directory, int(state.directory.steps[packet])
+    (first, run, _, drop, _), (end, end_of_runs, _, end_of_drops, _) = plans.places[
+        step : step + 2
+    ].tolist()
+    if len(body):
+        head, planes = read_picks(body, counts, int(directory.offsets[packet]))
+        runs = plans.runs[:, run:end_of_runs]
+        n_entries = int(directory.entries_required[packet])
+        code, n = head.coding_bytes[0], head.lengths[0]
+        n_changed = counts.n_psi if head.flags & FLAG_OF_CHANGED else 0
+        if not channels.picks(code, planes, runs, n_changed, first, n_entries, state.picks, n):
+            return False
+    else:
+        state.picks[first:end] = 0
+    state.picks[plans.drops[drop:end_of_drops]] = 0
+    return True
+
+
+def _frozen_packets(data: memoryview, offsets: I64, sizes: I64) -> tuple[memoryview, I64]:
+    """The bytes with the packets, which do not change any more, and where each begins in them."""
+    if isinstance(data.obj, bytes):
+        return data, offsets
+    ends = zip(offsets.tolist(), (offsets + sizes).tolist(), strict=True)
+    joined = b"".join(data[begin:end] for begin, end in ends)
+    return memoryview(joined), np.cumsum(sizes) - sizes
+
+
+def _parts(components: I64, counts: I64) -> list[slice]:
+    """Packets in parts whose planes need no more than MAX_PLANES, but for single packets."""
+    n_channels = np.array([component_channels(c) for c in range(4)])[components]
+    values = n_channels * counts[:, :3].sum(1) + (components == 0) * N_SIDES * counts.sum(1)
+    ends = np.cumsum(3 * values)  # a value has at most 3 bytes
+    parts, begin = [], 0
+    while begin < len(ends):
+        room = (ends[begin - 1] if begin else 0) + MAX_PLANES
+        end = max(begin + 1, int(np.searchsorted(ends, room, side="right")))
+        parts.append(slice(begin, end))
+        begin = end
+    return parts
+
+
+def _headers(
+    channels: ModuleType,
+    data: memoryview,
+    offsets: I64,
+    sizes: I64,
+    components: I64,
+    counts: I64,
+) -> tuple[npt.NDArray[np.uint8], I64, I64, npt.NDArray[np.uint8]] | None:
+    """(codes, starts, flags, planes) of packets, or None."""
+    raw = np.frombuffer(data, np.uint8)
+    shape = (len(offsets), channels.MAX_LISTS)
+    codes, starts = np.empty(shape, np.uint8), np.empty(shape, np.int64)
+    flags = np.empty(len(offsets), np.int64)
+    n_frames = raw[offsets[sizes > 1] + 1].astype(np.int64)
+    if (5 * n_frames > sizes[sizes > 1]).any():
+        return None
+    places = np.empty((int(n_frames.sum()), 3), np.int64)
+    n_bytes = channels.read_headers(
+        raw, offsets, sizes, components, counts, codes, starts, flags, places
+    )
+    if n_bytes < 0:
+        return None
+    planes = decompress_all(data, places)
+    if planes is None or len(planes) != n_bytes:
+        return None
+    return codes, starts, flags, planes
+
+
+def _tables(channels: ModuleType, directory: Directory, tile: int) -> object:
+    row = directory.tiles[tile]
+    box = np.stack([row["box_min"], row["box_max"]], 1).astype(np.int64)
+    return channels.Tables(directory.quantiser_units, *directory.alpha_entries, box)

@@ -1,0 +1,159 @@
+"""Cuts: how many steps of each tile and component are applied (spec 3.6)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec.format.directory import Directory
+from evogs_codec.model.splats import F64, I64
+
+__all__ = ["Cut"]
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """Steps applied: `steps` (n_tiles, n_components), core first; tiles may differ.
+
+    `palette` is the number of steps of the palette, which belongs to no tile.
+    """
+
+    steps: I64
+    palette: int = 0
+
+    def __post_init__(self) -> None:
+        steps = np.array(self.steps, np.int64)
+        if steps.ndim != 2 or (steps < 0).any() or (steps > steps[:, :1]).any():
+            raise ValueError("a cut has (tile, component) step counts, none above that of core")
+        if self.palette < 0:
+            raise ValueError(f"{self.palette} steps of a palette")
+        steps.setflags(write=False)
+        object.__setattr__(self, "steps", steps)
+
+    @staticmethod
+    def full(directory: Directory) -> Cut:
+        """All steps in the file."""
+        return Cut(directory.chain_lengths(), len(directory.palette_packets))
+
+    @staticmethod
+    def of_level(directory: Directory, level: int) -> Cut:
+        """Level `level` of every tile, and of the palette.
+
+        Raises:
+            ValueError: the stream has no such level.
+        """
+        if not 0 <= level < directory.n_levels:
+            raise ValueError(f"level {level} is not one of 0..{directory.n_levels - 1}")
+        packets = directory.packets
+        in_level = (packets["component"] == 0) & (packets["level"] <= level)
+        core = np.bincount(packets["tile"][in_level], minlength=len(directory.tiles))
+        steps = np.minimum(directory.chain_lengths(), core[:, None])
+        of_palette = packets["level"][directory.palette_packets]
+        return Cut(steps, int(np.count_nonzero(of_palette <= level)))
+
+    @staticmethod
+    def of_packets(directory: Directory, n_packets: int) -> Cut:
+        """The first `n_packets` packets of the file."""
+        return Cut.of_rows(directory, np.arange(min(n_packets, len(directory.packets))))
+
+    @staticmethod
+    def of_rows(directory: Directory, rows: I64) -> Cut:
+        """These rows of the packet table, of which none lacks one that it requires."""
+        n_palette = int(np.isin(directory.palette_packets, rows).sum())
+        return Cut(directory.chain_lengths(rows), n_palette)
+
+    @staticmethod
+    def of_complete(directory: Directory, complete: npt.NDArray[np.bool_]) -> Cut:
+        """The largest cut of complete packets; one of size 0 is always complete (R-6.4-4)."""
+        rows, steps = directory.packets, directory.chain_lengths()
+        is_missing = ~complete & (rows["size"] > 0)
+        palette = directory.palette_packets
+        n_palette = int(np.argmax(np.append(is_missing[palette], True)))
+        is_missing |= directory.palette_required > n_palette
+        is_missing[palette] = False
+        missing = np.flatnonzero(is_missing)
+        chain = rows["tile"][missing], rows["component"][missing]
+        np.minimum.at(steps, chain, directory.steps[missing])
+        return Cut(np.minimum(steps, steps[:, :1]), n_palette)
+
+    def within(self, other: Cut) -> Cut:
+        """What this cut and another one share."""
+        return Cut(np.minimum(self.steps, other.steps), min(self.palette, other.palette))
+
+    def has(self, other: Cut) -> bool:
+        """No step of the other cut is missing here."""
+        same_shape = self.steps.shape == other.steps.shape
+        is_within = same_shape and bool((other.steps <= self.steps).all())
+        return is_within and other.palette <= self.palette
+
+    def with_sh_degree(self, degree: int) -> Cut:
+        """The same without the SH bands above `degree`; of a palette all, or nothing for 0."""
+        steps = self.steps.copy()
+        steps[:, degree + 1 :] = 0
+        return Cut(steps, self.palette if degree else 0)
+
+    def with_box(self, directory: Directory, box: Sequence[float]) -> Cut:
+        """The same with only the tiles whose box meets `box` (x0 y0 z0 x1 y1 z1, scene units)."""
+        steps, met = self.steps.copy(), tiles_meeting(directory, box)
+        steps[~met] = 0
+        return Cut(steps, self.palette if met.any() else 0)
+
+    def with_palette_of_picks(self, directory: Directory) -> Cut:
+        """The same with the packets of the palette that its picks require, and no others."""
+        whole = Cut(self.steps, len(directory.palette_packets))
+        required = directory.palette_required[whole.packets(directory)]
+        return Cut(self.steps, int(required.max(initial=0)))
+
+    def packets(self, directory: Directory) -> npt.NDArray[np.bool_]:
+        """(n_packets,) True for the packets of the cut.
+
+        Raises:
+            ValueError: the cut asks for steps that the file does not have.
+        """
+        if self.steps.shape != (len(directory.tiles), directory.n_components):
+            raise ValueError(f"the cut has shape {self.steps.shape}")
+        palette = directory.palette_packets
+        if (self.steps > directory.chain_lengths()).any() or self.palette > len(palette):
+            raise ValueError("the cut asks for steps that are not in the file")
+        selected = np.zeros(len(directory.packets), bool)
+        selected[palette[: self.palette]] = True
+        of_tiles = np.ones(len(directory.packets), bool)
+        of_tiles[palette] = False
+        rows = directory.packets[of_tiles]
+        applied = self.steps[rows["tile"], rows["component"]]
+        selected[of_tiles] = directory.steps[of_tiles] < applied
+        required = int(directory.palette_required[selected].max(initial=0))
+        if self.palette < required:
+            raise ValueError(f"picks of the cut require {required} packets of the palette")
+        return selected
+
+
+def tiles_meeting(directory: Directory, box: Sequence[float]) -> npt.NDArray[np.bool_]:
+    """(n_tiles,) True where the box of a tile meets `box` (x0 y0 z0 x1 y1 z1, scene units)."""
+    (low, high), corners = _tile_boxes(directory), _corners(box)
+    met: npt.NDArray[np.bool_] = ((low <= corners[1]) & (high >= corners[0])).all(1)
+    return met
+
+
+def tiles_within(directory: Directory, box: Sequence[float]) -> npt.NDArray[np.bool_]:
+    """(n_tiles,) True where the box of a tile is inside `box`, as of `tiles_meeting`."""
+    (low, high), corners = _tile_boxes(directory), _corners(box)
+    inside: npt.NDArray[np.bool_] = ((low >= corners[0]) & (high <= corners[1])).all(1)
+    return inside
+
+
+def _tile_boxes(directory: Directory) -> tuple[F64, F64]:
+    """(n_tiles, 3) lowest and highest positions, scene units."""
+    scale = 2.0 ** -directory.grid_exponents[0]
+    origin = directory.tiles["origin"]
+    low, high = (origin + directory.tiles[end] for end in ("box_min", "box_max"))
+    return low * scale, high * scale
+
+
+def _corners(box: Sequence[float]) -> F64:
+    """(2, 3) lowest and highest, whichever come first."""
+    out: F64 = np.sort(np.asarray(box, np.float64).reshape(2, 3), axis=0)
+    return out

@@ -1,0 +1,177 @@
+"""Decoding: a whole file, or what is there of one (spec 6, 7); `feeding` takes it in pieces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from io import BytesIO
+
+import numpy as np
+
+from evogs_codec.decoding.cut import Cut
+from evogs_codec.decoding.float_view import FloatView, float_view
+from evogs_codec.decoding.replay import replay_tiles
+from evogs_codec.decoding.tile_state import TileState
+from evogs_codec.format import layout
+from evogs_codec.format.directory import Directory, read_directory
+from evogs_codec.model.splats import SplatParams
+
+__all__ = ["Decoded", "decode", "decode_leaves", "decode_prefix", "replay"]
+
+
+@dataclass(frozen=True, eq=False)
+class Decoded:
+    """A decoded cut: `directory`, `cut`, the state of each tile, and the stream it came from."""
+
+    directory: Directory
+    cut: Cut
+    tiles: tuple[TileState, ...]
+    data: memoryview
+
+    @property
+    def n_leaves(self) -> int:
+        """Live slots of all tiles."""
+        return sum(int(np.count_nonzero(tile.live[: tile.n_slots])) for tile in self.tiles)
+
+    @property
+    def sh_degree(self) -> int:
+        """Highest SH band with a step in the cut; the float view stops there."""
+        return _degree_of(self.directory, self.cut)
+
+    def leaves(self, cut: Cut | None = None, *, sh_degree: int | None = None) -> SplatParams:
+        """Float view (spec 7.6) of the live splats, tile by tile, in slot order.
+
+        Args:
+            cut: a cut within this one, whose packets are applied anew; this one by default.
+            sh_degree: degree of the result; by default the highest band of the cut.
+
+        Raises:
+            ValueError: `cut` has steps that this cut does not have.
+        """
+        if cut is not None:
+            if not self.cut.has(cut):
+                raise ValueError("the cut has steps that were not decoded")
+            return replay(self.directory, self.data, cut).leaves(sh_degree=sh_degree)
+        degree = self.sh_degree if sh_degree is None else sh_degree
+        return float_view(self.directory, self.tiles, degree)
+
+    def dump(self) -> bytes:
+        """The dump of spec 7.7."""
+        out = BytesIO()
+        for part in self.dump_parts():
+            out.write(part)
+        return out.getvalue()
+
+    def dump_parts(self) -> Iterator[bytes | memoryview]:
+        """The dump in parts no larger than a channel of a tile, to be written one by one."""
+        directory = self.directory
+        yield layout.build(
+            layout.DUMP_HEADER,
+            magic=b"EVGD",
+            version=1,
+            sh_degree=directory.sh_degree,
+            grid_exponents=list(directory.grid_exponents),
+            reserved=0,
+            n_tiles=len(self.tiles),
+        )
+        for tile in self.tiles:
+            yield from tile.dump_parts()
+
+
+def decode(
+    data: bytes | memoryview,
+    cut: Cut | Callable[[Directory], Cut] | None = None,
+    *,
+    verify: bool = False,
+    limits: Mapping[str, int] | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Decoded:
+    """Decode a whole file.
+
+    Args:
+        data: all bytes of the file.
+        cut: the cut, or a function that makes it from the directory; everything by default.
+        verify: check the digests of states that the cut passes (R-5.7-3).
+        limits: limits of this decoder by name (spec 8.3).
+        progress: called with the part of the packets that is done, perhaps from several threads.
+
+    Raises:
+        StreamError: the stream is not legal, or over the limits.
+        ValueError: the stream has no such cut.
+    """
+    view = memoryview(data)
+    directory, cut = _directory_and_cut(view, cut, limits)
+    return replay(directory, view, cut, verify=verify, progress=progress)
+
+
+def decode_prefix(data: bytes | memoryview, *, limits: Mapping[str, int] | None = None) -> Decoded:
+    """Decode the complete packets of a truncated file (R-6.4-1).
+
+    Raises:
+        StreamError: as `decode`; E_TRUNCATED only if header or chunks are not complete.
+    """
+    view = memoryview(data)
+    directory = read_directory(view, limits)
+    ends = directory.offsets + directory.packets["size"]
+    return replay(directory, view, Cut.of_complete(directory, ends <= len(view)))
+
+
+def decode_leaves(
+    data: bytes | memoryview,
+    cut: Cut | Callable[[Directory], Cut] | None = None,
+    *,
+    sh_degree: int | None = None,
+    verify: bool = False,
+    limits: Mapping[str, int] | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> SplatParams:
+    """`decode(data, cut, ...).leaves(sh_degree=...)`, with one tile at a time in integers.
+
+    Raises:
+        StreamError, ValueError: as `decode`.
+    """
+    view = memoryview(data)
+    directory, cut = _directory_and_cut(view, cut, limits)
+    packets = cut.packets(directory)
+    packets[directory.palette_packets] = False
+    rows = directory.packets[packets]
+    if len(rows) and int((directory.offsets[packets] + rows["size"]).max()) > len(view):
+        # A table may promise any number of splats: this finds the fault before it pays for them.
+        replay(directory, view, cut)
+    born = rows["n_adds"].astype(np.int64) + rows["n_splits"] - rows["n_drops"]
+    n_live = np.bincount(rows["tile"], born, len(directory.tiles)).astype(np.int64)
+    degree = _degree_of(directory, cut) if sh_degree is None else sh_degree
+    leaves = FloatView(directory, n_live, degree)
+    replay_tiles(directory, view, cut, leaves.write, verify=verify, progress=progress)
+    return leaves.splats()
+
+
+def replay(
+    directory: Directory,
+    data: memoryview,
+    cut: Cut,
+    *,
+    verify: bool = False,
+    progress: Callable[[float], None] | None = None,
+) -> Decoded:
+    """Apply the packets of a cut; faults as `decode`, first in file order."""
+    tiles = replay_tiles(directory, data, cut, verify=verify, progress=progress)
+    return Decoded(directory, cut, tuple(tiles), data)
+
+
+def _directory_and_cut(
+    data: memoryview,
+    cut: Cut | Callable[[Directory], Cut] | None,
+    limits: Mapping[str, int] | None,
+) -> tuple[Directory, Cut]:
+    directory = read_directory(data, limits)
+    if cut is None:
+        return directory, Cut.full(directory)
+    return directory, cut if isinstance(cut, Cut) else cut(directory)
+
+
+def _degree_of(directory: Directory, cut: Cut) -> int:
+    """Highest SH band with a step in the cut; picks are of all bands."""
+    applied = np.flatnonzero(cut.steps.any(0))
+    highest = int(applied[-1]) if len(applied) else 0
+    return directory.sh_degree if directory.has_palette and highest else highest

@@ -1,0 +1,353 @@
+"""Progressive decoding: any byte ranges in any order (spec 6.4)."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Mapping
+from dataclasses import dataclass
+from heapq import heappop, heappush
+
+import numpy as np
+
+from evogs_codec.decoding.cut import Cut
+from evogs_codec.decoding.decode import Decoded
+from evogs_codec.decoding.float_view import float_view
+from evogs_codec.decoding.palette_state import PaletteState
+from evogs_codec.decoding.tile_state import TileState
+from evogs_codec.errors import Fault, StreamError
+from evogs_codec.format import layout
+from evogs_codec.format.directory import (
+    HEADER_SIZE,
+    Directory,
+    check_crc,
+    read_directory,
+    read_header,
+)
+from evogs_codec.model.channels import PALETTE, PICKS
+from evogs_codec.model.splats import SplatParams
+
+__all__ = ["Decoder", "StepReady"]
+
+MOST_NEW = 1 << 12  # bytes of ranges behind a gap that need not be in order yet
+
+
+@dataclass(frozen=True)
+class StepReady:
+    """A packet was applied: a step of a component of a tile; `level` is its label.
+
+    A packet of a palette is of component 2 of tile 0; `level` is that of its entries.
+    """
+
+    tile: int
+    component: int
+    step: int
+    level: int
+
+
+class Decoder:
+    """Sans-I/O decoder: give it any byte ranges, take splats whenever you want (spec 6.4).
+
+    Example:
+        >>> decoder = Decoder()
+        >>> for chunk in chunks:                # doctest: +SKIP
+        ...     for ready in decoder.feed(chunk):
+        ...         draw(decoder.leaves())
+        >>> decoder.close()                     # doctest: +SKIP
+    """
+
+    def __init__(self, *, limits: Mapping[str, int] | None = None) -> None:
+        self.directory: Directory | None = None
+        self._limits = limits
+        self._head = _Ranges()
+        self._head_size = 0  # of header and chunks, once the header is there
+        self._parts: dict[int, _Ranges] = {}
+        self._whole: dict[int, bytes] = {}
+        self._tiles: list[TileState] = []
+        self._palette: PaletteState | None = None
+        self._done = np.zeros(0, bool)
+        self._n_done = 0  # packets in file order before the first that is not done, as last seen
+        self._faults: dict[int, StreamError] = {}
+        self._first_fault = -1  # the packet, or -1
+        self._begins: list[int] = []  # of packets, in the file; lists are searched faster
+        self._ends: list[int] = []
+        self._chains: list[list[list[int]]] = []  # packets by tile and component
+        self._touched: set[int] = set()  # tiles that may advance
+        self._waiting: dict[int, set[int]] = {}  # tiles by the packets of the palette they require
+        self._at = 0
+        self._trailing = False
+
+    def feed(self, data: bytes | memoryview, at: int | None = None) -> list[StepReady]:
+        """Take bytes of the file from offset `at` (by default, after those of the last call).
+
+        Returns:
+            The steps that became ready, in the order in which they were applied.
+
+        Raises:
+            StreamError: the first fault in file order, once all bytes before it were seen.
+        """
+        at = self._at if at is None else at
+        if at < 0:
+            raise ValueError(f"offset {at}")
+        self._at = at + len(data)
+        pieces: list[tuple[int, bytes | memoryview]] = [(at, data)]
+        if self.directory is None:
+            self._head.put(at, bytes(data))
+            if not self._read_head():
+                return []
+            pieces = self._head.all()
+            self._head = _Ranges()
+        ready: list[StepReady] = []
+        for begin, piece in pieces:
+            ready += self._take(begin, memoryview(piece))
+        self._raise_first_fault()
+        return ready
+
+    def close(self) -> None:
+        """Say that no more bytes come.
+
+        Raises:
+            StreamError: the first fault, E_TRUNCATED if bytes are missing.
+        """
+        if self.directory is None:
+            read_directory(memoryview(self._head.prefix()), self._limits)
+            raise AssertionError("a complete directory was not read")
+        missing = np.flatnonzero(~self._done)
+        for packet in missing[:1].tolist():
+            offset = int(self.directory.offsets[packet])
+            detail = "a packet is missing or cut short"
+            raise self._faults.get(packet, StreamError(Fault.E_TRUNCATED, detail, offset))
+        if self._trailing:
+            size = self.directory.size
+            raise StreamError(Fault.E_TRAILING, "bytes follow the last packet", size)
+
+    @property
+    def cut(self) -> Cut:
+        """Steps applied so far.
+
+        Raises:
+            ValueError: header and chunks have not come yet.
+        """
+        if self.directory is None:
+            raise ValueError("header and chunks have not come yet")
+        shape = (len(self._tiles), self.directory.n_components)
+        steps = np.array([t.n_applied for t in self._tiles], np.int64).reshape(shape)
+        return Cut(steps, self._palette.n_applied if self._palette else 0)
+
+    @property
+    def fault(self) -> StreamError | None:
+        """The first fault in file order found so far, though packets before it may be missing."""
+        return self._faults.get(self._first_fault)
+
+    def dump(self) -> bytes:
+        """The dump (spec 7.7) of what was applied so far.
+
+        Raises:
+            ValueError: header and chunks have not come yet.
+        """
+        if self.directory is None:
+            raise ValueError("header and chunks have not come yet")
+        return Decoded(self.directory, self.cut, tuple(self._tiles), memoryview(b"")).dump()
+
+    def leaves(self) -> SplatParams:
+        """Float view of what was applied so far; no splats before header and chunks came."""
+        if self.directory is None:
+            return SplatParams.from_channels(np.zeros((14, 0), np.float32))
+        return float_view(self.directory, self._tiles, self.directory.sh_degree)
+
+    def _read_head(self) -> bool:
+        if not self._head.covers(self._head_size):
+            return False
+        prefix = memoryview(self._head.prefix(max(self._head_size, HEADER_SIZE)))
+        if len(prefix) < HEADER_SIZE:
+            if prefix[:8] != layout.SIGNATURE[: len(prefix[:8])]:
+                read_header(prefix)
+            return False
+        self._head_size = HEADER_SIZE + read_header(prefix, self._limits)["chunks_size"]
+        if not self._head.covers(self._head_size):
+            return False
+        directory = read_directory(memoryview(self._head.prefix(self._head_size)), self._limits)
+        self.directory = directory
+        rows = directory.packets
+        # Slots are made as packets come: a table may promise any number.
+        self._palette = PaletteState(directory, 0) if directory.has_palette else None
+        n_tiles = len(directory.tiles)
+        self._tiles = [TileState(directory, t, 0, self._palette) for t in range(n_tiles)]
+        self._done = np.zeros(len(rows), bool)
+        self._begins = directory.offsets.tolist()
+        self._ends = (directory.offsets + rows["size"]).tolist()
+        self._chains = [[[] for _ in range(directory.n_components)] for _ in self._tiles]
+        for packet, (tile, component) in enumerate(rows[["tile", "component"]].tolist()):
+            if component < directory.n_components:  # else it is of the palette
+                self._chains[tile][component].append(packet)
+        empty = np.flatnonzero(rows["size"] == 0)
+        self._whole = dict.fromkeys(empty.tolist(), b"")
+        self._touched = set(rows["tile"][empty].tolist())
+        return True
+
+    def _take(self, at: int, data: memoryview) -> list[StepReady]:
+        """Put bytes into the packets they belong to and apply what became complete."""
+        directory = self.directory
+        assert directory is not None
+        end = at + len(data)
+        self._trailing |= len(data) > 0 and end > directory.size
+        first, last = bisect_right(self._ends, at), bisect_left(self._begins, end)
+        for packet in range(first, last):
+            offset, stop = self._begins[packet], self._ends[packet]
+            size = stop - offset
+            if self._done[packet] or packet in self._faults or packet in self._whole or size == 0:
+                continue
+            begin, stop = max(at, offset), min(end, stop)
+            part = bytes(data[begin - at : stop - at])
+            if len(part) == size:
+                self._whole[packet] = part
+            else:
+                ranges = self._parts.get(packet) or self._parts.setdefault(packet, _Ranges())
+                ranges.put(begin - offset, part)
+                if ranges.covers(size):
+                    self._whole[packet] = ranges.prefix(size)
+                    del self._parts[packet]
+            if packet in self._whole:
+                self._touched.add(int(directory.packets["tile"][packet]))
+        if not self._touched:  # nothing became complete
+            return []
+        ready = self._advance_palette()
+        touched, self._touched = sorted(self._touched), set()
+        for tile in touched:
+            ready += self._advance(tile)
+        return ready
+
+    def _advance_palette(self) -> list[StepReady]:
+        """Apply the packets of the palette that are complete, as far as none before is missing."""
+        directory, palette = self.directory, self._palette
+        ready: list[StepReady] = []
+        assert directory is not None
+        while palette is not None and not palette.is_whole:
+            step = palette.n_applied
+            packet = int(directory.palette_packets[step])
+            if packet not in self._whole or not self._try(packet, palette):
+                break
+            ready.append(StepReady(0, PALETTE, step, int(directory.labels[packet])))
+            self._touched |= self._waiting.pop(palette.n_applied, set())
+        return ready
+
+    def _advance(self, tile: int) -> list[StepReady]:
+        """Apply the packets of a tile that are complete and whose chains have reached them."""
+        directory = self.directory
+        assert directory is not None
+        state, ready = self._tiles[tile], []
+        for component, chain in enumerate(self._chains[tile]):
+            while state.n_applied[component] < len(chain):
+                step = state.n_applied[component]
+                packet = chain[step]
+                if component > 0 and state.n_applied[0] <= step:
+                    break
+                if self._palette is not None and component == PICKS:
+                    required = int(directory.palette_required[packet])
+                    if self._palette.n_applied < required:
+                        self._waiting.setdefault(required, set()).add(tile)
+                        break
+                if packet not in self._whole or not self._try(packet, state):
+                    break
+                ready.append(StepReady(tile, component, step, state.level(step)))
+        return ready
+
+    def _try(self, packet: int, state: TileState | PaletteState) -> bool:
+        """Apply a packet that is complete; False if it has a fault, which is kept."""
+        assert self.directory is not None
+        body, offset = self._whole.pop(packet), int(self.directory.offsets[packet])
+        try:
+            check_crc(int(self.directory.packets["crc"][packet]), offset, body)
+            state.apply(packet, memoryview(body))
+        except StreamError as fault:
+            self._faults[packet] = fault
+            if self._first_fault < 0 or packet < self._first_fault:
+                self._first_fault = packet
+            return False
+        self._done[packet] = True
+        return True
+
+    def _raise_first_fault(self) -> None:
+        while self._n_done < self._first_fault and self._done[self._n_done]:
+            self._n_done += 1
+        if self._n_done == self._first_fault:
+            raise self._faults[self._first_fault]
+
+
+class _Ranges:
+    """Byte ranges that came of something that begins at 0; of what comes twice, the first.
+
+    Ranges behind a gap wait in order, new ones in a heap first. The heap is merged when its bytes
+    pass half of the others, so the time is that of sorting all ranges, whatever their order.
+    """
+
+    def __init__(self) -> None:
+        self._head = bytearray()  # from 0 without a gap
+        self._later: list[tuple[int, bytes]] = []  # offsets fall; none overlaps another
+        self._new: list[tuple[int, bytes]] = []  # a heap; may overlap each other, but not `_later`
+        self._n_later = self._n_new = 0  # bytes in these
+
+    def put(self, at: int, data: bytes) -> None:
+        """Add a range."""
+        if at > len(self._head):
+            self._put_later(at, data)
+            return
+        self._head += data[len(self._head) - at :]
+        while waiting := self._next_waiting():
+            at, data = waiting
+            self._head += data[len(self._head) - at :]
+
+    def covers(self, size: int) -> bool:
+        """All bytes 0..size are there."""
+        return len(self._head) >= size
+
+    def prefix(self, size: int | None = None) -> bytes:
+        """The bytes from 0 on without a gap, `size` of them at most."""
+        with memoryview(self._head) as view:
+            return bytes(view[:size])
+
+    def all(self) -> list[tuple[int, bytes | memoryview]]:
+        """Every range, with its offset."""
+        return [(0, memoryview(self._head)), *self._later[::-1], *sorted(self._new)]
+
+    def _next_waiting(self) -> tuple[int, bytes] | None:
+        """Take the first range that waits, if it meets the head."""
+        if self._later and self._later[-1][0] <= len(self._head):
+            waiting = self._later.pop()
+            self._n_later -= len(waiting[1])
+            return waiting
+        if self._new and self._new[0][0] <= len(self._head):
+            waiting = heappop(self._new)
+            self._n_new -= len(waiting[1])
+            return waiting
+        return None
+
+    def _put_later(self, at: int, data: bytes) -> None:
+        """Keep the parts of a range that fill gaps of `_later`."""
+        end = at + len(data)
+        place = bisect_left(self._later, -at, key=lambda item: -item[0])
+        if place < len(self._later):
+            before, there = self._later[place]
+            at = max(at, before + len(there))
+        while at < end:
+            place -= 1  # of the next range behind `at`
+            stop = min(end, self._later[place][0]) if place >= 0 else end
+            if at < stop:
+                heappush(self._new, (at, data[at - end :][: stop - at]))
+                self._n_new += stop - at
+            if stop == end:
+                break
+            at = stop + len(self._later[place][1])
+        if self._n_new > MOST_NEW + self._n_later // 2:
+            self._merge()
+
+    def _merge(self) -> None:
+        """Put the new ranges in their places, without the bytes that came before."""
+        merged: list[tuple[int, bytes]] = []
+        end = 0
+        for at, data in sorted(self._later + self._new):
+            if at + len(data) > end:
+                begin = max(at, end)
+                merged.append((begin, data[begin - at :]))
+                end = at + len(data)
+        self._later, self._new = merged[::-1], []
+        self._n_later, self._n_new = sum(len(data) for _, data in merged), 0

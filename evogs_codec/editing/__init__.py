@@ -1,0 +1,1 @@
+"""Streams to smaller streams, to trees, and to statistics; no packet is encoded."""

@@ -1,0 +1,142 @@
+"""Extraction: a smaller valid stream by moving packets, without decoding (spec 10)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec.decoding.cut import Cut, tiles_meeting
+from evogs_codec.errors import Fault, StreamError
+from evogs_codec.format.directory import (
+    CHUNK_HEADER_SIZE,
+    MAX_DIGESTED_PER_BYTE,
+    Directory,
+    read_directory,
+)
+from evogs_codec.format.layout import DIGEST_ENTRY, PACKET_ENTRY, size_of
+from evogs_codec.format.write_directory import rebuild_directory
+from evogs_codec.model.splats import I64
+
+__all__ = ["choose_cut", "extract"]
+
+Box = Sequence[float]
+Key: TypeAlias = tuple[int, int, int]  # tile, component, step
+
+
+def choose_cut(
+    directory: Directory,
+    *,
+    level: int | None = None,
+    sh_degree: int | None = None,
+    box: Box | None = None,
+    max_bytes: int | None = None,
+) -> Cut:
+    """The cut that the options of `evogs decode` and `evogs extract` name.
+
+    Args:
+        directory: of the stream.
+        level: no steps above this level.
+        sh_degree: no SH bands above this one; of a palette all, or nothing for 0.
+        box: only tiles that meet x0 y0 z0 x1 y1 z1, scene units.
+        max_bytes: of these packets the longest prefix whose extracted file is no larger.
+
+    Raises:
+        ValueError: no such level, or the header and the first packet are larger than `max_bytes`;
+            the message says the least size.
+    """
+    cut = Cut.full(directory) if level is None else Cut.of_level(directory, level)
+    if sh_degree is not None:
+        if not 0 <= sh_degree <= directory.sh_degree:
+            raise ValueError(f"SH degree {sh_degree} is not one of 0..{directory.sh_degree}")
+        cut = cut.with_sh_degree(sh_degree)
+    if box is not None:
+        cut = cut.with_box(directory, box)
+    is_part = not (level is None and sh_degree is None and box is None)
+    if is_part:  # "the packets of the palette that [picks require], and no others" (spec 10)
+        cut = cut.with_palette_of_picks(directory)
+    if max_bytes is None:
+        return cut
+    selected = np.flatnonzero(cut.packets(directory))
+    sizes = _extracted_sizes(directory, selected, box)
+    n = int(np.searchsorted(sizes, max_bytes, side="right"))
+    if n == 0 or (n == 1 and len(selected)):
+        least = sizes[min(1, len(selected))]
+        raise ValueError(f"{max_bytes} bytes are too few: the first packet needs {least}")
+    return Cut.of_rows(directory, selected[: n - 1])
+
+
+def extract(data: bytes | memoryview, cut: Cut, *, box: Box | None = None) -> bytes:
+    """The stream of a cut: its packets verbatim, a new packet table.
+
+    Args:
+        data: a whole stream; only the packets of the cut must be there.
+        cut: as `choose_cut` gives it.
+        box: leave tiles that do not meet it out of the tile table too.
+
+    Raises:
+        StreamError: header or chunks are not legal, or a packet of the cut is cut short.
+    """
+    view = memoryview(data)
+    directory = read_directory(view)
+    selected, kept = cut.packets(directory), _kept_tiles(directory, box)
+    of_palette = np.zeros(len(selected), bool)
+    of_palette[directory.palette_packets] = True
+    selected &= ~of_palette | kept.any()
+    keys = _keys(directory, np.flatnonzero(selected))
+    rows, of_palette = directory.packets[selected].copy(), of_palette[selected]
+    if not (kept[rows["tile"]] | of_palette).all():
+        raise ValueError("the cut has packets of tiles outside the box")
+    number = np.cumsum(kept) - 1
+    rows["tile"] = np.where(of_palette, 0, number[rows["tile"]])
+    names: list[Key] = [
+        (tile, *key[1:]) for key, tile in zip(keys, rows["tile"].tolist(), strict=True)
+    ]
+    digests = {
+        name: directory.digests[key]
+        for key, name in zip(keys, names, strict=True)
+        if key in directory.digests
+    }
+    head = rebuild_directory(directory, directory.tiles[kept], rows, digests)
+    states = dict(zip(names, directory.state_sizes[selected].tolist(), strict=True))
+    size = len(head) + int(rows["size"].sum(dtype=np.int64))
+    if sum(states[name] for name in digests) > MAX_DIGESTED_PER_BYTE * size:  # R-5.7-5
+        last = {name[:2]: name for name in names}  # these always keep the bound
+        digests = {name: digests[name] for name in digests.keys() & set(last.values())}
+        head = rebuild_directory(directory, directory.tiles[kept], rows, digests)
+    bodies = []
+    for packet in np.flatnonzero(selected).tolist():
+        offset, size = int(directory.offsets[packet]), int(directory.packets["size"][packet])
+        body = view[offset : offset + size]
+        if len(body) < size:
+            raise StreamError(Fault.E_TRUNCATED, "a packet of the cut is cut short", offset)
+        bodies.append(body)
+    return b"".join([head, *bodies])
+
+
+def _kept_tiles(directory: Directory, box: Box | None) -> npt.NDArray[np.bool_]:
+    if box is None:
+        return np.ones(len(directory.tiles), bool)
+    return tiles_meeting(directory, box)
+
+
+def _keys(directory: Directory, packets: I64) -> list[Key]:
+    """(tile, component, step) of each of these packets, as digests name them."""
+    rows, steps = directory.packets[packets], directory.steps[packets]
+    columns = rows["tile"].tolist(), rows["component"].tolist(), steps.tolist()
+    return list(zip(*columns, strict=True))
+
+
+def _extracted_sizes(directory: Directory, selected: I64, box: Box | None) -> I64:
+    """(len(selected) + 1,) bytes of the file with the first 0, 1, ... of these packets."""
+    rows = directory.packets[selected]
+    keys = _keys(directory, selected)
+    has_digest = np.array([key in directory.digests for key in keys], bool)
+    per_packet = rows["size"].astype(np.int64) + size_of(PACKET_ENTRY)
+    per_packet += has_digest * size_of(DIGEST_ENTRY)
+    per_packet[np.flatnonzero(has_digest)[:1]] += CHUNK_HEADER_SIZE
+    tiles = directory.tiles[_kept_tiles(directory, box)]
+    fixed = len(rebuild_directory(directory, tiles, directory.packets[:0], {}))
+    return fixed + np.concatenate([[0], np.cumsum(per_packet)])

@@ -1,0 +1,1 @@
+"""From trees to streams: quantisation, rate and distortion, the order of packets."""

@@ -1,0 +1,157 @@
+"""Alpha tables: which alphas a level and group can use, and which of them a split does (spec 5.4).
+
+Letters: S splits, C channels of a group.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from evogs_codec.encoding.settings import Settings
+from evogs_codec.model.arithmetic import AlphaTable
+from evogs_codec.model.channels import GROUP_CHANNELS
+from evogs_codec.model.splats import F64, U8
+from evogs_codec.model.tree import EvolutionTree, Kind, Step
+
+__all__ = ["alpha_tables", "cheapest_alphas", "nearest", "serving_both", "serving_second"]
+
+FEW_ALPHAS = 64  # of which each has an entry, if there are shifts that hold them
+FEW_ALPHA_BITS = 9  # K of a table that has an entry for every alpha of the tree
+ALPHA_RATE = 0.2  # error, in squared steps, that a bit of an alpha index is worth
+
+
+def alpha_tables(
+    tiles: Sequence[EvolutionTree], settings: Settings
+) -> dict[tuple[int, int], AlphaTable]:
+    """Tables per (level, group); none where alpha is 1."""
+    tables = {}
+    levels = sorted({step.level for tile in tiles for step in tile.steps})
+    for level in levels:
+        steps = [step for tile in tiles for step in tile.steps if step.level == level]
+        for group, part in enumerate(GROUP_CHANNELS):
+            alphas = np.concatenate([np.empty(0), *(step.alpha[group] for step in steps)])
+            weights = np.concatenate([np.empty(0), *(_psi_energy(step, part) for step in steps)])
+            table = _alpha_table(alphas[weights > 0], weights[weights > 0], settings)
+            if table is not None:
+                tables[level, group] = table
+    return tables
+
+
+def _psi_energy(step: Step, part: slice) -> F64:
+    """(S,) squared length of psi of the splits, in a group."""
+    is_split = step.kinds[step.kinds != Kind.DROP] == Kind.SPLIT
+    energy: F64 = np.square(step.psi[part][:, is_split], dtype=np.float64).sum(0)
+    return energy
+
+
+def _alpha_table(alphas: F64, weights: F64, settings: Settings) -> AlphaTable | None:
+    """The table of some alphas: exact if they are few, fitted otherwise; None if all are 1."""
+    values, counts = np.unique(alphas, return_counts=True)
+    if len(values) == 0 or (len(values) == 1 and values[0] == 1.0):
+        return None
+    if len(values) <= max(FEW_ALPHAS, settings.n_alpha):
+        for shift in range(13):
+            scaled = values * (1 << shift)
+            if np.all(scaled == np.rint(scaled)) and np.abs(scaled).max() < 1 << 15:
+                order = np.argsort(-counts, kind="stable")  # the frequent ones first
+                return AlphaTable(shift, tuple(int(a) for a in scaled[order]))
+    shift = settings.alpha_bits
+    if len(values) <= settings.n_alpha and not settings.near_lossless:
+        shift = max(shift, FEW_ALPHA_BITS)  # entries of their own: to be precise costs nothing
+    largest = ((1 << 15) - 1) / (1 << shift)
+    clipped = np.clip(
+        alphas, -largest, largest
+    )  # a choice of table, not of values: see serving_both
+    if not settings.closed_loop:  # uniform, as the psi
+        centres = np.linspace(clipped.min(), clipped.max(), 256)
+    else:
+        centres = _lloyd(clipped, weights, settings.n_alpha)
+    entries = np.unique(np.rint(centres * (1 << shift)).astype(np.int64))
+    if settings.near_lossless:
+        entries = np.unique(np.concatenate([[0], entries[:255]]))
+    return AlphaTable(shift, tuple(int(a) for a in entries))
+
+
+def _lloyd(values: F64, weights: F64, n: int) -> F64:
+    """Up to n centres of weighted values (Lloyd's algorithm from quantiles)."""
+    order = np.argsort(values, kind="stable")
+    x, w = values[order], np.sqrt(weights[order])
+    w = np.minimum(w, np.quantile(w, 0.9))  # a few huge psi must not take all entries
+    total = np.cumsum(w)
+    centres = np.unique(np.interp((np.arange(n) + 0.5) / n * total[-1], total, x))
+    sums = np.concatenate([[0.0], np.cumsum(w * x)])
+    masses = np.concatenate([[0.0], total])
+    for _ in range(20):
+        edges = np.searchsorted(x, (centres[1:] + centres[:-1]) / 2)
+        edges = np.concatenate([[0], edges, [len(x)]])
+        mass = np.diff(masses[edges])
+        some = mass > 0
+        centres = np.diff(sums[edges])[some] / mass[some]
+    return centres
+
+
+def nearest(table: AlphaTable, alpha: F64) -> U8:
+    """(S,) index of the entry nearest to each alpha."""
+    values = table.values()
+    order = np.argsort(values)
+    middles = (values[order][1:] + values[order][:-1]) / 2
+    return order[np.searchsorted(middles, alpha)].astype(np.uint8)
+
+
+def serving_second(u: F64, v: F64, table: AlphaTable) -> U8:
+    """(S,) index of the alpha with the least error of C2, where C1 is exact.
+
+    Args:
+        u: (C, S) C1 - P in steps of the channel.
+        v: (C, S) C2 - P in steps of the channel.
+        table: the alphas.
+    """
+    uu, uv, vv = (u * u).sum(0), (u * v).sum(0), (v * v).sum(0)
+    cost = [vv + 2 * a * uv + a * a * uu for a in table.values()]
+    indices: U8 = np.argmin(cost, axis=0).astype(np.uint8)
+    return indices
+
+
+def serving_both(u: F64, v: F64, table: AlphaTable) -> U8:
+    """(S,) index of the alpha that serves both children best, its bits counted in.
+
+    With the best Delta, the joint squared error of C1 and C2 is |v + alpha u|^2 / (1 + alpha^2);
+    rounding adds (1 + alpha^2) / 12 of a squared step per channel. Arguments as `serving_second`.
+    """
+    uu, uv, vv = (u * u).sum(0), (u * v).sum(0), (v * v).sum(0)
+    rounding = len(u) / 12.0
+
+    def cost(a: float) -> F64:
+        total: F64 = (vv + 2 * a * uv + a * a * uu) / (1 + a * a) + (1 + a * a) * rounding
+        return total
+
+    return cheapest_alphas(table, u.shape[1], cost, ALPHA_RATE, passes=2)
+
+
+def cheapest_alphas(
+    table: AlphaTable, n_splits: int, cost: Callable[[float], F64], bit: float, *, passes: int
+) -> U8:
+    """(S,) index of the alpha that costs least, its own bits counted in.
+
+    Args:
+        table: the alphas.
+        n_splits: S.
+        cost: (S,) of an alpha.
+        bit: cost of a bit of an index.
+        passes: the first knows no bits, each other those of an order-0 code for the one before.
+    """
+    values = table.values()
+    bits = np.zeros(len(values))
+    index = np.zeros(n_splits, np.uint8)
+    for _ in range(passes):
+        best = np.full(n_splits, np.inf)
+        for k, a in enumerate(values):
+            total = cost(a) + bit * bits[k]
+            better = total < best
+            best[better] = total[better]
+            index[better] = k
+        counts = np.bincount(index, minlength=len(values))
+        bits = -np.log2((counts + 0.5) / (counts.sum() + 0.5 * len(values)))
+    return index

@@ -1,0 +1,199 @@
+"""Arranging a tree for a stream: tiles, what mends most first, Morton order (spec 3.4, 3.5).
+
+The result is the same tree in other slots: every step of the input becomes, in every tile, one or
+a few steps, the records that mend most of the pictures first. Roots are in Morton order within a
+step, and so, since new slots are numbered in the order of their parents, are their descendants,
+roughly.
+
+Letters: R records of a step that name a slot, S splits, A adds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec.common.morton import every_third_bit
+from evogs_codec.encoding.tiling import tiles_of_slots
+from evogs_codec.encoding.visibility import changes, ranks, visibility
+from evogs_codec.model.splats import F32, F64, I32, I64
+from evogs_codec.model.tree import EvolutionTree, Kind, Step
+
+__all__ = ["arrange", "default_tiles"]
+
+SPLATS_PER_TILE = 131_072  # packets of a few 100 kB; spec 3.5 allows any number
+FIRST_BIN = 512  # adds of level 0 in a step at least: the first scene comes early
+RECORD_BIN = 16_384  # records of later steps in a step at least; in small tiles fewer
+SHARE = 5  # of the slots of a small tile, one in so many
+MAX_BINS = 4
+RUN = 64  # records of neighbouring slots that rank as one: gathering fewer runs is quicker
+
+
+def default_tiles(n_leaves: int) -> int:
+    """One tile below about 200,000 splats, then as many as keep packets of a good size."""
+    return 1 if n_leaves < 200_000 else -(-n_leaves // SPLATS_PER_TILE)
+
+
+def arrange(tree: EvolutionTree, n_tiles: int) -> list[EvolutionTree]:
+    """One tree per tile with the same leaves at each level.
+
+    Args:
+        tree: any tree.
+        n_tiles: tiles wanted; fewer come back if there are fewer roots.
+    """
+    tree = replace(tree, steps=tuple(_adds_before_refines(tree.steps)), quanta=())
+    tile_of_slot = tiles_of_slots(tree, n_tiles)
+    n = int(tile_of_slot.max()) + 1 if len(tile_of_slot) else 1
+    builders = [_TileBuilder(tile_of_slot == tile) for tile in range(n)]
+    states = tree.states()
+    values = np.zeros((11, 0))
+    for group in _groups(tree.steps):
+        main = group[0]
+        n_before = values.shape[1]
+        parents = values[:11, main.slots].copy()
+        for _ in group:
+            values = next(states).values
+        first, second = values[:, main.slots], values[:, n_before : n_before + main.alpha.shape[1]]
+        splits = main.kinds == Kind.SPLIT
+        change = changes(parents, first, second, splits)
+        shown = visibility(first)
+        shown[splits] += visibility(second)
+        for builder in builders:
+            builder.take(group, n_before, change, shown)
+    return [replace(tree, steps=tuple(builder.steps)) for builder in builders]
+
+
+def morton(positions: F32 | F64) -> npt.NDArray[np.uint64]:
+    """(n,) Morton codes of (3, n) positions, 21 bits an axis of their bounding box."""
+    p = np.asarray(positions, np.float64)
+    if not p.shape[1]:
+        return np.empty(0, np.uint64)
+    low = p.min(1, keepdims=True)
+    extent = float((p.max(1, keepdims=True) - low).max())
+    cells = ((p - low) * ((2**21 - 1) / extent if extent > 0 else 0.0)).astype(np.uint64)
+    code = np.zeros(p.shape[1], np.uint64)
+    for axis in range(3):
+        code |= every_third_bit(cells[axis]) << np.uint64(axis)
+    return code
+
+
+def _groups(steps: Sequence[Step]) -> Iterator[list[Step]]:
+    """Steps, each with those behind it that only refine what it has just written.
+
+    Without them it may do harm, so that they belong together in a prefix.
+    """
+    group: list[Step] = []
+    written, n_slots = np.zeros(sum(step.n_new for step in steps), bool), 0
+    for step in steps:
+        mends = bool(group) and step.level == group[0].level and _only_refines(step)
+        if not (mends and written[step.slots].all()):
+            if group:
+                yield group
+            group = []
+            written[:] = False
+            written[step.slots[step.kinds != Kind.DROP]] = True
+            written[n_slots : n_slots + step.n_new] = True
+        group.append(step)
+        n_slots += step.n_new
+    if group:
+        yield group
+
+
+def _adds_before_refines(steps: Sequence[Step]) -> list[Step]:
+    """The same steps; what makes room for adds of its level does so when they are there."""
+    out = list(steps)
+    for k in range(len(out) - 1):
+        first, then = out[k : k + 2]
+        if _only_refines(first) and not len(then.slots) and first.level == then.level:
+            out[k : k + 2] = [then, first]
+    return out
+
+
+def _only_refines(step: Step) -> bool:
+    return not step.n_new and bool(np.all(step.kinds == Kind.REFINE))
+
+
+class _TileBuilder:
+    """Steps of a tile so far, and the new names of its slots.
+
+    Attributes:
+        own: (n_slots,) which slots of the tree are the tile's.
+        steps: so far.
+    """
+
+    def __init__(self, own: npt.NDArray[np.bool_]) -> None:
+        self.own = own
+        self.steps: list[Step] = []
+        self.name = np.full(len(own), -1, np.int32)
+        self.n_slots = 0
+
+    def take(self, group: Sequence[Step], n_before: int, change: F64, shown: F64) -> None:
+        """What the tile has of a group becomes steps.
+
+        Args:
+            group: a step and its mends.
+            n_before: slots before it.
+            change: (R,) of its records, as `gains.ranks` wants them.
+            shown: (R,) likewise.
+        """
+        main, own = group[0], self.own
+        small = int(np.count_nonzero(own)) // SHARE
+        least = FIRST_BIN if main.level == 0 else min(RECORD_BIN, max(FIRST_BIN, small))
+        rows = np.flatnonzero(own[main.slots])
+        rows = rows[np.argsort(self.name[main.slots[rows]], kind="stable")]
+        n_splits = main.alpha.shape[1]
+        adds = np.flatnonzero(own[n_before + n_splits : n_before + main.n_new])
+        adds = adds[np.argsort(morton(main.adds[0:3, adds]), kind="stable")]
+        seen = visibility(main.adds[:, adds])
+        row_bins = _bins(ranks(change[rows], shown[rows], RUN), least)
+        add_bins = _bins(ranks(seen, seen, 1), least)
+        for k in range(max(len(row_bins), len(add_bins))):
+            part = rows[row_bins[k]] if k < len(row_bins) else rows[:0]
+            some = adds[add_bins[k]] if k < len(add_bins) else adds[:0]
+            written = self._add(main, n_before, part, some)
+            for mend in group[1:]:
+                follow = np.flatnonzero(np.isin(mend.slots, written))
+                follow = follow[np.argsort(self.name[mend.slots[follow]])]
+                self._add(mend, n_before + main.n_new, follow, adds[:0])
+
+    def _add(self, source: Step, n_before: int, rows: I64, adds: I64) -> I32:
+        """Append these rows and adds of a step; returns the slots of the tree that they write.
+
+        A step without any is left out: it only repeats its level or keeps none.
+        """
+        if not len(rows) and not len(adds):
+            return np.empty(0, np.int32)
+        has_psi = source.kinds != Kind.DROP
+        is_split = source.kinds == Kind.SPLIT
+        splits = (np.cumsum(is_split) - 1)[rows[is_split[rows]]]
+        changed = (np.cumsum(has_psi) - 1)[rows[has_psi[rows]]]
+        born = np.concatenate([splits, source.alpha.shape[1] + adds])
+        n_changed = len(source.picks) - source.n_new
+        picked = source.picks[:0]
+        if n_changed >= 0:  # there is a palette
+            picked = source.picks[np.concatenate([changed[:n_changed], n_changed + born])]
+        self.steps.append(
+            Step(
+                level=source.level,
+                slots=self.name[source.slots[rows]],
+                kinds=source.kinds[rows],
+                psi=source.psi[:, changed],
+                alpha=source.alpha[:, splits],
+                adds=source.adds[:, adds],
+                picks=picked,
+            )
+        )
+        new = n_before + born
+        self.name[new] = self.n_slots + np.arange(len(new), dtype=np.int32)
+        self.n_slots += len(new)
+        return np.concatenate([source.slots[rows], new.astype(np.int32)])
+
+
+def _bins(rank: F64, least: int) -> Sequence[I64]:
+    """Rows in falling order of rank, in up to `MAX_BINS` parts of at least `least` rows each."""
+    n_bins = min(MAX_BINS, max(1, len(rank) // least))
+    order = np.argsort(-rank, kind="stable")
+    return [np.sort(part) for part in np.array_split(order, n_bins)]

@@ -1,0 +1,94 @@
+"""Pictures of a scene: by which an encoder judges accuracy, and what levels and SH bands gain.
+
+How much a coarse level errs in pictures depends on how large splats are in them and on what lies
+beside what: estimates (`hints`) are right within a level, but five times off between scenes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from evogs_codec.encoding.packet_order import leaf_shares
+from evogs_codec.model.coded_tree import CodedTree
+from evogs_codec.model.splats import F32, F64, SplatParams
+from evogs_codec.model.tree import EvolutionTree
+
+__all__ = ["ORDERING_VIEWS", "Pictures", "Shown"]
+
+ORDERING_VIEWS = 6  # enough to put packets in order
+LEAST = 1e-12  # mean squared error that anything gains, so that its estimates still order it
+
+
+class Pictures(Protocol):
+    """Views of a scene."""
+
+    def sensitivity(self, splats: SplatParams) -> F32:
+        """(D, N) mean squared change of the pictures to the squared change of each number."""
+
+    def psnr(self, splats: SplatParams) -> float:
+        """Mean PSNR of pictures of `splats` against those of the scene, dB."""
+
+    def slopes(self, splats: SplatParams, turn: int) -> F32:
+        """(D, N) gradient of the mean squared error of one view, not of those of `psnr`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What pictures of a tree gain, in mean squared error.
+
+    Attributes:
+        levels: (n_levels,) by the level after the one before, or after nothing, with all SH.
+        bands: (degree,) by SH bands 1.., of the last level, after the bands below; with a palette
+            (1,), by all of them together.
+    """
+
+    levels: F64
+    bands: F64
+
+    @staticmethod
+    def of(tree: EvolutionTree, pictures: Pictures) -> Shown:
+        """Of a tree whose leaves are the scene of the pictures."""
+        leaves = tree.leaves()
+        coarse = [tree.leaves(level) for level in range(tree.n_levels - 1)]
+        blank = leaves.take(np.zeros(0, np.int64))
+        degrees = range(tree.sh_degree if tree.palette is None else 1)
+        plain = [replace(leaves, sh=leaves.sh[:, : (k + 1) ** 2]) for k in degrees]
+        return Shown(
+            -np.diff(list(_errors(pictures, [blank, *coarse]))),
+            -np.diff(list(_errors(pictures, plain))),
+        )
+
+    def put_right(self, tree: CodedTree) -> CodedTree:
+        """The tree with gains that add up to these, shared out as they were.
+
+        Where pictures show nothing the estimates stay.
+        """
+        if not self.levels.sum() > 0:
+            return tree
+        estimated = np.zeros((tree.n_levels, tree.n_components))
+        for share, tile in zip(leaf_shares(tree), tree.tiles, strict=True):
+            for step in tile.steps:
+                estimated[step.level] += share * np.array(step.gain)
+        factors = np.zeros_like(estimated)
+        factors[:, 0] = np.maximum(self.levels, LEAST) / np.maximum(estimated[:, 0], LEAST)
+        of_bands = np.maximum(estimated[:, 1:].sum(0), LEAST)
+        factors[:, 1:] = np.maximum(self.bands, LEAST) / of_bands
+        tiles = []
+        for tile in tree.tiles:
+            steps = [
+                replace(step, gain=tuple((factors[step.level] * step.gain).tolist()))
+                for step in tile.steps
+            ]
+            tiles.append(replace(tile, steps=tuple(steps)))
+        return replace(tree, tiles=tuple(tiles))
+
+
+def _errors(pictures: Pictures, cuts: Sequence[SplatParams]) -> Iterator[float]:
+    """Mean squared error of each, and 0 at last."""
+    for splats in cuts:
+        yield 10 ** (-pictures.psnr(splats) / 10)
+    yield 0.0

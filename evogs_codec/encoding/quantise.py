@@ -1,0 +1,344 @@
+"""Quantising a tree in a closed loop: floats to the integers of a stream (spec 7.3).
+
+The encoder keeps the decoder's integers and aims at the float tree from there: psi mends what it
+can of the error of a parent, and what it cannot mend is passed on but not magnified.
+
+Letters: D channels, n slots, P refines and splits of a step, S splits. Everything here is in grid
+units unless a name says otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec.encoding.alpha_tables import alpha_tables, nearest, serving_both, serving_second
+from evogs_codec.encoding.grids import (
+    Grid,
+    NotRepresentable,
+    Ranges,
+    TooFine,
+    grid_exponents,
+    middle_of,
+    wanted_steps,
+    warn_if_coarser,
+)
+from evogs_codec.encoding.packet_gains import History
+from evogs_codec.encoding.palette_entries import coded_entries, quantised_entries
+from evogs_codec.encoding.rate_distortion import Worth
+from evogs_codec.encoding.sensitivity import StepWeights
+from evogs_codec.encoding.settings import Settings
+from evogs_codec.format.planes import MAX_STORED
+from evogs_codec.model.arithmetic import (
+    MAX_PRODUCT,
+    MAX_X,
+    SYMMETRIC,
+    AlphaTable,
+    Quantiser,
+    RangeError,
+    StepPlan,
+    apply_channel,
+)
+from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS, N_GROUPS, group_of_class, n_channels
+from evogs_codec.model.coded_tree import CodedStep, CodedTile, CodedTree
+from evogs_codec.model.scene_info import SceneInfo
+from evogs_codec.model.splats import F32, F64, I32, I64, U8
+from evogs_codec.model.tree import EvolutionTree, Kind, Step
+
+__all__ = ["quantise"]
+
+NEAR = 0.999  # grid units that near-lossless coding leaves: 1 less what float64 may err
+
+
+def quantise(
+    tiles: Sequence[EvolutionTree],
+    n_levels: int,
+    settings: Settings,
+    *,
+    weights: Sequence[Sequence[StepWeights | None]] | None = None,
+    entry_weights: F32 | None = None,
+    price: float = 1.0,
+    info: SceneInfo | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> CodedTree:
+    """The coded tree of arranged tiles.
+
+    Args:
+        tiles: what to quantise.
+        n_levels: of the tree.
+        settings: how.
+        weights: importance of each step of each tile; then bits are saved where they do little. A
+            step that has None keeps its alphas and multiples of steps as they are.
+        entry_weights: (degree, n) likewise of the entries of a palette, per SH band.
+        price: mean squared error that a bit is worth.
+        info: metadata.
+        progress: called with the part that is done.
+
+    Raises:
+        NotRepresentable: values too large for any grid.
+    """
+    sh_degree, palette = tiles[0].sh_degree, tiles[0].palette
+    ranges = Ranges.of(tiles, n_levels)
+    steps = wanted_steps(settings, ranges, n_levels)
+    exponents = grid_exponents(settings, ranges, steps)
+    report = progress or (lambda _: None)
+    while True:
+        grid = Grid.of(sh_degree, n_levels, exponents, steps, settings)
+        alpha = alpha_tables(tiles, settings)
+        coded = []
+        try:
+            if palette is not None:
+                q = quantised_entries(palette, grid, entry_weights, price)
+            for k, tile in enumerate(tiles):
+                report(k / len(tiles))
+                own = None if weights is None else weights[k]
+                coded.append(_TileCoder(tile, grid, alpha, settings, own, price).code())
+        except TooFine as error:
+            if exponents[error.group] <= -16:
+                raise NotRepresentable(
+                    f"{GROUPS[error.group]}: a value is too large for any grid"
+                ) from None
+            exponents = tuple(e - (g == error.group) for g, e in enumerate(exponents))
+            continue
+        break
+    warn_if_coarser(grid, steps, settings)
+    tree = CodedTree(
+        sh_degree=tiles[0].shown_degree,
+        n_levels=n_levels,
+        grid_exponents=exponents,
+        quantisers=grid.quantisers,
+        alpha=alpha,
+        tiles=tuple(coded),
+        info=info or SceneInfo(),
+    )
+    if palette is None:
+        return tree
+    entries = coded_entries(q, palette.n_coarse, coded)
+    renumbered = tuple(entries.of(tile) for tile in coded)
+    return replace(tree, tiles=renumbered, entries=entries.q, entry_levels=entries.levels)
+
+
+class _TileCoder:
+    """Codes one tile, step by step, beside the integers a decoder would have."""
+
+    def __init__(
+        self,
+        tile: EvolutionTree,
+        grid: Grid,
+        alpha: dict[tuple[int, int], AlphaTable],
+        settings: Settings,
+        weights: Sequence[StepWeights | None] | None,
+        price: float,
+    ) -> None:
+        self.weights, self.price = weights, price
+        self.tile = tile
+        self.grid = grid
+        self.alpha = alpha
+        self.settings = settings
+        total = sum(step.n_new for step in tile.steps)
+        d = n_channels(tile.sh_degree)
+        unit = grid.quantisers[0][0].step if settings.whole_origins else 1
+        self.origin = unit * np.rint(middle_of(tile) * grid.scale[0:3, 0] / unit)
+        self.target = np.zeros((d, total))  # the float tree on the grid, minus the origin
+        self.x = np.zeros((d, total), np.int32)
+        self.n = 0
+        self.box = [np.full(3, MAX_X), np.full(3, -MAX_X)]
+        self.history = History(tile, grid)
+
+    def code(self) -> CodedTile:
+        steps: list[CodedStep] = []
+        for number, step in enumerate(self.tile.steps):
+            coded, plan = self._code_step(number, step)
+            steps.append(coded)
+            if self.settings.near_lossless:
+                mend = self._mend(step, plan)
+                if mend is not None:
+                    steps.append(mend)
+        box = self.box if self.n else [np.zeros(3), np.zeros(3)]
+        found = self.history.estimates(self.x[:, : self.n])
+        steps = [replace(s, error=e, gain=g) for s, (e, g) in zip(steps, found, strict=True)]
+        return CodedTile(
+            origin=_triple(self.origin),
+            box_min=_triple(box[0]),
+            box_max=_triple(box[1]),
+            steps=tuple(steps),
+        )
+
+    def _code_step(self, number: int, step: Step) -> tuple[CodedStep, StepPlan]:
+        grid, n = self.grid, self.n
+        plan = StepPlan.of(step.slots, step.kinds, n, step.n_adds)
+        new_splits = slice(n, n + plan.n_splits)
+        new_adds = slice(n + plan.n_splits, plan.n_after)
+        inherited = np.abs(self.target[:, plan.split_slots] - self.x[:, plan.split_slots])
+        self._advance_target(step, plan)
+        is_kept = self.weights is not None and self.weights[number] is None
+        aim = self.target if self.settings.closed_loop and not is_kept else None
+        indices = np.zeros((N_GROUPS, plan.n_splits), np.uint8)
+        psi = np.zeros(step.psi.shape, np.int32)
+        quantisers = grid.channel_quantisers(1 + step.level)
+        for group, part in enumerate(GROUP_CHANNELS):
+            table = self.alpha.get((step.level, group), SYMMETRIC)
+            step_sizes = np.array([[q.step] for q in quantisers[part]], np.float64)
+            if not plan.n_splits and not step.psi.shape[1]:
+                break
+            parents = self.x[part][:, plan.targets].astype(np.float64)
+            if aim is None:
+                u = step.psi[part] * grid.scale[part]
+                indices[group] = nearest(table, step.alpha[group].astype(np.float64))
+                q = np.rint(u / step_sizes)
+            else:
+                u = (aim[part][:, plan.targets] - parents) / step_sizes
+                s = slice(None) if plan.splits is None else plan.splits
+                v = (aim[part][:, new_splits] - parents[:, s]) / step_sizes
+                worth = self._worth(number, part, step_sizes)
+                if worth is None:
+                    far = np.any(inherited[part] > step_sizes, axis=0) | (group == 0)
+                    indices[group], u[:, s] = self._serve(u[:, s], v, table, far)
+                else:
+                    indices[group], u[:, s] = worth.serve(u[:, s], v, table, s)
+                if not plan.n_splits and step.psi.any() and not step.psi[part].any():
+                    u[:] = 0  # refines of other groups leave this one, and its errors, as it is
+                q = np.rint(u) if worth is None else worth.integers(u, table, indices[group], s)
+            limit = np.array([[min(k.max_q, MAX_STORED // 2 - 1)] for k in quantisers[part]])
+            if np.any(np.abs(q) > limit):
+                raise TooFine(group)
+            psi[part] = q
+            self._keep_products(group, part, psi, indices, plan, table, quantisers)
+        adds = self._code_adds(step, new_adds)
+        self._apply(plan, step.level, psi, indices, adds)
+        coded = CodedStep(step.level, step.slots, step.kinds, indices, psi, adds, picks=step.picks)
+        self.history.note(self.x, self.n, step)
+        return coded, plan
+
+    def _serve(
+        self, u: F64, v: F64, table: AlphaTable, bounded: npt.NDArray[np.bool_]
+    ) -> tuple[U8, F64]:
+        """Indices (S,) of alphas and Delta (C, S) in steps, for children at P + u and P + v."""
+        if self.settings.near_lossless:
+            return serving_second(u, v, table), u
+        indices = serving_both(u, v, table)
+        return indices, _joint(u, v, table.values()[indices], bounded)
+
+    def _worth(self, number: int, part: slice, step_sizes: F64) -> Worth | None:
+        """What errors of a group are worth in this step, if that is known."""
+        own = None if self.weights is None else self.weights[number]
+        if own is None:
+            return None
+        kinds = list(self.grid.classes[part])
+        bits = np.square(step_sizes / self.grid.scale[part]) / self.price
+        return Worth(own.targets[kinds] * bits, own.new[kinds] * bits)
+
+    def _advance_target(self, step: Step, plan: StepPlan) -> None:
+        """The float tree's state after the step, in grid units from the origin."""
+        target, scale, n = self.target, self.grid.scale, self.n
+        parents = target[:, plan.targets]
+        psi = step.psi * scale
+        s = slice(None) if plan.splits is None else plan.splits
+        for group, part in enumerate(GROUP_CHANNELS):
+            second = parents[part][:, s] - step.alpha[group].astype(np.float64) * psi[part][:, s]
+            target[part, n : n + plan.n_splits] = second
+        target[:, plan.targets] = parents + psi
+        added = step.adds * scale
+        added[0:3] -= self.origin[:, None]
+        target[:, n + plan.n_splits : plan.n_after] = added
+        target[:, plan.drops] = 0
+
+    def _keep_products(
+        self,
+        group: int,
+        part: slice,
+        psi: I32,
+        indices: U8,
+        plan: StepPlan,
+        table: AlphaTable,
+        quantisers: Sequence[Quantiser],
+    ) -> None:
+        """Make sure of R-7.3-2: where a product is too large take the smallest alpha."""
+        if not plan.n_splits:
+            return
+        s = slice(None) if plan.splits is None else plan.splits
+        steps = np.array([[q.step] for q in quantisers[part]])
+        largest = np.abs(psi[part][:, s] * steps).max(0)
+        room = MAX_PRODUCT - ((1 << table.shift) >> 1)
+        entries = np.abs(np.array(table.entries, np.int64))
+        over = largest * entries[indices[group]] > room
+        if over.any():
+            if not self.settings.near_lossless:  # which mends what another alpha does
+                raise TooFine(group)
+            indices[group][over] = int(np.argmin(entries))
+            if np.any(largest * int(entries.min()) > room):
+                raise TooFine(group)
+
+    def _code_adds(self, step: Step, new: slice) -> I32:
+        quantisers = self.grid.channel_quantisers(0)
+        if not step.n_adds:
+            return np.zeros((len(quantisers), 0), np.int32)
+        steps = np.array([[q.step] for q in quantisers], np.float64)
+        q = np.rint(self.target[:, new] / steps)
+        for channel, quantiser in enumerate(quantisers):
+            if np.abs(q[channel]).max() > min(quantiser.max_q, MAX_STORED // 2 - 1):
+                raise TooFine(group_of_class(self.grid.classes[channel]))
+        return q.astype(np.int32)
+
+    def _apply(self, plan: StepPlan, level: int, psi: I32, indices: U8, adds: I32) -> None:
+        """Do to `x` what a decoder does."""
+        of_psi = self.grid.channel_quantisers(1 + level)
+        of_adds = self.grid.channel_quantisers(0)
+        for channel, kind in enumerate(self.grid.classes):
+            group = group_of_class(kind)
+            table = self.alpha.get((level, group), SYMMETRIC)
+            a = np.array(table.entries, np.int32)[indices[group]]
+            try:
+                apply_channel(
+                    self.x[channel],
+                    plan,
+                    of_psi[channel].delta(psi[channel]),
+                    a,
+                    table.shift,
+                    of_adds[channel].delta(adds[channel]),
+                )
+            except RangeError:
+                raise TooFine(group) from None
+        self.x[:, plan.drops] = 0
+        self.n = plan.n_after
+        written = [self.x[0:3, plan.targets], self.x[0:3, plan.n_before : plan.n_after]]
+        for part in written:
+            if part.shape[1]:
+                self.box[0] = np.minimum(self.box[0], part.min(1))
+                self.box[1] = np.maximum(self.box[1], part.max(1))
+
+    def _mend(self, step: Step, plan: StepPlan) -> CodedStep | None:
+        """A refine of the C2s that are over a grid unit away: no alpha of the table serves them."""
+        new = slice(plan.n_before, plan.n_before + plan.n_splits)
+        off = self.target[:, new] - self.x[:, new]
+        rows = np.flatnonzero(np.abs(off).max(0, initial=0) > NEAR)
+        if not len(rows):
+            return None
+        slots = (plan.n_before + rows).astype(np.int32)
+        kinds = np.full(len(rows), Kind.REFINE, np.uint8)
+        psi = np.rint(off[:, rows]).astype(np.int32)
+        adds = np.zeros((len(self.x), 0), np.int32)
+        indices = np.zeros((N_GROUPS, 0), np.uint8)
+        self._apply(StepPlan.of(slots, kinds, self.n, 0), step.level, psi, indices, adds)
+        self.history.note(self.x, self.n)
+        return CodedStep(step.level, slots, kinds, indices, psi, adds)
+
+
+def _joint(u: F64, v: F64, alpha: F64, bounded: npt.NDArray[np.bool_]) -> F64:
+    """Delta that serves both children, C1 = P + u and C2 = P + v, best.
+
+    The least squared error. For a positive alpha that can be 1.2 times the error of the parent in
+    one child, which grows along a chain; so where `bounded`, the least largest error instead, which
+    is no more than the parent's (it has to go somewhere: C1 and C2 stay on a line through P).
+    """
+    least_squares = (u - alpha * v) / (1.0 + alpha * alpha)
+    least_largest = (u - v) / (1.0 + np.maximum(alpha, 0.0))
+    return np.where(bounded & (alpha > 0), least_largest, least_squares)
+
+
+def _triple(values: F64 | I64) -> tuple[int, int, int]:
+    x, y, z = (int(v) for v in values)
+    return x, y, z

@@ -1,0 +1,221 @@
+"""Importance: what an error in a number of a tree does to the picture, record by record.
+
+An error of a parent is an error of its children: C1 and C2 lie on a line through P. So the weight
+of a record is that of all leaves below it, as far as their own psi cannot mend it.
+
+Letters: K classes (spec 3.2), n slots, N splats of a cut, P refines and splits of a step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from evogs_codec.model.channels import channel_class, n_channels
+from evogs_codec.model.splats import F32, F64, SplatParams
+from evogs_codec.model.tree import EvolutionTree, Kind, Step
+
+__all__ = ["Importance", "Sensitivity", "StepWeights"]
+
+# (D, N) per number of a splat: mean squared change of the pictures to its squared change.
+Sensitivity: TypeAlias = Callable[[SplatParams], F32]
+
+# What a linear estimate misses, as splats change places in depth and footprints bend. Measured by
+# noise of a step in one class: positions 2.4 and 9 times, rotations 1.2 and 2.2, scales 1.2 and 1.9
+# (a lifted scene, a trained tree); the others 1.0 to 1.9.
+MISSED = (4.0, 2.0, 2.0, 1.4, 1.0, 1.0, 1.0, 1.0)
+SEEN = 0.98  # the rest of a weight is the mean of the class: the views do not show everything
+PER_BIT = 6.0 / math.log(2)  # of the price of a bit is what a squared step is worth
+MENDED = 0.05  # of an error that psi of the children can mend, because that costs bits
+# Beyond these a step has nothing to do with the linear estimate; position: part of the extent.
+LARGEST_STEPS = (0.02, 0.3, 0.5, 1.0, 0.5, 0.7, 0.7, 0.7)
+
+
+@dataclass(frozen=True, eq=False)
+class StepWeights:
+    """Mean squared error of the pictures per squared error of a number that a step makes.
+
+    Attributes:
+        level: of the step.
+        targets: (K, P) of the splats that are refined or become C1.
+        new: (K, n_new) of the C2s, then of the adds.
+    """
+
+    level: int
+    targets: F32
+    new: F32
+
+
+@dataclass(frozen=True, eq=False)
+class Importance:
+    """Of a whole tree.
+
+    Attributes:
+        weights: of every step of every tile.
+        means: (1 + n_levels, K) mean over the numbers of the adds, then of psi of each level.
+        entries: (degree, n) of the numbers of the entries of a palette, per SH band; None without.
+            Their means stand in `means`, after those of the classes of core.
+    """
+
+    weights: tuple[tuple[StepWeights, ...], ...]
+    means: F64
+    entries: F32 | None = None
+
+    @staticmethod
+    def of(
+        tiles: Sequence[EvolutionTree], n_levels: int, sensitivity: Sensitivity, *, first: int = 0
+    ) -> Importance:
+        """By the pictures of every level of arranged tiles, from the level `first` on.
+
+        A level before the last may lose as much as the last, although it has fewer splats.
+        """
+        cuts = [_cut(tiles, k, sensitivity if k >= first else _none) for k in range(n_levels)]
+        counts = [sum(part.shape[1] for part in cut) for cut in cuts]
+        shares = [n / max(counts[-1], 1) for n in counts]
+        weights = tuple(
+            _of_tile(tile, [share * cut[k] for share, cut in zip(shares, cuts, strict=True)])
+            for k, tile in enumerate(tiles)
+        )
+        means = _means(tiles, weights, n_levels)
+        if tiles[0].palette is None:
+            return Importance(weights, means)
+        entries = _of_entries(tiles, shares, cuts)
+        of_bands = np.broadcast_to(entries.mean(1), (1 + n_levels, len(entries)))
+        return Importance(weights, np.concatenate([means, of_bands], axis=1), entries)
+
+    def steps(self, price: float, extent: float) -> F64:
+        """(1 + n_levels, K) steps at which a bit more saves `price` of mean squared error.
+
+        With step s and weight w an error costs w s^2 / 12, a quarter of that with another bit.
+        """
+        found = np.sqrt(PER_BIT * price / np.maximum(self.means, 1e-300))
+        steps: F64 = np.minimum(found, self._largest(extent))
+        return steps
+
+    def raised(self, price: float, extent: float) -> tuple[tuple[StepWeights, ...], ...]:
+        """The weights, and more where the largest step is taken.
+
+        Pictures that hardly show an error say nothing of one that is many steps large. What would
+        have asked for that step is added, as far as splats that no view shows have it elsewhere.
+        """
+        asking = PER_BIT * price / np.square(self._largest(extent))
+        lack = ((1 - SEEN) * np.maximum(asking - self.means, 0))[1:, :, None].astype(np.float32)
+        if not lack.any():
+            return self.weights
+        return tuple(
+            tuple(
+                StepWeights(
+                    w.level,
+                    w.targets + lack[w.level, : len(w.targets)],
+                    w.new + lack[w.level, : len(w.new)],
+                )
+                for w in steps
+            )
+            for steps in self.weights
+        )
+
+    def _largest(self, extent: float) -> F64:
+        """(K,) steps."""
+        largest = np.array(LARGEST_STEPS[: self.means.shape[1]])
+        largest[0] *= extent
+        return largest
+
+
+def _none(splats: SplatParams) -> F32:
+    """The sensitivity of pictures that do not matter."""
+    return np.zeros((n_channels(splats.sh_degree), len(splats)), np.float32)
+
+
+def _of_entries(
+    tiles: Sequence[EvolutionTree], shares: Sequence[float], cuts: Sequence[Sequence[F32]]
+) -> F32:
+    """(degree, n) of each entry: the sum of those of the splats that pick it, of all levels."""
+    palette = tiles[0].palette
+    assert palette is not None, "who has entries has a palette"
+    sums = np.zeros((palette.degree, 1 + palette.entries.shape[1]))
+    for number, tile in enumerate(tiles):
+        ends = [step.level for step in tile.steps[1:]] + [len(cuts)]
+        for step, end, state in zip(tile.steps, ends, tile.states(), strict=True):
+            for level in range(step.level, end):
+                weights = shares[level] * cuts[level][number][5:]
+                for band, row in enumerate(weights):
+                    sums[band] += np.bincount(state.picks[state.live], row, sums.shape[1])
+    return sums[:, 1:].astype(np.float32)
+
+
+def _cut(tiles: Sequence[EvolutionTree], level: int, sensitivity: Sensitivity) -> list[F32]:
+    """(K, N) weights of the leaves of a level, tile by tile, of all bands that splats have."""
+    # A tile may end before the last level.
+    parts = [tile.leaves(min(level, tile.n_levels - 1)) for tile in tiles]
+    channels = np.concatenate([part.channels() for part in parts], axis=1)
+    if not channels.shape[1]:
+        return [np.zeros((5 + tile.shown_degree, 0), np.float32) for tile in tiles]
+    found = sensitivity(SplatParams.from_channels(channels))
+    kinds = np.array([channel_class(c) for c in range(len(found))])
+    weights = np.stack(
+        [MISSED[k] * found[kinds == k].mean(0) for k in range(kinds.max() + 1)]
+    ).astype(np.float32)
+    weights = SEEN * weights + (1 - SEEN) * weights.mean(1, keepdims=True)
+    ends = np.cumsum([len(part) for part in parts])
+    return np.split(weights, ends[:-1], axis=1)
+
+
+def _of_tile(tile: EvolutionTree, cuts: Sequence[F32]) -> tuple[StepWeights, ...]:
+    """Weights of each step, from the last to the first, from those of the leaves of each level."""
+    live = [state.live.copy() for state in tile.states()]
+    later = np.zeros((_n_classes(tile), sum(step.n_new for step in tile.steps)), np.float32)
+    out: list[StepWeights] = []
+    for k in reversed(range(len(tile.steps))):
+        step, n_after = tile.steps[k], len(live[k])
+        last = k + 1 == len(tile.steps)
+        for level in range(step.level, len(cuts) if last else tile.steps[k + 1].level):
+            # They are leaves of these levels.
+            later[:, np.flatnonzero(live[k])] += cuts[level][: len(later)]
+        n = n_after - step.n_new
+        has_psi = step.kinds != Kind.DROP
+        new = later[:, n:n_after].copy()
+        out.append(StepWeights(step.level, later[:, step.slots[has_psi]], new))
+        _pass_on(later, step, n)
+    return tuple(reversed(out))
+
+
+def _pass_on(later: F32, step: Step, n: int) -> None:
+    """Weights after a step become those before it, in place; n slots were there before."""
+    splits = step.slots[step.kinds == Kind.SPLIT]
+    groups = np.minimum(np.arange(len(later)), 4)
+    alpha = step.alpha[groups].astype(np.float32)
+    # Of a shift of both C1 and C2 psi mends all but its part across (alpha, 1).
+    kept = np.maximum(np.square(1 + alpha) / (2 * (1 + np.square(alpha))), MENDED)
+    later[:, splits] = kept * (later[:, splits] + later[:, n : n + len(splits)])
+    later[:, step.slots[step.kinds == Kind.REFINE]] *= MENDED
+    later[:, step.slots[step.kinds == Kind.DROP]] = 0
+    later[:, n : n + step.n_new] = 0
+
+
+def _means(
+    tiles: Sequence[EvolutionTree], weights: Sequence[Sequence[StepWeights]], n_levels: int
+) -> F64:
+    """(1 + n_levels, K); where a level has nothing of its own, the mean of all."""
+    sums = np.zeros((1 + n_levels, _n_classes(tiles[0])))
+    counts = np.zeros(1 + n_levels)
+    for tile, steps in zip(tiles, weights, strict=True):
+        for step, own in zip(tile.steps, steps, strict=True):
+            n_splits = step.alpha.shape[1]
+            for row, part in (
+                (0, own.new[:, n_splits:]),
+                (1 + step.level, own.targets),
+                (1 + step.level, own.new[:, :n_splits]),
+            ):
+                sums[row] += part.sum(1, dtype=np.float64)
+                counts[row] += part.shape[1]
+    overall = sums.sum(0) / max(counts.sum(), 1)
+    means: F64 = np.where(counts[:, None] > 0, sums / np.maximum(counts, 1)[:, None], overall)
+    return means
+
+
+def _n_classes(tile: EvolutionTree) -> int:
+    return 5 + tile.sh_degree

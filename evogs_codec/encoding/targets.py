@@ -1,0 +1,341 @@
+"""Encoding to a target: a PSNR, a number of bytes, or a largest error.
+
+What is searched for is one number. With pictures it is the price of a bit, from which follow all
+steps and roundings (`importance`); without, the factor of the steps of the settings.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from evogs_codec.decoding.decode import decode
+from evogs_codec.encoding.arrange import arrange, default_tiles
+from evogs_codec.encoding.encode import Progress, write
+from evogs_codec.encoding.grids import AccuracyWarning, Ranges, wanted_steps
+from evogs_codec.encoding.measured_gains import Pictures, Shown
+from evogs_codec.encoding.polish import polished
+from evogs_codec.encoding.quantise import quantise
+from evogs_codec.encoding.sensitivity import Importance, StepWeights
+from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, Settings
+from evogs_codec.errors import InputError
+from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS
+from evogs_codec.model.coded_tree import CodedTree
+from evogs_codec.model.scene_info import SceneInfo
+from evogs_codec.model.splats import F64
+from evogs_codec.model.tree import EvolutionTree
+
+__all__ = ["PRICES", "Aim", "TargetMissed"]
+
+FIRST_PRICE = 1e-11  # mean squared error that a bit is worth: about 45 dB
+PRICES = (1e-18, 1e-5)
+FACTORS = (1e-4, 1e4)
+MOST_TRIES = 14
+MORE_TRIES = 60  # of few splats, where a rounding moves a PSNR
+TRIED = 200_000  # splats, those of all tries together
+NARROW = 1e-6
+ROUGH, SPREAD, GOLDEN = 0.02, 0.2, 0.618  # of the logarithm of a price
+PSNR_SLACK, BYTES_SLACK = 0.1, 0.005  # dB, and part of the bytes asked for
+POLISH_GAIN = 2.0  # dB, about
+
+T = TypeVar("T")
+
+
+class TargetMissed(InputError):  # noqa: N818 - the words of the message
+    """No stream of a tree meets a target; `by` how much the nearest misses it."""
+
+    def __init__(self, said: str, by: float) -> None:
+        super().__init__(said)
+        self.by = by
+
+
+@dataclass(frozen=True)
+class Aim:
+    """A tree that is encoded until it meets a target.
+
+    Attributes:
+        tree: any.
+        settings: what is kept of them: the effort, and the steps where there are no pictures.
+        pictures: of the tree's leaves, or None.
+        polish: iterations of `polished`, where pictures decide; 0 for none.
+        off: (5,) per group, how far the tree's leaves are from what they stand for.
+        n_tiles, info, progress: as of `encode`.
+    """
+
+    tree: EvolutionTree
+    settings: Settings
+    pictures: Pictures | None = None
+    polish: int = 0
+    off: tuple[float, ...] = (0.0,) * len(GROUPS)
+    n_tiles: int | None = None
+    info: SceneInfo | None = None
+    progress: Progress | None = None
+
+    def at_psnr(self, decibels: float) -> bytes:
+        """The stream whose leaves have this PSNR against the tree's, within 0.2 dB.
+
+        Raises:
+            InputError: no price of a bit gives it.
+            ValueError: there are no pictures.
+        """
+        coder = _Coder(self)
+        tries = max(MOST_TRIES, min(MORE_TRIES, TRIED // max(self.tree.n_leaves, 1)))
+
+        def measure(coded: CodedTree) -> tuple[float, CodedTree]:
+            return self.psnr(write(coded, effort=1, digests=False)), coded
+
+        def search(
+            code: Callable[[float], CodedTree],
+            target: float,
+            start: float,
+            slack: float,
+            tries: int = MOST_TRIES,
+        ) -> _Found[CodedTree]:
+            # 3 dB for a price twice as high.
+            slope = -10 / math.log(10)
+            return _search(
+                lambda price: measure(code(price)), target, slope, start, PRICES, slack, tries=tries
+            )
+
+        plain = search(coder.coded, decibels, FIRST_PRICE, PSNR_SLACK, tries)
+        found = [plain]
+        if coder.polishes:
+            near = search(coder.coded, decibels - POLISH_GAIN, FIRST_PRICE, POLISH_GAIN / 4)
+            found.append(search(coder.polished, decibels, near.at, PSNR_SLACK))
+        met = [one.what for one in found if abs(one.value - decibels) <= 2 * PSNR_SLACK]
+        if not met:
+            said = f"{decibels:g} dB cannot be met: {plain.value:.2f} dB is nearest"
+            raise TargetMissed(said, abs(plain.value - decibels))
+        return min(map(self._with_digests, met), key=len)
+
+    def at_bytes(self, n_bytes: int) -> bytes:
+        """The stream of at most this many bytes, and at least 98 % of them.
+
+        Raises:
+            InputError: no price of a bit gives it.
+        """
+        coder = _Coder(self)
+
+        def search(code: Callable[[float], CodedTree], start: float) -> _Found[bytes]:
+            def measure(price: float) -> tuple[float, bytes]:
+                data = self._with_digests(code(price))
+                return math.log(len(data)), data
+
+            bounds = PRICES if self.pictures else FACTORS
+            most = math.log(n_bytes)
+            return _search(measure, most - BYTES_SLACK, -0.1, start, bounds, BYTES_SLACK, most)
+
+        plain = search(coder.coded, FIRST_PRICE if self.pictures else 1.0)
+        found = [search(coder.polished, plain.at), plain] if coder.polishes else [plain]
+        met = [one.what for one in found if 0.98 * n_bytes <= len(one.what) <= n_bytes]
+        if not met:
+            said = f"{n_bytes:,} bytes cannot be met: {len(plain.what):,} is nearest"
+            raise TargetMissed(said, abs(len(plain.what) - n_bytes))
+        return met[0] if len(met) == 1 else max(met, key=self.psnr)
+
+    def within(self, errors: Mapping[str, float]) -> bytes:
+        """The stream no number of whose leaves is further off than its group allows.
+
+        Args:
+            errors: largest error per name of a group, in its own units; of some or all groups.
+
+        Raises:
+            InputError: float32, or the alphas of the tree, do not allow it.
+            ValueError: an error is not above 0.
+        """
+        if not all(error > 0 for error in errors.values()):
+            raise ValueError("largest errors are above 0")
+        asked = np.array([errors.get(name, math.inf) for name in GROUPS])
+        coder = _Coder(replace(self, pictures=None, polish=0))
+        table = coder.first_table()
+        groups = np.minimum(np.arange(table.shape[1]), 4)
+        table = np.where(np.isinf(asked[groups]), table, 2 * asked[groups])
+        data, found = b"", np.full(len(GROUPS), math.inf)
+        for attempt in range(MOST_TRIES):
+            if attempt == MOST_TRIES - 1:
+                settings = replace(self.settings, near_lossless=True, table=())
+            else:
+                settings = replace(self.settings, table=tuple(map(tuple, table.tolist())))
+            data = self._with_digests(coder.quantised(settings))
+            found = _errors(coder.tiles, data, self.tree.shown_degree) + self.off
+            if np.all(found <= asked):
+                return data
+            finer = np.where(
+                found > asked, np.minimum(0.9 * asked / np.maximum(found, 1e-300), 0.9), 1
+            )
+            table = table * np.maximum(finer, 0.02)[groups]
+        worst = int(np.argmax(found / asked))
+        name, least = GROUPS[worst], found[worst]
+        why = (
+            ", as float32 rounds the tree: try --levels 1"
+            if self.off[worst] > asked[worst] / 2
+            else ""
+        )
+        said = f"{name}: an error of {errors[name]:g} cannot be kept: {least:.3g}{why}"
+        raise TargetMissed(said, float(least / asked[worst]))
+
+    def psnr(self, data: bytes) -> float:
+        """Of the leaves of a stream, dB.
+
+        Raises:
+            ValueError: there are no pictures.
+        """
+        if self.pictures is None:
+            raise ValueError("a PSNR needs pictures")
+        return self.pictures.psnr(decode(data).leaves(sh_degree=self.tree.shown_degree))
+
+    def _with_digests(self, coded: CodedTree) -> bytes:
+        return write(coded, effort=self.settings.effort, progress=self.progress)
+
+
+class _Coder:
+    """A tree arranged once, and quantised as often as it takes."""
+
+    def __init__(self, aim: Aim) -> None:
+        self.aim = aim
+        self.n_levels = max(aim.tree.n_levels, 1)
+        if aim.polish and aim.pictures is None:
+            raise ValueError("polishing needs pictures")
+        self.polishes = aim.polish > 0 and self.n_levels > 1
+        report = aim.progress or (lambda _stage, _part: None)
+        report("arrange", 0.0)
+        self.tiles = arrange(aim.tree, aim.n_tiles or default_tiles(aim.tree.n_leaves))
+        self.importance = self.shown = None
+        if aim.pictures is not None:
+            report("draw", 0.0)
+            drawn = aim.pictures.sensitivity
+            self.importance = Importance.of(self.tiles, self.n_levels, drawn)
+            self.shown = Shown.of(aim.tree, aim.pictures)
+        self.ranges = Ranges.of(self.tiles, self.n_levels)
+
+    def coded(self, at: float) -> CodedTree:
+        """At a price of a bit, or at a factor of the steps."""
+        if self.importance is None:
+            return self.quantised(self.aim.settings.finer(1 / at))
+        table = self.importance.steps(at, self.ranges.extent)
+        settings = replace(
+            self.aim.settings,
+            table=tuple(map(tuple, table.tolist())),
+            n_alpha=N_ALPHA,
+            alpha_bits=ALPHA_BITS,
+        )
+        weights = self.importance.raised(at, self.ranges.extent)
+        return self.quantised(settings, weights, at)
+
+    def polished(self, price: float) -> CodedTree:
+        """At a price of a bit, the integers of the last level moved by pictures."""
+        pictures, report = self.aim.pictures, self.aim.progress or (lambda _stage, _part: None)
+        assert pictures is not None, "who polishes has pictures"
+        return polished(
+            self.coded(price), pictures, price, self.aim.polish, lambda part: report("polish", part)
+        )
+
+    def quantised(
+        self,
+        settings: Settings,
+        weights: Sequence[Sequence[StepWeights]] | None = None,
+        price: float = 1.0,
+    ) -> CodedTree:
+        """With these settings."""
+        with warnings.catch_warnings():
+            # Of a search: whoever asks for a target is told whether it was met.
+            warnings.simplefilter("ignore", AccuracyWarning)
+            coded = quantise(
+                self.tiles,
+                self.n_levels,
+                settings,
+                weights=weights,
+                entry_weights=self.importance.entries if weights and self.importance else None,
+                price=price,
+                info=self.aim.info,
+            )
+        return self.shown.put_right(coded) if self.shown else coded
+
+    def first_table(self) -> F64:
+        """(1 + n_levels, K) steps of the settings."""
+        return wanted_steps(self.aim.settings, self.ranges, self.n_levels)
+
+
+def _errors(tiles: Sequence[EvolutionTree], data: bytes, sh_degree: int) -> F64:
+    """(5,) largest error of the leaves of a stream, per group, in the units of the group."""
+    leaves = [tile.leaves().channels() for tile in tiles if tile.steps]
+    if not leaves:
+        return np.zeros(len(GROUPS))
+    right = np.concatenate(leaves, axis=1)
+    found = decode(data).leaves(sh_degree=sh_degree).channels()
+    off = np.abs(found.astype(np.float64) - right)
+    return np.array([off[part].max(initial=0.0) for part in GROUP_CHANNELS])
+
+
+@dataclass(frozen=True)
+class _Found(Generic[T]):
+    """The best of a search: where, its value, and what has it."""
+
+    at: float
+    value: float
+    what: T
+
+
+def _search(
+    measure: Callable[[float], tuple[float, T]],
+    target: float,
+    slope: float,
+    start: float,
+    bounds: tuple[float, float],
+    slack: float,
+    most: float = math.inf,
+    tries: int = MOST_TRIES,
+) -> _Found[T]:
+    """Where a value that falls is nearest to `target`: secants in the logarithm, kept in brackets.
+
+    Args:
+        measure: value at a place, and what has it.
+        target: of the value.
+        slope: first guess of the change of the value over that of the logarithm of the place.
+        start: first place.
+        bounds: no place is outside.
+        slack: a value this near is good enough.
+        most: a value above it is the best only where none is below.
+        tries: at most.
+    """
+
+    def badness(value: float) -> tuple[bool, float]:
+        return value > most, abs(value - target)
+
+    low, high = (math.log(bound) for bound in bounds)
+    at = math.log(start)
+    best: _Found[T] | None = None
+    before: tuple[float, float] | None = None
+    middle: float | None = None
+    is_above: set[bool] = set()
+    for k in range(tries):
+        value, what = measure(math.exp(at))
+        if best is None or badness(value) < badness(best.value):
+            best = _Found(math.exp(at), value, what)
+        if abs(value - target) <= slack:
+            break
+        is_above.add(value > target)
+        if value > target:
+            low = at
+        else:
+            high = at
+        if before is not None and before[0] != at and (before[1] - value) * (before[0] - at) < 0:
+            slope = (before[1] - value) / (before[0] - at)
+        before = at, value
+        at += (target - value) / slope
+        if not low < at < high:
+            at = (low + high) / 2
+        if k + 1 == MOST_TRIES and high - low < ROUGH and is_above == {True, False}:
+            middle = (low + high) / 2
+        if middle is not None:
+            # Of few splats a PSNR is rough: places around have any value near it.
+            at = middle + SPREAD * (k * GOLDEN % 1 - 0.5)
+        elif high - low < NARROW or k + 1 >= MOST_TRIES:
+            break
+    assert best is not None
+    return best

@@ -1,0 +1,1 @@
+"""The bytes of a stream: header, chunks, directory, packets, frames, planes."""

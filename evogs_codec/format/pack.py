@@ -1,0 +1,183 @@
+"""Packing: the bytes of a packet from its records; the inverse of `packets` (spec 5.9, 7.1).
+
+Letters: C channels of the component, R records that name a slot, P of them with psi, S splits,
+A adds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec.format import frames, layout
+from evogs_codec.format.packet_header import (
+    FLAG_ADDS_YCOCG,
+    FLAG_OF_CHANGED,
+    FLAG_PSI_YCOCG,
+    MAX_RECORDS_PER_BYTE,
+    Counts,
+)
+from evogs_codec.format.planes import (
+    ABSENT,
+    MAX_STORED,
+    Coding,
+    choose_coding,
+    delta,
+    entropy,
+    split_planes,
+    ycocg,
+    zigzag,
+)
+from evogs_codec.model.channels import sh_channels
+from evogs_codec.model.splats import I32, U8
+from evogs_codec.model.tree import Kind
+
+__all__ = ["decorrelate", "pack", "pack_entries", "pack_picks"]
+
+Coded: TypeAlias = tuple[Coding, npt.NDArray[np.integer]]
+
+
+def pack(
+    component: int,
+    slots: I32,
+    kinds: U8,
+    alpha: Sequence[U8 | None],
+    psi: I32,
+    adds: I32,
+    *,
+    effort: int,
+) -> bytes:
+    """The bytes of a packet; the inverse of `unpack`.
+
+    Args:
+        component: 0 core, b the SH band b.
+        slots: (R,) increasing.
+        kinds: (R,).
+        alpha: (S,) indices per group, None where all are 0; used by core only.
+        psi: (C, P) integers.
+        adds: (C, A) integers.
+        effort: Zstandard level.
+
+    Raises:
+        ValueError: an integer needs more than 24 bits.
+    """
+    n_splits = int(np.count_nonzero(kinds == Kind.SPLIT))
+    n_refines = int(np.count_nonzero(kinds == Kind.REFINE))
+    counts = Counts(adds.shape[1], n_splits, n_refines, len(slots) - n_splits - n_refines)
+    if component == 0 and counts.n_records + counts.n_adds == 0:
+        return b""
+    sides: list[tuple[Coding, npt.NDArray[np.integer]]] = []
+    if component == 0:
+        gaps = delta(slots + 1) - 1
+        sides.append((choose_coding(gaps)[0], gaps))
+        sides.append((choose_coding(kinds)[0] if counts.has_kinds else ABSENT, kinds))
+        for indices in alpha:
+            stored = np.zeros(n_splits, np.uint8) if indices is None else indices
+            sides.append((choose_coding(stored)[0], stored))
+    flags = 0
+    sh = sh_channels(component)
+    for values, flag in ((psi, FLAG_PSI_YCOCG), (adds, FLAG_ADDS_YCOCG)):
+        rows, is_ycocg = decorrelate(values, sh)
+        flags |= flag if is_ycocg else 0
+        sides += [_code_channel(row, may_delta=flag == FLAG_ADDS_YCOCG) for row in rows]
+    if component and all(coding == ABSENT for coding, _ in sides):
+        return b""
+    body = _join(flags, sides, effort)
+    if component == 0 and counts.n_adds + counts.n_records > MAX_RECORDS_PER_BYTE * len(body):
+        body = _pad(flags, sides, counts)
+    return body
+
+
+def pack_picks(picks: I32, n_new: int, *, effort: int) -> bytes:
+    """The bytes of a packet of picks (spec 3.7), (n,), `n_new` of them of new slots."""
+    coding = choose_coding(picks)[0]
+    if coding == ABSENT and len(picks) == n_new:
+        return b""
+    return _join(0 if len(picks) == n_new else FLAG_OF_CHANGED, [(coding, picks)], effort)
+
+
+def pack_entries(entries: I32, *, effort: int) -> bytes:
+    """The bytes of a packet of the palette, (C, n) integers.
+
+    Raises:
+        ValueError: an integer needs more than 24 bits.
+    """
+    n = entries.shape[1]
+    if not n:
+        return b""
+    rows, is_ycocg = decorrelate(entries, slice(None))
+    flags = FLAG_ADDS_YCOCG if is_ycocg else 0
+    lists = [_code_channel(row, may_delta=True) for row in rows]
+    body = _join(flags, lists, effort)
+    if n > MAX_RECORDS_PER_BYTE * len(body):
+        body = _pad(flags, lists, Counts(n, 0, 0, 0))
+    return body
+
+
+def decorrelate(values: I32, sh: slice) -> tuple[I32, bool]:
+    """YCoCg-R on the SH triples, if that lowers the entropy."""
+    rows = values[sh]
+    if rows.size == 0 or not rows.any() or int(np.abs(rows).max()) >= MAX_STORED // 8:
+        return values, False
+    turned = ycocg(rows)
+    stride = max(1, rows.shape[1] // 20000)
+    before = sum(entropy(zigzag(row[::stride])) for row in rows)
+    after = sum(entropy(zigzag(row[::stride])) for row in turned)
+    if after >= before:
+        return values, False
+    out = values.copy()
+    out[sh] = turned
+    return out, True
+
+
+def _code_channel(q: I32, *, may_delta: bool) -> Coded:
+    """Coding and stored integers of a channel; adds as differences if that is cheaper."""
+    if not q.any():
+        return ABSENT, q
+    options = []
+    for is_delta in (False, True) if may_delta and len(q) > 1 else (False,):
+        z = zigzag(delta(q)) if is_delta else zigzag(q)
+        if int(z.max()) < MAX_STORED:
+            coding, cost = choose_coding(z, is_delta=is_delta)
+            options.append((cost, is_delta, coding, z))
+    if not options:
+        raise ValueError("an integer needs more than 24 bits: take larger steps")
+    _, _, coding, z = min(options, key=lambda option: option[:2])
+    return coding, z
+
+
+def _join(flags: int, parts: Sequence[Coded], effort: int) -> bytes:
+    """A packet from its values, in one frame or a frame per plane, whichever is smaller."""
+    planes = [plane for coding, values in parts for plane in split_planes(values, coding)]
+    codings = bytes(coding.byte() for coding, _ in parts)
+    options: list[list[tuple[int, bytes]]] = []
+    if len(planes) != 1:
+        whole = b"".join(planes)
+        if len(whole) <= frames.MAX_CONTENT:
+            options.append([(len(planes), frames.compress(whole, effort))] if planes else [])
+    if planes:
+        options.append([(1, frames.compress(plane, effort)) for plane in planes])
+    return min((_assemble(flags, codings, option) for option in options), key=len)
+
+
+def _pad(flags: int, parts: Sequence[Coded], counts: Counts) -> bytes:
+    """A packet that R-5.6-7 allows: planes stored raw, a byte per record at least."""
+    whole_bytes = list(parts)
+    for place, n in ((0, counts.n_records), (len(parts) - 1, counts.n_adds)):
+        coding, values = whole_bytes[place]
+        if n and not coding.high:  # the gaps, and the last channel of the adds
+            whole_bytes[place] = Coding(0, 1, coding.delta), values
+    planes = [plane for coding, values in whole_bytes for plane in split_planes(values, coding)]
+    codings = bytes(coding.byte() for coding, _ in whole_bytes)
+    return _assemble(flags, codings, [(1, frames.store(plane)) for plane in planes])
+
+
+def _assemble(flags: int, codings: bytes, parts: Sequence[tuple[int, bytes]]) -> bytes:
+    head = layout.build(layout.PACKET_HEADER, flags=flags, n_frames=len(parts))
+    entries = b"".join(
+        layout.build(layout.FRAME_ENTRY, n_planes=n, size=len(frame)) for n, frame in parts
+    )
+    return head + codings + entries + b"".join(frame for _, frame in parts)

@@ -1,0 +1,161 @@
+"""Packet headers: which lists a packet holds, of how many integers, in which planes (spec 5.9).
+
+Letters: C channels of the component, R records that name a slot, P of them with psi.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import accumulate
+
+from evogs_codec.errors import Fault, StreamError
+from evogs_codec.format import layout
+from evogs_codec.format.planes import ABSENT, CODINGS, Coding
+from evogs_codec.model.channels import N_GROUPS, component_channels
+
+__all__ = [
+    "FLAG_PALETTE",
+    "Counts",
+    "PacketHeader",
+    "read_list_header",
+    "read_packet_header",
+    "value_counts",
+]
+
+FLAG_PALETTE = 1 << 8  # of the file header
+N_SIDES = 2 + N_GROUPS  # lists of core before psi: slots, kinds, alpha
+FLAG_PSI_YCOCG, FLAG_ADDS_YCOCG = 1, 2
+FLAG_OF_CHANGED = 4  # of a packet of picks: refined and split slots have new ones too
+MAX_RECORDS_PER_BYTE = 16  # R-5.6-7
+
+
+@dataclass(frozen=True)
+class Counts:
+    """The record counts of a packet entry."""
+
+    n_adds: int
+    n_splits: int
+    n_refines: int
+    n_drops: int
+
+    @property
+    def n_records(self) -> int:
+        """R."""
+        return self.n_splits + self.n_refines + self.n_drops
+
+    @property
+    def n_psi(self) -> int:
+        """P."""
+        return self.n_splits + self.n_refines
+
+    @property
+    def has_kinds(self) -> bool:
+        """More than one kind occurs, so kinds are stored."""
+        return (self.n_splits > 0) + (self.n_refines > 0) + (self.n_drops > 0) > 1
+
+
+@dataclass(frozen=True)
+class PacketHeader:
+    """A packet header with what follows from it.
+
+    Attributes:
+        flags: of the packet header.
+        codings: of slots, kinds, alpha of each group (core only), psi and adds of each channel; of
+            picks; or of each channel of entries.
+        lengths: values of each.
+        frames: (planes, bytes) of each frame.
+        size: bytes before the first frame.
+        first: index of the coding of the first channel, of psi where there is psi.
+    """
+
+    flags: int
+    coding_bytes: bytes
+    codings: tuple[Coding, ...]
+    lengths: tuple[int, ...]
+    frames: tuple[tuple[int, int], ...]
+    size: int
+    first: int
+
+    @property
+    def plane_sizes(self) -> list[int]:
+        """Bytes of each plane, in order."""
+        pairs = zip(self.codings, self.lengths, strict=True)
+        return [size for coding, n in pairs for size in coding.plane_sizes(n)]
+
+    @property
+    def starts(self) -> list[int]:
+        """Where the planes of each list begin, in the planes of the packet."""
+        pairs = zip(self.codings, self.lengths, strict=True)
+        sizes = [0 if c is ABSENT else sum(c.plane_sizes(n)) for c, n in pairs]
+        return list(accumulate(sizes, initial=0))[:-1]
+
+
+def value_counts(component: int, counts: Counts) -> tuple[int, ...]:
+    """Values of each coding byte, in the order of spec 5.9."""
+    n_channels = component_channels(component)
+    sides: tuple[int, ...] = ()
+    if component == 0:
+        n_kinds = counts.n_records if counts.has_kinds else 0
+        sides = (counts.n_records, n_kinds, *(counts.n_splits,) * N_GROUPS)
+    return (*sides, *(counts.n_psi,) * n_channels, *(counts.n_adds,) * n_channels)
+
+
+def read_packet_header(
+    body: memoryview, component: int, counts: Counts, offset: int
+) -> PacketHeader:
+    """The header of a packet of core or a band, of size above 0, checked (spec 5.9).
+
+    Raises:
+        StreamError: E_PACKET or E_RESERVED at `offset`.
+    """
+    lengths, n_channels = value_counts(component, counts), component_channels(component)
+    first_add = len(lengths) - n_channels
+    return read_list_header(body, lengths, first_add, first_add - n_channels, offset)
+
+
+def read_list_header(
+    body: memoryview,
+    lengths: tuple[int, ...],
+    first_delta: int,
+    first: int,
+    offset: int,
+    flags_known: int = FLAG_PSI_YCOCG | FLAG_ADDS_YCOCG,
+) -> PacketHeader:
+    """The header of a packet with lists of these lengths, of which those from one on may be deltas.
+
+    Raises:
+        StreamError: as `read_packet_header`.
+    """
+
+    def refuse(detail: str) -> StreamError:
+        return StreamError(Fault.E_PACKET, detail, offset)
+
+    fixed = layout.size_of(layout.PACKET_HEADER)
+    at = fixed + len(lengths)
+    if len(body) < at:  # R-5.9-1
+        raise refuse("the packet is shorter than its header")
+    flags, n_frames = body[0], body[1]
+    coding_bytes = bytes(body[fixed:at])
+    if flags & ~flags_known or any(byte >> 7 for byte in coding_bytes):  # R-4.4-1
+        raise StreamError(Fault.E_RESERVED, "a reserved bit of the packet header is set", offset)
+    found = [CODINGS[byte] for byte in coding_bytes]
+    codings = tuple(coding for coding in found if coding is not None)
+    if len(codings) != len(found):  # R-5.9-2
+        raise refuse("a coding byte is not valid")
+    if any(coding.delta for coding in codings[:first_delta]):  # R-5.9-3
+        raise refuse("delta is set for other values than adds and entries")
+    if any(c and n == 0 for c, n in zip(coding_bytes, lengths, strict=True)):  # R-5.9-4
+        raise refuse("values are coded that do not occur")
+    entry = layout.size_of(layout.FRAME_ENTRY)
+    if len(body) < at + n_frames * entry:  # R-5.9-1
+        raise refuse("the packet is shorter than its frame entries")
+    frames_ = layout.read_table(layout.FRAME_ENTRY, body[at : at + n_frames * entry])
+    return PacketHeader(
+        flags=flags,
+        coding_bytes=coding_bytes,
+        codings=codings,
+        lengths=lengths,
+        frames=tuple(zip(frames_["n_planes"].tolist(), frames_["size"].tolist(), strict=True)),
+        size=at + n_frames * entry,
+        first=first,
+    )

@@ -1,0 +1,1 @@
+"""Other files: `.ply`, `.tree.npz`, JSON; how files are opened and replaced."""

@@ -1,0 +1,194 @@
+"""Writing files: never over a source, and a reader sees the old file or the new one whole."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import secrets
+import stat
+import zipfile
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from evogs_codec.errors import InputError
+from evogs_codec.format.layout import SIGNATURE
+
+__all__ = [
+    "PICTURE",
+    "SCENE",
+    "STREAM",
+    "TREE",
+    "FileKind",
+    "check_target",
+    "same_file",
+    "write_atomic",
+]
+
+
+@dataclass(frozen=True)
+class FileKind:
+    """What a command makes.
+
+    Attributes:
+        name: for messages.
+        begins: the first bytes, one of these.
+        members: names of files that it has as a zip.
+    """
+
+    name: str
+    begins: tuple[bytes, ...]
+    members: frozenset[str] = frozenset()
+
+    def fits(self, path: Path) -> bool:
+        """Whether a file that exists is of this kind, or empty; one that cannot be read is not."""
+        try:
+            with path.open("rb") as file:
+                start = file.read(max(map(len, self.begins)))
+                return not start or (start.startswith(self.begins) and self._has_members(file))
+        except OSError:
+            return False
+
+    def _has_members(self, file: BinaryIO) -> bool:
+        if not self.members:
+            return True
+        try:
+            with zipfile.ZipFile(file) as archive:
+                return self.members <= set(archive.namelist())
+        except Exception:  # whatever `zipfile` raises, it could not read it
+            return False
+
+
+STREAM = FileKind("EvoGS stream", (SIGNATURE,))
+SCENE = FileKind(".ply", (b"ply\n", b"ply\r"))
+TREE = FileKind(".tree.npz", (b"PK\x03\x04",), frozenset({"format.npy", "means.npy"}))
+PICTURE = FileKind("PNG", (b"\x89PNG\r\n\x1a\n",))
+
+
+def check_target(
+    path: str | os.PathLike[str],
+    kind: FileKind | None = None,
+    *,
+    sources: Iterable[str | os.PathLike[str]] = (),
+    force: bool = False,
+) -> None:
+    """Refuse now what could not or must not be written later, after the work is done.
+
+    Args:
+        path: what will be written.
+        kind: what it will be; a file that is there must be of this kind, or empty.
+        sources: what is read; none of them may be written, not even with `force`.
+        force: replace a file of any kind.
+
+    Raises:
+        OSError: the folder of `path` is missing, is no folder, or may not be written to; or `path`
+            is a folder, or a link that leads nowhere but to itself.
+        InputError: `path` is one of the sources, or of another kind.
+    """
+    target = _resolved(path)
+    try:
+        mode = target.stat().st_mode
+    except FileNotFoundError:
+        _check_folder(target.parent, path)
+        return
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not stat.S_ISREG(mode):
+        return  # a device or a pipe
+    _check_folder(target.parent, path)
+    for source in sources:
+        if same_file(path, source):
+            raise InputError(f"{path}: is an input of the command; name another output")
+    if kind is not None and not force and not kind.fits(target):
+        raise InputError(
+            f"{path}: exists and is no {kind.name}; name another output, or use --force"
+        )
+
+
+def same_file(one: str | os.PathLike[str], other: str | os.PathLike[str]) -> bool:
+    """Whether two paths lead to the same file, also through links; false if one is not there."""
+    try:
+        return Path(one).samefile(other)
+    except OSError:
+        return False
+
+
+def write_atomic(path: str | os.PathLike[str], data: bytes | Callable[[BinaryIO], object]) -> None:
+    """Write `data` to `path` through a temporary file in the same folder.
+
+    The bytes are on the disk before the name is: after a power failure too, `path` is the old file
+    or the new one.
+
+    Args:
+        path: the file to make or replace; a device or pipe is written to directly.
+        data: the bytes, or a function that writes them to the stream it is given.
+
+    Raises:
+        OSError: the file cannot be written; it names `path`, not the temporary file.
+    """
+    if Path(path).is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    try:
+        # A link keeps pointing at the file that it names.
+        target = _resolved(path)
+        if target.exists() and not target.is_file():
+            with target.open("wb") as stream:  # replacing /dev/null would remove it
+                _fill(stream, data)
+            return
+        _replace(target, data)
+    except OSError as error:
+        if error.errno is None:
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def _resolved(path: str | os.PathLike[str]) -> Path:
+    """Where the links of `path` lead; not `Path.resolve`, which has an error of its own."""
+    target = Path(os.path.realpath(path))
+    if target.is_symlink():  # what is left is a link to itself
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), str(path))
+    return target
+
+
+def _check_folder(folder: Path, path: str | os.PathLike[str]) -> None:
+    if not folder.exists():
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
+    if not folder.is_dir():
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(path))
+    if not os.access(folder, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+
+
+def _replace(target: Path, data: bytes | Callable[[BinaryIO], object]) -> None:
+    # Not `tempfile`: its files are private to the user, ours get the usual permissions. The name
+    # is short, so that it fits wherever the name of the target does.
+    temporary = target.with_name(f".{secrets.token_hex(4)}.tmp")
+    try:
+        with temporary.open("xb") as stream:
+            _fill(stream, data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        temporary.replace(target)
+    except BaseException:  # also Ctrl-C
+        temporary.unlink(missing_ok=True)
+        raise
+    _sync_folder(target.parent)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Put the new name on the disk, where the system lets a folder be opened and synced."""
+    with contextlib.suppress(OSError):  # the file is whole under its name already
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def _fill(stream: BinaryIO, data: bytes | Callable[[BinaryIO], object]) -> None:
+    if callable(data):
+        data(stream)
+    else:
+        stream.write(data)

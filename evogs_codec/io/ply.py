@@ -1,0 +1,327 @@
+"""Reading and writing 3DGS `.ply` files (the layout of the INRIA trainer; spec annex B).
+
+`plyfile` reads the header and writes files. Bodies are read here: a binary one through a memory
+map, an ASCII one by numpy's parser, since `plyfile` takes Python steps per row for ASCII. It reads
+the body itself only where lists before the vertices hide where they begin.
+
+Letters: N splats, K SH coefficients, P properties of a vertex.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import warnings
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from io import BytesIO, TextIOWrapper
+from pathlib import Path
+from typing import Any, BinaryIO, TextIO, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from plyfile import PlyData, PlyElement, PlyListProperty, PlyParseError
+
+from evogs_codec.common.printable import shown
+from evogs_codec.errors import InputError
+from evogs_codec.io.files import write_atomic
+from evogs_codec.model.channels import sh_degree_of
+from evogs_codec.model.splats import SplatParams
+
+__all__ = ["OPAQUE", "drop_non_finite", "finite_opacities", "read_ply", "write_ply"]
+
+PathLike: TypeAlias = "str | os.PathLike[str]"
+
+MAX_HEADER = 1 << 20  # bytes; real headers have 2 kB, comments of an hour's work a little more
+BLOCK = 4096  # rows converted at a time, so that one block of all properties stays in cache
+
+# The logit for an opacity of 1, which some trainers write as infinity. From 17.4 on the opacity is
+# exactly 1 in float32: this renders the same, also where a quantiser rounds it by up to 2.6, and is
+# small enough to cost no bits worth a mention.
+OPAQUE = 20.0
+
+MEANS = ("x", "y", "z")
+QUATS = ("rot_0", "rot_1", "rot_2", "rot_3")
+LOG_SCALES = ("scale_0", "scale_1", "scale_2")
+OPACITY = "opacity"
+SH_DC = ("f_dc_0", "f_dc_1", "f_dc_2")
+REQUIRED = (*MEANS, *SH_DC, OPACITY, *LOG_SCALES, *QUATS)
+
+
+def read_ply(path: PathLike) -> SplatParams:
+    """Splats of a 3DGS `.ply`: ASCII or binary of either byte order, SH degree 0 to 3.
+
+    Other properties and elements are ignored. Infinite opacities are made finite as by
+    `finite_opacities`, and a warning says how many; other numbers that are not finite are returned
+    as they are.
+
+    Raises:
+        InputError: the file cannot be read or is no 3DGS `.ply`.
+    """
+    try:
+        header = _read_header(path)
+        rows = _read_rows(path, header)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    splats, n_infinite = finite_opacities(_splats(rows, _n_rest(path, header.names)))
+    if n_infinite:
+        warnings.warn(
+            f"{path}: {n_infinite:,} of {len(splats):,} splats have an infinite opacity:"
+            f" {OPAQUE:g} or {-OPAQUE:g} is taken, which renders the same",
+            stacklevel=2,
+        )
+    return splats
+
+
+def write_ply(path: PathLike, splats: SplatParams, comments: Iterable[str] = ()) -> None:
+    """Write `splats` as a binary little-endian float `.ply` in the INRIA order, without normals.
+
+    Raises:
+        OSError: the file cannot be written.
+        ValueError: a comment has a line break or is not ASCII.
+    """
+    n = len(splats)
+    n_rest = 3 * (splats.sh.shape[1] - 1)
+    names = (*MEANS, *SH_DC, *_rest(n_rest), OPACITY, *LOG_SCALES, *QUATS)
+    row = np.empty(1, [(name, "<f4") for name in names])
+    of_all = PlyElement.describe(np.broadcast_to(row, n), "vertex")  # for the header alone
+    header = PlyData([of_all], byte_order="<", comments=list(comments)).header
+
+    def fill(stream: BinaryIO) -> None:
+        stream.write(f"{header}\n".encode("ascii"))
+        for at in range(0, n, BLOCK):
+            stream.write(_columns(splats.take(slice(at, at + BLOCK))).data)
+
+    write_atomic(path, fill)
+
+
+def _columns(splats: SplatParams) -> npt.NDArray[np.float32]:
+    """(n, properties) numbers in the order in which `write_ply` names them."""
+    n_rest = 3 * (splats.sh.shape[1] - 1)
+    columns = np.empty((len(splats), len(REQUIRED) + n_rest), "<f4")
+    columns[:, 0:3] = splats.means
+    columns[:, 3:6] = splats.sh[:, 0]
+    for colour in range(3):
+        columns[:, 6 + colour * n_rest // 3 :][:, : n_rest // 3] = splats.sh[:, 1:, colour]
+    columns[:, -8] = splats.opacity_logits
+    columns[:, -7:-4] = splats.log_scales
+    columns[:, -4:] = splats.quats
+    return columns
+
+
+def finite_opacities(splats: SplatParams) -> tuple[SplatParams, int]:
+    """`splats` with `OPAQUE` for an opacity logit of +infinity and its negative for -infinity.
+
+    Also how many those were. They render the same: opaque, or not at all.
+    """
+    infinite = np.isinf(splats.opacity_logits)
+    n_infinite = int(np.count_nonzero(infinite))
+    if not n_infinite:
+        return splats, 0
+    finite = np.where(infinite, np.copysign(OPAQUE, splats.opacity_logits), splats.opacity_logits)
+    return replace(splats, opacity_logits=finite), n_infinite
+
+
+def drop_non_finite(splats: SplatParams) -> tuple[SplatParams, int]:
+    """`splats` without those that have a NaN or an infinity, and how many those were."""
+    keep = splats.finite()
+    n_dropped = len(splats) - int(np.count_nonzero(keep))
+    return (splats.take(keep) if n_dropped else splats), n_dropped
+
+
+# ---------------------------------------------------------------------------------------- header
+
+
+@dataclass(frozen=True)
+class _Header:
+    """What the header declares.
+
+    Attributes:
+        text: ASCII body.
+        body: file offset of the first byte after the header.
+        n_rows: vertices.
+        dtype: of one vertex.
+        n_before: (rows, bytes) of the elements before the vertices; bytes None where they have
+            lists.
+    """
+
+    text: bool
+    body: int
+    n_rows: int
+    dtype: np.dtype[np.void]
+    n_before: tuple[int, int | None]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.dtype.names or ()
+
+
+def _read_header(path: PathLike) -> _Header:
+    if not Path(path).is_file() and Path(path).exists():
+        raise InputError(f"{path}: is not a file; expected a 3DGS .ply")
+    with Path(path).open("rb") as stream:
+        start = stream.read(MAX_HEADER)
+    first = re.match(rb"ply(\r\n|\n|\r)", start)
+    if first is None:
+        found = "is empty" if not start else "does not start with the line 'ply'"
+        raise InputError(f"{path}: {found}; expected a 3DGS .ply")
+    newline = first[1]
+    end = start.find(newline + b"end_header" + newline)
+    if end < 0:
+        raise InputError(f"{path}: the header has no line 'end_header'; is the file cut short?")
+    body = end + 2 * len(newline) + len(b"end_header")
+    lines, counts = [], []
+    for line in start[:body].split(newline):
+        if line.startswith((b"comment", b"obj_info")):
+            continue  # may hold any bytes in practice, which `plyfile` refuses
+        element = re.fullmatch(rb"element\s+(\S+)\s+(\d{1,18})\s*", line)
+        if element:
+            counts.append(int(element[2]))
+            # With no rows to read, `plyfile` parses the header alone.
+            lines.append(b"element %s 0" % element[1])
+        elif line.startswith(b"element"):
+            found = shown(line.decode("latin-1"))
+            raise InputError(f"{path}: header line '{found}'; expected 'element NAME COUNT'")
+        else:
+            lines.append(line)
+    try:
+        ply = PlyData.read(BytesIO(newline.join(lines)))
+    except (PlyParseError, ValueError) as error:
+        raise InputError(f"{path}: the header is not that of a .ply: {shown(error)}") from error
+    return _vertex_header(path, ply, counts, body)
+
+
+def _vertex_header(
+    path: PathLike,
+    ply: Any,  # noqa: ANN401 - plyfile has no types
+    counts: list[int],
+    body: int,
+) -> _Header:
+    elements = list(ply.elements)
+    if "vertex" not in ply:
+        listed = shown(", ".join(element.name for element in elements) or "none")
+        raise InputError(f"{path}: no element 'vertex' (elements: {listed}); expected a 3DGS .ply")
+    order = ply.byte_order if not ply.text else "="
+    at = [element.name for element in elements].index("vertex")
+    for prop in elements[at].properties:
+        if isinstance(prop, PlyListProperty):
+            raise InputError(
+                f"{path}: vertex property '{shown(prop.name)}' is a list; expected only numbers"
+            )
+    before = list(zip(elements[:at], counts[:at], strict=True))
+    has_lists = any(isinstance(p, PlyListProperty) for e, _ in before for p in e.properties)
+    n_bytes = None if has_lists else sum(e.dtype("<").itemsize * n for e, n in before)
+    return _Header(
+        text=bool(ply.text),
+        body=body,
+        n_rows=counts[at],
+        dtype=elements[at].dtype(order),
+        n_before=(sum(n for _, n in before), n_bytes),
+    )
+
+
+def _n_rest(path: PathLike, names: tuple[str, ...]) -> int:
+    """How many `f_rest_*` there are, once the properties are found to be those of a 3DGS."""
+    missing = [name for name in REQUIRED if name not in names]
+    if missing:
+        hint = "expected a 3DGS .ply"
+        if "packed_position" in names:
+            hint = "this is a compressed .ply: save it as a plain 3DGS .ply first"
+        raise InputError(f"{path}: no vertex property {', '.join(missing)}; {hint}")
+    n_rest = sum(name.startswith("f_rest_") for name in names)
+    try:
+        sh_degree_of(n_rest // 3 + 1 if n_rest % 3 == 0 else 0)
+    except ValueError:
+        raise InputError(
+            f"{path}: {n_rest} properties f_rest_*; expected 0, 9, 24 or 45 (SH degree 0 to 3)"
+        ) from None
+    gaps = [name for name in _rest(n_rest) if name not in names]
+    if gaps:
+        raise InputError(
+            f"{path}: no vertex property {gaps[0]}; expected f_rest_0 to f_rest_{n_rest - 1}"
+        )
+    return n_rest
+
+
+# ------------------------------------------------------------------------------------------ body
+
+
+def _read_rows(path: PathLike, header: _Header) -> npt.NDArray[np.void]:
+    """(N,) structured, one field per property."""
+    _n_rest(path, header.names)  # refuse other files before paying for their rows
+    n_before, bytes_before = header.n_before
+    # Check the claim before paying for it: an ASCII number takes a digit and a separator.
+    size = Path(path).stat().st_size - header.body
+    per_row = 2 * len(header.names) if header.text else header.dtype.itemsize
+    need = header.n_rows * per_row + (-1 if header.text else bytes_before or 0)
+    if need > size or n_before > size:
+        raise InputError(
+            f"{path}: cut short: {header.n_rows} vertices need {need} bytes, there are {size}"
+        )
+    if header.n_rows == 0:
+        return np.empty(0, header.dtype)
+    if header.text:
+        with Path(path).open("rb") as stream, TextIOWrapper(stream, "latin-1") as text:
+            stream.seek(header.body)
+            return _parse_text(path, header, text)
+    if bytes_before is not None:
+        at = header.body + bytes_before
+        return np.memmap(path, header.dtype, "r", at, (header.n_rows,))
+    try:
+        rows: npt.NDArray[np.void] = PlyData.read(os.fspath(path))["vertex"].data
+    except (PlyParseError, ValueError) as error:
+        raise InputError(f"{path}: the body does not fit its header: {shown(error)}") from error
+    return rows
+
+
+def _parse_text(path: PathLike, header: _Header, text: TextIO) -> npt.NDArray[np.void]:
+    n, p = header.n_rows, len(header.names)
+    try:
+        with warnings.catch_warnings():
+            # "input contained no data" is the row count below.
+            warnings.simplefilter("ignore", UserWarning)
+            numbers = np.loadtxt(
+                text,
+                np.float64,
+                comments=None,
+                skiprows=header.n_before[0],
+                max_rows=n,
+                ndmin=2,
+            )
+    except ValueError as error:
+        raise InputError(f"{path}: a vertex row is not {p} numbers: {shown(error)}") from error
+    if len(numbers) < n:
+        raise InputError(f"{path}: cut short: {len(numbers)} vertex rows, the header says {n}")
+    if numbers.shape[1] != p:
+        raise InputError(
+            f"{path}: vertex rows have {numbers.shape[1]} numbers, the header declares {p}"
+        )
+    return numbers.view([(name, np.float64) for name in header.names])[:, 0]
+
+
+def _splats(rows: npt.NDArray[np.void], n_rest: int) -> SplatParams:
+    n, k = len(rows), 1 + n_rest // 3
+    means = np.empty((n, 3), np.float32)
+    quats = np.empty((n, 4), np.float32)
+    log_scales = np.empty((n, 3), np.float32)
+    opacity_logits = np.empty(n, np.float32)
+    sh = np.empty((n, k, 3), np.float32)
+    targets = {
+        OPACITY: opacity_logits,
+        **{name: means[:, i] for i, name in enumerate(MEANS)},
+        **{name: quats[:, i] for i, name in enumerate(QUATS)},
+        **{name: log_scales[:, i] for i, name in enumerate(LOG_SCALES)},
+        **{name: sh[:, 0, i] for i, name in enumerate(SH_DC)},
+        # Channel-major: every coefficient of red, then of green, then of blue.
+        **{name: sh[:, 1 + i % (k - 1), i // (k - 1)] for i, name in enumerate(_rest(n_rest))},
+    }
+    with np.errstate(over="ignore"):  # a double beyond float32 is infinite: the caller counts it
+        for start in range(0, n, BLOCK):
+            block = np.asarray(rows[start : start + BLOCK])
+            for name, target in targets.items():
+                target[start : start + BLOCK] = block[name]
+    return SplatParams(means, quats, log_scales, opacity_logits, sh)
+
+
+def _rest(n_rest: int) -> tuple[str, ...]:
+    return tuple(f"f_rest_{i}" for i in range(n_rest))

@@ -1,0 +1,1 @@
+"""An evolution tree under an existing set of splats: pair, merge, repeat."""

@@ -1,0 +1,280 @@
+"""Lifting: a tree under an existing splat set, without photographs or training.
+
+Neighbours are paired, each pair gets a parent on the line through it, and the parents are paired
+again, a round per level. Three passes (the geometry of each is in `axes`, `pairing`, `merging`):
+
+1. up: who pairs with whom, each node written in the way that suits it and its own subtree;
+2. down: the ways of writing made consistent, so that every leaf resembles its relatives;
+3. up: with the leaves fixed, the parents that the tree will have.
+
+A pass takes about 1.5 kB a splat, so large scenes are lifted in parts, which no pair crosses.
+
+Letters: N splats, D channels, T nodes of all levels: first the leaves, then the parents by round.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec.common.parallel import each
+from evogs_codec.lifting.concat import joined
+from evogs_codec.lifting.orientations import COMPOSE, largest_w, nearest_turns, turned
+from evogs_codec.lifting.pairing import features, match, morton_order
+from evogs_codec.lifting.parents import MENDED, N_SHAPE, line_parents, median_mass, merged, moments
+from evogs_codec.model.splats import F32, F64, I64, SplatParams
+from evogs_codec.model.tree import EvolutionTree, Step, alpha_channels
+
+__all__ = ["Lifted", "lift", "lift_with_order"]
+
+N_PRICED = 14  # channels that decide who pairs: all but the higher SH bands
+MIN_W = 0.8  # of a unit quaternion; below, a node is written anew
+PART = 1 << 19  # splats that are lifted together at most
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Lifted:
+    """A tree and where its leaves come from.
+
+    Attributes:
+        tree: its last level is the splat set.
+        leaf_of: (N,) the index of the input splat that each leaf, in slot order, is equivalent to.
+    """
+
+    tree: EvolutionTree
+    leaf_of: I64
+
+
+@dataclass(frozen=True, eq=False)
+class _Round:
+    """R merges: nodes c1 and c2 become the node `parent`, all (R,).
+
+    Attributes:
+        turn_c2: (R,) turn that writes c2 like c1.
+        turn_parent: (R,) turn of the parent after it was formed from the two.
+    """
+
+    c1: I64
+    c2: I64
+    parent: I64
+    turn_c2: npt.NDArray[np.uint8]
+    turn_parent: npt.NDArray[np.uint8]
+
+
+def lift(
+    splats: SplatParams, n_levels: int = 5, *, progress: Progress | None = None
+) -> EvolutionTree:
+    """A tree of `n_levels` levels, each of about half the splats of the next, the last `splats`.
+
+    Args:
+        splats: N splats; the leaves are equivalent Gaussians in another order (`lift_with_order`).
+        n_levels: at least 1; 1 gives a tree of adds only.
+        progress: called with the share of the work done, 0 to 1.
+
+    Raises:
+        ValueError: `n_levels` is below 1, or a splat has a number that is not finite.
+    """
+    return lift_with_order(splats, n_levels, progress=progress).tree
+
+
+def off_of(tree: EvolutionTree, splats: SplatParams, leaf_of: I64) -> tuple[float, ...]:
+    """(5,) per group, how far the leaves of a lifted tree are from its splats: psi are float32.
+
+    A leaf is written like its relatives: log-scales are compared in order, and rotations are not.
+    """
+    leaves, right = tree.leaves(), splats.take(leaf_of)
+
+    def most(a: F32, b: F32) -> float:
+        return float(np.abs(a.astype(np.float64) - b).max(initial=0))
+
+    return (
+        most(leaves.means, right.means),
+        0.0,
+        most(np.sort(leaves.log_scales, axis=1), np.sort(right.log_scales, axis=1)),
+        most(leaves.opacity_logits, right.opacity_logits),
+        most(leaves.sh, right.sh),
+    )
+
+
+def lift_with_order(
+    splats: SplatParams, n_levels: int = 5, *, progress: Progress | None = None
+) -> Lifted:
+    """`lift`, and which splat each leaf is."""
+    if n_levels < 1:
+        raise ValueError(f"n_levels is {n_levels}, expected at least 1")
+    n_bad = len(splats) - int(np.count_nonzero(splats.finite()))
+    if n_bad:
+        raise ValueError(f"{n_bad} of {len(splats)} splats have a number that is not finite")
+    report: Progress = progress or (lambda _: None)
+    if len(splats) <= PART:
+        return _lift(splats, n_levels, report)
+    order = morton_order(splats.means.astype(np.float64))
+    parts = np.array_split(order, -(-len(splats) // PART))
+    lifted = []
+    for one in each(lambda rows: _lift(splats.take(rows), n_levels, lambda _: None), parts):
+        lifted.append(one)
+        report(len(lifted) / len(parts))
+    tree, slots = joined([one.tree for one in lifted])
+    leaf_of = np.empty(len(splats), np.int64)
+    for rows, one, places in zip(parts, lifted, slots, strict=True):
+        leaf_of[places] = rows[one.leaf_of]
+    return Lifted(tree, leaf_of)
+
+
+def _lift(splats: SplatParams, n_levels: int, report: Progress) -> Lifted:
+    """`lift_with_order` of splats that are finite."""
+    x = splats.channels().astype(np.float64)
+    quats = _unit(x[3:7])
+    log_scales = x[7:10].copy()
+    own_turn = largest_w(quats)
+    _write(x, quats, log_scales, own_turn)
+
+    rounds, shapes, roots = _pair_up(x, n_levels - 1, report)
+    turns = _agree(rounds, shapes)[: len(splats)]
+    _write(x, quats, log_scales, COMPOSE[own_turn, turns])
+    report(0.85)
+    values, alphas = _raise_parents(x, rounds)
+    report(0.95)
+    roots = roots[morton_order(values[0:3, roots].T)]
+    lifted = _grow(values, alphas, rounds, roots, splats.sh_degree)
+    report(1.0)
+    return lifted
+
+
+def _unit(quats: F64) -> F64:
+    """Unit quaternions (4, n); zero means identity."""
+    norm = np.linalg.norm(quats, axis=0)
+    identity = np.array([[1.0], [0.0], [0.0], [0.0]])
+    return np.where(norm > 0, quats / np.where(norm > 0, norm, 1), identity)
+
+
+def _write(x: F64, quats: F64, log_scales: F64, turn: npt.NDArray[np.uint8]) -> None:
+    """Write the shape of `x` (D, n) in place: w = 1, g and log-scales of the turned Gaussians."""
+    _, x[4:7], x[7:10] = turned(quats, log_scales, turn)
+    x[3] = 1
+
+
+def _pair_up(x: F64, n_rounds: int, report: Progress) -> tuple[list[_Round], F64, I64]:
+    """Pass 1 over the leaves (D, N).
+
+    Returns:
+        The rounds from the leaves up, the shapes (10, T) of all nodes as pass 1 wrote them, and the
+        nodes that no round merged.
+    """
+    n = x.shape[1]
+    now = x[:N_PRICED].copy()
+    mass = moments(now)
+    unit_mass = median_mass(mass)
+    nodes = np.arange(n)
+    unit = float(np.exp(np.clip(np.median(x[7:10].mean(axis=0)), -40, 40))) if n else 1.0
+    shapes = [now[:N_SHAPE]]
+    rounds: list[_Round] = []
+    total = n
+    for k in range(n_rounds):
+        i, j = match(features(now, mass, unit)) if len(nodes) > 1 else (nodes[:0], nodes[:0])
+        larger = now[7:10, i].sum(axis=0) > now[7:10, j].sum(axis=0)
+        c1, c2 = np.where(larger, j, i), np.where(larger, i, j)
+
+        right = now[:, c2]
+        quats, log_scales = _unit(right[3:7]), right[7:10].copy()
+        turn_c2 = nearest_turns(now[4:7, c1], now[7:10, c1], quats, log_scales)
+        _write(right, quats, log_scales, turn_c2)
+        mass_parents = merged(mass.take(c1), mass.take(c2))
+        parents, _ = line_parents(now[:, c1], right, mass_parents, unit_mass)
+        quats, log_scales = _unit(parents[3:7]), parents[7:10].copy()
+        turn_parent = largest_w(quats)
+        _write(parents, quats, log_scales, turn_parent)
+
+        ids = total + np.arange(len(c1))
+        total += len(c1)
+        rounds.append(_Round(nodes[c1], nodes[c2], ids, turn_c2, turn_parent))
+        shapes.append(parents[:N_SHAPE])
+        alone = np.ones(len(nodes), bool)
+        alone[c1] = alone[c2] = False
+        rows = np.flatnonzero(alone)
+        now = np.concatenate([now[:, rows], parents], axis=1)
+        mass = mass.take(rows).followed_by(mass_parents)
+        nodes = np.concatenate([nodes[rows], ids])
+        # Each round has half the nodes of the one before.
+        report(0.8 * (1 - 0.5 ** (k + 1)))
+    return rounds, np.concatenate(shapes, axis=1), nodes
+
+
+def _agree(rounds: list[_Round], shapes: F64) -> npt.NDArray[np.uint8]:
+    """Pass 2: (T,) turn of each node, on top of how pass 1 wrote it; none for roots.
+
+    Turning a parent turns its children with it. g is a projective coordinate, so a line stays a
+    line, but a child may come to lie far out, where g is coarse: it is then written anew, like the
+    relative next to it.
+    """
+    turn = np.zeros(shapes.shape[1], np.uint8)
+    written = shapes[4:10].copy()
+    for r in reversed(rounds):
+        of_c1 = COMPOSE[r.turn_parent, turn[r.parent]]
+        of_c2 = COMPOSE[r.turn_c2, of_c1]
+        for child, of_child, relative in ((r.c1, of_c1, r.parent), (r.c2, of_c2, r.c1)):
+            quats, log_scales = _unit(shapes[3:7, child]), shapes[7:10, child]
+            w, g, turned_scales = turned(quats, log_scales, of_child)
+            far = np.flatnonzero(np.abs(w) < MIN_W)
+            beside = written[:, relative[far]]
+            new = nearest_turns(beside[:3], beside[3:], quats[:, far], log_scales[:, far])
+            of_child[far] = new
+            _, g[:, far], turned_scales[:, far] = turned(quats[:, far], log_scales[:, far], new)
+            turn[child] = of_child
+            written[:3, child], written[3:, child] = g, turned_scales
+    return turn
+
+
+def _raise_parents(x: F64, rounds: list[_Round]) -> tuple[F64, list[F64]]:
+    """Pass 3: channels (D, T) of all nodes, and alpha (5, R) of each round."""
+    values = np.concatenate([x, *(np.empty((len(x), len(r.parent))) for r in rounds)], axis=1)
+    mass = moments(x)
+    unit_mass = median_mass(mass)
+    alphas = []
+    for r in rounds:
+        # Parents are numbered in the order of the rounds, as `followed_by` appends them.
+        mass = mass.followed_by(merged(mass.take(r.c1), mass.take(r.c2)))
+        values[:, r.parent], alpha = line_parents(
+            values[:, r.c1], values[:, r.c2], mass.take(r.parent), unit_mass
+        )
+        alphas.append(alpha)
+    return values, alphas
+
+
+def _grow(
+    values: F64, alphas: list[F64], rounds: list[_Round], roots: I64, sh_degree: int
+) -> Lifted:
+    """The tree of the nodes (D, T), roots in the order given."""
+    steps = [Step.of_adds(0, values[:, roots].astype(np.float32))]
+    slot_of = np.full(values.shape[1], -1)
+    slot_of[roots] = np.arange(len(roots))
+    node_at = roots
+    for level, (r, alpha) in enumerate(zip(reversed(rounds), reversed(alphas), strict=True), 1):
+        order = np.argsort(slot_of[r.parent])
+        c1, c2, parent = r.c1[order], r.c2[order], r.parent[order]
+        slots = slot_of[parent]
+        alpha = alpha[:, order]
+        steps.append(Step.of_splits(level, slots, values[:, c1] - values[:, parent], alpha))
+        rows = np.flatnonzero(alpha[2] == MENDED)
+        if len(rows):
+            split = values[:, parent[rows]], alpha[:, rows], steps[-1].psi[:, rows]
+            steps.append(_mending_step(level, len(node_at) + rows, values[:, c2[rows]], split))
+        slot_of[c1] = slots
+        slot_of[c2] = len(node_at) + np.arange(len(c2))
+        node_at = np.concatenate([node_at, c2])
+        node_at[slots] = c1
+    return Lifted(EvolutionTree(sh_degree, tuple(steps)), node_at)
+
+
+def _mending_step(level: int, slots: I64, c2: F64, split: tuple[F64, F64, F32]) -> Step:
+    """Refines that give c2 (D, n) their shape after a split: parents (D, n), alpha (5, n), psi."""
+    parents, alpha, psi_split = split
+    given = parents - alpha_channels(alpha, len(c2)) * psi_split
+    psi = np.zeros(c2.shape)
+    psi[:N_SHAPE] = (c2 - given)[:N_SHAPE]
+    return Step.of_refines(level, slots, psi)

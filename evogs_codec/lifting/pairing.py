@@ -1,0 +1,217 @@
+"""Who merges with whom: neighbours whose difference costs few bits, matched greedily.
+
+The price of a pair is the estimated number of bits of its difference: log2(1 + |d| / (2 step)) per
+channel, the steps being those of a good coarse quantiser. Prices of unlike groups add up, saturate
+where a channel is hopeless anyway, and are what a codec pays. To it comes what the picture pays:
+the growth, by which the merged Gaussian hides more than its two parts, and an unlike mass, where
+the colour of one would be lost in the other. Splats that find only such partners wait, alone.
+
+Letters: n nodes, e edges (candidate pairs), channel-major arrays.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from evogs_codec.common.morton import every_third_bit
+from evogs_codec.common.parallel import each
+from evogs_codec.lifting.orientations import STEP_ROTATION, STEP_SCALE
+from evogs_codec.lifting.parents import TINY, Moments, merged, sizes
+from evogs_codec.model.splats import F32, F64, I64
+
+__all__ = ["Features", "features", "match", "morton_order"]
+
+STEP_POSITION = 0.2  # in units of the median splat
+STEP_OPACITY = 0.125
+STEP_SH0 = 1 / 32
+
+N_NEIGHBOURS = 8
+BITS_PER_GROWTH = 6.0  # price of a doubling of the cross-section
+# Doublings of the cross-section that a round of matching allows; beyond, a splat stays alone.
+# At last anything goes where many are left: a tree that does not shrink is of no use either.
+MAX_GROWTH = (2.0, 2.0, 2.0, 3.0, 3.0, np.inf, np.inf, np.inf)
+MAX_ALONE = 0.01  # share of the nodes below which no further round is worth its time
+MAX_WAITING = 0.2  # share of the nodes that may wait for better partners
+BITS_PER_MASS = 2.0  # price of a doubling of the ratio of the masses beyond FREE_MASS doublings
+FREE_MASS = 2.0
+MAX_MASS = 7.0  # doublings; beyond, the lesser would only tint the greater
+JITTER = 1e-3  # in units of the median splat
+MIN_PART = 2048  # nodes that are worth a thread
+CHUNK = 1 << 16  # edges priced at a time: fits the cache
+
+
+@dataclass(frozen=True, eq=False)
+class Features:
+    """What prices are made of; each channel divided by twice its step.
+
+    Attributes:
+        points: (3, n) float64 means in units of the median splat.
+        quats: (4, n) unit quaternions.
+        scales: (3, n) log-scales in increasing order.
+        rest: (C, n) channels that no turn of the axes changes: position, opacity, colour.
+        moments: of the leaves below each node.
+    """
+
+    points: F64
+    quats: F32
+    scales: F32
+    rest: F32
+    moments: Moments
+
+
+def features(x: F64, moments: Moments, unit: float) -> Features:
+    """Features of the nodes (D, n); `unit` is the size of the median splat."""
+    points = (x[0:3] - x[0:3].mean(axis=1, keepdims=True)) / unit
+    red, green, blue = x[11:14]
+    chroma = red - blue
+    middle = (red + blue) / 2
+    colour = np.stack([(middle + green) / 2, chroma, green - middle])
+    rest = np.concatenate([points / STEP_POSITION, x[10:11] / STEP_OPACITY, colour / STEP_SH0])
+    return Features(
+        points,
+        (x[3:7] / np.linalg.norm(x[3:7], axis=0)).astype(np.float32),
+        _float32(np.sort(x[7:10], axis=0) / (2 * STEP_SCALE)),
+        _float32(rest / 2),
+        moments,
+    )
+
+
+def match(f: Features) -> tuple[I64, I64]:
+    """Disjoint pairs (i, j) of nodes that are close and alike, of most nodes."""
+    n = f.points.shape[1]
+    points = f.points.T + JITTER * _spread_points(n)
+    free = np.ones(n, bool)
+    taken = [(np.empty(0, np.int64), np.empty(0, np.int64))]
+    for limit in MAX_GROWTH:
+        nodes = np.flatnonzero(free)
+        if len(nodes) < max(2, (MAX_WAITING if limit == np.inf else MAX_ALONE) * n):
+            break
+        i, j = (nodes[end] for end in _edges(points[nodes]))
+        price, growth = _prices(f, i, j)
+        kept = np.flatnonzero(growth <= limit)
+        i, j = _greedy(i[kept], j[kept], price[kept], n)
+        free[i] = free[j] = False
+        taken.append((i, j))
+    return np.concatenate([t[0] for t in taken]), np.concatenate([t[1] for t in taken])
+
+
+def _spread_points(n: int) -> F64:
+    """(n, 3) evenly spread in the unit cube.
+
+    A k-d tree cannot divide coincident points and takes quadratic time over them; moved apart by
+    this they are as good as any neighbours.
+    """
+    # The R3 sequence of M. Roberts: powers of the root of x**4 = x + 1.
+    steps = 1.2207440846057596 ** -np.arange(1.0, 4.0)
+    out: F64 = np.modf(np.arange(n)[:, None] * steps)[0]
+    return out
+
+
+def _edges(points: F64) -> tuple[I64, I64]:
+    """Each node with its nearest neighbours, every pair once: (e,), (e,)."""
+    n = len(points)
+    k = min(N_NEIGHBOURS + 1, n)
+    tree = scipy.spatial.cKDTree(points)
+    # Not with `workers` of scipy: an interrupt frees the arrays that its threads still write to.
+    parts = np.array_split(points, max(1, min(os.cpu_count() or 1, n // MIN_PART)))
+    near = [found.ravel() for found in each(lambda part: tree.query(part, k=k)[1], parts)]
+    start = np.repeat(np.arange(n), k)
+    end = np.concatenate(near).astype(np.int64)
+    keys = (np.minimum(start, end) * n + np.maximum(start, end))[start != end]
+    keys.sort()  # 15 times as fast as np.unique, which hashes
+    i, j = np.divmod(keys[np.diff(keys, prepend=-1) > 0], n)
+    return i, j
+
+
+def _greedy(i: I64, j: I64, price: F32, n: int) -> tuple[I64, I64]:
+    """Pairs in order of price, each of two nodes that are still free.
+
+    An edge that is the cheapest of both its ends belongs to the greedy matching whatever the rest
+    does, so all such edges are taken at once, and again with the edges that are left.
+    """
+    order = np.argsort(price, kind="stable")
+    i, j = i[order], j[order]
+    free = np.ones(n, bool)
+    cheapest = np.empty(n, np.int64)
+    taken = [(i[:0], j[:0])]
+    while len(i):
+        rank = np.arange(len(i))
+        # Of repeated indices numpy keeps the last: written backwards, the cheapest edge.
+        cheapest[np.stack([i, j], axis=1).ravel()[::-1]] = np.repeat(rank, 2)[::-1]
+        mutual = (cheapest[i] == rank) & (cheapest[j] == rank)
+        taken.append((i[mutual], j[mutual]))
+        free[i[mutual]] = free[j[mutual]] = False
+        left = free[i] & free[j]
+        i, j = i[left], j[left]
+    return np.concatenate([t[0] for t in taken]), np.concatenate([t[1] for t in taken])
+
+
+def _prices(f: Features, i: I64, j: I64) -> tuple[F32, F32]:
+    """(e,) price and (e,) growth, in doublings, of the pairs of nodes i and j."""
+    price = np.empty(len(i), np.float32)
+    growth = np.empty(len(i), np.float32)
+    size = sizes(f.moments.cov)
+    mass = np.log2(np.maximum(f.moments.mass, TINY))
+    for at in range(0, len(i), CHUNK):
+        part = slice(at, at + CHUNK)
+        a, b = i[part], j[part]
+        growth[part] = _growth(f.moments, size, a, b)
+        price[part] = _bits(f.rest[:, a] - f.rest[:, b])
+        price[part] += _bits(f.scales[:, a] - f.scales[:, b])
+        price[part] += _rotation_bits(f.quats[:, a], f.quats[:, b])
+        price[part] += np.float32(BITS_PER_GROWTH) * np.maximum(growth[part], 0)
+        unlike = np.abs(mass[a] - mass[b])
+        price[part] += np.float32(BITS_PER_MASS) * np.maximum(unlike - FREE_MASS, 0)
+        growth[part][unlike > MAX_MASS] = np.inf
+    return price, growth
+
+
+def _growth(m: Moments, size: F64, a: I64, b: I64) -> F64:
+    """(e,) log2 of the cross-section of the merged Gaussian over the sum of its parts'."""
+    both = merged(m.take(a), m.take(b))
+    out: F64 = np.log2(sizes(both.cov)) - np.log2(np.maximum(size[a] + size[b], TINY))
+    return out
+
+
+def _bits(difference: F32) -> F32:
+    """(e,) sum over the channels of log2(1 + |d|)."""
+    out: F32 = np.log2(1 + np.abs(difference)).sum(axis=0)
+    return out
+
+
+def _rotation_bits(p: F32, q: F32) -> F32:
+    """(e,) bits of the least turn from p to any equivalent of q, without asking which it is."""
+    w = p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3]
+    x = p[0] * q[1] - p[1] * q[0] - p[2] * q[3] + p[3] * q[2]
+    y = p[0] * q[2] - p[2] * q[0] - p[3] * q[1] + p[1] * q[3]
+    z = p[0] * q[3] - p[3] * q[0] - p[1] * q[2] + p[2] * q[1]
+    a, b, c, d = np.sort(np.abs(np.stack([w, x, y, z])), axis=0)
+    # The turns of the cube are multiples of 90 degrees about axes, edges and corners (`axes`).
+    best = np.maximum(d, np.maximum((c + d) * np.float32(0.5**0.5), (a + b + c + d) / 2))
+    g = np.sqrt(np.maximum(1 / (best * best) - 1, 0) / 3)
+    out: F32 = 3 * np.log2(1 + g / np.float32(2 * STEP_ROTATION))
+    return out
+
+
+def morton_order(points: F64) -> I64:
+    """(n,) the points (n, 3) along the Z curve of their bounding cube, 21 bits per axis."""
+    if not len(points):
+        return np.empty(0, np.int64)
+    low = points.min(axis=0)
+    extent = max(float((points - low).max()), TINY)
+    cells = ((points - low) / extent * (2**21 - 1)).astype(np.uint64)
+    code = np.zeros(len(points), np.uint64)
+    for axis in range(3):
+        code |= every_third_bit(cells[:, axis]) << np.uint64(axis)
+    out: I64 = np.argsort(code, kind="stable")
+    return out
+
+
+def _float32(x: F64) -> F32:
+    """Rounded to float32, far values bounded so that no difference overflows."""
+    out: F32 = np.clip(x, -1e37, 1e37).astype(np.float32)
+    return out

@@ -1,0 +1,138 @@
+"""SH that many splats share, and trees that say so with a palette (spec 3.7).
+
+Scenes that went through a codec with a palette of SH have a few ten thousand vectors of them for
+hundreds of thousands of splats. As psi they would all differ.
+
+Letters: N splats, C SH channels above band 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from evogs_codec.lifting.lift import Lifted
+from evogs_codec.model.channels import N_CORE
+from evogs_codec.model.splats import F32, F64, I32, I64, SplatParams
+from evogs_codec.model.tree import EvolutionTree, Kind, Palette, Step
+
+__all__ = ["shared_sh", "with_palette"]
+
+MOST = 0.25  # of the splats, as many different vectors at most: else psi take fewer bytes
+N_COARSE = 256  # entries for coarse splats at most: their picks take a byte
+SAMPLE, ROUNDS = 32_768, 10  # of coarse splats, by which those entries are found
+BLOCK = 16_384  # splats compared with entries at a time
+
+
+def shared_sh(splats: SplatParams) -> tuple[Palette, I64] | None:
+    """The palette of splats and the pick (N,) of each; None if too few of them share their SH."""
+    if not len(splats) or not splats.sh_degree:
+        return None
+    rest = np.ascontiguousarray(splats.sh[:, 1:]).reshape(len(splats), -1)
+    keys = _keys(rest)
+    order = np.argsort(keys, kind="stable")
+    is_new = np.ones(len(keys), bool)
+    is_new[1:] = keys[order[1:]] != keys[order[:-1]]
+    if np.count_nonzero(is_new) > MOST * len(keys):
+        return None
+    entry = np.empty(len(keys), np.int64)
+    entry[order] = np.cumsum(is_new) - 1
+    entries = rest[order[is_new]]
+    if not np.array_equal(entries[entry], rest):  # two vectors with one key
+        return None
+    # The pick 0 needs no entry.
+    some = entries.any(1)
+    number = np.where(some, np.cumsum(some), 0)
+    return Palette(splats.sh_degree, np.ascontiguousarray(entries[some].T)), number[entry]
+
+
+def _keys(rows: F32) -> I64:
+    """(N,) a number for each row of bits; different ones for different rows, most likely."""
+    factors = np.random.default_rng(0).integers(1 << 62, size=rows.shape[1]) * 2 + 1
+    keys: I64 = (rows + np.float32(0)).view(np.int32).astype(np.int64) @ factors  # no -0
+    return keys
+
+
+def with_palette(lifted: Lifted, splats: SplatParams) -> EvolutionTree | None:
+    """The lifted tree of splats with their SH above band 0 in a palette, where they share them.
+
+    Coarse splats show one of a few entries made for them, the nearest to their own SH.
+
+    Returns:
+        None if too few splats share their SH, or if none has any.
+    """
+    shared = shared_sh(splats)
+    if shared is None or not shared[0].entries.size:
+        return None
+    own, picks = shared
+    tree = lifted.tree
+    is_last = _last_written(tree)
+    coarse = _coarse_entries(tree, is_last, min(N_COARSE, own.entries.shape[1]))
+    n_coarse = coarse.shape[1]
+    final = np.where(picks > 0, picks + n_coarse, 0)[lifted.leaf_of].astype(np.int32)
+    shown = np.zeros(len(final), np.int32)
+    steps: list[Step] = []
+    n = 0
+    for k, (step, state) in enumerate(zip(tree.steps, tree.states(), strict=True)):
+        changed = step.slots[step.kinds != Kind.DROP]
+        written = np.concatenate([changed, n + np.arange(step.n_new)])
+        is_final = is_last[written] <= k
+        now = np.where(is_final, final[written], 0)
+        now[~is_final] = _nearest(state.values[N_CORE:, written[~is_final]], coarse)
+        keeps = np.array_equal(now[: len(changed)], shown[changed])
+        shown[written] = now
+        steps.append(
+            replace(
+                step,
+                psi=step.psi[:N_CORE],
+                adds=step.adds[:N_CORE],
+                picks=now[len(changed) :] if keeps else now,
+            )
+        )
+        n += step.n_new
+    entries = np.concatenate([coarse, own.entries], axis=1)
+    return EvolutionTree(0, tuple(steps), palette=Palette(own.degree, entries, n_coarse))
+
+
+def _last_written(tree: EvolutionTree) -> I64:
+    """(n_slots,) the step that splits each slot last, or makes it if none does."""
+    born = [np.full(step.n_new, k) for k, step in enumerate(tree.steps)]
+    out = np.concatenate([np.empty(0, np.int64), *born])
+    for k, step in enumerate(tree.steps):
+        out[step.slots[step.kinds == Kind.SPLIT]] = k
+    return out
+
+
+def _coarse_entries(tree: EvolutionTree, is_last: I64, n: int) -> F32:
+    """(C, up to n) centres of the SH of splats that are not leaves (k-means of a sample)."""
+    parts = []
+    for k, (step, state) in enumerate(zip(tree.steps, tree.states(), strict=True)):
+        new = np.arange(state.values.shape[1] - step.n_new, state.values.shape[1])
+        written = np.concatenate([step.slots[step.kinds != Kind.DROP], new])
+        parts.append(state.values[N_CORE:, written[is_last[written] > k]].astype(np.float32))
+    x = np.concatenate(parts, axis=1)
+    if not x.shape[1]:  # all are leaves
+        return x
+    x = x[:, :: max(1, x.shape[1] // SAMPLE)]
+    centres = x[:, :: max(1, -(-x.shape[1] // max(n, 1)))]
+    for _ in range(ROUNDS):
+        nearest = _nearest(x, centres)
+        counts = np.bincount(nearest, minlength=1 + centres.shape[1])[1:]
+        some = np.flatnonzero(counts)
+        sums = [np.bincount(nearest, row, 1 + centres.shape[1])[1:][some] for row in x]
+        centres = (np.array(sums).reshape(len(x), -1) / counts[some]).astype(np.float32)
+    return centres
+
+
+def _nearest(x: F32 | F64, entries: F32) -> I32:
+    """(N,) picks: the nearest of entries (C, n), or 0 for none, to each of (C, N)."""
+    out = np.zeros(x.shape[1], np.int32)
+    candidates = np.concatenate([np.zeros((len(entries), 1), np.float32), entries], axis=1)
+    unit = np.float32(max(1.0, np.abs(candidates).max(), np.abs(x).max(initial=0)))
+    candidates /= unit  # so that no square overflows
+    lengths = np.square(candidates).sum(0)
+    for at in range(0, len(out), BLOCK):
+        part = (x[:, at : at + BLOCK] / unit).astype(np.float32)
+        out[at : at + BLOCK] = np.argmin(lengths - 2 * part.T @ candidates, axis=1)
+    return out

@@ -1,0 +1,1 @@
+"""Splats, evolution trees, their coded form, and the integer arithmetic of spec 7."""

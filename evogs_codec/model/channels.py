@@ -1,0 +1,96 @@
+"""Channels of a splat: their groups, their quantiser classes, and the components they lie in.
+
+Letters: D = 11 + 3 (degree + 1)**2 channels of a splat. Channel order (spec 3.2): position x y z,
+rotation w x y z, log-scale x y z, opacity logit, then the SH coefficients, R G B of each.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+__all__ = [
+    "CLASS_NAMES",
+    "CORE_SH",
+    "GROUPS",
+    "GROUP_CHANNELS",
+    "MAX_SH_DEGREE",
+    "N_CORE",
+    "N_GEOMETRY",
+    "N_GROUPS",
+    "PALETTE",
+    "PICKS",
+    "SH_GROUP",
+    "channel_class",
+    "component_channels",
+    "component_slice",
+    "group_of_class",
+    "n_channels",
+    "n_classes",
+    "sh_channels",
+    "sh_degree_of",
+]
+
+GROUPS = ("position", "rotation", "scale", "opacity", "sh")
+GROUP_CHANNELS = (slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 11), slice(11, None))
+N_GROUPS = len(GROUPS)
+SH_GROUP = 4
+CLASS_NAMES = ("position", "rotation", "scale", "opacity", "sh 0", "sh 1", "sh 2", "sh 3")
+N_GEOMETRY = 11  # channels before the SH coefficients
+N_CORE = 14  # channels of core: geometry and SH band 0
+CORE_SH = slice(N_GEOMETRY, N_CORE)
+MAX_SH_DEGREE = 3
+PICKS, PALETTE = 1, 2  # components of a stream with a palette (spec 3.7)
+
+
+def n_channels(sh_degree: int) -> int:
+    """D for an SH degree (spec 3.2)."""
+    return N_GEOMETRY + 3 * (sh_degree + 1) ** 2
+
+
+def sh_degree_of(n_coefficients: int) -> int:
+    """SH degree with `n_coefficients` = (degree + 1)**2 coefficients.
+
+    Raises:
+        ValueError: no degree of 0..3 has that many.
+    """
+    for degree in range(MAX_SH_DEGREE + 1):
+        if (degree + 1) ** 2 == n_coefficients:
+            return degree
+    raise ValueError(f"{n_coefficients} SH coefficients are no degree of 0..{MAX_SH_DEGREE}")
+
+
+def n_classes(sh_degree: int) -> int:
+    """Quantiser classes (spec 3.2)."""
+    return N_GROUPS + sh_degree
+
+
+@cache
+def channel_class(channel: int) -> int:
+    """Quantiser class of a channel (spec 3.2)."""
+    if channel < N_GEOMETRY:
+        return int(np.searchsorted([3, 7, 10, 11], channel, side="right"))
+    return SH_GROUP + int(np.sqrt((channel - N_GEOMETRY) // 3))
+
+
+def group_of_class(kind: int) -> int:
+    """The group whose grid and alpha a quantiser class has: every SH band that of SH."""
+    return min(kind, SH_GROUP)
+
+
+def component_channels(component: int) -> int:
+    """Channels of a component: 14 of core, 3 (2 b + 1) of band b (spec 3.5)."""
+    return N_CORE if component == 0 else 3 * (2 * component + 1)
+
+
+def component_slice(component: int) -> slice:
+    """Channels of a component among the D of a splat (spec 3.5)."""
+    if component == 0:
+        return slice(0, N_CORE)
+    return slice(N_GEOMETRY + 3 * component**2, N_GEOMETRY + 3 * (component + 1) ** 2)
+
+
+def sh_channels(component: int) -> slice:
+    """Which channels of a component are SH triples."""
+    return CORE_SH if component == 0 else slice(0, component_channels(component))

@@ -1,0 +1,117 @@
+"""Splats before activation: the five groups, their channels, and `SplatParams`.
+
+Letters: N splats, K = (degree + 1)**2 SH coefficients, D = 11 + 3 K channels.
+Channel order (spec 3.2): position x y z, rotation w x y z, log-scale x y z, opacity logit, then the
+SH coefficients in the usual order, R G B of each.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec.model.channels import N_GEOMETRY, n_channels, sh_degree_of
+
+__all__ = [
+    "SplatParams",
+]
+
+F32: TypeAlias = npt.NDArray[np.float32]
+F64: TypeAlias = npt.NDArray[np.float64]
+I32: TypeAlias = npt.NDArray[np.int32]
+I64: TypeAlias = npt.NDArray[np.int64]
+U8: TypeAlias = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class SplatParams:
+    """N splats before activation, the arrays read-only.
+
+    Attributes:
+        means: (N, 3) positions, scene units.
+        quats: (N, 4) quaternions w x y z, not normalised; zero means identity.
+        log_scales: (N, 3) natural logarithms of the standard deviations, scene units.
+        opacity_logits: (N,) logits of the opacity.
+        sh: (N, K, 3) spherical-harmonics coefficients, R G B last, band 0 first.
+    """
+
+    means: F32
+    quats: F32
+    log_scales: F32
+    opacity_logits: F32
+    sh: F32
+
+    def __post_init__(self) -> None:
+        n = len(self.means)
+        if self.sh.ndim != 3:
+            raise ValueError(f"sh has shape {self.sh.shape}, expected (N, K, 3)")
+        sh_degree_of(self.sh.shape[1])
+        expected = {
+            "means": (n, 3),
+            "quats": (n, 4),
+            "log_scales": (n, 3),
+            "opacity_logits": (n,),
+            "sh": (n, self.sh.shape[1], 3),
+        }
+        for name, shape in expected.items():
+            array = np.asarray(getattr(self, name), dtype=np.float32)
+            if array.shape != shape:
+                raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
+            array = array.view()
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    def __len__(self) -> int:
+        return len(self.means)
+
+    @property
+    def sh_degree(self) -> int:
+        """Degree of the SH coefficients, 0..3."""
+        return sh_degree_of(self.sh.shape[1])
+
+    def channels(self) -> F32:
+        """(D, N) float32, one row per channel (spec 3.2)."""
+        n = len(self)
+        out = np.empty((n_channels(self.sh_degree), n), np.float32)
+        out[0:3] = self.means.T
+        out[3:7] = self.quats.T
+        out[7:10] = self.log_scales.T
+        out[10] = self.opacity_logits
+        out[11:] = self.sh.reshape(n, len(out) - N_GEOMETRY).T
+        return out
+
+    @staticmethod
+    def from_channels(channels: npt.NDArray[np.floating]) -> SplatParams:
+        """The inverse of `channels`: (D, N) in, any float dtype, rounded to float32 once."""
+        x = np.asarray(channels)
+        n = x.shape[1]
+        return SplatParams(
+            means=np.ascontiguousarray(x[0:3].T, np.float32),
+            quats=np.ascontiguousarray(x[3:7].T, np.float32),
+            log_scales=np.ascontiguousarray(x[7:10].T, np.float32),
+            opacity_logits=x[10].astype(np.float32),
+            sh=np.ascontiguousarray(x[11:].T, np.float32).reshape(n, (len(x) - 11) // 3, 3),
+        )
+
+    def take(self, rows: npt.NDArray[np.integer] | npt.NDArray[np.bool_] | slice) -> SplatParams:
+        """The splats of `rows`, in that order."""
+        return SplatParams(
+            self.means[rows],
+            self.quats[rows],
+            self.log_scales[rows],
+            self.opacity_logits[rows],
+            self.sh[rows],
+        )
+
+    def finite(self) -> npt.NDArray[np.bool_]:
+        """(N,) True where every number of the splat is finite."""
+        flags = np.ones(len(self), bool)
+        flags &= np.isfinite(self.means).all(1)
+        flags &= np.isfinite(self.quats).all(1)
+        flags &= np.isfinite(self.log_scales).all(1)
+        flags &= np.isfinite(self.opacity_logits)
+        flags &= np.isfinite(self.sh).all((1, 2))
+        return flags

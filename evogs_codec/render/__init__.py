@@ -1,0 +1,25 @@
+"""The rasterizer: a definition (spec/rasterizer.md), an oracle that reads like it, fast kernels."""
+
+from evogs_codec.render.camera import Camera, load_cameras, orbit, save_cameras
+from evogs_codec.render.forward import Counts, Drawing, draw, render, render_counted
+from evogs_codec.render.gradients import Gradients, gradients
+from evogs_codec.render.metrics import psnr, ssim, ssim_gradient
+from evogs_codec.render.options import Options
+
+__all__ = [
+    "Camera",
+    "Counts",
+    "Drawing",
+    "Gradients",
+    "Options",
+    "draw",
+    "gradients",
+    "load_cameras",
+    "orbit",
+    "psnr",
+    "render",
+    "render_counted",
+    "save_cameras",
+    "ssim",
+    "ssim_gradient",
+]

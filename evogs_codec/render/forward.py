@@ -1,0 +1,186 @@
+"""Pictures of splats, and the gradients of pictures (spec/rasterizer.md).
+
+`render` gives the picture, `render_counted` also says what was left out. `draw` keeps what
+`gradients` needs to turn the gradient of a loss to the picture into gradients to the parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec.render import projection as p
+from evogs_codec.render.blending import blend
+from evogs_codec.render.camera import Camera
+from evogs_codec.render.compiled import n_threads
+from evogs_codec.render.options import DEFAULT, Options
+from evogs_codec.render.tiles import Chunk, Tiles, depth_order
+
+__all__ = ["Counts", "Drawing", "Splats", "draw", "render", "render_counted"]
+
+Real = npt.NDArray[np.floating[Any]]
+Color = Sequence[float] | Real
+
+
+class Splats(Protocol):
+    """Parameters before activation; `SplatParams` is one. Arrays of float32 or float64.
+
+    Attributes:
+        means: (N, 3). quats: (N, 4), w x y z. log_scales: (N, 3). opacity_logits: (N,).
+        sh: (N, K, 3), K = (degree + 1)**2.
+    """
+
+    @property
+    def means(self) -> Real: ...  # noqa: D102
+    @property
+    def quats(self) -> Real: ...  # noqa: D102
+    @property
+    def log_scales(self) -> Real: ...  # noqa: D102
+    @property
+    def opacity_logits(self) -> Real: ...  # noqa: D102
+    @property
+    def sh(self) -> Real: ...  # noqa: D102
+
+
+@dataclass(frozen=True)
+class Counts:
+    """What became of N splats: n_drawn + n_invisible + n_non_finite = N.
+
+    Attributes:
+        n_drawn: those whose box meets the picture.
+        n_invisible: those too near, off the picture, between pixels, or too faint.
+        n_non_finite: those with a parameter, or a footprint, that is not a finite number.
+        n_intersections: pairs of a drawn splat and a tile that it meets.
+    """
+
+    n_drawn: int
+    n_invisible: int
+    n_non_finite: int
+    n_intersections: int
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A picture and how it came about.
+
+    Attributes:
+        camera, options: what was asked for.
+        background: (3,).
+        image: (H, W, 3).
+        transmittance: (H, W) of the background.
+        status: (N,) `projection.DRAWN`, `INVISIBLE` or `NON_FINITE`.
+        last: (H, W) position of each pixel's last splat in the list of its tile, -1 if none.
+        tiles: the lists.
+        chunk: all lists, where they fit one chunk.
+    """
+
+    camera: Camera
+    options: Options
+    background: Real
+    image: Real
+    transmittance: Real
+    status: npt.NDArray[np.uint8]
+    last: npt.NDArray[np.int32]
+    tiles: Tiles
+    chunk: Chunk | None
+
+    @property
+    def counts(self) -> Counts:
+        """What became of the splats."""
+        n = np.bincount(self.status, minlength=3)
+        return Counts(
+            int(n[p.DRAWN]), int(n[p.INVISIBLE]), int(n[p.NON_FINITE]), self.tiles.n_intersections
+        )
+
+
+def render(
+    splats: Splats,
+    camera: Camera,
+    background: Color = (0.0, 0.0, 0.0),
+    *,
+    options: Options = DEFAULT,
+    dtype: npt.DTypeLike = np.float32,
+) -> Real:
+    """(H, W, 3) picture, linear in the colours, not clamped above; float32 or float64."""
+    return _draw(splats, camera, background, options, dtype, keep=False).image
+
+
+def render_counted(
+    splats: Splats,
+    camera: Camera,
+    background: Color = (0.0, 0.0, 0.0),
+    *,
+    options: Options = DEFAULT,
+    dtype: npt.DTypeLike = np.float32,
+) -> tuple[Real, Counts]:
+    """The picture of `render`, and what became of the splats."""
+    drawing = _draw(splats, camera, background, options, dtype, keep=False)
+    return drawing.image, drawing.counts
+
+
+def draw(
+    splats: Splats,
+    camera: Camera,
+    background: Color = (0.0, 0.0, 0.0),
+    *,
+    options: Options = DEFAULT,
+    dtype: npt.DTypeLike = np.float32,
+) -> Drawing:
+    """The picture of `render`, with what `gradients` needs."""
+    return _draw(splats, camera, background, options, dtype, keep=True)
+
+
+def _draw(
+    splats: Splats,
+    camera: Camera,
+    background: Color,
+    options: Options,
+    dtype: npt.DTypeLike,
+    *,
+    keep: bool,
+) -> Drawing:
+    tiles, status = prepare(splats, camera, options)
+    height, width = camera.height, camera.width
+    image = np.empty((height, width, 3), dtype)
+    color = np.asarray(background, dtype)
+    kept = (height, width) if keep else (0, 0)
+    transmittance, last = np.empty(kept, dtype), np.empty(kept, np.int32)
+    chunk = None
+    n_chunks = 0
+    for chunk in tiles.chunks():
+        n_chunks += 1
+        blend(
+            chunk.first, tiles.columns, chunk.offsets, chunk.entries, chunk.order,
+            tiles.records, tiles.rows, color, options.alpha_max,
+            image, transmittance, last, n_threads(),
+        )  # fmt: skip
+    kept_chunk = chunk if keep and n_chunks == 1 else None
+    return Drawing(camera, options, color, image, transmittance, status, last, tiles, kept_chunk)
+
+
+def prepare(
+    splats: Splats, camera: Camera, options: Options
+) -> tuple[Tiles, npt.NDArray[np.uint8]]:
+    """Project, sort and count: all that comes before pixels; and the status of each splat."""
+    n = len(splats.means)
+    records = np.empty((n, p.FIELDS), np.float64)
+    rows = np.empty((n, 2), np.int32)
+    depths = np.empty(n, np.float64)
+    status = np.empty(n, np.uint8)
+    p.project(
+        splats.means, splats.quats, splats.log_scales, splats.opacity_logits, splats.sh,
+        camera.view(options), options.antialiased, camera.width, camera.height,
+        records, rows, depths, status, n_threads(),
+    )  # fmt: skip
+    order = depth_order(depths, status)
+    tiles = Tiles.of(records, rows, order, camera.width, camera.height)
+    if tiles.n_intersections > options.max_intersections:
+        raise ValueError(
+            f"{tiles.n_intersections} pairs of a splat and a tile, over max_intersections = "
+            f"{options.max_intersections}: are the scales of the scene right?"
+        )
+    return tiles, status

@@ -1,0 +1,82 @@
+"""Gradients of a loss to the parameters of the splats of a drawing (spec/rasterizer.md 7)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from evogs_codec.render.blending_gradient import ENTRY, add_up, blend_gradient
+from evogs_codec.render.compiled import n_threads
+from evogs_codec.render.forward import Drawing, Real, Splats
+from evogs_codec.render.projection_gradient import project_gradient
+
+__all__ = ["Gradients", "gradients"]
+
+_MAX_LIST = 1 << 24  # float32 counts exactly up to here
+
+
+@dataclass(frozen=True, eq=False)
+class Gradients:
+    """Gradients to N splats, of the type of the picture; zero to splats that were not drawn.
+
+    Attributes:
+        means, quats, log_scales, opacity_logits, sh: to the parameters, shaped like them.
+        centers: (N, 2) to the centres on the screen, per pixel. The gradient "in NDC" of 3DGS
+            densification is this times (W / 2, H / 2).
+    """
+
+    means: Real
+    quats: Real
+    log_scales: Real
+    opacity_logits: Real
+    sh: Real
+    centers: Real
+
+
+def gradients(drawing: Drawing, splats: Splats, image_gradient: Real) -> Gradients:
+    """Gradients of a loss whose gradient to the picture is known.
+
+    Args:
+        drawing: what `draw` made of `splats`.
+        splats: the same parameters.
+        image_gradient: (H, W, 3).
+
+    Raises:
+        ValueError: the shapes do not fit, or one tile has more than 2^24 splats.
+    """
+    dtype = drawing.image.dtype
+    if image_gradient.shape != drawing.image.shape:
+        raise ValueError(
+            f"gradient of shape {image_gradient.shape}, {drawing.image.shape} expected"
+        )
+    if len(splats.means) != len(drawing.status):
+        raise ValueError(f"{len(splats.means)} splats, the drawing is of {len(drawing.status)}")
+    tiles = drawing.tiles
+    if tiles.counts.max(initial=0) > _MAX_LIST:
+        raise ValueError(f"a tile with {tiles.counts.max()} splats, over {_MAX_LIST}")
+    g = np.ascontiguousarray(image_gradient, dtype)
+    to_records = np.zeros((len(splats.means), len(ENTRY)), np.float64)
+    for chunk in [drawing.chunk] if drawing.chunk else tiles.chunks():
+        rows = np.empty((len(chunk.entries), len(ENTRY)), dtype)
+        blend_gradient(
+            chunk.first, tiles.columns, chunk.offsets, chunk.entries, chunk.order,
+            tiles.records, tiles.rows, drawing.background, drawing.options.alpha_max,
+            g, drawing.transmittance, drawing.last, rows, n_threads(),
+        )  # fmt: skip
+        add_up(chunk.offsets, chunk.block_ends, chunk.entries, rows, to_records)
+    out = Gradients(
+        np.empty(splats.means.shape, dtype),
+        np.empty(splats.quats.shape, dtype),
+        np.empty(splats.log_scales.shape, dtype),
+        np.empty(splats.opacity_logits.shape, dtype),
+        np.empty(splats.sh.shape, dtype),
+        to_records[:, :2].astype(dtype),
+    )
+    project_gradient(
+        splats.means, splats.quats, splats.log_scales, splats.opacity_logits, splats.sh,
+        drawing.camera.view(drawing.options), drawing.options.antialiased,
+        tiles.records, drawing.status, to_records,
+        out.means, out.quats, out.log_scales, out.opacity_logits, out.sh, n_threads(),
+    )  # fmt: skip
+    return out

@@ -1,0 +1,58 @@
+"""PNG files, written with zlib alone: 8 bits, R G B."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec.io.files import write_atomic
+
+__all__ = ["contact_sheet", "write_png"]
+
+Real = npt.NDArray[np.floating[Any]]
+
+
+def write_png(path: Path, image: Real) -> None:
+    """Write an (H, W, 3) picture of values 0..1; others are clamped."""
+    height, width, channels = image.shape
+    if channels != 3:
+        raise ValueError(f"picture of shape {image.shape}, expected (H, W, 3)")
+    pixels = np.rint(np.clip(np.nan_to_num(image), 0, 1) * 255).astype(np.uint8)
+    # Every line begins with its filter: 2, the difference to the line above.
+    lines = np.zeros((height, 1 + 3 * width), np.uint8)
+    lines[:, 0] = 2
+    lines[:, 1:] = pixels.reshape(height, -1)
+    lines[1:, 1:] -= lines[:-1, 1:].copy()
+    write_atomic(
+        path,
+        b"\x89PNG\r\n\x1a\n"
+        + _chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
+        + _chunk(b"IDAT", zlib.compress(lines.tobytes(), 9))
+        + _chunk(b"IEND", b""),
+    )
+
+
+def _chunk(kind: bytes, body: bytes) -> bytes:
+    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+
+def contact_sheet(rows: Sequence[Sequence[Real]], *, gap: int = 4, color: float = 1.0) -> Real:
+    """Rows of pictures as one picture; pixels are repeated until all are as wide as the widest."""
+    width = max(image.shape[1] for row in rows for image in row)
+    n_columns = max(len(row) for row in rows)
+    strips: list[Real] = []
+    for row in rows:
+        large = [np.repeat(np.repeat(i, f, 0), f, 1) for i in row for f in (width // i.shape[1],)]
+        height = max(image.shape[0] for image in large)
+        strip = np.full((height + gap, n_columns * (width + gap), 3), color, np.float32)
+        for column, image in enumerate(large):
+            left = column * (width + gap)
+            strip[: image.shape[0], left : left + image.shape[1]] = image
+        strips.append(strip)
+    return np.concatenate(strips)[:-gap, :-gap]

@@ -1,0 +1,217 @@
+"""Which splats each tile draws, front to back.
+
+A tile is SIDE x SIDE pixels, tiles are numbered row by row. Splats are put in depth order once and
+then counted and written into the lists of their tiles in that order, so every list is in depth
+order, and equal depths in order of index. Each worker has a block of splats, consecutive in depth,
+and its own place in every list, after those of the blocks before: the lists do not depend on the
+number of blocks. Lists are made for a range of tiles at a time, so that memory is bounded by CHUNK
+entries or the longest list.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec.render import projection as p
+from evogs_codec.render.compiled import inlined, kernel, n_threads, parallel_kernel, prange
+
+__all__ = ["SIDE", "Chunk", "Tiles", "depth_order"]
+
+Array = npt.NDArray[Any]
+I32 = npt.NDArray[np.int32]
+I64 = npt.NDArray[np.int64]
+
+SIDE = 16
+CHUNK = 1 << 22  # entries of one chunk: 16 MB of lists, 150 MB of gradients
+_MIN_BLOCK = 2048  # splats that are worth a thread
+_MAX_BLOCKS = 16  # each counts all tiles: 2 MB of a picture of 8192 x 8192 pixels
+_DIGIT = 11  # bits of one pass of the radix sort
+_DIGITS = 1 << _DIGIT
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """Lists of the tiles first .. first + len(offsets) - 2.
+
+    Attributes:
+        first: number of the first tile.
+        offsets: the list of tile first + i is entries[offsets[i]:offsets[i + 1]].
+        block_ends: (B, tiles) how many entries of each list come from blocks 0..b.
+        entries: indexes of splats.
+        order: positions i, longest list first.
+    """
+
+    first: int
+    offsets: I64
+    block_ends: I64
+    entries: I32
+    order: I64
+
+
+@dataclass(frozen=True, eq=False)
+class Tiles:
+    """The lists of all tiles of a picture, made in chunks when asked for.
+
+    Attributes:
+        columns: tiles in a row.
+        width: pixels.
+        records, rows: what `projection.project` made.
+        order: indexes of the drawn splats, in depth order.
+        block_ends: (B, tiles) how many entries of every tile's list come from blocks 0..b.
+    """
+
+    columns: int
+    width: int
+    records: Array
+    rows: I32
+    order: I64
+    block_ends: I64
+
+    @staticmethod
+    def of(records: Array, rows: I32, order: I64, width: int, height: int) -> Tiles:
+        """Count the entries of every tile."""
+        columns, tile_rows = -(-width // SIDE), -(-height // SIDE)
+        n_blocks = max(1, min(n_threads(), _MAX_BLOCKS, len(order) // _MIN_BLOCK))
+        block_ends = np.zeros((n_blocks, tile_rows, columns + 1), np.int64)
+        _count(records, rows, order, width, block_ends)
+        # Until here marks of where runs of tiles begin and end along rows, whose last is no tile.
+        np.cumsum(np.cumsum(block_ends, axis=2), axis=0, out=block_ends)
+        ends = block_ends[:, :, :-1].reshape(n_blocks, -1)
+        return Tiles(columns, width, records, rows, order, ends)
+
+    @property
+    def counts(self) -> I64:
+        """Length of the list of every tile."""
+        counts: I64 = self.block_ends[-1]
+        return counts
+
+    @property
+    def n_intersections(self) -> int:
+        """Entries of all lists."""
+        return int(self.counts.sum())
+
+    def chunks(self) -> Iterator[Chunk]:
+        """The lists, in chunks of at most CHUNK entries or one tile."""
+        ends = np.cumsum(self.counts)
+        first = 0
+        while first < len(ends):
+            before = int(ends[first - 1]) if first else 0
+            last = int(np.searchsorted(ends, before + CHUNK, side="right"))
+            yield self._chunk(first, max(last, first + 1))
+            first = max(last, first + 1)
+
+    def _chunk(self, first: int, last: int) -> Chunk:
+        block_ends = self.block_ends[:, first:last]
+        counts = block_ends[-1]
+        offsets = np.zeros(last - first + 1, np.int64)
+        np.cumsum(counts, out=offsets[1:])
+        next_entry = np.tile(offsets[:-1], (len(block_ends), 1))
+        next_entry[1:] += block_ends[:-1]
+        entries = np.empty(int(offsets[-1]), np.int32)
+        _fill(
+            self.records, self.rows, self.order, self.width, self.columns,
+            first, last, next_entry, entries,
+        )  # fmt: skip
+        return Chunk(first, offsets, block_ends, entries, np.argsort(-counts, kind="stable"))
+
+
+def depth_order(depths: npt.NDArray[np.float64], status: npt.NDArray[np.uint8]) -> I64:
+    """Indexes of the drawn splats by camera z, equal ones by index."""
+    drawn = np.flatnonzero(status == p.DRAWN)
+    if not len(drawn):
+        return drawn
+    # Positive floats are in the order of their bits.
+    keys = depths[drawn].view(np.uint64)
+    keys -= keys.min()
+    return _radix_sort(keys, drawn, int(keys.max()).bit_length())
+
+
+@kernel
+def _radix_sort(keys: Array, values: Array, n_bits: int) -> Array:
+    """`values` in the order of `keys`, stable; both are scratch."""
+    n = len(keys)
+    other_keys, other_values = np.empty_like(keys), np.empty_like(values)
+    starts = np.empty(_DIGITS, np.int64)
+    mask = np.uint64(_DIGITS - 1)
+    for low in range(0, n_bits, _DIGIT):
+        shift = np.uint64(low)
+        starts[:] = 0
+        for i in range(n):
+            starts[np.int64((keys[i] >> shift) & mask)] += 1
+        total = 0
+        for digit in range(_DIGITS):
+            total, starts[digit] = total + starts[digit], total
+        for i in range(n):
+            bucket = np.int64((keys[i] >> shift) & mask)
+            at = starts[bucket]
+            starts[bucket] = at + 1
+            other_keys[at] = keys[i]
+            other_values[at] = values[i]
+        keys, other_keys = other_keys, keys
+        values, other_values = other_values, values
+    return values
+
+
+@inlined
+def _columns_of(record: Array, first: int, last: int, row: int, width: int) -> tuple[int, int]:
+    """Tile columns [first, last) where alpha reaches 1/255 in a row of tiles."""
+    # The ellipse between two dy: its rightmost point is at WIDEST or at the nearer end.
+    top = max(row * SIDE, first) + 0.5 - record[p.Y]
+    bottom = min(row * SIDE + SIDE, last) - 0.5 - record[p.Y]
+    room = record[p.LOG_OPACITY] - p.LOG_MIN
+    dy = min(max(record[p.WIDEST], top), bottom)
+    right = math.sqrt(max(0.0, room - record[p.CURVE] * dy * dy)) / record[p.WEIGHT]
+    right += record[p.SLOPE] * dy + record[p.X] + p.MARGIN
+    dy = min(max(-record[p.WIDEST], top), bottom)
+    left = -math.sqrt(max(0.0, room - record[p.CURVE] * dy * dy)) / record[p.WEIGHT]
+    left += record[p.SLOPE] * dy + record[p.X] - p.MARGIN
+    # Pixels whose centres are between them. NaN (an infinite splat) means all.
+    begin, end = 0, width
+    if left > 0.5:
+        begin = width if left > width else math.ceil(left - 0.5)
+    if right < width - 0.5:
+        end = 0 if right < 0.5 else math.floor(right - 0.5) + 1
+    if begin >= end:
+        return 0, 0
+    return begin // SIDE, (end - 1) // SIDE + 1
+
+
+@parallel_kernel
+def _count(records: Array, rows: Array, order: Array, width: int, marks: Array) -> None:
+    """Mark, for each block, where runs of tiles begin and end: marks is (B, rows, columns + 1)."""
+    n_blocks = len(marks)
+    for block in prange(n_blocks):
+        for i in range(block * len(order) // n_blocks, (block + 1) * len(order) // n_blocks):
+            splat = order[i]
+            top, bottom = rows[splat, 0], rows[splat, 1]
+            for row in range(top // SIDE, (bottom - 1) // SIDE + 1):
+                begin, end = _columns_of(records[splat], top, bottom, row, width)
+                marks[block, row, begin] += 1
+                marks[block, row, end] -= 1
+
+
+@parallel_kernel
+def _fill(
+    records: Array, rows: Array, order: Array, width: int, n_columns: int,
+    first: int, last: int, next_entry: Array, entries: Array,
+) -> None:  # fmt: skip
+    """Write the lists of tiles [first, last); `next_entry` begins as where each block does."""
+    first_row, last_row = first // n_columns, (last - 1) // n_columns + 1
+    n_blocks = len(next_entry)
+    for block in prange(n_blocks):
+        for i in range(block * len(order) // n_blocks, (block + 1) * len(order) // n_blocks):
+            splat = order[i]
+            top, bottom = rows[splat, 0], rows[splat, 1]
+            for row in range(max(top // SIDE, first_row), min((bottom - 1) // SIDE + 1, last_row)):
+                begin, end = _columns_of(records[splat], top, bottom, row, width)
+                tile = row * n_columns
+                for t in range(max(tile + begin, first), min(tile + end, last)):
+                    at = next_entry[block, t - first]
+                    entries[at] = splat
+                    next_entry[block, t - first] = at + 1

@@ -1,0 +1,1 @@
+"""Coarse levels of lifted scenes, trained on views of the scene."""

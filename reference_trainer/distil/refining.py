@@ -1,0 +1,57 @@
+"""What `--refine` does (entry point of `evogs.refiners`): cameras around the scene, and `distil`.
+
+The rasterizer needs numba, an extra: it is imported when the command runs, so that all others work
+without.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+
+from evogs_codec import EvolutionTree, InputError
+from evogs_codec.cli.rendering import HELD_OUT, cameras_of, rings
+
+__all__ = ["refine"]
+
+
+def refine(
+    tree: EvolutionTree,
+    camera: Path | None,
+    up: str,
+    iterations: int,
+    progress: Callable[[float], None],
+) -> EvolutionTree:
+    """A lifted tree with coarse levels that look more like its last one; says so, level by level.
+
+    Args:
+        tree: as `lift` makes them.
+        camera: file of cameras, or None for `rings`.
+        up: axis of the rings, perhaps with a sign.
+        iterations: of each level.
+        progress: called with the share of the work done, 0 to 1.
+
+    Raises:
+        InputError: numba is not installed, or there are too few cameras.
+    """
+    if find_spec("numba") is None:
+        raise InputError("--refine draws pictures: pip install 'evogs[render]'")
+    from reference_trainer.distil.distil import distil
+    from reference_trainer.runtime.memory import keep_freed_memory
+
+    keep_freed_memory()
+    if not tree.n_leaves:
+        return tree
+    cameras = rings(tree.leaves(), up) if camera is None else cameras_of(camera)
+    held_out = cameras[::HELD_OUT]
+    others = [other for k, other in enumerate(cameras) if k % HELD_OUT]
+    if not others:
+        raise InputError(f"{camera}: {len(cameras)} cameras, expected at least 2")
+    distilled = distil(tree, others, held_out, iterations=iterations, progress=progress)
+    for change in distilled.changes:
+        kept = "" if change.gains else ", not taken"
+        text = f"level {change.level}: {change.before:.2f} dB, refined {change.found:.2f} dB{kept}"
+        print(f"evogs: {text}", file=sys.stderr)
+    return distilled.tree

@@ -1,0 +1,1 @@
+"""Trainable splats: tensors, blocks of a tree, growth, the optimiser, gradients."""

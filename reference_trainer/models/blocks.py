@@ -1,0 +1,319 @@
+"""Blocks: leaves that were split, or refined, together, and what follows from them.
+
+A `Collinear` block is the paper's C1 = P + psi, C2 = P - alpha * psi, with alpha learned (option
+D) or one (option C). A `Free` block has two independent children: C1 = P + psi, C2 = P + psi'
+(option B), or without P (option A). C1 takes the slot of P, C2 the next free one. A `Refined`
+block has one child, C = P + psi.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+from evogs_codec import InputError, SplatParams
+from reference_trainer.models import kernels
+from reference_trainer.models.adam import GROUPS, Variable, splat_variables
+from reference_trainer.models.saved import Arrays, taken, taken_number
+from reference_trainer.models.tensors import SplatTensors
+
+__all__ = ["Block", "Collinear", "Free", "Refined", "restored"]
+
+Array = npt.NDArray[Any]
+I64 = npt.NDArray[np.int64]
+KINDS = ("learned", "fixed", "residuals", "children", "refined")  # their places are in checkpoints
+
+
+class Block(Protocol):
+    """m leaves split together.
+
+    Attributes:
+        slots: (m,) rising, slots of the parents and then of the C1s.
+        first: slot of the first C2.
+        n_new: slots that it makes: m, or none.
+    """
+
+    slots: I64
+    first: int
+
+    @property
+    def n_new(self) -> int:
+        """Slots that it makes."""
+
+    @property
+    def kind(self) -> str:
+        """Of `KINDS`."""
+
+    @property
+    def variables(self) -> tuple[Variable, ...]:
+        """What is trained."""
+
+    def tensors(self) -> list[Tensor]:
+        """What `evolve` reads, as inputs of a torch function."""
+
+    def evolve(self, group: int, values: Array) -> None:
+        """Parents become children, in one group of the values (S, d) of the slots."""
+
+    def pull_back(self, group: int, g: Array, grads: list[Array]) -> None:
+        """The gradient after `evolve` becomes that before; fills those to `tensors`."""
+
+    def evolve_plain(self, group: int, values: Tensor) -> Tensor:
+        """`evolve` in torch's own operations, for other devices and as its test."""
+
+    def changes(self, parents: Array) -> tuple[Array, Array]:
+        """C1 - P and C2 - P, (m, D) each, for parents (m, D), in channel order."""
+
+    def arrays(self, prefix: str) -> Arrays:
+        """All of it, for a checkpoint."""
+
+
+@dataclass
+class Collinear:
+    """C1 = P + psi, C2 = P - alpha * psi.
+
+    Attributes:
+        psi: a variable per group.
+        alpha: (m, 5), one column per group.
+        learns_alpha: whether alpha is trained.
+    """
+
+    slots: I64
+    first: int
+    psi: tuple[Variable, ...]
+    alpha: Variable
+    learns_alpha: bool
+
+    @staticmethod
+    def of(
+        slots: I64,
+        first: int,
+        psi: SplatParams,
+        alpha: Array,
+        learns_alpha: bool,
+        device: torch.device,
+    ) -> Collinear:
+        """A new block."""
+        factors = Variable.of(torch.tensor(alpha, device=device), "alpha")
+        factors.value.requires_grad_(learns_alpha)
+        psis = splat_variables(SplatTensors.of(psi, device))
+        return Collinear(slots, first, psis, factors, learns_alpha)
+
+    @property
+    def n_new(self) -> int:
+        """A C2 each."""
+        return len(self.slots)
+
+    @property
+    def kind(self) -> str:
+        """With alpha learned, or fixed."""
+        return "learned" if self.learns_alpha else "fixed"
+
+    @property
+    def variables(self) -> tuple[Variable, ...]:
+        """psi, and alpha where it is learned."""
+        return (*self.psi, self.alpha) if self.learns_alpha else self.psi
+
+    def tensors(self) -> list[Tensor]:
+        """Psi of the five groups, alpha."""
+        return [variable.value for variable in (*self.psi, self.alpha)]
+
+    def evolve(self, group: int, values: Array) -> None:
+        """Parents become children."""
+        psi, alpha = _array(self.psi[group]), _array(self.alpha)[:, group]
+        kernels.evolve(values, self.slots, self.first, psi, alpha)
+
+    def pull_back(self, group: int, g: Array, grads: list[Array]) -> None:
+        """The gradient after `evolve` becomes that before."""
+        psi, alpha = _array(self.psi[group]), _array(self.alpha)[:, group]
+        to_psi, to_alpha = _flat(grads[group]), grads[5][:, group]
+        kernels.evolve_gradient(g, self.slots, self.first, psi, alpha, to_psi, to_alpha)
+
+    def evolve_plain(self, group: int, values: Tensor) -> Tensor:
+        """`evolve` in torch's own operations."""
+        slots = torch.from_numpy(self.slots).to(values.device)
+        psi = self.psi[group].value.reshape(len(slots), -1)
+        parents = values[slots]
+        children = parents - self.alpha.value[:, group, None] * psi
+        return torch.cat([values.index_copy(0, slots, parents + psi), children])
+
+    def changes(self, parents: Array) -> tuple[Array, Array]:
+        """C1 - P and C2 - P."""
+        psi = np.concatenate([_array(variable) for variable in self.psi], axis=1)
+        widths = [_array(variable).shape[1] for variable in self.psi]
+        return psi, -np.repeat(_array(self.alpha), widths, axis=1) * psi
+
+    def arrays(self, prefix: str) -> Arrays:
+        """For a checkpoint."""
+        return _saved(prefix, self, (*self.psi, self.alpha))
+
+
+@dataclass
+class Free:
+    """C1 = keep P + psi, C2 = keep P + psi'; keep is 1 or 0.
+
+    Attributes:
+        variables: psi of the five groups, then psi'.
+        keep: whether children follow their parent.
+    """
+
+    slots: I64
+    first: int
+    variables: tuple[Variable, ...]
+    keep: bool
+
+    @staticmethod
+    def of(
+        slots: I64,
+        first: int,
+        psi1: SplatParams,
+        psi2: SplatParams,
+        keep: bool,
+        device: torch.device,
+    ) -> Free:
+        """A new block."""
+        both = [splat_variables(SplatTensors.of(psi, device)) for psi in (psi1, psi2)]
+        return Free(slots, first, (*both[0], *both[1]), keep)
+
+    @property
+    def n_new(self) -> int:
+        """A C2 each."""
+        return len(self.slots)
+
+    @property
+    def kind(self) -> str:
+        """Children that follow their parent, or do not."""
+        return "residuals" if self.keep else "children"
+
+    def tensors(self) -> list[Tensor]:
+        """Psi of the five groups, then psi'."""
+        return [variable.value for variable in self.variables]
+
+    def evolve(self, group: int, values: Array) -> None:
+        """Parents become children."""
+        psi1, psi2 = _array(self.variables[group]), _array(self.variables[5 + group])
+        kernels.evolve_free(values, self.slots, self.first, psi1, psi2, float(self.keep))
+
+    def pull_back(self, group: int, g: Array, grads: list[Array]) -> None:
+        """The gradient after `evolve` becomes that before."""
+        outs = _flat(grads[group]), _flat(grads[5 + group])
+        kernels.evolve_free_gradient(g, self.slots, self.first, float(self.keep), *outs)
+
+    def evolve_plain(self, group: int, values: Tensor) -> Tensor:
+        """`evolve` in torch's own operations."""
+        slots = torch.from_numpy(self.slots).to(values.device)
+        parents = float(self.keep) * values[slots]
+        psi1, psi2 = (self.variables[i].value.reshape(len(slots), -1) for i in (group, 5 + group))
+        return torch.cat([values.index_copy(0, slots, parents + psi1), parents + psi2])
+
+    def changes(self, parents: Array) -> tuple[Array, Array]:
+        """C1 - P and C2 - P."""
+        arrays = [_array(variable) for variable in self.variables]
+        first, second = (np.concatenate(arrays[i : i + 5], axis=1) for i in (0, 5))
+        return (first, second) if self.keep else (first - parents, second - parents)
+
+    def arrays(self, prefix: str) -> Arrays:
+        """For a checkpoint."""
+        return _saved(prefix, self, self.variables)
+
+
+@dataclass
+class Refined:
+    """C = P + psi.
+
+    Attributes:
+        variables: psi of the five groups.
+    """
+
+    slots: I64
+    first: int
+    variables: tuple[Variable, ...]
+    n_new = 0
+    kind = "refined"
+
+    @staticmethod
+    def of(slots: I64, first: int, like: SplatTensors) -> Refined:
+        """A new block that changes nothing yet; the values of `like` do not matter."""
+        psi = SplatTensors(*(torch.zeros_like(x[: len(slots)]) for x in like))
+        return Refined(slots, first, splat_variables(psi))
+
+    def tensors(self) -> list[Tensor]:
+        """Psi of the five groups."""
+        return [variable.value for variable in self.variables]
+
+    def evolve(self, group: int, values: Array) -> None:
+        """Parents become children."""
+        values[self.slots] += _array(self.variables[group])
+
+    def pull_back(self, group: int, g: Array, grads: list[Array]) -> None:
+        """The gradient is the same before and after."""
+        _flat(grads[group])[:] = g[self.slots]
+
+    def evolve_plain(self, group: int, values: Tensor) -> Tensor:
+        """`evolve` in torch's own operations."""
+        slots = torch.from_numpy(self.slots).to(values.device)
+        psi = self.variables[group].value.reshape(len(slots), -1)
+        return values.index_copy(0, slots, values[slots] + psi)
+
+    def changes(self, parents: Array) -> tuple[Array, Array]:
+        """C - P, twice."""
+        psi = np.concatenate([_array(variable) for variable in self.variables], axis=1)
+        return psi, psi
+
+    def arrays(self, prefix: str) -> Arrays:
+        """For a checkpoint."""
+        return _saved(prefix, self, self.variables)
+
+
+def restored(arrays: Arrays, prefix: str, base: SplatTensors, n_slots: int) -> Block:
+    """The block that `arrays` saved, of a frontier on `base` that had `n_slots` slots before it.
+
+    Raises:
+        InputError: the arrays are of no such block.
+    """
+    kind = KINDS[taken_number(arrays, f"{prefix}.kind", 0, len(KINDS) - 1)]
+    first = taken_number(arrays, f"{prefix}.first", n_slots, n_slots)
+    slots: I64 = taken(arrays, f"{prefix}.slots", np.int64, None)
+    if len(slots) and not (slots[0] >= 0 and slots[-1] < n_slots and (np.diff(slots) > 0).all()):
+        raise InputError(f"{prefix}.slots do not rise from 0 or more to below {n_slots}")
+
+    def variable(i: int, group: str, *sides: int) -> Variable:
+        device = base.means.device
+        return Variable.restored(arrays, f"{prefix}.{i}", group, device, len(slots), *sides)
+
+    def psi(start: int) -> tuple[Variable, ...]:
+        groups = zip(GROUPS, base, strict=True)
+        return tuple(
+            variable(i, group, *like.shape[1:]) for i, (group, like) in enumerate(groups, start)
+        )
+
+    if kind in ("learned", "fixed"):
+        alpha = variable(5, "alpha", len(GROUPS))
+        alpha.value.requires_grad_(kind == "learned")
+        return Collinear(slots, first, psi(0), alpha, kind == "learned")
+    if kind == "refined":
+        return Refined(slots, first, psi(0))
+    return Free(slots, first, (*psi(0), *psi(5)), kind == "residuals")
+
+
+def _saved(prefix: str, block: Block, variables: tuple[Variable, ...]) -> Arrays:
+    out: Arrays = {
+        f"{prefix}.kind": np.array(KINDS.index(block.kind)),
+        f"{prefix}.slots": block.slots,
+        f"{prefix}.first": np.array(block.first),
+    }
+    for i, variable in enumerate(variables):
+        out |= variable.arrays(f"{prefix}.{i}")
+    return out
+
+
+def _array(variable: Variable) -> Array:
+    return _flat(variable.value.detach().cpu().numpy())
+
+
+def _flat(array: Array) -> Array:
+    return array.reshape(len(array), -1)

@@ -1,0 +1,205 @@
+"""The frontier: the leaves of the finished levels, and the blocks that this level splits them into.
+
+The finished leaves are constants. Blocks are only ever appended, so nothing that is trained is
+resized and a gradient reaches every psi and alpha of this level, also those of parents whose
+children were split again. Letters: S slots, N live leaves.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+from evogs_codec import InputError, SplatParams
+from reference_trainer.config import FrontierGrowth
+from reference_trainer.models.adam import Variable
+from reference_trainer.models.blocks import Block, Collinear, Free, Refined, restored
+from reference_trainer.models.densify import ScreenGradients, largest, useless
+from reference_trainer.models.saved import Arrays, taken, taken_number
+from reference_trainer.models.split import moment_matched, symmetric
+from reference_trainer.models.tensors import SplatTensors
+
+__all__ = ["OPTIONS", "Frontier", "evolve", "evolve_plain"]
+
+Context: TypeAlias = Any  # torch gives it no type
+Argument: TypeAlias = Any
+
+# The paper's design space (its section 3.1).
+OPTIONS = {"A": "independent children", "B": "residuals", "C": "symmetric", "D": "asymmetric"}
+KINDS = {"A": "children", "B": "residuals", "C": "fixed", "D": "learned"}  # of blocks
+
+
+class Frontier:
+    """What a level of a tree trains.
+
+    Attributes:
+        base: (n, ...) leaves of the finished levels, in slots 0..n-1.
+        option: of `OPTIONS`.
+        growth: how it grows.
+        extent: of the cameras, scene units.
+        blocks: in the order in which they were split.
+        live: (S,) bool, slots that have a leaf.
+    """
+
+    def __init__(
+        self, base: SplatTensors, option: str, growth: FrontierGrowth, extent: float
+    ) -> None:
+        self.base, self.option = base, option
+        self.growth, self.extent = growth, extent
+        self.blocks: list[Block] = []
+        self.live = np.ones(len(base.means), bool)
+
+    @property
+    def n_splats(self) -> int:
+        """N."""
+        return int(np.count_nonzero(self.live))
+
+    def splats(self, iteration: int) -> SplatTensors:
+        """The N leaves, differentiable."""
+        leaves = evolve if self.base.means.is_cpu else evolve_plain
+        return leaves(self.base, self.blocks, np.flatnonzero(self.live))
+
+    def variables(self) -> list[Variable]:
+        """What is trained."""
+        return [variable for block in self.blocks for variable in block.variables]
+
+    def refine(self, iteration: int, n_iterations: int, scores: ScreenGradients, cap: int) -> bool:
+        """Prune and split if a round is due after this iteration; `cap` bounds the leaves."""
+        due = self._rounds(n_iterations)
+        if iteration not in due:
+            return False
+        with torch.no_grad():
+            leaves = self.splats(iteration).params()
+        slots = np.flatnonzero(self.live)
+        dead = useless(leaves, self.growth.prune_opacity, self.growth.prune_scale * self.extent)
+        self.live[slots[dead]] = False
+        n = self.n_splats
+        room = self._target(due.index(iteration), len(due), cap) - n
+        rows = largest(np.where(dead, -np.inf, scores.mean()), self.growth.threshold, room)
+        if len(rows):
+            self._split(slots[rows], leaves.take(rows))
+        if iteration == due[-1] and self.growth.refines_rest:
+            self._refine_rest()
+        return True
+
+    def _refine_rest(self) -> None:
+        """Let the leaves learn that no round of this level has split."""
+        split = [block.slots for block in self.blocks]
+        rest = np.flatnonzero(self.live[: len(self.base.means)])
+        rest = np.setdiff1d(rest, np.concatenate([*split, rest[:0]]))
+        if len(rest):
+            self.blocks.append(Refined.of(rest, len(self.live), self.base))
+
+    def _target(self, index: int, n_rounds: int, cap: int) -> int:
+        """Leaves after a round: from those of the base to the cap, by factors that fall."""
+        n = len(self.base.means)
+        part: float = ((index + 1) / n_rounds) ** self.growth.haste
+        return round(n * math.pow(cap / n, part))
+
+    def _rounds(self, n_iterations: int) -> list[int]:
+        """Iterations after which there is a round."""
+        start = min(self.growth.start, n_iterations)
+        stop = max(start, int(self.growth.stop * n_iterations))
+        return sorted({int(x) for x in np.linspace(start, stop, self.growth.rounds)})
+
+    def _split(self, slots: npt.NDArray[np.int64], parents: SplatParams) -> None:
+        first, device = len(self.live), self.base.means.device
+        distance = self.growth.distance
+        if self.option in "CD":
+            rule = moment_matched if self.option == "D" else symmetric
+            psi, alpha = rule(parents, distance)
+            block: Block = Collinear.of(slots, first, psi, alpha, self.option == "D", device)
+        else:
+            block = Free.of(slots, first, *_children(parents, distance, self.option), device)
+        self.blocks.append(block)
+        self.live = np.append(self.live, np.ones(len(slots), bool))
+
+    def arrays(self) -> Arrays:
+        """All that training changed, for a checkpoint."""
+        out: Arrays = {"live": self.live, "n_blocks": np.array(len(self.blocks))}
+        for i, block in enumerate(self.blocks):
+            out |= block.arrays(f"block{i}")
+        return out
+
+    def restore(self, arrays: Arrays) -> None:
+        """The inverse of `arrays`, on a frontier made of the same base.
+
+        Raises:
+            InputError: the arrays are of no such frontier.
+        """
+        n_slots, blocks = len(self.base.means), []
+        for i in range(taken_number(arrays, "n_blocks", 0, self.growth.rounds + 1)):
+            block = restored(arrays, f"block{i}", self.base, n_slots)
+            if block.kind not in (KINDS[self.option], "refined"):
+                raise InputError(f"block{i} is {block.kind}, expected {KINDS[self.option]}")
+            n_slots += block.n_new
+            blocks.append(block)
+        self.live, self.blocks = taken(arrays, "live", bool, n_slots), blocks
+
+
+def _children(
+    parents: SplatParams, distance: float, option: str
+) -> tuple[SplatParams, SplatParams, bool]:
+    """The children that a moment-matched split has, as free ones: psi, psi', whether P is added."""
+    psi, alpha = moment_matched(parents, distance)
+    x, p = psi.channels(), parents.channels()
+    other = -x * np.repeat(alpha.T, (3, 4, 3, 1, len(x) - 11), axis=0)
+    if option == "A":
+        x, other = p + x, p + other
+    return SplatParams.from_channels(x), SplatParams.from_channels(other), option == "B"
+
+
+def evolve(base: SplatTensors, blocks: list[Block], live: npt.NDArray[np.int64]) -> SplatTensors:
+    """The leaves in slots `live`, by compiled loops, differentiable in the blocks' tensors."""
+    tensors = [tensor for block in blocks for tensor in block.tensors()]
+    return SplatTensors(*_Evolve.apply(base, blocks, live, *tensors))  # type: ignore[no-untyped-call]
+
+
+def evolve_plain(
+    base: SplatTensors, blocks: list[Block], live: npt.NDArray[np.int64]
+) -> SplatTensors:
+    """`evolve` in torch's own operations."""
+    rows = torch.from_numpy(live).to(base.means.device)
+    out = []
+    for group, constants in enumerate(base):
+        values = constants.reshape(len(constants), -1)
+        for block in blocks:
+            values = block.evolve_plain(group, values)
+        out.append(values[rows].reshape(len(live), *constants.shape[1:]))
+    return SplatTensors(*out)
+
+
+class _Evolve(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Context, *args: Argument) -> tuple[Tensor, ...]:
+        base, blocks, live, *_ = args
+        n_slots = len(base.means) + sum(block.n_new for block in blocks)
+        ctx.blocks, ctx.live, ctx.n_slots = blocks, live, n_slots
+        out = []
+        for group, constants in enumerate(base):
+            x = constants.numpy().reshape(len(constants), -1)
+            values = np.empty((n_slots, x.shape[1]), x.dtype)
+            values[: len(x)] = x
+            for block in blocks:
+                block.evolve(group, values)
+            leaves = values if len(live) == n_slots else values[live]
+            out.append(torch.from_numpy(leaves).reshape(len(live), *constants.shape[1:]))
+        return tuple(out)
+
+    @staticmethod
+    def backward(ctx: Context, *grads: Tensor) -> tuple[Tensor | None, ...]:
+        found: list[list[Tensor]] = [
+            [torch.empty_like(tensor) for tensor in block.tensors()] for block in ctx.blocks
+        ]
+        for group, grad in enumerate(grads):
+            flat = grad.reshape(len(grad), math.prod(grad.shape[1:])).numpy()
+            g = np.zeros((ctx.n_slots, flat.shape[1]), flat.dtype)
+            g[ctx.live] = flat
+            for block, outs in zip(reversed(ctx.blocks), reversed(found), strict=True):
+                block.pull_back(group, g, [x.numpy() for x in outs])
+        return (None, None, None, *(x for outs in found for x in outs))

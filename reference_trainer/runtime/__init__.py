@@ -1,0 +1,1 @@
+"""What surrounds training: checkpoints, progress, memory, hardware."""

@@ -1,7 +1,0 @@
-"""Photographs with cameras: reading folders of them, and pyramids of smaller pictures."""
-
-from reference_trainer.views.loading import load_views
-from reference_trainer.views.pyramid import at_scale
-from reference_trainer.views.view import BACKGROUNDS, Dataset, View
-
-__all__ = ["BACKGROUNDS", "Dataset", "View", "at_scale", "load_views"]

@@ -1,0 +1,104 @@
+"""Palettes by the command line: taken where they pay, and what is said of them."""
+
+import json
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from evogs_codec import PRESETS, NotRepresentable, encode, read_directory
+from evogs_codec.cli import make
+from evogs_codec.cli.commands import main
+from evogs_codec.io.ply import write_ply
+from evogs_codec.lifting.lift import lift_with_order
+from evogs_codec.lifting.shared_sh import with_palette
+from tests.support.shared_scenes import shared_scene, shared_tree
+
+OPTIONS = [
+    [],
+    ["--bits", "8"],
+    ["--near-lossless"],
+    ["--max-error", "0.01"],
+    ["--target-psnr", "43"],
+    ["--target-bytes", "30000"],
+]
+
+
+@pytest.mark.parametrize("option", OPTIONS, ids=lambda option: " ".join(option))
+def test_the_command_takes_a_palette_where_it_pays(tmp_path, capsys, option):
+    assert encoded(tmp_path, capsys, shared_scene(), option) == [True, False]
+
+
+@pytest.mark.parametrize("option", OPTIONS[:1], ids=lambda option: " ".join(option))
+def test_the_command_takes_none_where_psi_are_smaller(tmp_path, capsys, option):
+    splats = shared_scene(1600, 380, degree=1)
+    faint = np.concatenate([splats.sh[:, :1], splats.sh[:, 1:] * np.float32(0.02)], axis=1)
+    assert encoded(tmp_path, capsys, replace(splats, sh=faint), option) == [False, False]
+
+
+def encoded(tmp_path, capsys, splats, option):
+    """Whether streams have a palette, of the command and with `--no-palette`, never smaller."""
+    write_ply(tmp_path / "a.ply", splats)
+    sizes, palettes = [], []
+    for more in ([], ["--no-palette"]):
+        out = tmp_path / "a.evogs"
+        main(["encode", str(tmp_path / "a.ply"), str(out), "--json", *option, *more])
+        assert json.loads(capsys.readouterr().out)["bytes"] == out.stat().st_size
+        data = out.read_bytes()
+        palettes.append(read_directory(memoryview(data)).has_palette)
+        sizes.append(len(data))
+    assert sizes[0] <= sizes[1] or "--target-bytes" in option
+    return palettes
+
+
+def test_bytes_are_met_where_nothing_draws(tmp_path, monkeypatch):
+    monkeypatch.setattr(make, "entry_points", lambda **_: [])
+    write_ply(tmp_path / "a.ply", shared_scene(400, 50))
+    out = tmp_path / "a.evogs"
+    main(["encode", str(tmp_path / "a.ply"), str(out), "--target-bytes", "9000"])
+    assert 0.98 * 9000 <= out.stat().st_size <= 9000
+
+
+def test_a_target_that_is_missed_is_said_with_the_nearest(tmp_path, capsys):
+    write_ply(tmp_path / "a.ply", shared_scene(300, 20))
+    said = []
+    for more in ([], ["--no-palette"]):
+        assert main(["encode", str(tmp_path / "a.ply"), "x", "--target-psnr", "119", *more]) == 1
+        said.append(float(capsys.readouterr().err.split("met: ")[1].split(" dB")[0]))
+    assert said[0] >= said[1]
+
+
+def test_one_vector_that_is_huge_makes_others_no_coarser_than_psi_would(tmp_path):
+    splats = shared_scene(600, 40)
+    sh = splats.sh.copy()
+    sh[np.all(sh[:, 1:] == sh[5, 1:], axis=(1, 2)), 1:] = 1e5
+    steps = []
+    lifted = lift_with_order(replace(splats, sh=sh), 3)
+    tree = with_palette(lifted, replace(splats, sh=sh))
+    assert tree is not None
+    for one in (tree, lifted.tree):
+        directory = read_directory(memoryview(encode(one, PRESETS["scene"])))
+        steps.append(directory.quantisers[0][5].step * 2.0 ** -directory.grid_exponents[4])
+    assert steps[0] <= steps[1]
+
+
+def test_huge_numbers_are_refused_without_warnings():
+    splats = shared_scene(200, 10)
+    lifted = lift_with_order(replace(splats, sh=splats.sh * np.float32(1e30)), 3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        tree = with_palette(lifted, replace(splats, sh=splats.sh * np.float32(1e30)))
+    assert tree is not None
+    with pytest.raises(NotRepresentable):
+        encode(tree, PRESETS["scene"])
+
+
+def test_a_part_by_sh_degree_says_that_a_palette_stays_whole(tmp_path, capsys):
+    _, tree = shared_tree(shared_scene(300, 20))
+    (tmp_path / "a.evogs").write_bytes(encode(tree, PRESETS["scene"]))
+    paths = [str(tmp_path / "a.evogs"), str(tmp_path / "b.evogs")]
+    main(["extract", *paths, "--sh-degree", "1"])
+    assert "only --sh-degree 0 leaves packets out" in capsys.readouterr().err
+    main(["extract", *paths, "--sh-degree", "0"])
+    assert not capsys.readouterr().err

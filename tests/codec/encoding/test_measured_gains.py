@@ -1,0 +1,114 @@
+"""Gains as pictures show them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from evogs_codec import PRESETS, EvolutionTree, decode, encode, lift, read_directory
+from evogs_codec.cli.rendering import around
+from evogs_codec.encoding.arrange import arrange
+from evogs_codec.encoding.measured_gains import Shown
+from evogs_codec.encoding.packet_order import leaf_shares
+from evogs_codec.encoding.quantise import quantise
+from evogs_codec.render.demo_scene import make_scene
+from evogs_codec.render.views import Views
+
+
+@pytest.fixture(scope="module")
+def tree():
+    return lift(make_scene(1500), 4)
+
+
+@pytest.fixture(scope="module")
+def views(tree):
+    leaves = tree.leaves()
+    return Views(leaves, around(leaves, "z", 60, n=3))
+
+
+def error(views, splats):
+    return 10 ** (-views.psnr(splats) / 10)
+
+
+def summed(coded):
+    """(n_levels, degree + 1) gains of all steps."""
+    out = np.zeros((coded.n_levels, coded.sh_degree + 1))
+    for share, tile in zip(leaf_shares(coded), coded.tiles, strict=True):
+        for step in tile.steps:
+            out[step.level] += share * np.array(step.gain)
+    return out
+
+
+@pytest.mark.parametrize("n_tiles", [1, 3])
+def test_gains_of_levels_and_bands_add_up_to_what_pictures_show(tree, views, n_tiles):
+    coded = quantise(arrange(tree, n_tiles), tree.n_levels, PRESETS["scene"])
+    found = summed(Shown.of(tree, views).put_right(coded))
+    leaves = tree.leaves()
+    left = [error(views, tree.leaves(level)) for level in range(tree.n_levels - 1)]
+    assert_allclose(found[1:, 0], -np.diff([*left, 0]), rtol=1e-6)
+    assert found[0, 0] == pytest.approx(error(views, leaves.take([])) - left[0])
+    without = error(views, replace(leaves, sh=leaves.sh[:, :1]))
+    assert found[:, 1:].sum() == pytest.approx(without)
+
+
+def test_within_a_level_the_shares_stay(tree, views):
+    coded = quantise(arrange(tree, 2), tree.n_levels, PRESETS["scene"])
+    right = Shown.of(tree, views).put_right(coded)
+    for before, after in zip(coded.tiles, right.tiles, strict=True):
+        for level in range(tree.n_levels):
+            old, new = (
+                np.array([step.gain[0] for step in tile.steps if step.level == level])
+                for tile in (before, after)
+            )
+            assert_allclose(new * old.sum(), old * new.sum(), atol=1e-15)
+
+
+class Judge:
+    """Says that SH do nothing, or nearly everything."""
+
+    def __init__(self, matters):
+        self.matters = matters
+
+    def psnr(self, splats):
+        has_sh = splats.sh.shape[1] > 1 and splats.sh[:, 1:].any()
+        return 60.0 - 50.0 * (has_sh != self.matters) if len(splats) else 5.0
+
+    def sensitivity(self, splats):
+        raise AssertionError("the order of packets does not need it")
+
+    def slopes(self, splats, turn):
+        raise AssertionError("the order of packets does not need them")
+
+
+class Blank(Judge):
+    """Shows nothing."""
+
+    def psnr(self, splats):
+        return float("inf")
+
+
+def test_bands_that_matter_come_early(tree):
+    def place_of_bands(pictures):
+        rows = read_directory(memoryview(encode(tree, pictures=pictures))).packets
+        return np.flatnonzero(rows["component"] > 0).mean()
+
+    assert place_of_bands(Judge(matters=True)) < place_of_bands(Judge(matters=False))
+
+
+@pytest.mark.parametrize("n", [0, 1])
+def test_a_scene_of_no_splats_or_one_has_an_order_too(views, n):
+    tree = EvolutionTree.of_splats(make_scene(500).take(np.arange(n)))
+    data = encode(tree, pictures=views)
+    assert len(data) == len(encode(tree))
+    assert len(decode(data, verify=True).leaves()) == n
+
+
+def test_where_pictures_show_nothing_estimates_decide(tree):
+    assert encode(tree, pictures=Blank(matters=True)) == encode(tree)
+
+
+def test_splats_in_one_place_can_be_drawn(tree):
+    leaves = tree.leaves()
+    scene = replace(leaves, means=np.zeros_like(leaves.means))
+    assert np.isfinite(error(Views(scene, around(scene, "z", 20, n=2)), leaves.take([])))

@@ -1,0 +1,98 @@
+"""Scenes with infinite opacities by the command line: opaque splats stay, and pictures agree."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from evogs_codec import decode, lift, read_ply, read_tree, write_ply
+from evogs_codec.io.ply import OPAQUE, finite_opacities
+from evogs_codec.render.demo_scene import make_scene
+
+COUNTED = "evogs: warning: {}: 30 of 400 splats have an infinite opacity"
+
+
+def with_opacities(opaque, hidden):
+    """400 splats: 20 with one opacity, 10 with the other."""
+    scene = make_scene(400)
+    opacities = scene.opacity_logits.copy()
+    opacities[:20], opacities[20:30] = opaque, hidden
+    return replace(scene, opacity_logits=opacities)
+
+
+@pytest.fixture
+def infinite(tmp_path):
+    path = tmp_path / "infinite.ply"
+    write_ply(path, with_opacities(np.inf, -np.inf))
+    return path
+
+
+@pytest.mark.parametrize("options", [[], ["--drop-invalid"]])
+def test_opaque_splats_are_encoded_and_counted(options, evogs, infinite, tmp_path):
+    code, out, err = evogs("encode", infinite, tmp_path / "x.evogs", *options)
+    assert code == 0
+    assert "400 splats" in out
+    assert err.startswith(COUNTED.format(infinite))
+    assert err.count("\n") == 1
+    found = decode((tmp_path / "x.evogs").read_bytes()).leaves().opacity_logits
+    assert np.count_nonzero(found > OPAQUE - 1) == 20
+    assert np.count_nonzero(found < 1 - OPAQUE) == 10
+
+
+@pytest.mark.parametrize("preset", ["scene", "trained", "paper"])
+def test_opaque_splats_stay_opaque_under_every_preset(preset, evogs, infinite, tmp_path):
+    assert evogs("encode", infinite, tmp_path / "x.evogs", "--preset", preset)[0] == 0
+    found = decode((tmp_path / "x.evogs").read_bytes()).leaves().opacity_logits
+    opaque = found[found > OPAQUE - 3]
+    assert (len(opaque), (1 / (1 + np.exp(-opaque)) == np.float32(1)).all()) == (20, True)
+
+
+def test_opaque_splats_are_lifted_and_counted(evogs, infinite, tmp_path):
+    code, _, err = evogs("lift", infinite, tmp_path / "x.tree.npz")
+    assert code == 0
+    assert err.startswith(COUNTED.format(infinite))
+    assert read_tree(tmp_path / "x.tree.npz").n_leaves == 400
+
+
+def test_the_library_lifts_opaque_splats_that_it_did_not_read():
+    splats, n = finite_opacities(with_opacities(np.inf, -np.inf))
+    assert (n, lift(splats, 3).n_leaves) == (30, 400)
+
+
+def test_pictures_of_infinite_opacities_are_those_of_large_ones(evogs, infinite, tmp_path):
+    finite = tmp_path / "finite.ply"
+    write_ply(finite, with_opacities(60, -60))
+    for source in (infinite, finite):
+        code, _, err = evogs("render", source, source.with_suffix(".png"), "--size", 64)
+        assert (code, bool(err)) == (0, source is infinite)
+    assert infinite.with_suffix(".png").read_bytes() == finite.with_suffix(".png").read_bytes()
+
+
+def test_psnr_is_against_opaque_splats_too(evogs, infinite, tmp_path):
+    dropped, stream = tmp_path / "dropped.ply", tmp_path / "x.evogs"
+    write_ply(dropped, with_opacities(0, 0).take(np.arange(20, 400)))
+    assert evogs("encode", infinite, stream)[0] == 0
+
+    def psnr_of(source):
+        code, out, err = evogs("psnr", source, infinite, "--size", 64)
+        assert code == 0
+        assert COUNTED.format(infinite) in err
+        return float(out.split()[0])
+
+    assert psnr_of(stream) > psnr_of(dropped) + 5
+
+
+def test_other_numbers_that_are_not_finite_are_refused_as_before(evogs, refused, tmp_path):
+    scene = with_opacities(np.inf, -np.inf)
+    opacities, means = scene.opacity_logits.copy(), scene.means.copy()
+    opacities[50], means[3, 0] = np.nan, np.inf  # of splat 3 the opacity is infinite too
+    path = tmp_path / "bad.ply"
+    write_ply(path, replace(scene, opacity_logits=opacities, means=means))
+    code, _, err = evogs("encode", path, tmp_path / "x.evogs")
+    assert code == 1
+    assert err.splitlines()[1].startswith(f"evogs: {path}: 2 of 400 splats have a NaN")
+    code, out, _ = evogs("encode", path, tmp_path / "x.evogs", "--drop-invalid")
+    assert code == 0
+    assert "398 splats" in out
+    with pytest.warns(UserWarning, match="30 of 400"):
+        assert np.count_nonzero(~read_ply(path).finite()) == 2

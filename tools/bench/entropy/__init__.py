@@ -1,1 +1,0 @@
-"""Other entropy coders on the integers of streams: sizes and speeds (decision 0007)."""

@@ -1,0 +1,83 @@
+"""A tree encoded, decoded and compared with its exact evaluation."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from evogs_codec import EvolutionTree, Settings, decode
+from evogs_codec.encoding.arrange import arrange
+from evogs_codec.encoding.encode import write
+from evogs_codec.encoding.grids import AccuracyWarning, Ranges, wanted_steps
+from evogs_codec.encoding.quantise import quantise
+from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS
+from evogs_codec.model.coded_tree import CodedTree
+from evogs_codec.model.splats import F64
+from tools.bench.extremes import exact, promise
+
+__all__ = ["Measured", "measure"]
+
+SAME_STEP = 1.1  # a finest step of a group that is coarser than asked by more is warned of
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What came of a tree.
+
+    Attributes:
+        part: largest error divided by its bound; infinite where a step is coarser than asked and
+            nobody was warned.
+        group: where that is.
+        errors: largest error of each group, scene units.
+        warned: what the encoder said.
+        coded: the integers.
+    """
+
+    part: float
+    group: str
+    errors: dict[str, float]
+    warned: tuple[str, ...]
+    coded: CodedTree
+
+
+def measure(tree: EvolutionTree, settings: Settings, *, n_tiles: int = 1) -> Measured:
+    """Errors of the last state of `tree`, each against what is promised for it."""
+    tiles = arrange(tree, n_tiles)
+    n_levels = max(tree.n_levels, 1)
+    settings = replace(settings, effort=1)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        coded = quantise(tiles, n_levels, settings)
+    stream = write(coded, effort=1)
+    decoded = decode(stream, verify=True)
+    parts, sizes = np.zeros(len(GROUPS)), np.zeros(len(GROUPS))
+    units = 2.0 ** -np.array(coded.grid_exponents)
+    for number, (own, tile) in enumerate(zip(tiles, coded.tiles, strict=True)):
+        got = decoded.tiles[number].channels()
+        found = exact.errors(exact.slots_of_tree(own), got, tile.origin, coded.grid_exponents)
+        live = decoded.tiles[number].live[: found.shape[1]]
+        bound: F64 = (
+            promise.near_lossless(own)
+            if settings.near_lossless
+            else promise.closed_loop(own, coded, tile)
+        )
+        for g, channels in enumerate(GROUP_CHANNELS):
+            parts[g] = max(parts[g], (found / bound)[channels][:, live].max(initial=0))
+            sizes[g] = max(sizes[g], found[channels][:, live].max(initial=0) * units[g])
+    steps = units * [min(row[g].step for row in coded.quantisers) for g in range(len(GROUPS))]
+    asked = wanted_steps(settings, Ranges.of(tiles, n_levels), n_levels)[:, : len(GROUPS)].min(0)
+    warned = tuple(str(w.message) for w in caught if w.category is AccuracyWarning)
+    for g, name in enumerate(GROUPS):
+        is_said = any(text.startswith(name) for text in warned)
+        if not settings.near_lossless and steps[g] > SAME_STEP * asked[g] and not is_said:
+            parts[g] = np.inf
+    worst = int(np.argmax(parts))
+    return Measured(
+        part=float(parts[worst]),
+        group=GROUPS[worst],
+        errors=dict(zip(GROUPS, sizes.tolist(), strict=True)),
+        warned=warned,
+        coded=coded,
+    )

@@ -1,0 +1,8 @@
+"""Names of the benchmarks, in the order of their page."""
+
+__all__ = ["PARTS"]
+
+PARTS = (
+    "raster", "scene", "rate", "sog", "levels", "refine", "tree", "surface", "prefix", "first",
+    "decimate", "scale", "worst", "extremes",
+)  # fmt: skip
