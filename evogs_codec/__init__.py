@@ -15,10 +15,10 @@ from evogs_codec.decoding.progressive import StepReady as StepReady
 from evogs_codec.editing.extract import choose_cut as choose_cut
 from evogs_codec.editing.extract import extract as extract
 from evogs_codec.encoding.encode import encode as encode
-from evogs_codec.encoding.grids import NotRepresentable as NotRepresentable
+from evogs_codec.encoding.grids import NotRepresentableError as NotRepresentableError
 from evogs_codec.encoding.settings import PRESETS as PRESETS
 from evogs_codec.encoding.settings import Settings as Settings
-from evogs_codec.encoding.targets import Aim as Aim
+from evogs_codec.encoding.targets import TargetEncoder as TargetEncoder
 from evogs_codec.errors import Fault as Fault
 from evogs_codec.errors import InputError as InputError
 from evogs_codec.errors import StreamError as StreamError
@@ -41,7 +41,6 @@ from evogs_codec.model.tree import Step as Step
 
 __all__ = [
     "PRESETS",
-    "Aim",
     "Cut",
     "Decoded",
     "Decoder",
@@ -50,13 +49,14 @@ __all__ = [
     "Fault",
     "InputError",
     "Kind",
-    "NotRepresentable",
+    "NotRepresentableError",
     "SceneInfo",
     "Settings",
     "SplatParams",
     "Step",
     "StepReady",
     "StreamError",
+    "TargetEncoder",
     "choose_cut",
     "decode",
     "decode_leaves",

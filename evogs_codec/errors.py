@@ -7,14 +7,18 @@ from __future__ import annotations
 
 from evogs_codec._generated.faults import Fault
 
-__all__ = ["Fault", "InputError", "StreamError"]
+__all__ = ["EvogsError", "Fault", "InputError", "StreamError"]
 
 
-class InputError(ValueError):
+class EvogsError(Exception):
+    """The base of all errors of the codec."""
+
+
+class InputError(EvogsError, ValueError):
     """A file that cannot be used, or a target that cannot be met: one line that says what to do."""
 
 
-class StreamError(Exception):
+class StreamError(EvogsError):
     """The only error that the bytes of a stream can cause (spec 9).
 
     Attributes:

@@ -15,7 +15,7 @@ import numpy as np
 from evogs_codec.decoding.cut import Cut
 from evogs_codec.decoding.decode import decode
 from evogs_codec.decoding.tile_state import TileState
-from evogs_codec.encoding.encode import write
+from evogs_codec.encoding.write import write
 from evogs_codec.format import frames, layout
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.format.packet_header import PacketHeader, read_packet_header

@@ -149,7 +149,7 @@ def feed(data: bytes, run: Run) -> Outcome:
             fault = fault or error
     assert decoder.directory is not None
     fault = fault or _trailing(data, run, decoder.directory)
-    is_whole = decoder.cut.has(Cut.full(decoder.directory))
+    is_whole = decoder.cut.contains(Cut.full(decoder.directory))
     return _outcome(run, fault, is_whole, decoder.dump)
 
 
@@ -171,7 +171,7 @@ def complete_packets(data: bytes, run: Run) -> Outcome:
     wanted, fault = _cut(run.level, directory), None
     stream = memoryview(data)[: directory.size]
     while True:
-        cut = Cut.of_complete(directory, complete).within(wanted)
+        cut = Cut.of_complete(directory, complete).intersection(wanted)
         try:
             result = decode(stream, cut, limits=run.limits)
             break
@@ -184,7 +184,7 @@ def complete_packets(data: bytes, run: Run) -> Outcome:
             decode(stream, cut, verify=True, limits=run.limits)
         except StreamError as error:
             fault = error
-    return _outcome(run, fault, cut.has(wanted), result.dump)
+    return _outcome(run, fault, cut.contains(wanted), result.dump)
 
 
 def _outcome(

@@ -19,7 +19,7 @@ from random import Random
 from conformance.fuzzing.fuzz import runs_of
 from conformance.generator.cases.case import Case
 from conformance.generator.random_streams import random_stream
-from conformance.generator.suite import Disagreement, Vector, agreed, write_suite
+from conformance.generator.suite import DisagreementError, Vector, agreed, write_suite
 from conformance.generator.tampering import tampered
 
 __all__ = ["fresh", "main"]
@@ -31,7 +31,7 @@ def fresh(seed: int, number: int) -> Vector:
     """The vector of this seed and number: legal if the number is even.
 
     Raises:
-        Disagreement: the reference decoder is installed and does not agree with the oracle.
+        DisagreementError: the reference decoder is installed and does not agree with the oracle.
     """
     rng = Random(f"fresh {seed} {number}")
     is_legal = number % 2 == 0
@@ -69,7 +69,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     args = parser.parse_args(argv)
     try:
         vectors = [fresh(args.seed, number) for number in range(args.count)]
-    except Disagreement as finding:
+    except DisagreementError as finding:
         sys.exit(f"oracle and reference decoder do not agree: {finding}")
     write_suite(vectors, args.out)
 

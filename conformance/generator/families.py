@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping
 
 from conformance.decoders.outcomes import Run
 from conformance.generator.builder import places
-from conformance.generator.suite import Disagreement, Entry, agreed
+from conformance.generator.suite import DisagreementError, Entry, agreed
 
 __all__ = ["PREFIXES", "generated"]
 
@@ -31,7 +31,7 @@ def generated(data: Mapping[str, bytes]) -> tuple[list[Entry], list[bytes]]:
         data: the vectors by id.
 
     Raises:
-        Disagreement: of oracle and codec, or a rule does not hold.
+        DisagreementError: of oracle and codec, or a rule does not hold.
     """
     entries, dumps = list[Entry](), list[bytes]()
     for name in PREFIXES:
@@ -73,11 +73,11 @@ def prefix_dumps(data: bytes) -> list[bytes]:
         outcome = agreed(data[:size], Run("progressive"))
         is_whole = size == len(data)
         if outcome.exit != (0 if is_whole else 3) or (outcome.dump is None) != (size < head):
-            raise Disagreement(f"prefix of {size}: {outcome.exit} {outcome.code}")
+            raise DisagreementError(f"prefix of {size}: {outcome.exit} {outcome.code}")
         if outcome.dump is not None and dumps.setdefault(n_packets, outcome.dump) != outcome.dump:
-            raise Disagreement(f"prefix of {size}: another dump of {n_packets} packets")
+            raise DisagreementError(f"prefix of {size}: another dump of {n_packets} packets")
         if not is_whole and agreed(data[:size], Run()).code != "E_TRUNCATED":
-            raise Disagreement(f"prefix of {size} is not truncated")
+            raise DisagreementError(f"prefix of {size} is not truncated")
     return [dumps[n] for n in range(len(packets) + 1)]
 
 
@@ -90,7 +90,7 @@ def accepted_flips(data: bytes) -> list[int]:
         if outcome == whole:
             found.append(bit)
         elif outcome.exit != 1:
-            raise Disagreement(f"bit {bit}: {outcome.exit} {outcome.code}")
+            raise DisagreementError(f"bit {bit}: {outcome.exit} {outcome.code}")
     return found
 
 

@@ -23,7 +23,7 @@ from conformance.generator.families import generated
 from conformance.generator.matrix import matrix
 from conformance.generator.suite import (
     ZSTD,
-    Disagreement,
+    DisagreementError,
     Entry,
     Vector,
     agreed,
@@ -64,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> None:
                 write(wanted)
                 size = sum(map(len, wanted.values()))
                 print(f"{len(vectors)} vectors, {len(wanted)} files, {size:,} bytes")
-    except Disagreement as findings:
+    except DisagreementError as findings:
         sys.exit(f"No golden without agreement:\n{findings}")
     if problems:
         sys.exit("\n".join([*problems[:20], f"{len(problems)} differ: run {parser.prog}"]))
@@ -74,14 +74,14 @@ def make_all() -> list[Vector]:
     """All vectors.
 
     Raises:
-        Disagreement: with all findings.
+        DisagreementError: with all findings.
     """
     vectors, findings = list[Vector](), list[str]()
     for family, provenance, case in collect():
         name = f"{family}-{case.name}"
         try:
             outcomes = tuple(agreed(case.data, run) for run in case.runs)
-        except Disagreement as finding:
+        except DisagreementError as finding:
             findings.append(f"{name} {finding}")
             continue
         if outcomes[0].code != case.expect:
@@ -92,7 +92,7 @@ def make_all() -> list[Vector]:
     accepted = {None, *(v.id for v in vectors if v.outcomes[0].exit == 0)}
     findings += [f"{v.id}: no legal vector {v.twin}" for v in vectors if v.twin not in accepted]
     if findings:
-        raise Disagreement("\n".join(findings))
+        raise DisagreementError("\n".join(findings))
     return vectors
 
 

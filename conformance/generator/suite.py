@@ -17,7 +17,7 @@ from conformance.generator.cases.case import Case
 
 __all__ = [
     "ZSTD",
-    "Disagreement",
+    "DisagreementError",
     "Entry",
     "Vector",
     "agreed",
@@ -32,7 +32,7 @@ ZSTD = ".".join(map(str, zstandard.ZSTD_VERSION))
 Entry = dict[str, Any]
 
 
-class Disagreement(Exception):  # noqa: N818 - it is a finding, not a mistake of the caller
+class DisagreementError(Exception):
     """The two producers of goldens, or the recipe, do not agree."""
 
 
@@ -52,7 +52,7 @@ def agreed(data: bytes, run: Run, *, has_codec: bool = True) -> Outcome:
     """The outcome of both producers, or of the oracle where there is no codec.
 
     Raises:
-        Disagreement: they differ.
+        DisagreementError: they differ.
     """
     outcome = by_oracle(data, run)
     if not has_codec:
@@ -60,7 +60,7 @@ def agreed(data: bytes, run: Run, *, has_codec: bool = True) -> Outcome:
     from conformance.decoders.reference import by_codec
 
     if outcome != (other := by_codec(data, run)):
-        raise Disagreement(f"{run}: oracle {_said(outcome)}, codec {_said(other)}")
+        raise DisagreementError(f"{run}: oracle {_said(outcome)}, codec {_said(other)}")
     return outcome
 
 

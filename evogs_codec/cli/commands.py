@@ -155,7 +155,7 @@ def _decode_partial(directory: Directory, data: memoryview, args: argparse.Names
     ends = directory.offsets + directory.packets["size"]
     there = Cut.of_complete(directory, ends <= len(data))
     asked = _cut(directory, args)
-    decoded = replay(directory, data, there.within(asked), verify=args.verify)
+    decoded = replay(directory, data, there.intersection(asked), verify=args.verify)
     if len(data) < directory.size:
         part = 100 * len(data) / directory.size
         complain(f"{args.input}: {part:.1f} % of the file is there")

@@ -14,10 +14,11 @@ from evogs_codec._generated import registry
 from evogs_codec.cli.reports import level_figures, print_levels
 from evogs_codec.cli.terminal import progress_bar, version
 from evogs_codec.common.printable import shown
-from evogs_codec.encoding.encode import Progress, encode
+from evogs_codec.encoding.encode import encode
 from evogs_codec.encoding.measured_gains import ORDERING_VIEWS, Pictures
 from evogs_codec.encoding.settings import PRESETS, TREE_PSNR, Settings
-from evogs_codec.encoding.targets import Aim, TargetMissed
+from evogs_codec.encoding.targets import TargetEncoder, TargetMissedError
+from evogs_codec.encoding.write import Progress
 from evogs_codec.errors import InputError
 from evogs_codec.format.directory import read_directory
 from evogs_codec.io.files import write_atomic
@@ -145,15 +146,17 @@ def _encoded(
     progress: Progress,
     off: tuple[float, ...],
 ) -> bytes:
-    """At a target, if there is one; `off` as of `Aim`.
+    """At a target, if there is one; `off` as of `TargetEncoder`.
 
     Where splats share their SH, `shared` is the tree with a palette. Both are encoded, as the one
     without may be smaller: of few splats, or where a target leaves SH few bits.
     """
-    whole = Aim(tree, settings, off=off, n_tiles=args.tiles, info=info, progress=progress)
+    whole = TargetEncoder(tree, settings, off=off, n_tiles=args.tiles, info=info, progress=progress)
     trees = [shared, tree] if shared else [tree]
 
-    def best(make: Callable[[Aim], bytes], aim: Aim, *, by_psnr: bool = False) -> bytes:
+    def best(
+        make: Callable[[TargetEncoder], bytes], aim: TargetEncoder, *, by_psnr: bool = False
+    ) -> bytes:
         return _best([replace(aim, tree=one) for one in trees], make, by_psnr=by_psnr)
 
     if args.max_error:
@@ -170,7 +173,7 @@ def _encoded(
                 return nearest
         pictures = _pictures(tree, args, ORDERING_VIEWS) if tree.n_leaves else None
 
-        def plainly(aim: Aim) -> bytes:
+        def plainly(aim: TargetEncoder) -> bytes:
             return encode(
                 aim.tree,
                 settings,
@@ -196,20 +199,22 @@ def _encoded(
     return best(lambda one: one.at_psnr(args.target_psnr), aim)
 
 
-def _best(aims: Sequence[Aim], make: Callable[[Aim], bytes], *, by_psnr: bool) -> bytes:
+def _best(
+    aims: Sequence[TargetEncoder], make: Callable[[TargetEncoder], bytes], *, by_psnr: bool
+) -> bytes:
     """The smallest of the streams that meet a target, or that with the best pictures.
 
     Without pictures to tell by, the first that meets it.
 
     Raises:
-        TargetMissed: of the one that comes nearest, if none does.
+        TargetMissedError: of the one that comes nearest, if none does.
     """
     found: list[tuple[float, bytes]] = []
-    missed: list[TargetMissed] = []
+    missed: list[TargetMissedError] = []
     for aim in aims:
         try:
             data = make(aim)
-        except TargetMissed as error:
+        except TargetMissedError as error:
             missed.append(error)
             continue
         if not by_psnr:
@@ -228,7 +233,7 @@ def _is_open(args: argparse.Namespace) -> bool:
     return not (args.preset or args.bits or args.near_lossless or args.finer)
 
 
-def _as_near_as_pictures_tell(aim: Aim, args: argparse.Namespace) -> bytes | None:
+def _as_near_as_pictures_tell(aim: TargetEncoder, args: argparse.Namespace) -> bytes | None:
     """At `TREE_PSNR`; None if nothing can draw the tree, or if pictures tell too little of it."""
     pictures = _pictures(aim.tree, args)
     instead = "encoded with --preset trained instead"

@@ -12,7 +12,7 @@ from io import TextIOWrapper
 from tqdm import tqdm
 
 from evogs_codec.common.printable import MAX_LINE, shown
-from evogs_codec.encoding.encode import Progress
+from evogs_codec.encoding.write import Progress
 
 __all__ = ["complain", "escape_what_cannot_be_encoded", "plain_warnings", "progress_bar", "version"]
 

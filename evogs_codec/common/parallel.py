@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
-__all__ = ["MIN_THREADED", "each"]
+__all__ = ["MIN_THREADED", "parallel_map"]
 
 MIN_THREADED = 10_000  # splats below which threads take longer to start than to work
 
@@ -15,7 +15,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 
-def each(
+def parallel_map(
     function: Callable[[T], R], arguments: Iterable[T], *, n_splats: int = MIN_THREADED
 ) -> Iterator[R]:
     """`map(function, arguments)` in as many threads as there are processors.

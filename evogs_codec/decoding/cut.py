@@ -79,11 +79,11 @@ class Cut:
         np.minimum.at(steps, chain, directory.steps[missing])
         return Cut(np.minimum(steps, steps[:, :1]), n_palette)
 
-    def within(self, other: Cut) -> Cut:
+    def intersection(self, other: Cut) -> Cut:
         """What this cut and another one share."""
         return Cut(np.minimum(self.steps, other.steps), min(self.palette, other.palette))
 
-    def has(self, other: Cut) -> bool:
+    def contains(self, other: Cut) -> bool:
         """No step of the other cut is missing here."""
         same_shape = self.steps.shape == other.steps.shape
         is_within = same_shape and bool((other.steps <= self.steps).all())

@@ -49,7 +49,7 @@ class Decoded:
             ValueError: `cut` has steps that this cut does not have.
         """
         if cut is not None:
-            if not self.cut.has(cut):
+            if not self.cut.contains(cut):
                 raise ValueError("the cut has steps that were not decoded")
             return replay(self.directory, self.data, cut).leaves(sh_degree=sh_degree)
         degree = self.sh_degree if sh_degree is None else sh_degree

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.common.buffers import empty
-from evogs_codec.common.parallel import each
+from evogs_codec.common.parallel import parallel_map
 from evogs_codec.decoding.compiled.dispatch import kernels_for
 from evogs_codec.decoding.tile_state import TileState
 from evogs_codec.format.directory import Directory
@@ -24,7 +24,7 @@ def float_view(directory: Directory, tiles: Sequence[TileState], sh_degree: int)
     """binary32 of (O + X) * 2**-G, rounded once (R-7.6-1), of the live slots."""
     n_live = np.array([int(np.count_nonzero(t.live[: t.n_slots])) for t in tiles], np.int64)
     leaves = FloatView(directory, n_live, sh_degree)
-    for _ in each(leaves.write, tiles, n_splats=int(n_live.sum())):
+    for _ in parallel_map(leaves.write, tiles, n_splats=int(n_live.sum())):
         pass
     return leaves.splats()
 

@@ -9,13 +9,13 @@ from itertools import count
 from operator import call
 from threading import Event
 from types import ModuleType
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
 from evogs_codec.common.buffers import Scratch
 from evogs_codec.common.frozen_bytes import frozen
-from evogs_codec.common.parallel import each
+from evogs_codec.common.parallel import parallel_map
 from evogs_codec.decoding.compiled.dispatch import apply_compiled, kernels_for
 from evogs_codec.decoding.cut import Cut
 from evogs_codec.decoding.palette_state import PaletteState
@@ -23,11 +23,10 @@ from evogs_codec.decoding.tile_state import TileState
 from evogs_codec.errors import Fault, StreamError
 from evogs_codec.format.directory import Directory, check_crc
 from evogs_codec.model.channels import PALETTE, PICKS
+from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import I64
 
 __all__ = ["packet_body", "replay_tiles"]
-
-Key: TypeAlias = tuple[int, int, int]  # tile, component, step
 
 
 def replay_tiles(
@@ -80,7 +79,7 @@ def replay_tiles(
     # The palette begins before the tiles, which wait for it where they need it.
     jobs: list[Callable[[], _Outcome]] = [palette.run] if len(of_palette) else []
     jobs += [partial(run, tile) for tile in range(len(of_tile))]
-    outcomes = list(each(call, jobs, n_splats=n_slots))
+    outcomes = list(parallel_map(call, jobs, n_splats=n_slots))
     faults = [(outcome.packet, outcome.fault) for outcome in outcomes if outcome.fault is not None]
     if faults:
         raise min(faults, key=lambda item: item[0])[1]
@@ -101,7 +100,7 @@ class _Outcome:
     state: Any  # TileState, or None once it was used
     packet: int = -1
     fault: StreamError | None = None
-    wrong: tuple[Key, ...] = ()
+    wrong: tuple[PacketId, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -113,7 +112,7 @@ class _Job:
     tile: int
     packets: I64
     palette: _PaletteJob
-    digests: Mapping[Key, bytes]
+    digests: Mapping[PacketId, bytes]
     tick: Callable[[], None]
     scratch: Scratch
 
@@ -121,14 +120,14 @@ class _Job:
         """Apply them, compiled where nothing stands against it; `keeps` the state, or lends it."""
         rows = self.directory.packets[self.packets]
         steps = self.directory.steps[self.packets].tolist()
-        keys: list[Key] = [
-            (self.tile, component, step)
+        keys: list[PacketId] = [
+            PacketId(self.tile, component, step)
             for component, step in zip(rows["component"].tolist(), steps, strict=True)
         ]
         capacity = _slots_there(self.directory, self.packets, len(self.data))
         memory = None if keeps else self.scratch
         palette = self.palette.state if self.directory.has_palette else None
-        last = {component: (tile, component, step) for tile, component, step in keys}
+        last = {key.component: key for key in keys}
         on_the_way = self.digests.keys() & set(keys) - set(last.values())
         if kernels is not None and not on_the_way:
             state = TileState(self.directory, self.tile, capacity, palette, memory)
@@ -142,7 +141,7 @@ class _Job:
         state = TileState(self.directory, self.tile, capacity, palette, memory)
         return self._one_by_one(state, keys)
 
-    def _one_by_one(self, state: TileState, keys: list[Key]) -> _Outcome:
+    def _one_by_one(self, state: TileState, keys: list[PacketId]) -> _Outcome:
         wrong = []
         for packet, key in zip(self.packets.tolist(), keys, strict=True):
             try:
@@ -154,11 +153,11 @@ class _Job:
             self.tick()
         return _Outcome(state, wrong=tuple(wrong))
 
-    def _is_wrong(self, state: TileState, key: Key) -> bool:
+    def _is_wrong(self, state: TileState, key: PacketId) -> bool:
         """R-5.7-3; nobody asks what picks show of a palette with a fault, which is reported."""
-        if key not in self.digests or (key[1] == PICKS and not self.palette.is_good()):
+        if key not in self.digests or (key.component == PICKS and not self.palette.is_good()):
             return False
-        return state.digest(key[1]) != self.digests[key]
+        return state.digest(key.component) != self.digests[key]
 
 
 class _PaletteJob:
@@ -170,7 +169,7 @@ class _PaletteJob:
         data: memoryview,
         packets: I64,
         kernels: ModuleType | None,
-        digests: Mapping[Key, bytes],
+        digests: Mapping[PacketId, bytes],
         tick: Callable[[], None],
     ) -> None:
         self.state = PaletteState(directory, _slots_there(directory, packets, len(data)), kernels)
@@ -188,7 +187,7 @@ class _PaletteJob:
         try:
             for step, packet in enumerate(self._packets.tolist()):
                 self.state.apply(packet, packet_body(self._directory, self._data, packet))
-                key = (0, PALETTE, step)
+                key = PacketId(0, PALETTE, step)
                 if key in self._digests and self.state.digest() != self._digests[key]:
                     wrong.append(key)
                 self._tick()

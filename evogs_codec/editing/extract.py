@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -18,12 +17,12 @@ from evogs_codec.format.directory import (
 )
 from evogs_codec.format.layout import DIGEST_ENTRY, PACKET_ENTRY, size_of
 from evogs_codec.format.write_directory import rebuild_directory
+from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import I64
 
 __all__ = ["choose_cut", "extract"]
 
 Box = Sequence[float]
-Key: TypeAlias = tuple[int, int, int]  # tile, component, step
 
 
 def choose_cut(
@@ -85,14 +84,14 @@ def extract(data: bytes | memoryview, cut: Cut, *, box: Box | None = None) -> by
     of_palette = np.zeros(len(selected), bool)
     of_palette[directory.palette_packets] = True
     selected &= ~of_palette | kept.any()
-    keys = _keys(directory, np.flatnonzero(selected))
+    keys = _packet_ids(directory, np.flatnonzero(selected))
     rows, of_palette = directory.packets[selected].copy(), of_palette[selected]
     if not (kept[rows["tile"]] | of_palette).all():
         raise ValueError("the cut has packets of tiles outside the box")
     number = np.cumsum(kept) - 1
     rows["tile"] = np.where(of_palette, 0, number[rows["tile"]])
-    names: list[Key] = [
-        (tile, *key[1:]) for key, tile in zip(keys, rows["tile"].tolist(), strict=True)
+    names: list[PacketId] = [
+        key._replace(tile=tile) for key, tile in zip(keys, rows["tile"].tolist(), strict=True)
     ]
     digests = {
         name: directory.digests[key]
@@ -122,17 +121,17 @@ def _kept_tiles(directory: Directory, box: Box | None) -> npt.NDArray[np.bool_]:
     return tiles_meeting(directory, box)
 
 
-def _keys(directory: Directory, packets: I64) -> list[Key]:
-    """(tile, component, step) of each of these packets, as digests name them."""
+def _packet_ids(directory: Directory, packets: I64) -> list[PacketId]:
+    """What names each of these packets."""
     rows, steps = directory.packets[packets], directory.steps[packets]
     columns = rows["tile"].tolist(), rows["component"].tolist(), steps.tolist()
-    return list(zip(*columns, strict=True))
+    return [PacketId(*numbers) for numbers in zip(*columns, strict=True)]
 
 
 def _extracted_sizes(directory: Directory, selected: I64, box: Box | None) -> I64:
     """(len(selected) + 1,) bytes of the file with the first 0, 1, ... of these packets."""
     rows = directory.packets[selected]
-    keys = _keys(directory, selected)
+    keys = _packet_ids(directory, selected)
     has_digest = np.array([key in directory.digests for key in keys], bool)
     per_packet = rows["size"].astype(np.int64) + size_of(PACKET_ENTRY)
     per_packet += has_digest * size_of(DIGEST_ENTRY)

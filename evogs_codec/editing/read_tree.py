@@ -1,6 +1,6 @@
 """Reading a stream back as its records: the inverse of `encode.write`.
 
-`read_records(write(tree))` is `tree`, integer by integer. Decoders do not come here: they apply
+`read_coded_tree(write(tree))` is `tree`, integer by integer. Decoders do not come here: they apply
 packets and forget them; this is for those who edit, inspect or re-encode a stream.
 """
 
@@ -20,10 +20,10 @@ from evogs_codec.model.channels import N_CORE, N_GROUPS, PICKS, component_slice,
 from evogs_codec.model.coded_tree import CodedStep, CodedTile, CodedTree
 from evogs_codec.model.splats import I32
 
-__all__ = ["read_records"]
+__all__ = ["read_coded_tree"]
 
 
-def read_records(data: bytes | memoryview) -> CodedTree:
+def read_coded_tree(data: bytes | memoryview) -> CodedTree:
     """The coded tree of a whole stream.
 
     Raises:

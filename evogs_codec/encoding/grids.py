@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from evogs_codec.encoding.settings import Settings
+from evogs_codec.errors import EvogsError, InputError
 from evogs_codec.model.arithmetic import Quantiser
 from evogs_codec.model.channels import (
     GROUP_CHANNELS,
@@ -30,9 +31,9 @@ from evogs_codec.model.tree import EvolutionTree
 __all__ = [
     "AccuracyWarning",
     "Grid",
-    "NotRepresentable",
+    "NotRepresentableError",
     "Ranges",
-    "TooFine",
+    "TooFineError",
     "grid_exponents",
     "middle_of",
     "wanted_steps",
@@ -48,7 +49,7 @@ MOST_COARSER = 6  # levels above the last, beyond which steps stay as they are
 MAX_EXACT = 1 << 22  # near-lossless: differences of two states fit 24 bits
 
 
-class NotRepresentable(ValueError):  # noqa: N818 - public, and the words of the message
+class NotRepresentableError(InputError):
     """The tree has numbers that no grid of the format holds."""
 
 
@@ -186,7 +187,7 @@ def grid_exponents(settings: Settings, ranges: Ranges, steps: F64) -> tuple[int,
             room = min(room, MAX_ORIGIN / max(ranges.furthest, 1e-300))
         exponent = min(max(wanted, -16), math.floor(math.log2(room)), 40)
         if exponent < -16:
-            raise NotRepresentable(
+            raise NotRepresentableError(
                 f"a value of {ranges.largest[group]:.3g} is too large for any grid"
             )
         exponents.append(exponent)
@@ -234,7 +235,7 @@ class Grid:
         return [self.quantisers[row][kind] for kind in self.classes]
 
 
-class TooFine(Exception):  # noqa: N818 - no error: the caller tries a coarser grid
+class TooFineError(EvogsError):
     """A number of this group leaves its range on its grid."""
 
     def __init__(self, group: int) -> None:

@@ -17,7 +17,7 @@ from evogs_codec.model.coded_tree import CodedTree
 from evogs_codec.model.splats import F32, F64, SplatParams
 from evogs_codec.model.tree import EvolutionTree
 
-__all__ = ["ORDERING_VIEWS", "Pictures", "Shown"]
+__all__ = ["ORDERING_VIEWS", "MeasuredGains", "Pictures"]
 
 ORDERING_VIEWS = 6  # enough to put packets in order
 LEAST = 1e-12  # mean squared error that anything gains, so that its estimates still order it
@@ -32,12 +32,12 @@ class Pictures(Protocol):
     def psnr(self, splats: SplatParams) -> float:
         """Mean PSNR of pictures of `splats` against those of the scene, dB."""
 
-    def slopes(self, splats: SplatParams, turn: int) -> F32:
+    def loss_gradient(self, splats: SplatParams, iteration: int) -> F32:
         """(D, N) gradient of the mean squared error of one view, not of those of `psnr`."""
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class MeasuredGains:
     """What pictures of a tree gain, in mean squared error.
 
     Attributes:
@@ -50,19 +50,19 @@ class Shown:
     bands: F64
 
     @staticmethod
-    def of(tree: EvolutionTree, pictures: Pictures) -> Shown:
+    def of(tree: EvolutionTree, pictures: Pictures) -> MeasuredGains:
         """Of a tree whose leaves are the scene of the pictures."""
         leaves = tree.leaves()
         coarse = [tree.leaves(level) for level in range(tree.n_levels - 1)]
         blank = leaves.take(np.zeros(0, np.int64))
         degrees = range(tree.sh_degree if tree.palette is None else 1)
         plain = [replace(leaves, sh=leaves.sh[:, : (k + 1) ** 2]) for k in degrees]
-        return Shown(
+        return MeasuredGains(
             -np.diff(list(_errors(pictures, [blank, *coarse]))),
             -np.diff(list(_errors(pictures, plain))),
         )
 
-    def put_right(self, tree: CodedTree) -> CodedTree:
+    def rescale(self, tree: CodedTree) -> CodedTree:
         """The tree with gains that add up to these, shared out as they were.
 
         Where pictures show nothing the estimates stay.

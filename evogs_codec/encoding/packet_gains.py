@@ -16,7 +16,7 @@ from evogs_codec.model.channels import component_slice
 from evogs_codec.model.splats import F64, I32, I64
 from evogs_codec.model.tree import EvolutionTree, Kind, Palette, Step, take_picks
 
-__all__ = ["History"]
+__all__ = ["LeafTracker"]
 
 SAMPLE = 4096  # leaves of a tile that the error estimates look at
 
@@ -27,7 +27,7 @@ POWER = 1.75
 SH = 0.001  # for SH coefficients that are wrong by 1: of many splats they cancel
 
 
-class History:
+class LeafTracker:
     """What stands for each leaf after every step, for the error estimates (spec 5.6)."""
 
     def __init__(self, tile: EvolutionTree, grid: Grid) -> None:
@@ -120,8 +120,8 @@ class History:
 
     def _off_picks(self, palette: Palette) -> F64:
         """(1 + K, C, L) squared errors of the SH above band 0, of none and then after each step."""
-        last = palette.of(self.picks[self.leaves]).astype(np.float64)
-        off = [-last, *(palette.of(picks) - last for picks in self.shown)]
+        last = palette.sh_of(self.picks[self.leaves]).astype(np.float64)
+        off = [-last, *(palette.sh_of(picks) - last for picks in self.shown)]
         return np.square(np.stack(off))
 
     def _ways(self, last: F64) -> F64:

@@ -9,22 +9,20 @@ Letters: K steps of a tile.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TypeAlias
 
 import numpy as np
 
 from evogs_codec.format import layout
 from evogs_codec.model.channels import PALETTE, PICKS
 from evogs_codec.model.coded_tree import CodedTile, CodedTree
+from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import F64
 from evogs_codec.model.tree import Kind
 
-__all__ = ["Place", "leaf_shares", "packet_order", "palette_places"]
-
-Place: TypeAlias = tuple[int, int, int]  # tile, step, component
+__all__ = ["leaf_shares", "packet_order", "palette_packets"]
 
 
-def packet_order(tree: CodedTree, sizes: Mapping[Place, int]) -> list[Place]:
+def packet_order(tree: CodedTree, sizes: Mapping[PacketId, int]) -> list[PacketId]:
     """All packets, in falling order of gain per byte; one that requires another after it.
 
     Args:
@@ -36,39 +34,44 @@ def packet_order(tree: CodedTree, sizes: Mapping[Place, int]) -> list[Place]:
     for number, (share, tile) in enumerate(zip(leaf_shares(tree), tree.tiles, strict=True)):
         core = np.full(len(tile.steps), np.inf)
         for component in range(tree.n_components):
-            places = [(number, k, component) for k in range(len(tile.steps))]
+            packets = [PacketId(number, component, k) for k in range(len(tile.steps))]
             gains = [share * step.gain[component] if step.gain else 0.0 for step in tile.steps]
-            slopes = np.minimum(_falling(gains, [sizes[place] for place in places]), core)
+            slopes = np.minimum(_falling(gains, [sizes[packet] for packet in packets]), core)
             if most and component == PICKS:
                 caps = [most.get(step.level, np.inf) for step in tile.steps]
                 slopes = np.minimum.accumulate(np.minimum(slopes, caps))
             core = slopes if component == 0 else core
-            keyed += [((-slope, p[1], number), p) for slope, p in zip(slopes, places, strict=True)]
-    order: list[Place] = []
-    palette = list(zip(palette_places(tree), tree.palette_levels, strict=True))
-    for _, place in sorted(keyed):
-        label = tree.tiles[place[0]].steps[place[1]].level
-        while palette and place[2] == PICKS and palette[0][1] <= label:
+            keyed += [
+                ((-slope, p.step, number), p) for slope, p in zip(slopes, packets, strict=True)
+            ]
+    order: list[PacketId] = []
+    palette = list(zip(palette_packets(tree), tree.palette_levels, strict=True))
+    for _, packet in sorted(keyed):
+        label = tree.tiles[packet.tile].steps[packet.step].level
+        while palette and packet.component == PICKS and palette[0][1] <= label:
             order.append(palette.pop(0)[0])
-        order.append(place)
-    return [*order, *(place for place, _ in palette)]  # what no pick requires
+        order.append(packet)
+    return [*order, *(packet for packet, _ in palette)]  # what no pick requires
 
 
-def palette_places(tree: CodedTree) -> list[Place]:
+def palette_packets(tree: CodedTree) -> list[PacketId]:
     """Packets of the palette (spec 3.7), as if they were of tile 0."""
-    return [(0, k, PALETTE) for k in range(len(tree.palette_levels))]
+    return [PacketId(0, PALETTE, k) for k in range(len(tree.palette_levels))]
 
 
-def _most_of_picks(tree: CodedTree, sizes: Mapping[Place, int]) -> dict[int, float]:
+def _most_of_picks(tree: CodedTree, sizes: Mapping[PacketId, int]) -> dict[int, float]:
     """By level, the gain per byte of its best packets of picks with the palette they require.
 
     Whichever comes first brings all entries of the level: none comes before they pay for them.
     """
     most: dict[int, float] = {}
     shares = leaf_shares(tree)
-    for palette, level in zip(palette_places(tree), tree.palette_levels, strict=True):
+    for palette, level in zip(palette_packets(tree), tree.palette_levels, strict=True):
         packets = [
-            (shares[number] * step.gain[PICKS] if step.gain else 0.0, sizes[number, k, PICKS])
+            (
+                shares[number] * step.gain[PICKS] if step.gain else 0.0,
+                sizes[PacketId(number, PICKS, k)],
+            )
             for number, tile in enumerate(tree.tiles)
             for k, step in enumerate(tile.steps)
             if step.level == level

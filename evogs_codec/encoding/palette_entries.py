@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from evogs_codec.encoding.grids import Grid, TooFine
+from evogs_codec.encoding.grids import Grid, TooFineError
 from evogs_codec.encoding.rate_distortion import cheapest
 from evogs_codec.format.pack import decorrelate
 from evogs_codec.format.planes import MAX_STORED, entropy, zigzag
@@ -38,7 +38,7 @@ class CodedEntries:
     levels: I32
     number: I32
 
-    def of(self, tile: CodedTile) -> CodedTile:
+    def renumbered(self, tile: CodedTile) -> CodedTile:
         """The tile with picks in the numbers that entries have now."""
         steps = tuple(replace(step, picks=self.number[step.picks]) for step in tile.steps)
         return replace(tile, steps=steps)
@@ -55,7 +55,7 @@ def quantised_entries(palette: Palette, grid: Grid, weights: F32 | None, price: 
         price: mean squared error that a bit is worth.
 
     Raises:
-        TooFine: a number leaves its range.
+        TooFineError: a number leaves its range.
     """
     kinds = np.array([channel_class(N_CORE + c) for c in range(len(palette.entries))])
     quantisers = [grid.quantisers[0][kind] for kind in kinds]
@@ -67,7 +67,7 @@ def quantised_entries(palette: Palette, grid: Grid, weights: F32 | None, price: 
         q = cheapest(u, weights[kinds - 5] * (np.square(units) / price))
     limit = np.array([[min(k.max_q, MAX_STORED // 2 - 1)] for k in quantisers])
     if np.any(np.abs(q) > limit):
-        raise TooFine(4)
+        raise TooFineError(4)
     return q.astype(np.int32)
 
 

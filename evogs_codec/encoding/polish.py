@@ -17,8 +17,8 @@ import numpy.typing as npt
 
 from evogs_codec.decoding.cut import Cut
 from evogs_codec.decoding.decode import decode
-from evogs_codec.encoding.encode import write
 from evogs_codec.encoding.measured_gains import Pictures
+from evogs_codec.encoding.write import write
 from evogs_codec.format.planes import MAX_STORED
 from evogs_codec.model.arithmetic import RangeError, StepPlan, apply_channel
 from evogs_codec.model.channels import GROUP_CHANNELS, N_GROUPS, channel_class, group_of_class
@@ -66,7 +66,7 @@ def polished(
         leaves = [tile.leaves() for tile in tiles]
         shown = [np.concatenate(parts) for parts in zip(leaves, picked, strict=True)]
         splats = SplatParams.from_channels(np.concatenate(shown, axis=1))
-        slopes = pictures.slopes(splats, t)[: len(leaves[0])] / np.float32(price)  # in bits
+        slopes = pictures.loss_gradient(splats, t)[: len(leaves[0])] / np.float32(price)  # in bits
         rate = RATE * (LAST_RATE / RATE) ** (t / iterations)
         ends = np.cumsum([part.shape[1] for part in leaves])
         for tile, part in zip(tiles, np.split(slopes, ends[:-1], axis=1), strict=True):
@@ -124,7 +124,7 @@ class _Tile:
         for step in self.tile.steps:
             take_picks(step, picks, n)
             n += step.n_new
-        return palette.of(picks[self.live])
+        return palette.sh_of(picks[self.live])
 
     def descend(self, slopes: F32, rate: float, t: int) -> None:
         """An iteration, from the slopes (D, N) of the leaves."""

@@ -18,17 +18,17 @@ import numpy.typing as npt
 from evogs_codec.encoding.alpha_tables import alpha_tables, nearest, serving_both, serving_second
 from evogs_codec.encoding.grids import (
     Grid,
-    NotRepresentable,
+    NotRepresentableError,
     Ranges,
-    TooFine,
+    TooFineError,
     grid_exponents,
     middle_of,
     wanted_steps,
     warn_if_coarser,
 )
-from evogs_codec.encoding.packet_gains import History
+from evogs_codec.encoding.packet_gains import LeafTracker
 from evogs_codec.encoding.palette_entries import coded_entries, quantised_entries
-from evogs_codec.encoding.rate_distortion import Worth
+from evogs_codec.encoding.rate_distortion import ErrorWeights
 from evogs_codec.encoding.sensitivity import StepWeights
 from evogs_codec.encoding.settings import Settings
 from evogs_codec.format.planes import MAX_STORED
@@ -78,7 +78,7 @@ def quantise(
         progress: called with the part that is done.
 
     Raises:
-        NotRepresentable: values too large for any grid.
+        NotRepresentableError: values too large for any grid.
     """
     sh_degree, palette = tiles[0].sh_degree, tiles[0].palette
     ranges = Ranges.of(tiles, n_levels)
@@ -96,9 +96,9 @@ def quantise(
                 report(k / len(tiles))
                 own = None if weights is None else weights[k]
                 coded.append(_TileCoder(tile, grid, alpha, settings, own, price).code())
-        except TooFine as error:
+        except TooFineError as error:
             if exponents[error.group] <= -16:
-                raise NotRepresentable(
+                raise NotRepresentableError(
                     f"{GROUPS[error.group]}: a value is too large for any grid"
                 ) from None
             exponents = tuple(e - (g == error.group) for g, e in enumerate(exponents))
@@ -117,7 +117,7 @@ def quantise(
     if palette is None:
         return tree
     entries = coded_entries(q, palette.n_coarse, coded)
-    renumbered = tuple(entries.of(tile) for tile in coded)
+    renumbered = tuple(entries.renumbered(tile) for tile in coded)
     return replace(tree, tiles=renumbered, entries=entries.q, entry_levels=entries.levels)
 
 
@@ -146,7 +146,7 @@ class _TileCoder:
         self.x = np.zeros((d, total), np.int32)
         self.n = 0
         self.box = [np.full(3, MAX_X), np.full(3, -MAX_X)]
-        self.history = History(tile, grid)
+        self.tracker = LeafTracker(tile, grid)
 
     def code(self) -> CodedTile:
         steps: list[CodedStep] = []
@@ -158,7 +158,7 @@ class _TileCoder:
                 if mend is not None:
                     steps.append(mend)
         box = self.box if self.n else [np.zeros(3), np.zeros(3)]
-        found = self.history.estimates(self.x[:, : self.n])
+        found = self.tracker.estimates(self.x[:, : self.n])
         steps = [replace(s, error=e, gain=g) for s, (e, g) in zip(steps, found, strict=True)]
         return CodedTile(
             origin=_triple(self.origin),
@@ -193,24 +193,24 @@ class _TileCoder:
                 u = (aim[part][:, plan.targets] - parents) / step_sizes
                 s = slice(None) if plan.splits is None else plan.splits
                 v = (aim[part][:, new_splits] - parents[:, s]) / step_sizes
-                worth = self._worth(number, part, step_sizes)
-                if worth is None:
+                weights = self._weights(number, part, step_sizes)
+                if weights is None:
                     far = np.any(inherited[part] > step_sizes, axis=0) | (group == 0)
                     indices[group], u[:, s] = self._serve(u[:, s], v, table, far)
                 else:
-                    indices[group], u[:, s] = worth.serve(u[:, s], v, table, s)
+                    indices[group], u[:, s] = weights.choose(u[:, s], v, table, s)
                 if not plan.n_splits and step.psi.any() and not step.psi[part].any():
                     u[:] = 0  # refines of other groups leave this one, and its errors, as it is
-                q = np.rint(u) if worth is None else worth.integers(u, table, indices[group], s)
+                q = np.rint(u) if weights is None else weights.integers(u, table, indices[group], s)
             limit = np.array([[min(k.max_q, MAX_STORED // 2 - 1)] for k in quantisers[part]])
             if np.any(np.abs(q) > limit):
-                raise TooFine(group)
+                raise TooFineError(group)
             psi[part] = q
             self._keep_products(group, part, psi, indices, plan, table, quantisers)
         adds = self._code_adds(step, new_adds)
         self._apply(plan, step.level, psi, indices, adds)
         coded = CodedStep(step.level, step.slots, step.kinds, indices, psi, adds, picks=step.picks)
-        self.history.note(self.x, self.n, step)
+        self.tracker.note(self.x, self.n, step)
         return coded, plan
 
     def _serve(
@@ -222,14 +222,14 @@ class _TileCoder:
         indices = serving_both(u, v, table)
         return indices, _joint(u, v, table.values()[indices], bounded)
 
-    def _worth(self, number: int, part: slice, step_sizes: F64) -> Worth | None:
+    def _weights(self, number: int, part: slice, step_sizes: F64) -> ErrorWeights | None:
         """What errors of a group are worth in this step, if that is known."""
         own = None if self.weights is None else self.weights[number]
         if own is None:
             return None
         kinds = list(self.grid.classes[part])
         bits = np.square(step_sizes / self.grid.scale[part]) / self.price
-        return Worth(own.targets[kinds] * bits, own.new[kinds] * bits)
+        return ErrorWeights(own.targets[kinds] * bits, own.new[kinds] * bits)
 
     def _advance_target(self, step: Step, plan: StepPlan) -> None:
         """The float tree's state after the step, in grid units from the origin."""
@@ -267,10 +267,10 @@ class _TileCoder:
         over = largest * entries[indices[group]] > room
         if over.any():
             if not self.settings.near_lossless:  # which mends what another alpha does
-                raise TooFine(group)
+                raise TooFineError(group)
             indices[group][over] = int(np.argmin(entries))
             if np.any(largest * int(entries.min()) > room):
-                raise TooFine(group)
+                raise TooFineError(group)
 
     def _code_adds(self, step: Step, new: slice) -> I32:
         quantisers = self.grid.channel_quantisers(0)
@@ -280,7 +280,7 @@ class _TileCoder:
         q = np.rint(self.target[:, new] / steps)
         for channel, quantiser in enumerate(quantisers):
             if np.abs(q[channel]).max() > min(quantiser.max_q, MAX_STORED // 2 - 1):
-                raise TooFine(group_of_class(self.grid.classes[channel]))
+                raise TooFineError(group_of_class(self.grid.classes[channel]))
         return q.astype(np.int32)
 
     def _apply(self, plan: StepPlan, level: int, psi: I32, indices: U8, adds: I32) -> None:
@@ -301,7 +301,7 @@ class _TileCoder:
                     of_adds[channel].delta(adds[channel]),
                 )
             except RangeError:
-                raise TooFine(group) from None
+                raise TooFineError(group) from None
         self.x[:, plan.drops] = 0
         self.n = plan.n_after
         written = [self.x[0:3, plan.targets], self.x[0:3, plan.n_before : plan.n_after]]
@@ -323,7 +323,7 @@ class _TileCoder:
         adds = np.zeros((len(self.x), 0), np.int32)
         indices = np.zeros((N_GROUPS, 0), np.uint8)
         self._apply(StepPlan.of(slots, kinds, self.n, 0), step.level, psi, indices, adds)
-        self.history.note(self.x, self.n)
+        self.tracker.note(self.x, self.n)
         return CodedStep(step.level, slots, kinds, indices, psi, adds)
 
 

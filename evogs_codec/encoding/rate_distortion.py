@@ -12,7 +12,7 @@ from evogs_codec.encoding.alpha_tables import cheapest_alphas
 from evogs_codec.model.arithmetic import AlphaTable
 from evogs_codec.model.splats import F64, I64, U8
 
-__all__ = ["Worth", "cheapest"]
+__all__ = ["ErrorWeights", "cheapest"]
 
 MULTIPLES = (2, 4, 8, 16)  # tried beside the two nearest integers and 0, where errors matter little
 PASSES = 3
@@ -22,7 +22,7 @@ UNSEEN = 0.02  # of an occurrence, so that an integer that did not occur is poss
 
 
 @dataclass(frozen=True, eq=False)
-class Worth:
+class ErrorWeights:
     """Bits that the squared error of a step is worth: P refines and splits of a group, S splits.
 
     Attributes:
@@ -33,7 +33,7 @@ class Worth:
     targets: F64
     new: F64
 
-    def serve(
+    def choose(
         self, u: F64, v: F64, table: AlphaTable, splits: slice | npt.NDArray[Any]
     ) -> tuple[U8, F64]:
         """Indices (S,) of alphas and Delta (C, S), for children at P + u and P + v, in steps."""

@@ -16,13 +16,13 @@ import numpy as np
 
 from evogs_codec.decoding.decode import decode
 from evogs_codec.encoding.arrange import arrange, default_tiles
-from evogs_codec.encoding.encode import Progress, write
 from evogs_codec.encoding.grids import AccuracyWarning, Ranges, wanted_steps
-from evogs_codec.encoding.measured_gains import Pictures, Shown
+from evogs_codec.encoding.measured_gains import MeasuredGains, Pictures
 from evogs_codec.encoding.polish import polished
 from evogs_codec.encoding.quantise import quantise
 from evogs_codec.encoding.sensitivity import Importance, StepWeights
 from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, Settings
+from evogs_codec.encoding.write import Progress, write
 from evogs_codec.errors import InputError
 from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS
 from evogs_codec.model.coded_tree import CodedTree
@@ -30,7 +30,7 @@ from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F64
 from evogs_codec.model.tree import EvolutionTree
 
-__all__ = ["PRICES", "Aim", "TargetMissed"]
+__all__ = ["PRICES", "TargetEncoder", "TargetMissedError"]
 
 FIRST_PRICE = 1e-11  # mean squared error that a bit is worth: about 45 dB
 PRICES = (1e-18, 1e-5)
@@ -46,7 +46,7 @@ POLISH_GAIN = 2.0  # dB, about
 T = TypeVar("T")
 
 
-class TargetMissed(InputError):  # noqa: N818 - the words of the message
+class TargetMissedError(InputError):
     """No stream of a tree meets a target; `by` how much the nearest misses it."""
 
     def __init__(self, said: str, by: float) -> None:
@@ -55,7 +55,7 @@ class TargetMissed(InputError):  # noqa: N818 - the words of the message
 
 
 @dataclass(frozen=True)
-class Aim:
+class TargetEncoder:
     """A tree that is encoded until it meets a target.
 
     Attributes:
@@ -110,7 +110,7 @@ class Aim:
         met = [one.what for one in found if abs(one.value - decibels) <= 2 * PSNR_SLACK]
         if not met:
             said = f"{decibels:g} dB cannot be met: {plain.value:.2f} dB is nearest"
-            raise TargetMissed(said, abs(plain.value - decibels))
+            raise TargetMissedError(said, abs(plain.value - decibels))
         return min(map(self._with_digests, met), key=len)
 
     def at_bytes(self, n_bytes: int) -> bytes:
@@ -135,7 +135,7 @@ class Aim:
         met = [one.what for one in found if 0.98 * n_bytes <= len(one.what) <= n_bytes]
         if not met:
             said = f"{n_bytes:,} bytes cannot be met: {len(plain.what):,} is nearest"
-            raise TargetMissed(said, abs(len(plain.what) - n_bytes))
+            raise TargetMissedError(said, abs(len(plain.what) - n_bytes))
         return met[0] if len(met) == 1 else max(met, key=self.psnr)
 
     def within(self, errors: Mapping[str, float]) -> bytes:
@@ -177,7 +177,7 @@ class Aim:
             else ""
         )
         said = f"{name}: an error of {errors[name]:g} cannot be kept: {least:.3g}{why}"
-        raise TargetMissed(said, float(least / asked[worst]))
+        raise TargetMissedError(said, float(least / asked[worst]))
 
     def psnr(self, data: bytes) -> float:
         """Of the leaves of a stream, dB.
@@ -196,7 +196,7 @@ class Aim:
 class _Coder:
     """A tree arranged once, and quantised as often as it takes."""
 
-    def __init__(self, aim: Aim) -> None:
+    def __init__(self, aim: TargetEncoder) -> None:
         self.aim = aim
         self.n_levels = max(aim.tree.n_levels, 1)
         if aim.polish and aim.pictures is None:
@@ -210,7 +210,7 @@ class _Coder:
             report("draw", 0.0)
             drawn = aim.pictures.sensitivity
             self.importance = Importance.of(self.tiles, self.n_levels, drawn)
-            self.shown = Shown.of(aim.tree, aim.pictures)
+            self.shown = MeasuredGains.of(aim.tree, aim.pictures)
         self.ranges = Ranges.of(self.tiles, self.n_levels)
 
     def coded(self, at: float) -> CodedTree:
@@ -254,7 +254,7 @@ class _Coder:
                 price=price,
                 info=self.aim.info,
             )
-        return self.shown.put_right(coded) if self.shown else coded
+        return self.shown.rescale(coded) if self.shown else coded
 
     def first_table(self) -> F64:
         """(1 + n_levels, K) steps of the settings."""

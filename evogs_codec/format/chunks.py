@@ -14,6 +14,7 @@ from evogs_codec.errors import Fault, StreamError
 from evogs_codec.format import layout
 from evogs_codec.model.arithmetic import MAX_X, AlphaTable, Quantiser
 from evogs_codec.model.channels import N_GROUPS
+from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import I64
 
 __all__ = [
@@ -91,7 +92,7 @@ def read_tiles(body: memoryview, offset: int, n_tiles: int) -> npt.NDArray[np.vo
 
 def read_digests(
     body: memoryview, offset: int, packets: npt.NDArray[np.void], steps: I64, sizes: I64, most: int
-) -> dict[tuple[int, int, int], bytes]:
+) -> dict[PacketId, bytes]:
     """{(tile, component, step): SHA-256} (spec 5.7).
 
     Args:
@@ -104,11 +105,11 @@ def read_digests(
     """
     rows = read_rows(layout.DIGEST_ENTRY, body, offset, None)
     keys = zip(packets["tile"].tolist(), packets["component"].tolist(), steps.tolist(), strict=True)
-    size_of_state = dict(zip(keys, sizes.tolist(), strict=True))
-    digests: dict[tuple[int, int, int], bytes] = {}
-    last, n_bytes = (-1, -1, -1), 0
+    size_of_state = dict(zip(map(PacketId._make, keys), sizes.tolist(), strict=True))
+    digests: dict[PacketId, bytes] = {}
+    last, n_bytes = PacketId(-1, -1, -1), 0
     for row in rows:
-        key = (int(row["tile"]), int(row["component"]), int(row["step"]))
+        key = PacketId(int(row["tile"]), int(row["component"]), int(row["step"]))
         if key <= last or key not in size_of_state:  # R-5.7-1, R-5.7-2
             raise StreamError(Fault.E_CHUNK, f"digest of (tile, component, step) {key}", offset)
         n_bytes += size_of_state[key]

@@ -28,6 +28,7 @@ from evogs_codec.format.packet_header import FLAG_PALETTE, Counts
 from evogs_codec.format.packet_table import labels_of, read_packet_table, state_sizes
 from evogs_codec.model.arithmetic import SYMMETRIC, AlphaTable, Quantiser
 from evogs_codec.model.channels import MAX_SH_DEGREE, N_GROUPS, PALETTE, PICKS, n_classes
+from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import I32, I64
 
@@ -76,7 +77,7 @@ class Directory:
     packets: npt.NDArray[np.void]
     steps: I64
     offsets: I64
-    digests: Mapping[tuple[int, int, int], bytes]
+    digests: Mapping[PacketId, bytes]
     digests_offset: int
     copied_chunks: bytes
     version_minor: int

@@ -15,6 +15,7 @@ from evogs_codec.format.directory import FLAG_ANTIALIASED, Directory
 from evogs_codec.format.packet_header import FLAG_PALETTE
 from evogs_codec.model.arithmetic import AlphaTable, Quantiser
 from evogs_codec.model.channels import PALETTE
+from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.scene_info import SceneInfo
 
 __all__ = ["build_directory", "rebuild_directory"]
@@ -30,7 +31,7 @@ def build_directory(
     alpha: Mapping[tuple[int, int], AlphaTable],
     tiles: npt.NDArray[np.void],
     packets: npt.NDArray[np.void],
-    digests: Mapping[tuple[int, int, int], bytes],
+    digests: Mapping[PacketId, bytes],
     has_palette: bool = False,
     copied_chunks: bytes = b"",
     version_minor: int = layout.VERSION[1],
@@ -89,7 +90,7 @@ def rebuild_directory(
     directory: Directory,
     tiles: npt.NDArray[np.void],
     packets: npt.NDArray[np.void],
-    digests: Mapping[tuple[int, int, int], bytes],
+    digests: Mapping[PacketId, bytes],
 ) -> bytes:
     """Header and chunks of the same scene with these tiles, packets and digests (R-10-1)."""
     return build_directory(

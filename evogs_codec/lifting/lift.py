@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from evogs_codec.common.parallel import each
+from evogs_codec.common.parallel import parallel_map
 from evogs_codec.lifting.concat import joined
 from evogs_codec.lifting.orientations import COMPOSE, largest_w, nearest_turns, turned
 from evogs_codec.lifting.pairing import features, match, morton_order
@@ -116,7 +116,7 @@ def lift_with_order(
     order = morton_order(splats.means.astype(np.float64))
     parts = np.array_split(order, -(-len(splats) // PART))
     lifted = []
-    for one in each(lambda rows: _lift(splats.take(rows), n_levels, lambda _: None), parts):
+    for one in parallel_map(lambda rows: _lift(splats.take(rows), n_levels, lambda _: None), parts):
         lifted.append(one)
         report(len(lifted) / len(parts))
     tree, slots = joined([one.tree for one in lifted])

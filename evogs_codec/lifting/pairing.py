@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 
 from evogs_codec.common.morton import every_third_bit
-from evogs_codec.common.parallel import each
+from evogs_codec.common.parallel import parallel_map
 from evogs_codec.lifting.orientations import STEP_ROTATION, STEP_SCALE
 from evogs_codec.lifting.parents import TINY, Moments, merged, sizes
 from evogs_codec.model.splats import F32, F64, I64
@@ -118,7 +118,7 @@ def _edges(points: F64) -> tuple[I64, I64]:
     tree = scipy.spatial.cKDTree(points)
     # Not with `workers` of scipy: an interrupt frees the arrays that its threads still write to.
     parts = np.array_split(points, max(1, min(os.cpu_count() or 1, n // MIN_PART)))
-    near = [found.ravel() for found in each(lambda part: tree.query(part, k=k)[1], parts)]
+    near = [found.ravel() for found in parallel_map(lambda part: tree.query(part, k=k)[1], parts)]
     start = np.repeat(np.arange(n), k)
     end = np.concatenate(near).astype(np.int64)
     keys = (np.minimum(start, end) * n + np.maximum(start, end))[start != end]

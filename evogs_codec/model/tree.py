@@ -49,7 +49,7 @@ class Palette:
     entries: F32
     n_coarse: int = 0
 
-    def of(self, picks: npt.NDArray[np.integer]) -> F32:
+    def sh_of(self, picks: npt.NDArray[np.integer]) -> F32:
         """(C, N) the SH of picks (N,): 0 for the pick 0."""
         nothing = np.zeros((len(self.entries), 1), np.float32)
         return np.concatenate([nothing, self.entries], axis=1)[:, picks]
@@ -159,7 +159,7 @@ class Slots:
         """The live splats in slot order."""
         values = self.values[:, self.live]
         if self.palette is not None:
-            values = np.concatenate([values, self.palette.of(self.picks[self.live])])
+            values = np.concatenate([values, self.palette.sh_of(self.picks[self.live])])
         return SplatParams.from_channels(values)
 
 

@@ -62,15 +62,15 @@ class Views:
         total /= len(chosen)
         return total
 
-    def slopes(self, splats: SplatParams, turn: int) -> F32:
-        """(D, N) gradient of the mean squared error of the view of a turn, one of the others.
+    def loss_gradient(self, splats: SplatParams, iteration: int) -> F32:
+        """(D, N) gradient of the mean squared error of a view of `others`, one per iteration.
 
         Raises:
             ValueError: there are no others.
         """
         if not self.others:
             raise ValueError("there are no other views to descend by")
-        view = view_of(turn, len(self.others))
+        view = view_of(iteration, len(self.others))
         camera = self.others[view]
         if view not in self._of_others:
             self._of_others[view] = render(self.scene, camera, self.background)
@@ -80,7 +80,7 @@ class Views:
 
     @cached_property
     def _of_others(self) -> dict[int, npt.NDArray[np.float32]]:
-        """Pictures of the scene that `slopes` has drawn."""
+        """Pictures of the scene that `loss_gradient` has drawn."""
         return {}
 
     @cached_property
@@ -89,9 +89,9 @@ class Views:
         return [render(self.scene, camera, self.background) for camera in self.cameras]
 
 
-def view_of(turn: int, n_views: int) -> int:
+def view_of(iteration: int, n_views: int) -> int:
     """All views in random order, then all again in another."""
-    round_, place = divmod(turn, n_views)
+    round_, place = divmod(iteration, n_views)
     return int(np.random.default_rng(round_).permutation(n_views)[place])
 
 

@@ -100,7 +100,7 @@ def test_there_are_as_many_tiles_as_asked_for_while_roots_can_be_divided():
 
 def test_what_is_too_large_is_refused_and_what_is_coarser_is_warned_of():
     beyond = {row.extreme: row.beyond for row in (*codec.scenes(24), *codec.grids(4))}
-    refused = [name for name, text in beyond.items() if "`NotRepresentable`" in text]
+    refused = [name for name, text in beyond.items() if "`NotRepresentableError`" in text]
     assert len(refused) == 5
     assert all("warned: " in text for name, text in beyond.items() if name.startswith("one "))
 

@@ -23,7 +23,7 @@ from conformance.generator.generate import (
     make_all,
     stored_fingerprints,
 )
-from conformance.generator.suite import ZSTD, Disagreement, Vector, agreed
+from conformance.generator.suite import ZSTD, DisagreementError, Vector, agreed
 from conformance.mutants import MUTANTS
 from tests.conformance.schemas import errors
 
@@ -174,12 +174,12 @@ def test_recipes_are_deterministic():
 def test_no_golden_without_agreement(monkeypatch):
     family, provenance, case = next(collect())
     monkeypatch.setattr("conformance.decoders.reference.by_codec", lambda data, run: Outcome(4))
-    with pytest.raises(Disagreement, match="oracle 0"):
+    with pytest.raises(DisagreementError, match="oracle 0"):
         agreed(case.data, case.runs[0])
     monkeypatch.setattr(
         "conformance.generator.generate.collect", lambda: [(family, provenance, case)]
     )
-    with pytest.raises(Disagreement, match=f"{family}-{case.name}"):
+    with pytest.raises(DisagreementError, match=f"{family}-{case.name}"):
         make_all()
 
 
@@ -190,7 +190,7 @@ def test_a_recipe_that_expects_another_verdict_or_twin_is_a_finding(monkeypatch)
         for change in ({"expect": "E_CRC"}, {"twin": "core-none"})
     ]
     monkeypatch.setattr("conformance.generator.generate.collect", lambda: wrong)
-    with pytest.raises(Disagreement) as found:
+    with pytest.raises(DisagreementError) as found:
         make_all()
     assert str(found.value).splitlines() == [
         f"core-{case.name}: None, the recipe expected E_CRC",

@@ -7,7 +7,7 @@ import numpy as np
 
 from conformance.decoders import oracle
 from evogs_codec.decoding.decode import decode
-from evogs_codec.editing.read_tree import read_records
+from evogs_codec.editing.read_tree import read_coded_tree
 from tools.example import stream
 
 SPEC = Path(__file__).resolve().parents[2] / "spec"
@@ -58,7 +58,7 @@ def test_the_float_view_and_the_digest_are_those_that_the_oracle_decodes():
 
 
 def test_the_example_shows_each_kind_of_record_and_a_tie_of_round_shift():
-    tree = read_records(stream())
+    tree = read_coded_tree(stream())
     roots, changes = tree.tiles[0].steps
     assert (roots.adds.shape[1], sorted(changes.kinds.tolist())) == (3, [0, 1, 2])
     table, delta = tree.alpha[1, 0], int(changes.psi[0, 0]) * tree.quantisers[2][0].step

@@ -16,8 +16,9 @@ from conformance.decoders import oracle
 from conformance.generator.builder import DROP, RED, REFINE, SPLIT, Packet, Stream, Tile, X, build
 from conformance.generator.random_streams import random_stream
 from evogs_codec.decoding.decode import decode
-from evogs_codec.encoding.encode import encode, write
+from evogs_codec.encoding.encode import encode
 from evogs_codec.encoding.settings import PRESETS
+from evogs_codec.encoding.write import write
 from evogs_codec.errors import Fault
 from evogs_codec.model import arithmetic
 from tests.support.coded_strategies import coded_trees

@@ -58,7 +58,7 @@ def decode_with_pseudo_code(data: bytes) -> bytes:
         lists = stored_lists(spec, p, core.packet, body)
         channels = oracle.channels_of(p.component)
         if p.component == 0:
-            read_records(spec, scene, core, lists[:7])
+            read_coded_tree(spec, scene, core, lists[:7])
             lists = lists[7:]
         qs = iter(lists)
         psi, adds = (
@@ -132,7 +132,7 @@ def contents(body: bytes, entries_at: int) -> bytes:
     return out
 
 
-def read_records(spec, scene, core, lists: list[list[int]]) -> None:
+def read_coded_tree(spec, scene, core, lists: list[list[int]]) -> None:
     """Slots, kinds and (a, K) of a core packet (7.2)."""
     p = core.packet
     core.slots = spec.slots_of(lists[0])

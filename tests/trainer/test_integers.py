@@ -26,8 +26,8 @@ from tests.trainer import tiny
 METHODS = ("evogs", "evogs-sym", "evogs-a", "evogs-b")
 
 
-def trained(method="evogs", quantised=Integers(0.3), **changes):  # noqa: B008 - frozen
-    config = tiny.config(method=method, quantised=quantised, **changes)
+def trained(method="evogs", integers=Integers(0.3), **changes):  # noqa: B008 - frozen
+    config = tiny.config(method=method, integers=integers, **changes)
     return run(config, tiny.pyramid(), backend_for("cpu"))
 
 
@@ -62,7 +62,7 @@ def test_a_tree_keeps_its_quanta_in_a_file(tmp_path):
 
 
 def test_without_integers_nothing_is_rounded():
-    tree, rounded = trained(quantised=Integers()), trained()
+    tree, rounded = trained(integers=Integers()), trained()
     assert tree.quanta == ()
     psi = np.concatenate([step.psi for step in tree.steps], axis=1)
     assert (psi % quanta_of(rounded, 2) != 0).mean() > 0.5
@@ -70,7 +70,7 @@ def test_without_integers_nothing_is_rounded():
 
 @pytest.mark.parametrize("iterations", [(3, 40), (40, 3), (1, 1)])
 def test_every_level_has_both_stages_however_short(iterations):
-    tree = trained(iterations=iterations, quantised=Integers(0.15))
+    tree = trained(iterations=iterations, integers=Integers(0.15))
     assert [step.level for step in tree.steps][-1] == 1
     assert len(tree.quanta) == 3
 
@@ -78,13 +78,13 @@ def test_every_level_has_both_stages_however_short(iterations):
 @pytest.mark.parametrize("part", [0, 0.3])
 def test_a_last_level_may_lose_all_its_splats_but_no_other(part):
     growth = replace(tiny.config().frontier, prune_opacity=0.9999)
-    tree = trained(quantised=Integers(part), frontier=growth)
+    tree = trained(integers=Integers(part), frontier=growth)
     assert (tree.n_levels, tree.n_leaves) == (2, 0)
     assert decode(encode(tree), verify=True).n_leaves == 0
     config = tiny.config(
         iterations=(40,) * 3,
         max_splats=(30, 60, 120),
-        quantised=Integers(part),
+        integers=Integers(part),
         frontier=growth,
     )
     with pytest.raises(InputError, match="level 1 ended without a splat"):
@@ -92,8 +92,8 @@ def test_a_last_level_may_lose_all_its_splats_but_no_other(part):
 
 
 def test_a_base_in_integers_keeps_them():
-    config = tiny.config(quantised=Integers(0.3))
-    base = trained(quantised=Integers(0.3, distortion=1e-3))
+    config = tiny.config(integers=Integers(0.3))
+    base = trained(integers=Integers(0.3, distortion=1e-3))
     tree = run(config, tiny.pyramid(), backend_for("cpu"), base=base)
     assert tree.quanta[:2] == base.quanta[:2]
     assert tree.quanta[2] != base.quanta[2]
@@ -103,7 +103,7 @@ def test_a_base_in_integers_keeps_them():
 def test_integers_of_finished_levels_are_found_again():
     """By the codec, when it rounds the next level: else that would mend what is not wrong."""
     config = tiny.config(
-        iterations=(40, 40, 40), max_splats=(30, 60, 120), quantised=Integers(0.3, distortion=1e-3)
+        iterations=(40, 40, 40), max_splats=(30, 60, 120), integers=Integers(0.3, distortion=1e-3)
     )
     tree = run(config, tiny.pyramid(3), backend_for("cpu"))
     done = Done(1, tree.steps, quanta=tree.quanta[:3])
@@ -128,7 +128,7 @@ def test_integers_of_finished_levels_are_found_again():
 
 
 def test_torch_draws_the_leaves_that_compiled_loops_draw():
-    model, _ = begun(trained(quantised=Integers()), distortion=1e-3)
+    model, _ = begun(trained(integers=Integers()), distortion=1e-3)
     blocks = [columns.block for columns in model._columns]
     compiled = model.splats(0)
     plain = evolve_plain(model._base, blocks, np.flatnonzero(model._live))
@@ -142,7 +142,7 @@ FINE = (2.0**-12,) * 6
 def begun(tree, distortion):
     """The last level of a tree, rounded: what is trained, and its pictures."""
     level = tree.n_levels - 1
-    config, data = tiny.config(quantised=Integers(0.5, distortion=distortion)), tiny.pyramid()[1]
+    config, data = tiny.config(integers=Integers(0.5, distortion=distortion)), tiny.pyramid()[1]
     plan = Plan(level, 1, 60, 100, in_integers=True)
     setting = Setting(config, plan, data, extent(data.train), backend_for("cpu").device)
     done = Done(tree.sh_degree, tree.steps, quanta=(FINE,) * (1 + level))
@@ -155,7 +155,7 @@ def quality(splats, data):
 
 
 def test_training_mends_what_rounding_lost():
-    tree = trained(quantised=Integers())
+    tree = trained(integers=Integers())
     model, data = begun(tree, distortion=0.02)
     before, rates = model.splats(0).params(), Integers(0.5).rates(PRESETS["quick"].rates)
     stage = Stage(data.train, data.background, 1.0, 600, 100, (0,), rates)
@@ -168,13 +168,13 @@ def test_training_mends_what_rounding_lost():
 
 
 def test_more_distortion_makes_smaller_streams():
-    streams = [encode(trained(quantised=Integers(0.3, distortion=x))) for x in (0.001, 0.05, 1.0)]
+    streams = [encode(trained(integers=Integers(0.3, distortion=x))) for x in (0.001, 0.05, 1.0)]
     sizes = [len(data) for data in streams]
     assert sizes[0] > 1.2 * sizes[1] > 1.2 * 1.2 * sizes[2]
 
 
 def test_zeros_stay_and_the_others_move():
-    model, _ = begun(trained(quantised=Integers()), distortion=0.5)
+    model, _ = begun(trained(integers=Integers()), distortion=0.5)
     for variable in model.variables():
         variable.value.detach().add_(10.0)
     before, after = (
@@ -187,7 +187,7 @@ def test_zeros_stay_and_the_others_move():
 
 def test_steps_with_drops_and_refines_are_the_same_in_blocks():
     growth = replace(tiny.config().frontier, prune_opacity=0.1, refines_rest=True)
-    tree = trained(quantised=Integers(), frontier=growth)
+    tree = trained(integers=Integers(), frontier=growth)
     records = np.concatenate([step.kinds for step in tree.steps])
     assert set(Kind) - {Kind.ADD} == {Kind(kind) for kind in records}
     model, _ = begun(tree, distortion=1e-6)

@@ -20,7 +20,7 @@ from evogs_codec import (
 )
 from evogs_codec.cli.rendering import around
 from evogs_codec.encoding.settings import TREE_PSNR
-from evogs_codec.encoding.targets import Aim
+from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.render import psnr, render
 from evogs_codec.render.views import Views
 from tools.bench.free_parents import free_levels
@@ -95,7 +95,9 @@ def photographs(tree: EvolutionTree, folder: Path) -> Rows:
 
     rows: Rows = []
     row("float32", None, tree.leaves)
-    aim = Aim(tree, PRESETS["trained"], Views(tree.leaves(), around(tree.leaves(), "z", 400)))
+    aim = TargetEncoder(
+        tree, PRESETS["trained"], Views(tree.leaves(), around(tree.leaves(), "z", 400))
+    )
     streams = {preset: encode(tree, PRESETS[preset]) for preset in ("trained", "paper")}
     for target in (TREE_PSNR, TARGET):
         streams[f"--target-psnr {target:g}"] = aim.at_psnr(target)

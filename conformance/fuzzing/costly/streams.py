@@ -30,6 +30,7 @@ from evogs_codec.format.planes import CODINGS
 from evogs_codec.format.write_directory import build_directory
 from evogs_codec.model.arithmetic import MAX_X, AlphaTable, Quantiser
 from evogs_codec.model.channels import PALETTE, PICKS, n_channels
+from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.scene_info import SceneInfo
 
 __all__ = ["BUDGET", "costly_stream", "stream_of"]
@@ -347,7 +348,7 @@ def _rows(packets: list[_Packet]) -> np.ndarray:
     return rows
 
 
-def _digested(shape: Shape, packets: list[_Packet]) -> list[tuple[int, int, int]]:
+def _digested(shape: Shape, packets: list[_Packet]) -> list[PacketId]:
     """Names of digests: of the largest states first, as far as R-5.7-5 allows."""
     if not shape.digests or not packets:
         return []
@@ -355,17 +356,17 @@ def _digested(shape: Shape, packets: list[_Packet]) -> list[tuple[int, int, int]
     sizes = state_sizes(_rows(packets), steps, shape.degree, has_palette=shape.entries > 0)
     room = len(_directory(shape, packets, [])) + sum(len(packet.body) for packet in packets)
     named = 0
-    names: list[tuple[int, int, int]] = []
+    names: list[PacketId] = []
     for k in np.argsort(-sizes, kind="stable").tolist():
         named += int(sizes[k])
         room += DIGEST
         if named > MAX_DIGESTED_PER_BYTE * room or len(names) == shape.digests:
             break
-        names.append((packets[k].tile, packets[k].component, packets[k].step))
+        names.append(PacketId(packets[k].tile, packets[k].component, packets[k].step))
     return names
 
 
-def _directory(shape: Shape, packets: list[_Packet], names: list[tuple[int, int, int]]) -> bytes:
+def _directory(shape: Shape, packets: list[_Packet], names: list[PacketId]) -> bytes:
     tiles = np.zeros(shape.tiles, layout.dtype_of(layout.TILE_ENTRY))
     tiles["box_min"], tiles["box_max"] = -MAX_X, MAX_X
     rows = _rows(packets)

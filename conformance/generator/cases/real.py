@@ -2,10 +2,10 @@
 
 The streams were made once, with the encoder of this repository at version 0.1.0, and are kept as
 bytes: a better encoder must not change them. The scenes are those of
-`evogs_codec.render.demo_scene` (procedural, so they have no other author). The trees were trained on
-photographs of them (`tools.trained_streams`). The tree that is called grown was drawn: roots, then
-four levels of splits, refines, drops and adds whose psi shrink from level to level and have heavy
-tails.
+`evogs_codec.render.demo_scene` (procedural, so they have no other author). The trees were trained
+on photographs of them (`tools.trained_streams`). The tree that is called grown was drawn: roots,
+then four levels of splits, refines, drops and adds whose psi shrink from level to level and have
+heavy tails.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from evogs_codec import PRESETS, NotRepresentable, encode, read_directory
+from evogs_codec import PRESETS, NotRepresentableError, encode, read_directory
 from evogs_codec.cli import make
 from evogs_codec.cli.commands import main
 from evogs_codec.io.ply import write_ply
@@ -90,7 +90,7 @@ def test_huge_numbers_are_refused_without_warnings():
         warnings.simplefilter("error")
         tree = with_palette(lifted, replace(splats, sh=splats.sh * np.float32(1e30)))
     assert tree is not None
-    with pytest.raises(NotRepresentable):
+    with pytest.raises(NotRepresentableError):
         encode(tree, PRESETS["scene"])
 
 

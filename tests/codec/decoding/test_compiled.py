@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from evogs_codec.decoding import float_view, replay
 from evogs_codec.decoding.compiled import dispatch
 from evogs_codec.decoding.decode import Decoded, decode, decode_leaves
-from evogs_codec.encoding.encode import write
+from evogs_codec.encoding.write import write
 from evogs_codec.format import frames, pack
 from evogs_codec.format.planes import (
     MAX_STORED,

@@ -177,7 +177,7 @@ def test_all_hostile_streams_together_fit_into_a_small_address_space():
     """The allocations tracemalloc does not see, those of zstd and of threads, count here."""
     program = (
         "import resource\n"
-        "from tests import test_hostile as t\n"
+        "from tests.codec.decoding import test_hostile as t\n"
         "streams = t.hostile_streams().values()\n"
         "t.decode(t.damage.stream(**t.SMALL[0]))\n"
         "size = int(open('/proc/self/statm').read().split()[0]) * resource.getpagesize()\n"

@@ -13,8 +13,8 @@ from evogs_codec import Cut, Decoder, StreamError, decode, read_directory
 from evogs_codec.decoding.compiled import dispatch
 from evogs_codec.decoding.decode import decode_leaves, decode_prefix, replay
 from evogs_codec.decoding.float_view import float_picks, float_rows
-from evogs_codec.editing.read_tree import read_records
-from evogs_codec.encoding.encode import write
+from evogs_codec.editing.read_tree import read_coded_tree
+from evogs_codec.encoding.write import write
 from evogs_codec.model.channels import GROUP_CHANNELS
 from tests.support.palette_streams import (
     DATA,
@@ -74,7 +74,7 @@ def test_every_prefix_of_the_packets_is_a_cut_and_what_a_truncated_file_gives():
         assert decode(DATA[:end], cut).dump() == expected
         # Behind it may be packets of no bytes, which need none.
         there = Cut.of_complete(DIRECTORY, DIRECTORY.offsets + DIRECTORY.packets["size"] <= end)
-        assert there.has(cut)
+        assert there.contains(cut)
         assert decode_prefix(DATA[:end]).dump() == oracle_dump(DATA, there)
 
 
@@ -108,7 +108,7 @@ def test_records_of_a_stream_written_again_decode_to_the_same_integers():
     packets = (entries(1, 100), entries(1, 101), FIRST[0], picks(0, 1, 2, 0, 2), SECOND[0])
     later = (entries(3, 102, level=1), changed(0, 1, 0, 3, 5, 4, 2), FIRST[2])
     data = stream((*packets, *later, picks(2, 1, 1, 1, 2)))
-    tree = read_records(data)
+    tree = read_coded_tree(data)
     assert tree.entries is not None
     assert tree.entries.shape == (N_ABOVE, 5)
     assert tree.entry_levels.tolist() == [0, 0, 1, 1, 1]
@@ -119,12 +119,12 @@ def test_records_of_a_stream_written_again_decode_to_the_same_integers():
     levels_and_entries = directory.packets[directory.palette_packets][["level", "n_adds"]].tolist()
     assert levels_and_entries == [(0, 2), (1, 3)]
     with pytest.raises(ValueError, match="fewer steps than core"):
-        read_records(DATA)
+        read_coded_tree(DATA)
 
 
 def test_records_keep_entries_that_no_pick_requires():
     data = stream((entries(2, 1), FIRST[0], picks(0, 1, 2, 0, 2), entries(3, 2, level=2)))
-    tree, again = read_records(data), read_records(write(read_records(data)))
+    tree, again = read_coded_tree(data), read_coded_tree(write(read_coded_tree(data)))
     assert tree.entries is not None
     assert again.entries is not None
     assert again.entries.tolist() == tree.entries.tolist()

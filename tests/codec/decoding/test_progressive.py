@@ -18,8 +18,9 @@ from evogs_codec.decoding.cut import Cut
 from evogs_codec.decoding.decode import Decoded, decode, decode_prefix
 from evogs_codec.decoding.progressive import Decoder
 from evogs_codec.editing.extract import extract
-from evogs_codec.encoding.encode import encode, write
+from evogs_codec.encoding.encode import encode
 from evogs_codec.encoding.settings import PRESETS
+from evogs_codec.encoding.write import write
 from evogs_codec.errors import StreamError
 from evogs_codec.format.directory import read_directory
 from evogs_codec.format.write_directory import rebuild_directory

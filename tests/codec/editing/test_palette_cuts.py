@@ -68,7 +68,7 @@ def test_cuts_take_the_palette_where_picks_need_it():
     assert [Cut.of_level(DIRECTORY, level).palette for level in range(3)] == [2, 3, 4]
     plain = full.with_sh_degree(0)
     assert (plain.palette, plain.steps.tolist()) == (0, [[3, 0]] * 3)
-    assert all(full.with_sh_degree(degree).has(full) for degree in (1, 2))
+    assert all(full.with_sh_degree(degree).contains(full) for degree in (1, 2))
     near = full.with_box(DIRECTORY, (80, 0, 60, 100, 1, 80))
     assert (near.palette, near.steps.tolist()) == (4, [[0, 0], [0, 0], [3, 3]])
     assert full.with_box(DIRECTORY, (900, 0, 0, 901, 1, 1)).palette == 0
@@ -80,8 +80,8 @@ def test_picks_are_not_there_before_the_entries_that_they_require(late, n_palett
     complete[late] = False
     cut = Cut.of_complete(DIRECTORY, complete)
     assert (cut.palette, cut.steps.tolist()) == (n_palette, [[3, n_picks]] * 3)
-    assert not cut.has(Cut.full(DIRECTORY))
-    assert cut.within(Cut.full(DIRECTORY)).steps.tolist() == cut.steps.tolist()
+    assert not cut.contains(Cut.full(DIRECTORY))
+    assert cut.intersection(Cut.full(DIRECTORY)).steps.tolist() == cut.steps.tolist()
     assert decode(DATA, cut).dump() == oracle_dump(DATA, cut)
 
 
@@ -119,7 +119,7 @@ def test_pieces_in_any_order_give_what_the_whole_file_gives(seed):
                 assert decoder.dump() == oracle.decode_pieces(data, arrived).dump()
         decoder.close()
         assert decoder.dump() == oracle.decode(data).dump()
-        assert decoder.cut.has(Cut.full(read_directory(memoryview(data))))
+        assert decoder.cut.contains(Cut.full(read_directory(memoryview(data))))
 
 
 @pytest.mark.parametrize(
@@ -264,7 +264,7 @@ def test_a_byte_budget_gives_the_longest_prefix_that_fits(options):
     assert sizes == sorted(set(sizes))
     for cut, size in zip(cuts, sizes, strict=True):
         found = choose_cut(DIRECTORY, max_bytes=size, **options)
-        assert (found.has(cut), cut.has(found)) == (True, True)
+        assert (found.contains(cut), cut.contains(found)) == (True, True)
 
 
 def test_bytes_of_levels_and_of_groups_add_up_to_the_file():

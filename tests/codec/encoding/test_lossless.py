@@ -11,8 +11,8 @@ from conformance.decoders import oracle
 from evogs_codec.decoding.cut import Cut
 from evogs_codec.decoding.decode import decode
 from evogs_codec.editing.extract import extract
-from evogs_codec.editing.read_tree import read_records
-from evogs_codec.encoding.encode import write
+from evogs_codec.editing.read_tree import read_coded_tree
+from evogs_codec.encoding.write import write
 from evogs_codec.model.arithmetic import AlphaTable, Quantiser
 from evogs_codec.model.coded_tree import CodedStep, CodedTile, CodedTree
 from evogs_codec.model.tree import Kind
@@ -78,7 +78,7 @@ MANY_EQUAL_ROOTS = one_tile(np.zeros((14, 30000)), quantiser=Quantiser(65535, 24
 @example(ALL_DROPPED)
 @example(MANY_EQUAL_ROOTS)
 def test_the_records_of_a_stream_are_the_records_that_were_written(tree):
-    assert_same_tree(read_records(write(tree, effort=1)), tree)
+    assert_same_tree(read_coded_tree(write(tree, effort=1)), tree)
 
 
 @MANY
@@ -106,7 +106,7 @@ def test_the_float_view_is_the_exact_value_rounded_once(tree):
 @given(coded_trees(max_tiles=2))
 def test_digests_change_no_integer_and_writing_again_changes_no_byte(tree):
     data = write(tree, effort=1)
-    assert write(read_records(data), effort=1) == data
+    assert write(read_coded_tree(data), effort=1) == data
     plain = write(tree, effort=1, digests=False)
     assert decode(plain).dump() == decode(data).dump()
 
@@ -123,7 +123,7 @@ def test_many_equal_new_slots_are_written_with_enough_bytes():
     )
     tree = one_tile(np.zeros((14, n)), splits, quantiser=Quantiser(1, 0))
     data = write(tree, effort=1)
-    assert_same_tree(read_records(data), tree)
+    assert_same_tree(read_coded_tree(data), tree)
     assert oracle.decode(data, check_digests=True).dump() == decode(data, verify=True).dump()
 
 
@@ -139,7 +139,7 @@ def test_an_alpha_table_of_256_entries_is_read_to_its_last():
     step = replace(split, alpha=split.alpha + np.uint8(255))
     tree = one_tile(np.ones((14, 1)), step, quantiser=Quantiser(1, 0))
     tree = replace(tree, alpha={(0, group): table for group in range(5)})
-    assert_same_tree(read_records(write(tree)), tree)
+    assert_same_tree(read_coded_tree(write(tree)), tree)
 
 
 def test_a_stream_without_some_sh_packets_is_not_a_tree():
@@ -149,4 +149,4 @@ def test_a_stream_without_some_sh_packets_is_not_a_tree():
     data = write(tree)
     late = extract(data, Cut(np.array([[1, 0]])))
     with pytest.raises(ValueError, match="fewer steps"):
-        read_records(late)
+        read_coded_tree(late)

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from evogs_codec import PRESETS, EvolutionTree, decode, encode, lift, read_directory
 from evogs_codec.cli.rendering import around
 from evogs_codec.encoding.arrange import arrange
-from evogs_codec.encoding.measured_gains import Shown
+from evogs_codec.encoding.measured_gains import MeasuredGains
 from evogs_codec.encoding.packet_order import leaf_shares
 from evogs_codec.encoding.quantise import quantise
 from evogs_codec.render.demo_scene import make_scene
@@ -43,7 +43,7 @@ def summed(coded):
 @pytest.mark.parametrize("n_tiles", [1, 3])
 def test_gains_of_levels_and_bands_add_up_to_what_pictures_show(tree, views, n_tiles):
     coded = quantise(arrange(tree, n_tiles), tree.n_levels, PRESETS["scene"])
-    found = summed(Shown.of(tree, views).put_right(coded))
+    found = summed(MeasuredGains.of(tree, views).rescale(coded))
     leaves = tree.leaves()
     left = [error(views, tree.leaves(level)) for level in range(tree.n_levels - 1)]
     assert_allclose(found[1:, 0], -np.diff([*left, 0]), rtol=1e-6)
@@ -54,7 +54,7 @@ def test_gains_of_levels_and_bands_add_up_to_what_pictures_show(tree, views, n_t
 
 def test_within_a_level_the_shares_stay(tree, views):
     coded = quantise(arrange(tree, 2), tree.n_levels, PRESETS["scene"])
-    right = Shown.of(tree, views).put_right(coded)
+    right = MeasuredGains.of(tree, views).rescale(coded)
     for before, after in zip(coded.tiles, right.tiles, strict=True):
         for level in range(tree.n_levels):
             old, new = (
@@ -77,7 +77,7 @@ class Judge:
     def sensitivity(self, splats):
         raise AssertionError("the order of packets does not need it")
 
-    def slopes(self, splats, turn):
+    def loss_gradient(self, splats, iteration):
         raise AssertionError("the order of packets does not need them")
 
 

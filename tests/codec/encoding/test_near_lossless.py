@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from evogs_codec.decoding.cut import Cut
 from evogs_codec.decoding.decode import decode
 from evogs_codec.encoding.arrange import arrange
-from evogs_codec.encoding.encode import write
 from evogs_codec.encoding.quantise import quantise
 from evogs_codec.encoding.settings import PRESETS, Settings
+from evogs_codec.encoding.write import write
 from evogs_codec.format.directory import read_directory
 from evogs_codec.model.channels import n_channels
 from evogs_codec.model.tree import EvolutionTree, Kind, Step

@@ -8,11 +8,12 @@ from numpy.testing import assert_allclose
 
 from evogs_codec import PRESETS, EvolutionTree, Kind, Step, encode, lift, read_directory
 from evogs_codec.encoding.arrange import arrange
-from evogs_codec.encoding.encode import write
 from evogs_codec.encoding.packet_order import packet_order
 from evogs_codec.encoding.quantise import quantise
 from evogs_codec.encoding.visibility import changes, ranks
+from evogs_codec.encoding.write import write
 from evogs_codec.format.layout import PACKET_ENTRY, size_of
+from evogs_codec.model.packet_id import PacketId
 from evogs_codec.render.demo_scene import make_scene
 from tests.support.damage import random_tree
 
@@ -31,7 +32,7 @@ def coded(lifted):
 
 def sizes_of(tree, size=100):
     return {
-        (tile, k, component): size
+        PacketId(tile, component, k): size
         for tile, own in enumerate(tree.tiles)
         for k in range(len(own.steps))
         for component in range(tree.sh_degree + 1)
@@ -60,7 +61,7 @@ def test_the_same_tree_gives_the_same_bytes_and_their_order_is_legal(n_tiles):
 def test_without_gains_packets_go_step_by_step(coded):
     bare = with_gains(coded, [()] * 99)
     order = packet_order(bare, sizes_of(bare))
-    assert order == sorted(order, key=lambda place: (place[1], place[0], place[2]))
+    assert order == sorted(order, key=lambda packet: (packet.step, packet.tile, packet.component))
     assert len(write(bare)) == len(write(coded))
 
 
@@ -75,11 +76,11 @@ def test_the_next_packet_is_of_the_tile_where_bytes_gain_most(lifted, coded):
         """Gain per byte of the run of core packets from here that gains most."""
         steps = coded.tiles[tile].steps
         gains = np.cumsum([step.gain[0] for step in steps[start:]])
-        n_bytes = np.cumsum([sizes[tile, k, 0] + ENTRY for k in range(start, len(steps))])
+        n_bytes = np.cumsum([sizes[PacketId(tile, 0, k)] + ENTRY for k in range(start, len(steps))])
         return shares[tile] * max(gains / n_bytes, default=0.0)
 
     done = [0, 0]
-    for tile, step, component in order:
+    for tile, component, step in order:
         if component == 0:
             assert step == done[tile]
             assert best(tile, step) >= best(1 - tile, done[1 - tile]) * (1 - 1e-9)
@@ -92,10 +93,10 @@ def test_a_packet_that_pays_with_the_next_comes_with_it_and_bands_wait_for_what_
     rest = [(0.0, 0.0)] * (len(tree.tiles[0].steps) - 3)
     some = with_gains(tree, [(9.0, 3.0), (0.0, 0.0), (8.0, 2.5), *rest])
     order = packet_order(some, sizes_of(some))
-    assert order[:5] == [(0, 0, 0), (0, 1, 0), (0, 2, 0), (0, 0, 1), (0, 1, 1)]
-    dear = packet_order(some, sizes_of(some) | {(0, 2, 0): 100_000})
-    assert dear[:2] == [(0, 0, 0), (0, 0, 1)]
-    assert dear.index((0, 2, 0)) < dear.index((0, 2, 1))
+    assert order[:5] == [(0, 0, 0), (0, 0, 1), (0, 0, 2), (0, 1, 0), (0, 1, 1)]
+    dear = packet_order(some, sizes_of(some) | {PacketId(0, 0, 2): 100_000})
+    assert dear[:2] == [(0, 0, 0), (0, 1, 0)]
+    assert dear.index(PacketId(0, 0, 2)) < dear.index(PacketId(0, 1, 2))
 
 
 def test_errors_in_the_directory_are_distances_on_the_grid_and_never_rise(lifted, coded):

@@ -15,9 +15,9 @@ from evogs_codec import PRESETS, InputError, decode, lift
 from evogs_codec.cli.commands import main
 from evogs_codec.cli.rendering import RINGS, around, pictures
 from evogs_codec.encoding import polish, targets
-from evogs_codec.encoding.encode import write
 from evogs_codec.encoding.polish import polished
-from evogs_codec.encoding.targets import Aim, _Coder
+from evogs_codec.encoding.targets import TargetEncoder, _Coder
+from evogs_codec.encoding.write import write
 from evogs_codec.io.ply import write_ply
 from evogs_codec.model.arithmetic import RangeError
 from evogs_codec.model.channels import n_channels
@@ -45,7 +45,7 @@ def psnr(data):
 
 def aim(**more):
     tree, views = scene()
-    return Aim(tree, PRESETS["scene"], views, **more)
+    return TargetEncoder(tree, PRESETS["scene"], views, **more)
 
 
 class Noise:
@@ -54,7 +54,7 @@ class Noise:
     def __init__(self, seed):
         self.rng = np.random.default_rng(seed)
 
-    def slopes(self, splats, turn):
+    def loss_gradient(self, splats, iteration):
         d = n_channels(splats.sh_degree)
         return self.rng.normal(size=(d, len(splats))).astype(np.float32)
 
@@ -121,9 +121,9 @@ def test_where_polishing_misses_a_target_the_plain_stream_meets_it(monkeypatch):
 def test_it_needs_pictures_and_other_views():
     tree, views = scene()
     with pytest.raises(ValueError, match="needs pictures"):
-        Aim(tree, PRESETS["scene"], polish=2).at_bytes(12_000)
+        TargetEncoder(tree, PRESETS["scene"], polish=2).at_bytes(12_000)
     with pytest.raises(ValueError, match="no other views"):
-        Views(views.scene, views.cameras).slopes(views.scene, 0)
+        Views(views.scene, views.cameras).loss_gradient(views.scene, 0)
 
 
 def test_views_of_a_file_judge_or_are_descended_by(tmp_path):
@@ -167,7 +167,7 @@ def test_slopes_are_those_of_the_error():
     changed[10] += 0.1  # opacities
     off = type(splats).from_channels(changed)
     one = Views(splats, views.cameras[:1], others=views.cameras[:1])
-    slope = one.slopes(off, 0)[10].sum()
+    slope = one.loss_gradient(off, 0)[10].sum()
     nudged = changed.copy()
     nudged[10] += 1e-3
     errors = [10 ** (-one.psnr(type(splats).from_channels(x)) / 10) for x in (changed, nudged)]

@@ -18,7 +18,7 @@ from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.rate_distortion import cheapest
 from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.encoding.settings import TREE_PSNR, Settings
-from evogs_codec.encoding.targets import Aim, _search
+from evogs_codec.encoding.targets import TargetEncoder, _search
 from evogs_codec.io.ply import write_ply
 from evogs_codec.io.tree_npz import write_tree
 from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS
@@ -37,7 +37,7 @@ def scene():
 
 def aim(**more):
     tree, views = scene()
-    return Aim(tree, PRESETS["scene"], views, **more)
+    return TargetEncoder(tree, PRESETS["scene"], views, **more)
 
 
 def psnr(data):
@@ -57,7 +57,7 @@ def test_a_psnr_is_met(decibels):
 @pytest.mark.parametrize("has_pictures", [True, False])
 def test_a_number_of_bytes_is_met(n_bytes, has_pictures):
     tree, _ = scene()
-    data = (aim() if has_pictures else Aim(tree, PRESETS["scene"])).at_bytes(n_bytes)
+    data = (aim() if has_pictures else TargetEncoder(tree, PRESETS["scene"])).at_bytes(n_bytes)
     assert 0.98 * n_bytes <= len(data) <= n_bytes
 
 
@@ -153,7 +153,7 @@ def test_a_tile_may_end_before_the_last_level():
     tree = lift(make_scene(5).take(np.arange(1)), 5)
     assert tree.n_levels > arrange(tree, 1)[0].n_levels
     views = Views(tree.leaves(), around(tree.leaves(), "z", 96))
-    data = Aim(tree, PRESETS["trained"], views).at_psnr(50)
+    data = TargetEncoder(tree, PRESETS["trained"], views).at_psnr(50)
     assert views.psnr(decode(data).leaves(sh_degree=tree.sh_degree)) == pytest.approx(50, abs=0.2)
 
 
@@ -178,7 +178,7 @@ def test_every_level_gains_by_aiming_not_the_last_alone():
 @pytest.mark.parametrize("errors", [dict.fromkeys(GROUPS, 0.02), {"position": 1e-3, "sh": 0.05}])
 def test_no_error_is_larger_than_asked_by_another_decoder(errors):
     tree, _ = scene()
-    data = Aim(tree, PRESETS["scene"]).within(errors)
+    data = TargetEncoder(tree, PRESETS["scene"]).within(errors)
     found = float_view(oracle.decode(data))
     tiles = arrange(tree, 1)
     right = np.concatenate([tile.leaves().channels() for tile in tiles], axis=1)
@@ -212,14 +212,14 @@ def test_targets_that_cannot_be_met_are_refused():
     with pytest.raises(InputError, match=r"100 bytes cannot be met: [\d,]+ is nearest"):
         aim().at_bytes(100)
     with pytest.raises(InputError, match="position: an error of 1e-12 cannot be kept"):
-        Aim(scene()[0], PRESETS["scene"]).within({"position": 1e-12})
+        TargetEncoder(scene()[0], PRESETS["scene"]).within({"position": 1e-12})
     with pytest.raises(ValueError, match="needs pictures"):
-        Aim(scene()[0], PRESETS["scene"]).at_psnr(40)
+        TargetEncoder(scene()[0], PRESETS["scene"]).at_psnr(40)
 
 
 def test_a_scene_without_splats_is_within_any_error_and_has_no_other_target(tmp_path, capsys):
     empty = EvolutionTree.of_splats(make_scene(10).take(np.zeros(0, np.int64)))
-    assert decode(Aim(empty, PRESETS["scene"]).within({"position": 1e-3})).n_leaves == 0
+    assert decode(TargetEncoder(empty, PRESETS["scene"]).within({"position": 1e-3})).n_leaves == 0
     write_tree(tmp_path / "in.tree.npz", empty)
     for target in ("--target-psnr=40", "--target-bytes=5000"):
         assert main(["encode", str(tmp_path / "in.tree.npz"), str(tmp_path / "x"), target]) == 1
@@ -350,7 +350,7 @@ def scattered(n, *, log_scale=-4.0, centre=0.0, extent=1.0, seed=8):
 def test_splats_too_small_to_show_keep_their_scales_at_a_target():
     splats = scattered(600, log_scale=-11.0)
     views = Views(splats, around(splats, up="z", size=64)[::8])
-    data = Aim(lift(splats, 5), PRESETS["scene"], views).at_psnr(40)
+    data = TargetEncoder(lift(splats, 5), PRESETS["scene"], views).at_psnr(40)
     scales = decode(data).leaves().log_scales
     assert scales.max() < splats.log_scales.max() + 3
     assert abs(views.psnr(decode(data).leaves()) - 40) < 0.2

@@ -11,14 +11,15 @@ from conformance.decoders import oracle
 from evogs_codec import PRESETS, EvolutionTree, choose_cut, decode, encode, extract, read_directory
 from evogs_codec.cli.rendering import around
 from evogs_codec.encoding.arrange import arrange
-from evogs_codec.encoding.packet_order import packet_order, palette_places
+from evogs_codec.encoding.packet_order import packet_order, palette_packets
 from evogs_codec.encoding.quantise import quantise
-from evogs_codec.encoding.targets import Aim
+from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.format.pack import pack_entries
 from evogs_codec.io.tree_npz import write_tree
 from evogs_codec.lifting.lift import lift_with_order
 from evogs_codec.lifting.shared_sh import shared_sh, with_palette
 from evogs_codec.model.channels import PALETTE, PICKS
+from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.tree import Palette, Step
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.views import Views
@@ -41,7 +42,7 @@ def test_every_splat_has_its_own_sh_in_the_palette(scene):
     palette, picks = found
     assert palette.entries.shape == (24, 59)
     assert palette.degree == 2
-    np.testing.assert_array_equal(palette.of(picks), splats.sh[:, 1:].reshape(len(splats), -1).T)
+    np.testing.assert_array_equal(palette.sh_of(picks), splats.sh[:, 1:].reshape(len(splats), -1).T)
     assert np.any(picks == 0)
 
 
@@ -83,7 +84,9 @@ def test_the_leaves_of_a_tree_with_a_palette_have_their_sh_exactly(scene):
 def test_coarse_splats_show_sh_near_their_own(scene):
     """Nearer than none, and than that of a leaf of theirs; a byte a pick, so near is all."""
     _, lifted, tree = scene
-    final = [tree.palette.of(tree_picks(tree))[:, : tree.leaves(k).sh.shape[0]] for k in range(3)]
+    final = [
+        tree.palette.sh_of(tree_picks(tree))[:, : tree.leaves(k).sh.shape[0]] for k in range(3)
+    ]
     for level in range(3):
         shown, right = tree.leaves(level).sh[:, 1:], lifted.tree.leaves(level).sh[:, 1:]
         own = final[level].T.reshape(right.shape)
@@ -169,8 +172,8 @@ def test_entries_that_round_to_the_same_become_one(seed):
     assert np.unique(entries, axis=1).shape == entries.shape
     step = coded.quantisers[0][5].step * 2.0 ** -coded.grid_exponents[4]
     own = arrange(tree, 1)[0].steps[0].picks
-    want = palette.of(own)
-    assert np.abs(decoded.of(coded.tiles[0].steps[0].picks) - want).max() <= 0.501 * step
+    want = palette.sh_of(own)
+    assert np.abs(decoded.sh_of(coded.tiles[0].steps[0].picks) - want).max() <= 0.501 * step
 
 
 def test_entries_in_order_take_fewer_bytes():
@@ -230,18 +233,18 @@ def test_a_palette_that_is_nearly_free_keeps_the_bound_of_amplification():
 def test_packets_of_the_palette_come_with_the_first_picks_of_their_level(scene):
     _, _, tree = scene
     coded = quantise(arrange(tree, 2), tree.n_levels, PRESETS["scene"])
-    palette = palette_places(coded)
+    palette = palette_packets(coded)
     sizes = dict.fromkeys(palette, 5000)
     for number, tile in enumerate(coded.tiles):
         for k in range(len(tile.steps)):
-            sizes |= {(number, k, 0): 1000, (number, k, PICKS): 200}
+            sizes |= {PacketId(number, 0, k): 1000, PacketId(number, PICKS, k): 200}
     order = packet_order(coded, sizes)
     assert sorted(order) == sorted(sizes)
-    assert order[0][2] == 0
+    assert order[0].component == 0
     for place, level in zip(palette, coded.palette_levels, strict=True):
         rest = order[order.index(place) + 1 :]
-        first = next(p for p in rest if p[2] == PICKS)
-        assert coded.tiles[first[0]].steps[first[1]].level == level
+        first = next(p for p in rest if p.component == PICKS)
+        assert coded.tiles[first.tile].steps[first.step].level == level
 
 
 def test_coarse_levels_have_hints_of_their_picks(scene):
@@ -279,7 +282,7 @@ def test_a_psnr_is_met_with_entries_as_coarse_as_pictures_allow(scene):
     views = Views(tree.leaves(), around(tree.leaves(), "z", 96)[::4])
     steps, sizes = [], []
     for decibels in (38, 50):
-        data = Aim(tree, PRESETS["scene"], views).at_psnr(decibels)
+        data = TargetEncoder(tree, PRESETS["scene"], views).at_psnr(decibels)
         found = views.psnr(decode(data).leaves(sh_degree=2))
         assert found == pytest.approx(decibels, abs=0.2)
         directory = read_directory(memoryview(data))
@@ -291,7 +294,7 @@ def test_a_psnr_is_met_with_entries_as_coarse_as_pictures_allow(scene):
 
 def test_errors_of_sh_are_kept(scene):
     _, _, tree = scene
-    data = Aim(tree, PRESETS["scene"]).within({"sh": 0.001})
+    data = TargetEncoder(tree, PRESETS["scene"]).within({"sh": 0.001})
     leaves = np.concatenate([t.leaves().sh for t in arrange(tree, 1)])
     assert np.abs(decode(data).leaves(sh_degree=2).sh - leaves).max() <= 0.001
 
@@ -300,6 +303,6 @@ def test_polishing_leaves_the_palette_alone(scene):
     _, _, tree = scene
     cameras = around(tree.leaves(), "z", 96)
     views = Views(tree.leaves(), cameras[::4], others=cameras[1::4])
-    data = Aim(tree, PRESETS["scene"], views, polish=40).at_psnr(38)
+    data = TargetEncoder(tree, PRESETS["scene"], views, polish=40).at_psnr(38)
     assert views.psnr(decode(data).leaves(sh_degree=2)) == pytest.approx(38, abs=0.2)
     assert oracle.decode(data, check_digests=True).dump() == decode(data).dump()

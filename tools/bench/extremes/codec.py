@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from evogs_codec import PRESETS, Aim, EvolutionTree, Step, decode, encode, lift
+from evogs_codec import PRESETS, EvolutionTree, Step, TargetEncoder, decode, encode, lift
 from evogs_codec.encoding.arrange import arrange
 from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS, n_channels
 from tools.bench.extremes.measured import measure
@@ -52,7 +52,9 @@ def targets(n: int) -> Iterator[Row]:
             asked["position"] = max(1e-4 * size, 2.0**-25 * float(np.abs(splats.means).max()))
         yield attempted(name, _words(asked), partial(_target, name, lift(splats, 4), asked))
     too_little = dict.fromkeys(GROUPS, 1e-13)
-    beyond = outcome(partial(_aimed, Aim(lift(plain(n), 4), PRESETS["scene"]), too_little))
+    beyond = outcome(
+        partial(_aimed, TargetEncoder(lift(plain(n), 4), PRESETS["scene"]), too_little)
+    )
     part = 0.0 if "`InputError`" in beyond else np.inf
     yield Row("1e-13 of every group, which binary32 has not", "refused", beyond, part, "")
 
@@ -124,7 +126,7 @@ def _row(
 
 def _target(name: str, tree: EvolutionTree, asked: dict[str, float]) -> Row:
     """The leaves of the stream against the leaves of the tree, both as binary32."""
-    aim = Aim(tree, replace(PRESETS["scene"], effort=1))
+    aim = TargetEncoder(tree, replace(PRESETS["scene"], effort=1))
     got = decode(aim.within(asked)).leaves().channels().astype(np.float64)
     wanted = [tile.leaves().channels() for tile in arrange(tree, 1)]
     off = np.abs(got - np.concatenate(wanted, axis=1))
@@ -135,7 +137,7 @@ def _target(name: str, tree: EvolutionTree, asked: dict[str, float]) -> Row:
     return Row(name, _words(asked), _words(found), part, "")
 
 
-def _aimed(aim: Aim, errors: dict[str, float]) -> str:
+def _aimed(aim: TargetEncoder, errors: dict[str, float]) -> str:
     return f"{len(aim.within(errors))} bytes"
 
 

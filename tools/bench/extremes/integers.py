@@ -10,7 +10,7 @@ import numpy as np
 
 from conformance.decoders import oracle
 from evogs_codec import decode
-from evogs_codec.encoding.encode import write
+from evogs_codec.encoding.write import write
 from evogs_codec.model.arithmetic import MAX_DELTA, MAX_PRODUCT, MAX_X, AlphaTable, Quantiser
 from evogs_codec.model.channels import N_GROUPS, channel_class, n_channels
 from evogs_codec.model.coded_tree import CodedStep, CodedTile, CodedTree

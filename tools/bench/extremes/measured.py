@@ -9,9 +9,9 @@ import numpy as np
 
 from evogs_codec import EvolutionTree, Settings, decode
 from evogs_codec.encoding.arrange import arrange
-from evogs_codec.encoding.encode import write
 from evogs_codec.encoding.grids import AccuracyWarning, Ranges, wanted_steps
 from evogs_codec.encoding.quantise import quantise
+from evogs_codec.encoding.write import write
 from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS
 from evogs_codec.model.coded_tree import CodedTree
 from evogs_codec.model.splats import F64

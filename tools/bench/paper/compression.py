@@ -5,7 +5,16 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-from evogs_codec import PRESETS, Aim, Cut, InputError, decode, encode, extract, read_directory
+from evogs_codec import (
+    PRESETS,
+    Cut,
+    InputError,
+    TargetEncoder,
+    decode,
+    encode,
+    extract,
+    read_directory,
+)
 from evogs_codec.cli.rendering import SIZE, around
 from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
 from evogs_codec.encoding.settings import TREE_PSNR
@@ -101,7 +110,7 @@ def aimed(bench: Bench, run: Run) -> list[dict[str, Any]]:
     if tree.quanta:
         few = Views(leaves, around(leaves, "z", SIZE, n=ORDERING_VIEWS))
         return _levels(bench, encode(tree, pictures=few))
-    aim = Aim(tree, PRESETS["trained"], Views(leaves, around(leaves, "z", SIZE)))
+    aim = TargetEncoder(tree, PRESETS["trained"], Views(leaves, around(leaves, "z", SIZE)))
     try:
         return _levels(bench, aim.at_psnr(TREE_PSNR))
     except InputError:

@@ -8,8 +8,8 @@ from functools import partial
 
 from evogs_codec import decode_leaves
 from evogs_codec.encoding.arrange import arrange, default_tiles
-from evogs_codec.encoding.encode import write
 from evogs_codec.encoding.quantise import quantise
+from evogs_codec.encoding.write import write
 from tools.bench.measure import least
 from tools.bench.subjects import Subject
 from tools.bench.surface.fronts import NOISE, better

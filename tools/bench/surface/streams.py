@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from evogs_codec import Cut, Directory, InputError, decode_leaves, encode, extract, read_directory
-from evogs_codec.encoding.targets import Aim
+from evogs_codec.encoding.targets import TargetEncoder
 from tools.bench.measure import least
 from tools.bench.subjects import Subject
 from tools.bench.surface.fronts import NOISE, better
@@ -80,7 +80,7 @@ def _points(subject: Subject) -> Iterator[Point]:
         yield Point("steps", f"--finer {factor:g}", encode(tree, settings.finer(factor)))
     for bits in BITS:
         yield Point("bits", f"--bits {bits}", encode(tree, replace(settings, range_bits=bits)))
-    aim = Aim(tree, settings, subject.views)
+    aim = TargetEncoder(tree, settings, subject.views)
     for decibels in TARGETS:
         try:
             yield Point("target", f"--target-psnr {decibels}", aim.at_psnr(decibels))

@@ -1,0 +1,175 @@
+"""Writing: the integers of a `CodedTree` to the bytes of a stream, and nothing else.
+
+CodedTree -> packets -> their order -> rows of the packet table -> directory with digests
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec.common.parallel import parallel_map
+from evogs_codec.decoding.cut import Cut
+from evogs_codec.decoding.decode import replay
+from evogs_codec.encoding.packet_order import packet_order, palette_packets
+from evogs_codec.format import layout
+from evogs_codec.format.directory import UNKNOWN_ERROR, Directory, read_directory
+from evogs_codec.format.pack import pack, pack_entries, pack_picks
+from evogs_codec.format.write_directory import build_directory
+from evogs_codec.model.channels import N_GROUPS, PALETTE, PICKS, component_slice
+from evogs_codec.model.coded_tree import CodedStep, CodedTree
+from evogs_codec.model.packet_id import PacketId
+from evogs_codec.model.tree import Kind
+
+__all__ = ["Progress", "write"]
+
+Progress = Callable[[str, float], None]  # called with a stage and the part of it that is done
+
+
+def write(
+    tree: CodedTree,
+    *,
+    effort: int = 19,
+    digests: bool = True,
+    progress: Progress | None = None,
+) -> bytes:
+    """The stream of a coded tree; `decode` gives back exactly its integers.
+
+    Packets are in the order of `packet_order`.
+
+    Args:
+        tree: integers.
+        effort: level of Zstandard.
+        digests: store a digest of the last state of each tile and component.
+        progress: called while packets are compressed and verified.
+
+    Raises:
+        ValueError: an integer needs more than 24 bits, or a limit of the format is exceeded.
+    """
+    report = progress or (lambda _stage, _part: None)
+    bodies = _bodies(tree, effort, report)
+    order = packet_order(tree, {packet: len(body) for packet, body in bodies.items()})
+    rows = _rows(tree, order, bodies)
+    data = b"".join(bodies[packet] for packet in order)
+    head = _directory(tree, rows, {})
+    if not digests:
+        return head + data
+    report("verify", 0.0)
+    # What is digested is what a decoder decodes from these bytes, so every encode is checked.
+    found = final_digests(read_directory(memoryview(head)), head + data)
+    return _directory(tree, rows, found) + data
+
+
+def final_digests(directory: Directory, stream: bytes) -> dict[PacketId, bytes]:
+    """Digests of the last state of each tile and component, and of the palette (spec 5.7)."""
+    decoded = replay(directory, memoryview(stream), Cut.full(directory))
+    digests = {
+        PacketId(tile, component, n - 1): decoded.tiles[tile].digest(component)
+        for tile, row in enumerate(decoded.cut.steps.tolist())
+        for component, n in enumerate(row)
+        if n
+    }
+    palette = decoded.tiles[0].palette if directory.n_entries else None
+    if palette is not None:
+        digests[PacketId(0, PALETTE, palette.n_applied - 1)] = palette.digest()
+    return digests
+
+
+def _bodies(tree: CodedTree, effort: int, report: Progress) -> dict[PacketId, bytes]:
+    """The bytes of every packet."""
+    packets = [
+        PacketId(tile, component, step)
+        for tile, own in enumerate(tree.tiles)
+        for step in range(len(own.steps))
+        for component in range(tree.n_components)
+    ]
+    packets += palette_packets(tree)
+    bodies: dict[PacketId, bytes] = {}
+    packed = parallel_map(lambda packet: _body(tree, packet, effort), packets)
+    for number, (packet, body) in enumerate(zip(packets, packed, strict=True)):
+        report("pack", number / len(packets))
+        bodies[packet] = body
+    return bodies
+
+
+def _body(tree: CodedTree, packet: PacketId, effort: int) -> bytes:
+    """The bytes of a packet (spec 5.9)."""
+    tile, component, number = packet
+    if tree.entries is not None and component == PALETTE:
+        of_level = tree.entry_levels == tree.palette_levels[number]
+        return pack_entries(tree.entries[:, of_level], effort=effort)
+    step = tree.tiles[tile].steps[number]
+    if tree.entries is not None and component == PICKS:
+        return pack_picks(step.picks, step.n_new, effort=effort)
+    part = component_slice(component)
+    alpha = [
+        step.alpha[group] if len(tree.alpha_table(step.level, group).entries) > 1 else None
+        for group in range(N_GROUPS)
+    ]
+    psi, adds = step.psi[part], step.adds[part]
+    return pack(component, step.slots, step.kinds, alpha, psi, adds, effort=effort)
+
+
+def _rows(
+    tree: CodedTree, order: Sequence[PacketId], bodies: Mapping[PacketId, bytes]
+) -> npt.NDArray[np.void]:
+    """The packet table (spec 5.6), in this order."""
+    rows = np.zeros(len(order), layout.dtype_of(layout.PACKET_ENTRY))
+    for row, packet in zip(rows, order, strict=True):
+        body = bodies[packet]
+        if tree.entries is not None and packet.component == PALETTE:
+            fields = _palette_fields(tree, tree.palette_levels[packet.step])
+        else:
+            fields = _step_fields(tree.tiles[packet.tile].steps[packet.step], packet.component)
+        for name, value in fields.items():
+            row[name] = value
+        row["tile"], row["component"] = packet.tile, packet.component
+        row["size"], row["crc"] = len(body), zlib.crc32(body)
+    return rows
+
+
+def _palette_fields(tree: CodedTree, level: int) -> dict[str, int]:
+    """The fields of the row of a packet of the palette."""
+    n_entries = int(np.count_nonzero(tree.entry_levels == level))
+    return {"level": level, "n_adds": n_entries, "error": UNKNOWN_ERROR}
+
+
+def _step_fields(step: CodedStep, component: int) -> dict[str, int]:
+    """The fields of a row that follow from its step."""
+    error = step.error[component] if step.error else UNKNOWN_ERROR
+    if component:
+        return {"error": error}
+    n_splits = int(np.count_nonzero(step.kinds == Kind.SPLIT))
+    n_refines = int(np.count_nonzero(step.kinds == Kind.REFINE))
+    return {
+        "level": step.level,
+        "n_adds": step.adds.shape[1],
+        "n_splits": n_splits,
+        "n_refines": n_refines,
+        "n_drops": len(step.slots) - n_splits - n_refines,
+        "error": error,
+    }
+
+
+def _directory(
+    tree: CodedTree, rows: npt.NDArray[np.void], digests: Mapping[PacketId, bytes]
+) -> bytes:
+    """Header and chunks (spec 5)."""
+    tiles = np.zeros(len(tree.tiles), layout.dtype_of(layout.TILE_ENTRY))
+    for row, own in zip(tiles, tree.tiles, strict=True):
+        row["origin"], row["box_min"], row["box_max"] = own.origin, own.box_min, own.box_max
+    return build_directory(
+        sh_degree=tree.sh_degree,
+        n_levels=tree.n_levels,
+        grid_exponents=tree.grid_exponents,
+        info=tree.info,
+        quantisers=tree.quantisers,
+        alpha=tree.alpha,
+        tiles=tiles,
+        packets=rows,
+        digests=digests,
+        has_palette=tree.entries is not None,
+    )
