@@ -27,7 +27,7 @@ def main() -> int:
         prog="python -m tools.bench", description=__doc__, epilog=EXAMPLE
     )
     add_options(parser)
-    return _run(parser.parse_args())
+    return run(parser.parse_args())
 
 
 def register(commands: Commands) -> None:

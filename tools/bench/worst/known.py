@@ -8,6 +8,7 @@ __all__ = ["KNOWN"]
 
 FULL = Shape(coded=59, bands="each")
 
+# fmt: off
 KNOWN: dict[str, Shape] = {
     "splats, all numbers 0": Shape(),
     "splats, 3 planes a number": FULL,
@@ -34,6 +35,7 @@ KNOWN: dict[str, Shape] = {
     ),
     "a slot dropped at each step": Shape(steps=("adds", "drop one"), adds=1_000_000, bands="each"),
     "a splat a step": Shape(adds=1, bands="each"),
+    "a splat a step, core alone": Shape(adds=1),
     "splats in coarse steps, then bands": Shape(
         steps=("mixed",), adds=10, bands="end", coded=59, levels=64
     ),
@@ -46,6 +48,19 @@ KNOWN: dict[str, Shape] = {
     "tiles and levels": Shape(tiles=600, levels=64, adds=1),
     "tiles and alpha tables": Shape(tiles=250, degree=0, levels=64, alphas=20_000),
     "digests": Shape(digests=500, steps=("adds", "empty"), adds=60_000, bands="each"),
+    "many small frames in ten tiles": Shape(
+        degree=1, tiles=10, adds=3_000, coded=59, coding=4, delta=True, ycocg=True, alphas=1_000,
+        fault="trailing",
+    ),
+    "refined, then split one by one": Shape(
+        levels=64, steps=("adds", "refine all", "split first"), bands="each", coded=1, coding=1,
+        frame=1, chunks=5_000,
+    ),
+    "metadata, alpha tables, small steps": Shape(
+        degree=1, levels=10, steps=("adds", "split last", "empty", "adds"), adds=20, bands="first",
+        coded=30, coding=32, frame=1, alphas=20_000, metadata=5_000,
+    ),
     "metadata": Shape(metadata=12_000),
     "unknown chunks": Shape(chunks=8_000),
 }
+# fmt: on
