@@ -64,7 +64,7 @@ def run(
     if folder is not None and resume and (saved := Checkpoint.read(folder)) is not None:
         saved.check(folder, identity, plans)
     if saved is None:
-        first, done = _start(config, plans, base)
+        first, done = _start(method, config, plans, base)
         saved = Checkpoint(identity, first, done, 0, {}, {})
     progress.resume(saved.stage, saved.iteration)
     for stage in range(saved.stage, len(plans)):
@@ -73,12 +73,14 @@ def run(
     return saved.done.tree
 
 
-def _start(config: Config, plans: list[Plan], base: EvolutionTree | None) -> tuple[int, Done]:
+def _start(
+    method: Method, config: Config, plans: list[Plan], base: EvolutionTree | None
+) -> tuple[int, Done]:
     """The stage to begin with, and what is there before it."""
     done = Done(config.sh_degree)
     if base is None:
         return 0, done
-    if not config.method.startswith(("evogs", "lapis")):
+    if not method.takes_base:
         raise InputError(f"method {config.method} does not build on a level 0 of others")
     if base.sh_degree != config.sh_degree:
         raise InputError(f"level 0 has SH degree {base.sh_degree}, expected {config.sh_degree}")

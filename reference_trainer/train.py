@@ -38,7 +38,7 @@ class Model(Protocol):
     def variables(self) -> list[Variable]:
         """What is trained."""
 
-    def refine(self, iteration: int, n_iterations: int, scores: ScreenGradients, cap: int) -> bool:
+    def densify(self, iteration: int, n_iterations: int, scores: ScreenGradients, cap: int) -> bool:
         """Grow and prune if that is due; True if splats came, went or moved to other rows."""
 
     def arrays(self) -> Arrays:
@@ -119,7 +119,7 @@ def train(
         for variable in model.variables():
             variable.step(rates)
         training.iteration += 1
-        if model.refine(training.iteration, stage.iterations, training.scores, stage.cap):
+        if model.densify(training.iteration, stage.iterations, training.scores, stage.cap):
             training.scores = ScreenGradients(model.n_splats)
         each(training)
 

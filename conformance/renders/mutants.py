@@ -18,7 +18,7 @@ TO_CAMERA = "    x, y, z = camera.rotation @ mean + camera.translation\n"
 TAKES = "        takes = counts & (rest >= T_MIN)\n"
 COUNTS = "        counts = is_open & (alpha >= ALPHA_MIN)\n"
 ALPHA = "        alpha = np.minimum(options.alpha_max, reached)\n"
-ADDS = "        image += np.where(takes, alpha * transmittance, 0.0)[..., None] * splat.color\n"
+ADDS = "        image += np.where(takes, alpha * transmittance, 0.0)[..., None] * splat.colour\n"
 ENDS = "    image += transmittance[..., None] * np.asarray(background, np.float64)\n"
 CENTERS = "    y, x = np.mgrid[: camera.height, : camera.width] + 0.5\n"
 SORTS = "    projected.sort(key=lambda splat: splat.depth)\n"
@@ -48,7 +48,7 @@ BASIS_10 = "        2.890611442640554 * x * y * z,\n"
 BASIS_15 = "        -0.5900435899266435 * x * (xx - 3 * yy),\n"
 PROJECTED = (
     "        return Projected("
-    "center, covariance, determinant, _color(mean, sh, camera), opacity, z)\n"
+    "center, covariance, determinant, _colour(mean, sh, camera), opacity, z)\n"
 )
 
 
@@ -353,7 +353,7 @@ _TO_FLOAT32 = (
     ),
     (CENTER, CENTER.rstrip(")\n") + ", np.float32)\n"),
     _in(SIGMA, "yy / splat.determinant", "yy / np.float32(splat.determinant)"),
-    _in(ADDS, "splat.color", "splat.color.astype(np.float32)"),
+    _in(ADDS, "splat.colour", "splat.colour.astype(np.float32)"),
     _in(ENDS, "float64", "float32"),
 )
 

@@ -17,10 +17,10 @@ __all__ = ["SCENES", "Scene", "View"]
 
 WIDTH, HEIGHT = 96, 72
 ORIGIN = (0.0, 0.0, 0.0)
-Color = tuple[float, float, float]
-BLACK: Color = (0.0, 0.0, 0.0)
-WHITE: Color = (1.0, 1.0, 1.0)
-BLUE: Color = (0.2, 0.4, 0.8)  # whole numbers in 8 bits
+Colour = tuple[float, float, float]
+BLACK: Colour = (0.0, 0.0, 0.0)
+WHITE: Colour = (1.0, 1.0, 1.0)
+BLUE: Colour = (0.2, 0.4, 0.8)  # whole numbers in 8 bits
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class View:
 
     name: str
     camera: Camera
-    background: Color
+    background: Colour
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ def _looking(
     name: str,
     eye: tuple[float, float, float],
     target: tuple[float, float, float] = ORIGIN,
-    background: Color = BLACK,
+    background: Colour = BLACK,
     *,
     fov: float = 0.8,
     up: tuple[float, float, float] = (0.0, 0.0, 1.0),
@@ -90,7 +90,7 @@ def _looking(
 def _along_z(
     name: str,
     distance: float,
-    background: Color = BLACK,
+    background: Colour = BLACK,
     *,
     focal: tuple[float, float] = (96.0, 96.0),
     center: tuple[float, float] = (WIDTH / 2, HEIGHT / 2),

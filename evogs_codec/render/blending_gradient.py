@@ -67,11 +67,11 @@ def _unblend_row(
         t = state[i + _T]
         before = t * scale
         part = alpha * before
-        color = red * state[i + _GR] + green * state[i + _GG] + blue * state[i + _GB]
-        g = alpha * scale * (t * color - behind)
+        colour = red * state[i + _GR] + green * state[i + _GG] + blue * state[i + _GB]
+        g = alpha * scale * (t * colour - behind)
         g = g if reached < alpha_max else real(0)
         state[i + _T] = before
-        state[i + _BEHIND] = behind + part * color
+        state[i + _BEHIND] = behind + part * colour
         gd, gy = g * d, g * down
         sums[lane] += g
         sums[lane + _S1] += gd

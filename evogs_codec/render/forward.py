@@ -23,7 +23,7 @@ from evogs_codec.render.tiles import Chunk, Tiles, depth_order
 __all__ = ["Counts", "Drawing", "Splats", "draw", "render", "render_counted"]
 
 Real = npt.NDArray[np.floating[Any]]
-Color = Sequence[float] | Real
+Colour = Sequence[float] | Real
 
 
 class Splats(Protocol):
@@ -100,7 +100,7 @@ class Drawing:
 def render(
     splats: Splats,
     camera: Camera,
-    background: Color = (0.0, 0.0, 0.0),
+    background: Colour = (0.0, 0.0, 0.0),
     *,
     options: Options = DEFAULT,
     dtype: npt.DTypeLike = np.float32,
@@ -112,7 +112,7 @@ def render(
 def render_counted(
     splats: Splats,
     camera: Camera,
-    background: Color = (0.0, 0.0, 0.0),
+    background: Colour = (0.0, 0.0, 0.0),
     *,
     options: Options = DEFAULT,
     dtype: npt.DTypeLike = np.float32,
@@ -125,7 +125,7 @@ def render_counted(
 def draw(
     splats: Splats,
     camera: Camera,
-    background: Color = (0.0, 0.0, 0.0),
+    background: Colour = (0.0, 0.0, 0.0),
     *,
     options: Options = DEFAULT,
     dtype: npt.DTypeLike = np.float32,
@@ -137,7 +137,7 @@ def draw(
 def _draw(
     splats: Splats,
     camera: Camera,
-    background: Color,
+    background: Colour,
     options: Options,
     dtype: npt.DTypeLike,
     *,
@@ -146,7 +146,7 @@ def _draw(
     tiles, status = prepare(splats, camera, options)
     height, width = camera.height, camera.width
     image = np.empty((height, width, 3), dtype)
-    color = np.asarray(background, dtype)
+    colour = np.asarray(background, dtype)
     kept = (height, width) if keep else (0, 0)
     transmittance, last = np.empty(kept, dtype), np.empty(kept, np.int32)
     chunk = None
@@ -155,11 +155,11 @@ def _draw(
         n_chunks += 1
         blend(
             chunk.first, tiles.columns, chunk.offsets, chunk.entries, chunk.order,
-            tiles.records, tiles.rows, color, options.alpha_max,
+            tiles.records, tiles.rows, colour, options.alpha_max,
             image, transmittance, last, n_threads(),
         )  # fmt: skip
     kept_chunk = chunk if keep and n_chunks == 1 else None
-    return Drawing(camera, options, color, image, transmittance, status, last, tiles, kept_chunk)
+    return Drawing(camera, options, colour, image, transmittance, status, last, tiles, kept_chunk)
 
 
 def prepare(

@@ -47,7 +47,7 @@ class Projected:
     center: F64
     covariance: F64
     determinant: float
-    color: F64
+    colour: F64
     opacity: float
     depth: float
 
@@ -92,7 +92,7 @@ def render_exactly(
         doubtful |= counts & (behind > 0) & (behind <= CLOSE * splat.depth)
         depth_before = np.where(counts, splat.depth, depth_before)
 
-        image += np.where(takes, alpha * transmittance, 0.0)[..., None] * splat.color
+        image += np.where(takes, alpha * transmittance, 0.0)[..., None] * splat.colour
         transmittance = np.where(takes, rest, transmittance)
         is_open &= takes | ~counts
     image += transmittance[..., None] * np.asarray(background, np.float64)
@@ -127,7 +127,7 @@ def project_one(splats: Splats, i: int, camera: Camera, options: Options) -> Pro
         if options.antialiased:
             opacity *= math.sqrt(max(0.0, flat / determinant))
         center = np.array([camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy])
-        return Projected(center, covariance, determinant, _color(mean, sh, camera), opacity, z)
+        return Projected(center, covariance, determinant, _colour(mean, sh, camera), opacity, z)
 
 
 def _projection_matrix(camera: Camera, x: float, y: float, z: float) -> F64:
@@ -159,7 +159,7 @@ def _rotation(quat: F64) -> F64:
     )
 
 
-def _color(mean: F64, sh: F64, camera: Camera) -> F64:
+def _colour(mean: F64, sh: F64, camera: Camera) -> F64:
     """Section 3: the colour seen from the camera."""
     direction = mean - camera.position
     x, y, z = direction / np.linalg.norm(direction)

@@ -42,7 +42,7 @@ def _chunk(kind: bytes, body: bytes) -> bytes:
     return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
 
 
-def contact_sheet(rows: Sequence[Sequence[Real]], *, gap: int = 4, color: float = 1.0) -> Real:
+def contact_sheet(rows: Sequence[Sequence[Real]], *, gap: int = 4, colour: float = 1.0) -> Real:
     """Rows of pictures as one picture; pixels are repeated until all are as wide as the widest."""
     width = max(image.shape[1] for row in rows for image in row)
     n_columns = max(len(row) for row in rows)
@@ -50,7 +50,7 @@ def contact_sheet(rows: Sequence[Sequence[Real]], *, gap: int = 4, color: float 
     for row in rows:
         large = [np.repeat(np.repeat(i, f, 0), f, 1) for i in row for f in (width // i.shape[1],)]
         height = max(image.shape[0] for image in large)
-        strip = np.full((height + gap, n_columns * (width + gap), 3), color, np.float32)
+        strip = np.full((height + gap, n_columns * (width + gap), 3), colour, np.float32)
         for column, image in enumerate(large):
             left = column * (width + gap)
             strip[: image.shape[0], left : left + image.shape[1]] = image

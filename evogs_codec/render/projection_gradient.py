@@ -73,7 +73,7 @@ def _quaternion_gradient(
 
 
 @inlined
-def _color_gradient(
+def _colour_gradient(
     dx: float, dy: float, dz: float, sh: Array, record: Array, g: Array, out: Array, scratch: Array
 ) -> tuple[float, float, float]:
     """Fill the gradient to the coefficients; returns that to the position."""
@@ -150,7 +150,7 @@ def _splat(
     gx, gy = slope_x / z, slope_y / z
     gz -= (gx * x + gy * y) / z
 
-    cx, cy, cz = _color_gradient(
+    cx, cy, cz = _colour_gradient(
         mean[0] - view[p.EYE], mean[1] - view[p.EYE + 1], mean[2] - view[p.EYE + 2],
         sh, record, g, g_sh, scratch,
     )  # fmt: skip

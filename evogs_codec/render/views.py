@@ -12,9 +12,9 @@ import numpy.typing as npt
 from evogs_codec.model.splats import F32, SplatParams
 from evogs_codec.render import Camera, Drawing, draw, gradients, psnr, render
 
-__all__ = ["DRAWN", "Color", "Views", "view_of"]
+__all__ = ["DRAWN", "Colour", "Views", "view_of"]
 
-Color = tuple[float, float, float]
+Colour = tuple[float, float, float]
 MOST = 150.0  # dB of a view: of one without any error, for a mean that is a number
 DRAWN = 12  # views that the sensitivity is estimated from, at most
 
@@ -32,7 +32,7 @@ class Views:
 
     scene: SplatParams
     cameras: Sequence[Camera]
-    background: Color = (1.0, 1.0, 1.0)
+    background: Colour = (1.0, 1.0, 1.0)
     others: Sequence[Camera] = ()
 
     def psnr(self, splats: SplatParams) -> float:

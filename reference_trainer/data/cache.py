@@ -18,7 +18,7 @@ from evogs_codec.io.files import write_atomic
 from evogs_codec.render.camera import Camera
 from reference_trainer.data.distortion import undistorted_camera, undistorted_image
 from reference_trainer.data.photograph import MAX_PIXELS, Photograph, opened, read_image
-from reference_trainer.data.view import F32, Color
+from reference_trainer.data.view import F32, Colour
 
 __all__ = ["cache_folder", "undistorted"]
 
@@ -27,7 +27,7 @@ VERSION = b"undistorted 1"  # changes when the same photograph would give other 
 
 
 def undistorted(
-    photograph: Photograph, background: Color, folder: Path | None
+    photograph: Photograph, background: Colour, folder: Path | None
 ) -> tuple[F32, Camera]:
     """The picture without lens distortion, of 8 bits a channel, and its pinhole camera.
 
@@ -66,7 +66,7 @@ def cache_folder() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / "evogs" / "undistorted"
 
 
-def _key(photograph: Photograph, background: Color) -> str:
+def _key(photograph: Photograph, background: Colour) -> str:
     camera = photograph.camera
     lens = [camera.fx, camera.fy, camera.cx, camera.cy, *photograph.distortion]
     digest = hashlib.sha256(VERSION)

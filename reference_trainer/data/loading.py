@@ -21,7 +21,7 @@ from reference_trainer.data.plain_files import MAX_PATH, is_there
 from reference_trainer.data.points import read_points
 from reference_trainer.data.pyramid import area_average
 from reference_trainer.data.transforms import read_transforms
-from reference_trainer.data.view import BACKGROUNDS, F32, Color, Dataset, View
+from reference_trainer.data.view import BACKGROUNDS, F32, Colour, Dataset, View
 
 __all__ = ["load_views"]
 
@@ -57,13 +57,13 @@ def load_views(
         raise ValueError(f"test_every is {test_every}, expected 0, or 2 or more")
     if size is not None and size < 1:
         raise ValueError(f"size is {size}, expected 1 or more")
-    color = _color(background)
+    colour = _colour(background)
     folder = Path(path)
     found = _find(folder, test_every)
     _warn_of_missing(folder, found)
     load = partial(
         _load,
-        background=color,
+        background=colour,
         size=size,
         cache=None if cache is None else Path(cache),
         budget=Budget(IN_FLIGHT),
@@ -71,7 +71,7 @@ def load_views(
     with ThreadPoolExecutor(min(MAX_THREADS, os.cpu_count() or 1)) as pool:
         train = tuple(pool.map(load, found.train))
         test = tuple(pool.map(load, found.test))
-    return Dataset(folder.resolve().name, train, test, found.points, found.colours, color)
+    return Dataset(folder.resolve().name, train, test, found.points, found.colours, colour)
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +178,7 @@ def _check_names(path: Path, photographs: list[Photograph]) -> None:
 def _load(
     photograph: Photograph,
     *,
-    background: Color,
+    background: Colour,
     size: int | None,
     cache: Path | None,
     budget: Budget,
@@ -206,7 +206,7 @@ def _sides(camera: Camera, size: int | None) -> tuple[int, int] | None:
     return width, height
 
 
-def _color(background: str | Sequence[float]) -> Color:
+def _colour(background: str | Sequence[float]) -> Colour:
     if isinstance(background, str):
         if background not in BACKGROUNDS:
             raise ValueError(f"background {background!r} is not one of {', '.join(BACKGROUNDS)}")

@@ -16,7 +16,7 @@ from evogs_codec.errors import InputError
 from evogs_codec.render.camera import Camera
 from reference_trainer.data.plain_files import MAX_PATH, is_there
 from reference_trainer.data.pyramid import averaged
-from reference_trainer.data.view import F32, Color
+from reference_trainer.data.view import F32, Colour
 
 __all__ = ["ENDINGS", "MAX_PIXELS", "Photograph", "image_size", "name_of", "opened", "read_image"]
 
@@ -70,7 +70,7 @@ def image_size(path: Path) -> tuple[int, int]:
 
 
 def read_image(
-    photograph: Photograph, background: Color, sides: tuple[int, int] | None = None
+    photograph: Photograph, background: Colour, sides: tuple[int, int] | None = None
 ) -> F32:
     """(H, W, 3) in 0..1, transparent pixels laid on `background`.
 
@@ -145,9 +145,9 @@ def _too_large(found: str) -> str:
     return f"has {found} pixels, a photograph has at most {MAX_PIXELS:,}: make it smaller"
 
 
-def _composited(pixels: npt.NDArray[np.uint8], background: Color) -> F32:
+def _composited(pixels: npt.NDArray[np.uint8], background: Colour) -> F32:
     values = pixels.astype(np.float32) / np.float32(255)
-    colors, alpha = values[..., :3], values[..., 3:]
+    colours, alpha = values[..., :3], values[..., 3:]
     if not alpha.size:
-        return colors
-    return colors * alpha + np.array(background, np.float32) * (1 - alpha)
+        return colours
+    return colours * alpha + np.array(background, np.float32) * (1 - alpha)

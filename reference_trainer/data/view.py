@@ -10,12 +10,12 @@ import numpy.typing as npt
 
 from evogs_codec.render.camera import Camera
 
-__all__ = ["BACKGROUNDS", "F32", "Color", "Dataset", "View"]
+__all__ = ["BACKGROUNDS", "F32", "Colour", "Dataset", "View"]
 
 F32: TypeAlias = npt.NDArray[np.float32]
-Color: TypeAlias = tuple[float, float, float]
+Colour: TypeAlias = tuple[float, float, float]
 
-BACKGROUNDS: dict[str, Color] = {"white": (1.0, 1.0, 1.0), "black": (0.0, 0.0, 0.0)}
+BACKGROUNDS: dict[str, Colour] = {"white": (1.0, 1.0, 1.0), "black": (0.0, 0.0, 0.0)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,4 +57,4 @@ class Dataset:
     test: tuple[View, ...]
     points: F32 | None
     colours: F32 | None
-    background: Color
+    background: Colour

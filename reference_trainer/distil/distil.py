@@ -22,7 +22,7 @@ from evogs_codec.lifting.parents import MENDED, Moments, line_parents, median_ma
 from evogs_codec.model.channels import GROUP_CHANNELS
 from evogs_codec.model.splats import F64, I64
 from evogs_codec.render import Camera, draw, gradients
-from evogs_codec.render.views import Color, Views, view_of
+from evogs_codec.render.views import Colour, Views, view_of
 from reference_trainer.distil.generations import Generation, levels_of, tree_of
 from reference_trainer.models.kernels import adam
 
@@ -71,7 +71,7 @@ def distil(
     held_out: Sequence[Camera],
     *,
     iterations: int,
-    background: Color = WHITE,
+    background: Colour = WHITE,
     progress: Progress | None = None,
 ) -> Distilled:
     """A lifted tree with coarse levels that look more like its last one.

@@ -8,7 +8,7 @@ refines, separate models are drops and adds.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import torch
 
@@ -92,7 +92,13 @@ class Setting:
 
 
 class Method(Protocol):
-    """A system of the paper."""
+    """A system of the paper.
+
+    Attributes:
+        takes_base: a run may begin with the level 0 of another run.
+    """
+
+    takes_base: ClassVar[bool]
 
     def plans(self, config: Config) -> list[Plan]:
         """The stages."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 from reference_trainer.config import Config
 from reference_trainer.export import frontier_steps, roots
@@ -26,6 +27,7 @@ class Evogs:
     """
 
     option: str
+    takes_base: ClassVar[bool] = True
 
     def plans(self, config: Config) -> list[Plan]:
         """A stage per level; after each one in integers, where the configuration has them."""

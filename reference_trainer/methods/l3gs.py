@@ -10,7 +10,7 @@ its colour.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +34,8 @@ PRETRAINING = -1  # level of the stage that leaves nothing in the tree
 
 class L3gs:
     """A bucket per level."""
+
+    takes_base: ClassVar[bool] = False
 
     def plans(self, config: Config) -> list[Plan]:
         """The model of full resolution, then one stage per level."""

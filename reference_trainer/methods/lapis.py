@@ -7,6 +7,8 @@ of enhancement layers do learn, and lower layers show all their SH bands from th
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from reference_trainer.config import Config
@@ -22,6 +24,8 @@ __all__ = ["Lapis"]
 
 class Lapis:
     """A layer per level."""
+
+    takes_base: ClassVar[bool] = True
 
     def plans(self, config: Config) -> list[Plan]:
         """One stage per level."""

@@ -102,7 +102,7 @@ class IntegerLevel:
         """What is trained, with the gradients of what is drawn."""
         return [numbers.pulled() for numbers in self._numbers]
 
-    def refine(self, iteration: int, n_iterations: int, scores: ScreenGradients, cap: int) -> bool:
+    def densify(self, iteration: int, n_iterations: int, scores: ScreenGradients, cap: int) -> bool:
         """Nothing splits or dies any more."""
         return False
 

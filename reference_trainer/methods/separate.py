@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from reference_trainer.config import Config
@@ -16,6 +18,8 @@ __all__ = ["Monolithic", "Single"]
 
 class Monolithic:
     """A model from scratch at every level: the bound on quality, and nothing shared."""
+
+    takes_base: ClassVar[bool] = False
 
     def plans(self, config: Config) -> list[Plan]:
         """One stage per level."""

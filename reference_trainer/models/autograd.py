@@ -23,7 +23,7 @@ from evogs_codec.render.options import DEFAULT
 
 __all__ = ["photometric_loss", "render"]
 
-Color: TypeAlias = tuple[float, float, float]
+Colour: TypeAlias = tuple[float, float, float]
 Context: TypeAlias = Any  # torch gives it no type
 Argument: TypeAlias = Any
 
@@ -36,7 +36,7 @@ def render(
     sh: Tensor,
     *,
     camera: Camera,
-    background: Color = (0.0, 0.0, 0.0),
+    background: Colour = (0.0, 0.0, 0.0),
     options: Options = DEFAULT,
     screen: Tensor | None = None,
 ) -> Tensor:

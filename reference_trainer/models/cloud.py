@@ -91,7 +91,7 @@ class Cloud:
         """What is trained."""
         return [*self.layer, self.opacities] if self.opacities is not None else [*self.layer]
 
-    def refine(self, iteration: int, n_iterations: int, scores: ScreenGradients, cap: int) -> bool:
+    def densify(self, iteration: int, n_iterations: int, scores: ScreenGradients, cap: int) -> bool:
         """Clone, split and prune if that is due after this iteration; `cap` bounds N."""
         growth = self.growth
         if growth is None or not growth.start <= iteration <= growth.stop * n_iterations:

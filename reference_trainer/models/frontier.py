@@ -68,7 +68,7 @@ class Frontier:
         """What is trained."""
         return [variable for block in self.blocks for variable in block.variables]
 
-    def refine(self, iteration: int, n_iterations: int, scores: ScreenGradients, cap: int) -> bool:
+    def densify(self, iteration: int, n_iterations: int, scores: ScreenGradients, cap: int) -> bool:
         """Prune and split if a round is due after this iteration; `cap` bounds the leaves."""
         due = self._rounds(n_iterations)
         if iteration not in due:

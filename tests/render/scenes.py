@@ -37,14 +37,14 @@ def facing(width=48, height=32):
     return Camera(width, height, width, width, width / 2, height / 2, np.eye(3), np.zeros(3))
 
 
-def row(n=1, *, mean=(0, 0, 3), quat=(1, 0, 0, 0), log_scale=(-3, -3, -3), logit=2.0, color=1.0):
+def row(n=1, *, mean=(0, 0, 3), quat=(1, 0, 0, 0), log_scale=(-3, -3, -3), logit=2.0, colour=1.0):
     """n equal splats."""
     return SplatParams(
         means=np.tile(f32(mean), (n, 1)),
         quats=np.tile(f32(quat), (n, 1)),
         log_scales=np.tile(f32(log_scale), (n, 1)),
         opacity_logits=np.full(n, logit, np.float32),
-        sh=np.full((n, 1, 3), color, np.float32),
+        sh=np.full((n, 1, 3), colour, np.float32),
     )
 
 

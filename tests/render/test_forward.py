@@ -37,8 +37,8 @@ def assert_agrees(splats, camera, options=DEFAULT, dtype=np.float32):
 def largest_flip(splats, camera, options):
     """What one decision that goes the other way can change: a splat at 1/255, or the last one."""
     projected = (projected_or_none(splats, i, camera, options) for i in range(len(splats.means)))
-    colors = [splat.color.max() for splat in projected if splat is not None]
-    most = max([*colors, *BACKGROUND])
+    colours = [splat.colour.max() for splat in projected if splat is not None]
+    most = max([*colours, *BACKGROUND])
     return most * max(ALPHA_MIN, T_MIN / (1 - options.alpha_max)) * (1 + 1e-4)
 
 
@@ -129,13 +129,13 @@ def test_a_background_shows_where_nothing_is():
 
 
 def test_one_opaque_splat_has_the_colour_and_alpha_of_the_formulas():
-    splats = scenes.row(mean=(0, 0, 4), logit=3.0, log_scale=(-1, -1, -1), color=0.7)
+    splats = scenes.row(mean=(0, 0, 4), logit=3.0, log_scale=(-1, -1, -1), colour=0.7)
     camera = scenes.facing(33, 33)
     image = render(splats, camera, (1, 0, 0), dtype=np.float64)
-    color = 0.5 + 0.28209479177387814 * float(np.float32(0.7))
+    colour = 0.5 + 0.28209479177387814 * float(np.float32(0.7))
     variance = (33 * np.exp(-1.0) / 4) ** 2 + 0.3
     alpha = 1 / (1 + np.exp(-3.0)) * np.exp(-0.5 * 5**2 / variance)
-    expected = alpha * color + (1 - alpha) * np.array([1, 0, 0])
+    expected = alpha * colour + (1 - alpha) * np.array([1, 0, 0])
     np.testing.assert_allclose(image[16, 21], expected, rtol=1e-12)
 
 

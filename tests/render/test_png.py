@@ -33,7 +33,7 @@ def test_a_picture_of_other_channels_is_refused(tmp_path):
 
 def test_a_sheet_repeats_the_pixels_of_small_pictures():
     large, small = np.full((8, 8, 3), 0.5), np.random.default_rng(1).random((4, 4, 3))
-    sheet = contact_sheet([[small, large], [large]], gap=2, color=1.0)
+    sheet = contact_sheet([[small, large], [large]], gap=2, colour=1.0)
     assert sheet.shape == (18, 18, 3)
     np.testing.assert_allclose(sheet[:8:2, :8:2], small, atol=1e-7)
     np.testing.assert_allclose(sheet[1:8:2, 1:8:2], small, atol=1e-7)

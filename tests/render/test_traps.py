@@ -33,8 +33,8 @@ LONELY = {
     "just past it, far to the side": scenes.row(mean=(90, 70, 0.2001), log_scale=(3, 3, 3)),
     "far away": scenes.row(mean=(0, 0, 1e30)),
     "far to the side": scenes.row(mean=(1e30, -1e30, 1)),
-    "blinding": scenes.row(color=1e30),
-    "black": scenes.row(color=-1e30),
+    "blinding": scenes.row(colour=1e30),
+    "black": scenes.row(colour=-1e30),
 }
 
 

@@ -35,7 +35,7 @@ def test_growth_stays_under_the_cap(below, cap):
     model = cloud(below=below)
     n = model.n_splats
     for step in range(1, 6):
-        model.refine(step, 10, scores(model.n_splats, range(model.n_splats)), cap)
+        model.densify(step, 10, scores(model.n_splats, range(model.n_splats)), cap)
         assert model.n_splats <= max(cap, n)
     if cap == 100:
         assert model.n_splats > 60
@@ -47,7 +47,7 @@ def test_a_narrow_splat_is_cloned_and_a_wide_one_becomes_two_smaller():
         model.layer[2].value[3] = -6.0
         model.layer[2].value[7] = -1.0
     before = model.layer_splats()
-    assert model.refine(1, 10, scores(10, [3, 7]), 100)
+    assert model.densify(1, 10, scores(10, [3, 7]), 100)
     after = model.layer_splats()
     assert len(after) == 12
     np.testing.assert_array_equal(after.means[9], before.means[3])
@@ -62,13 +62,13 @@ def test_a_foundation_is_never_removed():
         assert model.opacities is not None
         model.opacities.value[:] = -20.0
         model.layer[3].value[:] = -20.0
-    model.refine(1, 10, scores(16), 16)
+    model.densify(1, 10, scores(16), 16)
     assert (model.n_foundation, model.n_splats) == (6, 6)
 
 
 def test_a_reset_lowers_every_opacity():
     model = cloud(below=3, growth=CloudGrowth(start=1, every=100, reset_every=2, stop=1.0))
-    model.refine(2, 10, scores(13), 13)
+    model.densify(2, 10, scores(13), 13)
     assert torch.sigmoid(model.splats(10**6).opacity_logits).max() < 0.0101
 
 

@@ -29,7 +29,7 @@ def grown(option="D", n=20, prune=(), seed=0, rest=False):
         scores = ScreenGradients(frontier.n_splats)
         scores.total += rng.random(frontier.n_splats)
         scores.count += 1
-        assert frontier.refine(iteration, 10, scores, 3 * n)
+        assert frontier.densify(iteration, 10, scores, 3 * n)
     for variable in frontier.variables():
         with torch.no_grad():
             variable.value += 0.1 * torch.from_numpy(rng.normal(size=variable.value.shape))
@@ -89,7 +89,7 @@ def test_a_split_does_not_show():
         frontier = Frontier(base, option, growth, 100.0)
         scores = ScreenGradients(200)
         scores.total += rng.permutation(200) + 1.0
-        frontier.refine(1, 10, scores, 220)
+        frontier.densify(1, 10, scores, 220)
         after = frontier.splats(0).params()
         return min(psnr(render(after, c), render(splats, c)) for c in cameras)
 

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.render import Camera, Options
-from evogs_codec.render.forward import Color, Splats
+from evogs_codec.render.forward import Colour, Splats
 from evogs_codec.render.options import ALPHA_MIN, T_MIN
 
 __all__ = ["FIELDS", "render_torch", "render_torch_gradients"]
@@ -29,16 +29,16 @@ SIDE = 16
 
 
 def render_torch(
-    splats: Splats, camera: Camera, background: Color, options: Options, dtype: str = "float32"
+    splats: Splats, camera: Camera, background: Colour, options: Options, dtype: str = "float32"
 ) -> Array:
     """(H, W, 3) picture."""
     torch = _torch()
     with torch.no_grad():
         _, screen, boxes = _prepare(splats, camera, options, dtype)
         image = torch.empty((camera.height, camera.width, 3), dtype=screen.dtype)
-        color = torch.tensor(background, dtype=screen.dtype)
+        colour = torch.tensor(background, dtype=screen.dtype)
         for where, x, y, rows in _tiles(camera, boxes):
-            image[where] = _blend(screen[rows], x, y, color, options)
+            image[where] = _blend(screen[rows], x, y, colour, options)
     result: Array = image.numpy()
     return result
 
@@ -46,7 +46,7 @@ def render_torch(
 def render_torch_gradients(
     splats: Splats,
     camera: Camera,
-    background: Color,
+    background: Colour,
     options: Options,
     image_gradient: Array,
     dtype: str = "float32",
@@ -55,12 +55,12 @@ def render_torch_gradients(
     torch = _torch()
     parameters, screen, boxes = _prepare(splats, camera, options, dtype)
     g = torch.tensor(image_gradient, dtype=screen.dtype)
-    color = torch.tensor(background, dtype=screen.dtype)
+    colour = torch.tensor(background, dtype=screen.dtype)
     values, to_screen = screen.detach(), torch.zeros_like(screen)
     for where, x, y, rows in _tiles(camera, boxes):
         if len(rows):
             part = values[rows].requires_grad_()
-            _blend(part, x, y, color, options).backward(g[where])
+            _blend(part, x, y, colour, options).backward(g[where])
             to_screen.index_add_(0, rows, part.grad)
     screen.backward(to_screen)
     return {name: parameters[name].grad.numpy() for name in FIELDS}
@@ -116,12 +116,12 @@ def _prepare(
     eye = torch.tensor(camera.position, dtype=real)
     direction = torch.nn.functional.normalize(p["means"] - eye, dim=1)
     k = p["sh"].shape[1]
-    color = torch.einsum("nk,nkc->nc", _basis(torch, direction)[:, :k], p["sh"]) + 0.5
+    colour = torch.einsum("nk,nkc->nc", _basis(torch, direction)[:, :k], p["sh"]) + 0.5
     center_x, center_y = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
     screen = torch.cat(
         [
             torch.stack([center_x, center_y, yy / det, 1 / yy, xy / yy, opacity], 1),
-            color.clamp_min(0),
+            colour.clamp_min(0),
         ],
         1,
     )
@@ -197,6 +197,6 @@ def _blend(screen: Tensor, x: Tensor, y: Tensor, background: Tensor, options: Op
     after = torch.log1p(-alpha).cumsum(2).clamp_min(-15).exp()
     takes = after >= T_MIN  # never true again once it is false
     left = torch.cat([torch.ones((len(y), len(x), 1), dtype=after.dtype), after], 2)
-    color = torch.where(takes, alpha * left[:, :, :-1], 0.0) @ screen[:, 6:]
+    colour = torch.where(takes, alpha * left[:, :, :-1], 0.0) @ screen[:, 6:]
     # What the last splat that was taken left.
-    return color + torch.gather(left, 2, takes.sum(2, keepdim=True)) * background
+    return colour + torch.gather(left, 2, takes.sum(2, keepdim=True)) * background

@@ -14,7 +14,7 @@ from reference_trainer.models.tensors import SplatTensors
 
 __all__ = ["Backend", "backend_for"]
 
-Color = tuple[float, float, float]
+Colour = tuple[float, float, float]
 
 
 class Backend(Protocol):
@@ -29,7 +29,7 @@ class Backend(Protocol):
         """(N, 2) zeros that `render` gives the gradient to the centres on the screen, per pixel."""
 
     def render(
-        self, splats: SplatTensors, camera: Camera, background: Color, screen: Tensor
+        self, splats: SplatTensors, camera: Camera, background: Colour, screen: Tensor
     ) -> Tensor:
         """(H, W, 3) picture."""
 
