@@ -48,7 +48,8 @@ venv: $(DEV)
 
 demo: $(RUNTIME)
 	@mkdir -p build
-	$(PY) -m evogs_codec.render.demo_scene build/demo.ply --splats $(DEMO_SPLATS)
+	$(PY) -m evogs_codec.render.demo_scene build/demo.ply --splats $(DEMO_SPLATS) \
+	  --cameras build/demo-cameras.json
 	$(EVOGS) encode build/demo.ply build/demo.evogs --levels $(words $(DEMO_LEVELS))
 	$(EVOGS) validate build/demo.evogs
 	$(EVOGS) info build/demo.evogs
@@ -56,7 +57,8 @@ demo: $(RUNTIME)
 	  $(EVOGS) extract build/demo.evogs build/demo-L$$k.evogs --level $$k; \
 	  $(EVOGS) decode build/demo-L$$k.evogs build/demo-L$$k.ply; \
 	done
-	$(EVOGS) render build/demo.evogs build/demo.png --sheet --size 300
+	$(EVOGS) render build/demo.evogs build/demo.png --sheet --size 400 \
+	  --camera build/demo-cameras.json --reference build/demo.ply
 	@set -e; bytes() { wc -c < "$$1" | tr -d ' '; }; \
 	splats() { LC_ALL=C sed -n 's/^element vertex //p; /^end_header/q' "$$1"; }; \
 	echo; echo "What came out (build/):"; \
@@ -67,7 +69,7 @@ demo: $(RUNTIME)
 	done; \
 	printf '%-16s %8s %13s %13s\n' 'demo (original)' "$$(splats build/demo.ply)" \
 	  "$$(bytes build/demo.evogs)" "$$(bytes build/demo.ply)"; \
-	echo; echo "build/demo.png shows all levels, the coarsest first."
+	echo; echo "build/demo.png shows every level and the original, with splats, bytes and PSNR."
 
 test: $(DEV)
 	$(PYTEST) -m "not slow"

@@ -21,6 +21,7 @@ from evogs_codec.cli.options import add_limits, add_output
 from evogs_codec.common.printable import shown
 from evogs_codec.decoding.cut import Cut, tiles_meeting
 from evogs_codec.decoding.decode import decode
+from evogs_codec.editing.extract import extract
 from evogs_codec.errors import InputError
 from evogs_codec.format.directory import read_directory
 from evogs_codec.io.files import PICTURE
@@ -30,6 +31,7 @@ from evogs_codec.model.splats import SplatParams
 
 if TYPE_CHECKING:
     from evogs_codec.render import Camera
+    from evogs_codec.render.png import Real
     from evogs_codec.render.views import Views
 
 __all__ = ["around", "pictures", "register"]
@@ -38,6 +40,7 @@ Commands = Any  # argparse's sub-parsers have no public type
 Item = TypeVar("Item")
 N_ORBIT = 24
 SIZE = 400  # pixels, of a view
+SHEET_VIEWS = 3  # columns of a contact sheet
 HELD_OUT = 5  # every 5th camera of a file judges what descends by the others
 # Number, elevation and distance of the cameras of a circle, as of `around`; on none that it has.
 RINGS = ((9, 0.05, 1.7), (11, 0.2, 2.4), (11, 0.5, 1.9), (9, 0.8, 2.2))
@@ -69,25 +72,58 @@ def run_render(args: argparse.Namespace) -> None:
     """`evogs render`."""
     _need_numba()
     from evogs_codec.render import render
-    from evogs_codec.render.png import contact_sheet, write_png
+    from evogs_codec.render.png import write_png
 
     limits = None if args.limits is None else read_limits(args.limits)
     if args.sheet:
-        levels = read_directory(memoryview(args.input.read_bytes()), limits).n_levels
-        scenes = [_load(args.input, limits, level=level) for level in range(levels)]
-    else:
-        scenes = [_load(args.input, limits, level=args.level, box=args.box, outside=args.outside)]
-    cameras = _cameras(args, scenes[-1])
+        _render_sheet(args, limits)
+        return
+    if args.reference is not None:
+        raise ValueError("--reference needs --sheet; `evogs psnr` compares two files")
+    scene = _load(args.input, limits, level=args.level, box=args.box, outside=args.outside)
+    cameras = _cameras(args, scene)
     if not 0 <= args.view < len(cameras):
         raise ValueError(f"view {args.view} is not one of 0..{len(cameras) - 1}")
-    chosen = cameras[:: max(1, len(cameras) // 3)][:3] if args.sheet else [cameras[args.view]]
+    write_png(args.output, render(scene, cameras[args.view], BACKGROUNDS[args.background]))
+    print(f"{shown(args.output)}: {len(scene):,} splats, 1 view")
+
+
+def _render_sheet(args: argparse.Namespace, limits: dict[str, int] | None) -> None:
+    """A row for each level, and one for the reference if there is one."""
+    from evogs_codec.render import render
+    from evogs_codec.render.png import contact_sheet, write_png
+
+    data = args.input.read_bytes()
+    directory = read_directory(memoryview(data), limits)
+    cuts = [Cut.of_level(directory, level) for level in range(directory.n_levels)]
+    scenes = [decode(data, cut, limits=limits).leaves() for cut in cuts]
+    n_bytes = [len(extract(data, cut)) for cut in cuts]
+    names = [f"level {level}" for level in range(len(cuts))]
+    if args.reference is not None:
+        scenes.append(_load(args.reference, limits))
+        n_bytes.append(args.reference.stat().st_size)
+        names.append("reference")
+    cameras = _cameras(args, scenes[len(cuts) - 1])
+    chosen = cameras[:: max(1, len(cameras) // SHEET_VIEWS)][:SHEET_VIEWS]
     background = BACKGROUNDS[args.background]
     rows = [
         [render(scene, camera, background) for camera in chosen]
         for scene in _with_bar(scenes, "render")
     ]
-    write_png(args.output, contact_sheet(rows))
-    print(f"{shown(args.output)}: {len(scenes[-1]):,} splats, {len(chosen)} views")
+    labels = [
+        f"{name}: {len(scene):,} splats, {size:,} bytes"
+        for name, scene, size in zip(names, scenes, n_bytes, strict=True)
+    ]
+    for number, row in enumerate(rows[:-1]):
+        labels[number] += f", {_mean_psnr(row, rows[-1]):.1f} dB"
+    write_png(args.output, contact_sheet(rows, labels=labels))
+    print(f"{shown(args.output)}: {len(scenes[len(cuts) - 1]):,} splats, {len(chosen)} views")
+
+
+def _mean_psnr(views: list[Real], others: list[Real]) -> float:
+    from evogs_codec.render import psnr
+
+    return float(np.mean([psnr(a, b) for a, b in zip(views, others, strict=True)]))
 
 
 def run_psnr(args: argparse.Namespace) -> None:
@@ -148,8 +184,14 @@ def _load(
 def _cameras(args: argparse.Namespace, scene: SplatParams) -> list[Camera]:
     """Those of the file, or `N_ORBIT` around the scene."""
     if args.camera is not None:
-        return [camera.resized(args.size, args.size) for camera in cameras_of(args.camera)]
+        return [_fitted(camera, args.size) for camera in cameras_of(args.camera)]
     return around(scene, args.up, args.size)
+
+
+def _fitted(camera: Camera, size: int) -> Camera:
+    """The same view whose longer side has `size` pixels."""
+    part = size / max(camera.width, camera.height)
+    return camera.resized(*(max(1, round(part * side)) for side in (camera.width, camera.height)))
 
 
 def around(
@@ -267,6 +309,13 @@ def _add(
     else:
         add_output(parser, "OUT.png", PICTURE)
         parser.add_argument("--sheet", action="store_true", help="all levels, three views each")
+        parser.add_argument(
+            "--reference",
+            type=Path,
+            metavar="FILE",
+            help="with --sheet: the scene that each level is compared with, shown in the last row"
+            " (default: the last level)",
+        )
         parser.add_argument("--view", type=int, default=0, metavar="I", help="which camera")
         parser.add_argument(
             "--box",

@@ -10,6 +10,7 @@ Letters: n splats of a part. World: x and y on the ground, z up, metres.
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
@@ -18,15 +19,25 @@ import numpy as np
 
 from evogs_codec.common.printable import MAX_LINE, shown
 from evogs_codec.errors import InputError
-from evogs_codec.io.files import SCENE, check_target
+from evogs_codec.io.files import SCENE, FileKind, check_target
 from evogs_codec.io.ply import write_ply
 from evogs_codec.model.splats import F64, SplatParams
+from evogs_codec.render.camera import Camera, save_cameras
 
-__all__ = ["main", "make_scene"]
+__all__ = ["demo_cameras", "main", "make_scene"]
 
 SH_C0 = 0.28209479177387814  # colour = 0.5 + SH_C0 * coefficient 0
 SUN = np.array([0.48, -0.36, 0.8])
 UP = np.array([0.0, 0.0, 1.0])
+# (eye, target), metres: over the railing into the yard, where nothing hides the objects. The orbit
+# of `evogs render` also looks at the back of the wall.
+VIEWS = (
+    ((3.0, -9.5, 3.5), (0.5, 0.3, 0.8)),
+    ((7.4, -7.3, 4.0), (0.0, 0.5, 0.7)),
+    ((-5.5, -9.0, 3.4), (0.3, 0.6, 0.8)),
+)
+CAMERAS = FileKind("list of cameras", (b'{\n "cameras"',))
+FIELD_OF_VIEW = math.radians(42)
 Rng: TypeAlias = np.random.Generator
 
 
@@ -62,23 +73,41 @@ def make_scene(n: int = 40_000, seed: int = 0) -> SplatParams:
     return _trained(rng, Part(*(column[order] for column in part)))
 
 
+def demo_cameras(width: int = 400, height: int = 300) -> list[Camera]:
+    """Three cameras in front of the scene, of this many pixels."""
+    return [
+        Camera.look_at(eye, target, UP, width=width, height=height, fov_x=FIELD_OF_VIEW)
+        for eye, target in VIEWS
+    ]
+
+
 def main(argv: Sequence[str] | None = None) -> None:
-    """Write the scene to a `.ply`."""
+    """Write the scene to a `.ply`, and cameras that show it to JSON."""
     parser = argparse.ArgumentParser(
         prog="python -m evogs_codec.render.demo_scene",
         description="Write a procedural 3DGS scene (SH degree 3).",
         epilog="example: python -m evogs_codec.render.demo_scene build/demo.ply --splats 40000",
     )
     parser.add_argument("out", metavar="OUT.ply", type=Path)
-    parser.add_argument("--force", action="store_true", help="replace a file that is no .ply")
+    parser.add_argument("--force", action="store_true", help="also replace files of another kind")
     parser.add_argument("--splats", type=int, default=40_000, metavar="N", help="default: 40000")
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="default: 0")
+    parser.add_argument(
+        "--cameras",
+        type=Path,
+        metavar="FILE.json",
+        help="also write three cameras, for --camera of `evogs render` and `evogs psnr`",
+    )
     args = parser.parse_args(argv)
     if args.splats < 0 or args.seed < 0:
         parser.error("--splats and --seed must be 0 or more")
     try:
         check_target(args.out, SCENE, force=args.force)
+        if args.cameras is not None:
+            check_target(args.cameras, CAMERAS, sources=[args.out], force=args.force)
         write_ply(args.out, make_scene(args.splats, args.seed), ["procedural scene of evogs"])
+        if args.cameras is not None:
+            save_cameras(args.cameras, demo_cameras())
     except OSError as error:
         parser.exit(1, shown(f"{args.out}: cannot be written: {error.strerror}", MAX_LINE) + "\n")
     except InputError as error:

@@ -12,10 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.io.files import write_atomic
+from evogs_codec.render.labels import text_line
 
 __all__ = ["contact_sheet", "write_png"]
 
 Real = npt.NDArray[np.floating[Any]]
+MARGIN = 4  # pixels above and below a label
 
 
 def write_png(path: Path, image: Real) -> None:
@@ -42,17 +44,45 @@ def _chunk(kind: bytes, body: bytes) -> bytes:
     return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
 
 
-def contact_sheet(rows: Sequence[Sequence[Real]], *, gap: int = 4, colour: float = 1.0) -> Real:
-    """Rows of pictures as one picture; pixels are repeated until all are as wide as the widest."""
+def contact_sheet(
+    rows: Sequence[Sequence[Real]],
+    *,
+    labels: Sequence[str] = (),
+    gap: int = 4,
+    colour: float = 1.0,
+) -> Real:
+    """Rows of pictures as one picture.
+
+    Args:
+        rows: pictures (H, W, 3); pixels of small ones are repeated until all are as wide as the
+            widest.
+        labels: a line of text above each row, or none.
+        gap: pixels between pictures.
+        colour: brightness of the gaps and the room that pictures leave, 0..1.
+    """
     width = max(image.shape[1] for row in rows for image in row)
     n_columns = max(len(row) for row in rows)
+    whole_width = n_columns * (width + gap) - gap
     strips: list[Real] = []
-    for row in rows:
+    for number, row in enumerate(rows):
+        if labels:
+            strips.append(_label(labels[number], whole_width, colour))
         large = [np.repeat(np.repeat(i, f, 0), f, 1) for i in row for f in (width // i.shape[1],)]
         height = max(image.shape[0] for image in large)
-        strip = np.full((height + gap, n_columns * (width + gap), 3), colour, np.float32)
+        strip = np.full((height + gap, whole_width, 3), colour, np.float32)
         for column, image in enumerate(large):
             left = column * (width + gap)
             strip[: image.shape[0], left : left + image.shape[1]] = image
         strips.append(strip)
-    return np.concatenate(strips)[:-gap, :-gap]
+    return np.concatenate(strips)[:-gap]
+
+
+def _label(text: str, width: int, colour: float) -> Real:
+    """A strip with the text at its left, twice as large where there is room; cut to the width."""
+    line = text_line(text, scale=2, paper=colour)
+    if line.shape[1] > width:
+        line = text_line(text, paper=colour)
+    line = line[:, :width]
+    strip = np.full((line.shape[0] + 2 * MARGIN, width, 3), colour, np.float32)
+    strip[MARGIN : MARGIN + line.shape[0], : line.shape[1]] = line
+    return strip

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from evogs_codec.io.ply import read_ply
+from evogs_codec.render import load_cameras
 from evogs_codec.render.demo_scene import _directions, _shuffled_axes, _turned, main, make_scene
 
 
@@ -82,6 +83,18 @@ def test_the_command_writes_the_scene(tmp_path, capsys):
     main([str(out), "--splats", "30", "--seed", "4"])
     np.testing.assert_array_equal(read_ply(out).channels(), make_scene(30, 4).channels())
     assert "30 splats" in capsys.readouterr().out
+
+
+def test_the_command_writes_cameras_and_replaces_no_other_file(tmp_path, capsys):
+    out, cameras, notes = tmp_path / "s.ply", tmp_path / "c.json", tmp_path / "notes.txt"
+    for _ in range(2):
+        main([str(out), "--splats", "3", "--cameras", str(cameras)])
+    assert [camera.width for camera in load_cameras(cameras)] == [400, 400, 400]
+    notes.write_text("of a week's work\n")
+    with pytest.raises(SystemExit):
+        main([str(out), "--splats", "3", "--cameras", str(notes)])
+    assert notes.read_text() == "of a week's work\n"
+    assert "notes.txt" in capsys.readouterr().err
 
 
 def test_the_command_says_what_is_wrong(tmp_path, capsys):

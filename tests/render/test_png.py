@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from evogs_codec.render.png import contact_sheet, write_png
+from evogs_codec.render.labels import GLYPH_HEIGHT, GLYPH_WIDTH, text_line
+from evogs_codec.render.png import MARGIN, contact_sheet, write_png
 
 
 @pytest.mark.parametrize(("height", "width"), [(1, 1), (1, 300), (300, 1), (37, 53)])
@@ -39,3 +40,23 @@ def test_a_sheet_repeats_the_pixels_of_small_pictures():
     np.testing.assert_allclose(sheet[1:8:2, 1:8:2], small, atol=1e-7)
     assert (sheet[8:10] == 1).all()
     assert (sheet[10:, 10:] == 1).all()
+
+
+def test_a_label_stands_above_its_row_and_is_cut_to_the_sheet():
+    row = [np.full((20, 300, 3), 0.5)]
+    sheet = contact_sheet([row, row], labels=["level 0", 80 * "x"], gap=2)
+    large, small = 2 * GLYPH_HEIGHT + 2 * MARGIN, GLYPH_HEIGHT + 2 * MARGIN
+    assert sheet.shape == (large + 20 + 2 + small + 20, 300, 3)
+    assert (sheet[:large] < 0.5).any()
+    assert (sheet[large : large + 20] == 0.5).all()
+
+
+def test_glyphs_differ_and_stay_in_their_cells():
+    characters = "0123456789abcdefghijklmnopqrstuvwxyzB.,:%-/"
+    line = text_line(characters)
+    assert line.shape == (GLYPH_HEIGHT, GLYPH_WIDTH * len(characters), 3)
+    cells = np.split(line[:, :, 0], len(characters), axis=1)
+    assert len({cell.tobytes() for cell in cells}) == len(characters)
+    assert all((cell[:, -1] == 1).all() and (cell < 1).any() for cell in cells)
+    with pytest.raises(ValueError, match="no glyph for !"):
+        text_line("level 0!")

@@ -8,7 +8,10 @@ import pytest
 
 from evogs_codec import PRESETS, encode, lift, write_ply
 from evogs_codec.cli.commands import main
-from evogs_codec.render.demo_scene import make_scene
+from evogs_codec.render import save_cameras
+from evogs_codec.render.demo_scene import demo_cameras, make_scene
+from evogs_codec.render.labels import GLYPH_HEIGHT
+from evogs_codec.render.png import MARGIN
 
 pytest.importorskip("numba", reason="the rasterizer is compiled")
 
@@ -42,7 +45,30 @@ def test_a_view_is_a_png_of_the_size_asked_for(files):
 def test_a_contact_sheet_shows_every_level_in_three_views(files):
     out = files / "sheet.png"
     assert main(["render", str(files / "s.evogs"), str(out), "--size", "40", "--sheet"]) == 0
-    assert size_of_png(out) == (3 * 44 - 4, 3 * 44 - 4)
+    label = GLYPH_HEIGHT + 2 * MARGIN
+    assert size_of_png(out) == (3 * 44 - 4, 3 * (label + 44) - 4)
+
+
+def test_a_reference_is_the_last_row_of_a_sheet(files):
+    out = files / "sheet.png"
+    arguments = ["render", str(files / "s.evogs"), str(out), "--size", "200", "--sheet"]
+    assert main([*arguments, "--reference", str(files / "s.ply")]) == 0
+    label = 2 * GLYPH_HEIGHT + 2 * MARGIN  # twice as large, where there is room
+    assert size_of_png(out) == (3 * 204 - 4, 4 * (label + 204) - 4)
+
+
+def test_a_reference_without_a_sheet_is_refused(files, capsys):
+    arguments = ["render", str(files / "s.evogs"), str(files / "x.png")]
+    assert main([*arguments, "--reference", str(files / "s.ply")]) == 1
+    assert "--reference needs --sheet" in capsys.readouterr().err
+
+
+def test_views_of_a_camera_file_keep_their_shape(files):
+    out, cameras = files / "wide.png", files / "cameras.json"
+    save_cameras(cameras, demo_cameras(400, 300))
+    arguments = ["render", str(files / "s.ply"), str(out), "--camera", str(cameras)]
+    assert main([*arguments, "--size", "64"]) == 0
+    assert size_of_png(out) == (64, 48)
 
 
 def test_one_level_inside_a_box_and_another_outside(files):
