@@ -17,7 +17,7 @@ DEMO_SPLATS := 40000
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv demo test test-slow check conformance fuzz format bench clean
+.PHONY: help venv demo picture test test-slow check conformance fuzz format bench clean
 
 help:
 	@echo "make demo       encode, decode, extract and draw the scene that ships with the project"
@@ -27,6 +27,7 @@ help:
 	@echo "make fuzz       100,000 streams, codec against oracle (an hour)"
 	@echo "make format     reformat and fix what ruff can fix"
 	@echo "make bench      the figures of docs/figures.md; BENCH='--ply SCENE.ply' for another scene"
+	@echo "make picture    the moving picture of the README, docs/figures/stream.gif"
 	@echo "make venv       only set up .venv"
 	@echo "make clean      remove .venv, build and caches"
 
@@ -104,6 +105,15 @@ format: $(DEV)
 bench: $(DEV)
 	$(PIP) -e '.[bench,render]'
 	$(PY) -m tools.bench $(BENCH)
+
+# The picture shows coarse levels after --refine, which takes a minute.
+picture: $(DEV)
+	@mkdir -p build
+	$(PY) -m evogs_codec.render.demo_scene build/demo.ply --splats $(DEMO_SPLATS) \
+	  --cameras build/demo-cameras.json
+	$(EVOGS) encode build/demo.ply build/refined.evogs --levels $(words $(DEMO_LEVELS)) --refine
+	$(PY) -m tools.stream_picture build/refined.evogs docs/figures/stream.gif \
+	  --camera build/demo-cameras.json --reference build/demo.ply
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
