@@ -20,7 +20,7 @@ from pathlib import Path
 from conformance.generator.cases import FAMILIES
 from conformance.generator.cases.case import Case
 from conformance.generator.families import generated
-from conformance.generator.matrix import matrix
+from conformance.generator.matrix import pages
 from conformance.generator.suite import (
     ZSTD,
     DisagreementError,
@@ -39,7 +39,7 @@ __all__ = ["collect", "fingerprint_table", "main", "make_all", "stored_fingerpri
 
 ROOT = Path(__file__).resolve().parents[2]
 VECTORS = ROOT / "conformance" / "vectors"
-MATRIX = ROOT / "docs" / "conformance-matrix.md"
+DOCS = ROOT / "docs"
 REDUNDANT = ROOT / "conformance" / "generator" / "cases" / "redundant.json"
 OF_RUNS = ("outcomes", "codes")  # of a fingerprint
 KEPT = ("LICENSE", "manifest.schema.json")  # in the folder, and not generated
@@ -113,7 +113,7 @@ def _twin(family: str, case: Case) -> str | None:
 
 
 def files_of(vectors: Sequence[Vector], *, mutants: bool) -> dict[Path, bytes]:
-    """All generated files: vectors, goldens, manifest, fingerprints, matrix.
+    """All generated files: vectors, goldens, manifest, fingerprints, pages of docs/.
 
     Args:
         vectors: all of them.
@@ -133,9 +133,10 @@ def files_of(vectors: Sequence[Vector], *, mutants: bool) -> dict[Path, bytes]:
     files |= goldens(o.dump for v in vectors for o in v.outcomes if o.dump is not None)
     files["manifest.json"] = manifest(families, entries)
     files["fingerprints.json"] = fingerprint_table(fingerprints)
-    page = matrix(entries, requirements_of(ROOT))
     found = {VECTORS / name: data for name, data in files.items()}
-    return found | {MATRIX: page.encode(), REDUNDANT: json_table(left_out)}
+    texts = pages(entries, requirements_of(ROOT))
+    found |= {DOCS / name: text.encode() for name, text in texts.items()}
+    return found | {REDUNDANT: json_table(left_out)}
 
 
 def fingerprint_table(fingerprints: Entry) -> bytes:

@@ -1,10 +1,11 @@
 """Every requirement and every fault code has a vector, or a reason why not."""
 
+import csv
 import json
 from pathlib import Path
 
-from conformance.generator.generate import MATRIX, VECTORS
-from conformance.generator.matrix import matrix
+from conformance.generator.generate import DOCS, VECTORS
+from conformance.generator.matrix import pages
 from conformance.generator.traceability import fault_codes, limitations, requirements_of
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -72,7 +73,23 @@ def test_vectors_name_only_requirements_and_sections_of_the_text():
         assert f"\n### {section} " in text or f"\n## {section}. " in text, section
 
 
-def test_the_matrix_is_that_of_the_manifest():
-    page = matrix(MANIFEST["vectors"], REQUIREMENTS)
-    assert MATRIX.read_text(encoding="utf-8") == page
-    assert all(f"| {name} |" in page for name in REQUIREMENTS)
+def test_the_pages_about_vectors_are_those_of_the_manifest():
+    made = pages(MANIFEST["vectors"], REQUIREMENTS)
+    for name, text in made.items():
+        assert (DOCS / name).read_text(encoding="utf-8") == text
+    assert all(f"| {name} |" in made["conformance-matrix.md"] for name in REQUIREMENTS)
+
+
+def test_the_tables_have_a_row_for_every_vector_and_every_mutant():
+    made = pages(MANIFEST["vectors"], REQUIREMENTS)
+    vectors = list(csv.DictReader(made["conformance-vectors.csv"].splitlines()))
+    assert [row["vector"] for row in vectors] == [v["id"] for v in MANIFEST["vectors"]]
+    mutants = list(csv.DictReader(made["conformance-mutants.csv"].splitlines()))
+    fingerprints = json.loads((VECTORS / "fingerprints.json").read_text(encoding="utf-8"))
+    assert {row["mutant"] for row in mutants} == set(fingerprints)
+    assert all(int(row["vectors_that_kill_it"]) > 0 for row in mutants)
+
+
+def test_a_person_can_read_the_matrix():
+    page = pages(MANIFEST["vectors"], REQUIREMENTS)["conformance-matrix.md"]
+    assert max(map(len, page.splitlines())) < 300
