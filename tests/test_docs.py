@@ -1,39 +1,94 @@
-"""The examples of docs/api.md run, in order, as one program."""
+"""What the pages say to run runs, and what they link to is there."""
 
 import re
+import shlex
 from pathlib import Path
+
+import pytest
 
 from conformance.harness.cli import VECTORS
 from conformance.harness.reporting.explain import explain
 from evogs_codec import write_ply
+from evogs_codec.cli.commands import main as evogs
+from evogs_codec.render.demo_scene import main as make_demo
 from evogs_codec.render.demo_scene import make_scene
 
 ROOT = Path(__file__).resolve().parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = [
+    *ROOT.glob("*.md"),
+    *(ROOT / "docs").glob("*.md"),
+    *(ROOT / "conformance").glob("*.md"),
+    *(ROOT / "spec").rglob("*.md"),
+]
+FAST_SCENE = ["--splats", "3000"]  # of 40,000
+
+
+def blocks(text, language):
+    return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
 
 
 def test_the_examples_of_the_api_page_run(tmp_path, monkeypatch):
-    text = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    assert len(blocks) >= 5
+    found = blocks((ROOT / "docs" / "api.md").read_text(encoding="utf-8"), "python")
+    assert len(found) >= 5
     write_ply(tmp_path / "scene.ply", make_scene(3000))
     monkeypatch.chdir(tmp_path)
-    exec(compile("\n".join(blocks), "docs/api.md", "exec"), {})
+    exec(compile("\n".join(found), "docs/api.md", "exec"), {})
+
+
+def test_the_commands_and_the_python_of_the_readme_run(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("numba", reason="the rasterizer is compiled")
+    lines = next(block for block in blocks(README, "") if "pip install" in block).splitlines()
+    assert len(lines) == 10
+    monkeypatch.chdir(tmp_path)
+    for line in lines[1:]:
+        words = shlex.split(line, comments=True)
+        if words[0] == "python":
+            assert words[1:3] == ["-m", "evogs_codec.render.demo_scene"]
+            make_demo([*words[3:], *FAST_SCENE])
+        else:
+            assert words[0] == "evogs"
+            assert evogs(words[1:]) == 0, line
+    (program,) = blocks(README, "python")
+    assert len(program.splitlines()) == 6
+    exec(compile(program, "README.md", "exec"), {})
+    assert "splats" in capsys.readouterr().out
+    assert (tmp_path / "coarse.ply").is_file()
+
+
+def test_the_readme_is_short_and_begins_with_its_two_commands():
+    assert len(README.splitlines()) <= 90
+    first = blocks(README, "")[0]
+    assert re.findall(r"^make ([a-z-]+)", first, re.MULTILINE) == ["demo", "test"]
+
+
+def test_every_target_that_a_page_names_is_in_the_makefile():
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    for page in [ROOT / "README.md", ROOT / "CONTRIBUTING.md"]:
+        text = page.read_text(encoding="utf-8")
+        for target in re.findall(r"^make ([a-z-]+)", text, re.MULTILINE):
+            assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_what_a_page_links_to_is_there(page):
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    for link in re.findall(r"\]\(([^)\s]+)\)", text):
+        if not link.startswith(("http:", "https:", "mailto:", "#")):
+            assert (page.parent / link.partition("#")[0]).exists(), link
+
+
+def test_every_page_is_in_the_index():
+    index = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
+    for page in (ROOT / "docs").glob("*.md"):
+        assert f"({page.name})" in index or page.name == "README.md", page.name
 
 
 def test_vectors_that_the_pages_explain_are_there():
-    pages = [ROOT / "README.md", *ROOT.glob("docs/*.md"), *ROOT.glob("conformance/*.md")]
-    text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
+    text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
     text += (ROOT / "conformance" / "harness" / "cli.py").read_text(encoding="utf-8")
     ids = re.findall(r"conformance explain ([a-z][a-z0-9@-]+)(?![a-z0-9@.-])", text)
     ids += re.findall(r"a case: ([a-z0-9@-]+)", text)
     assert len(ids) >= 2
     for name in ids:
         assert explain(VECTORS, name), name
-
-
-def test_every_command_of_the_readme_is_a_target_or_a_command():
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    targets = re.findall(r"^make ([a-z-]+)", text, re.MULTILINE)
-    assert {"demo", "test"} <= set(targets)
-    assert all(re.search(rf"^{target}:", makefile, re.MULTILINE) for target in targets)
