@@ -78,6 +78,20 @@ def test_what_a_page_links_to_is_there(page):
             assert (page.parent / link.partition("#")[0]).exists(), link
 
 
+def test_files_and_tests_that_the_pages_name_are_there():
+    tops = "evogs_codec|conformance|reference_trainer|tools|tests|docs|spec"
+    tests = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("*.py"))
+    for page in PAGES:
+        if page.name == "CHANGELOG.md":  # of files that were
+            continue
+        text = page.read_text(encoding="utf-8")
+        for name in re.findall(rf"`((?:{tops})/[\w./*-]*)`", text):
+            if "NAME" not in name:
+                assert list(ROOT.glob(name)), f"{page.name}: {name}"
+        if page.name == "CONTRIBUTING.md":
+            assert all(f"def {name}(" in tests for name in re.findall(r"`(test_\w+)`", text))
+
+
 def test_every_page_is_in_the_index():
     index = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
     for page in (ROOT / "docs").glob("*.md"):
