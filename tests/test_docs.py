@@ -82,7 +82,7 @@ def test_files_and_tests_that_the_pages_name_are_there():
     tops = "evogs_codec|conformance|reference_trainer|tools|tests|docs|spec"
     tests = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("*.py"))
     for page in PAGES:
-        if page.name == "CHANGELOG.md":  # of files that were
+        if page.name == "CHANGELOG.md" or page.parent.name == "decisions":  # files that were
             continue
         text = page.read_text(encoding="utf-8")
         for name in re.findall(rf"`((?:{tops})/[\w./*-]*)`", text):
