@@ -17,8 +17,8 @@ def register(commands: Commands) -> None:
     """Add the commands to `evogs` (entry point of the group `evogs.commands`)."""
     parser = commands.add_parser(
         "conformance",
-        help="Tell any decoder whether it is right, and why not.",
-        description="Tell any decoder of EvoGS streams whether it is right, and why not.",
+        help="Test any decoder or renderer, and explain what is wrong with it.",
+        description="Test any decoder or renderer of EvoGS streams, and explain what is wrong.",
     )
     parts = parser.add_subparsers(metavar="COMMAND", required=True)
     add_commands(parts)
@@ -31,8 +31,8 @@ def _add_decoder(commands: Commands) -> None:
 
     parser: argparse.ArgumentParser = commands.add_parser(
         "decoder",
-        help="the reference decoder behind the command of a decoder under test",
-        description="The reference decoder behind the command of a decoder under test"
+        help="run the reference decoder as a decoder under test",
+        description="Run the reference decoder with the command line of a decoder under test"
         " (conformance/README.md). `python -m conformance.decoders.reference` is the same, and"
         " starts faster.",
     )

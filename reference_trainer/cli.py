@@ -39,7 +39,7 @@ afterwards: evogs encode lego.tree.npz lego.evogs
 
 def register(commands: Commands) -> None:
     """Add the command to `evogs` (entry point of the group `evogs.commands`)."""
-    help_ = "Train an evolution tree, or a baseline, on photographs with cameras."
+    help_ = "Train an evolution tree, or a baseline of the paper, on photographs with cameras."
     parser = commands.add_parser(
         "train",
         help=help_,
@@ -48,41 +48,81 @@ def register(commands: Commands) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(run=run_train)
-    parser.add_argument("input", type=Path, metavar="DATASET", help="folder of photographs")
+    parser.add_argument(
+        "input", type=Path, metavar="DATASET", help="folder of photographs (docs/datasets.md)"
+    )
     add_output(parser, "OUT.tree.npz", TREE)
-    parser.add_argument("--preset", choices=list(PRESETS), default="two-cores")
-    parser.add_argument("--method", choices=METHODS, default="evogs")
-    parser.add_argument("--levels", type=int, metavar="N", help="how many; the coarsest go first")
-    parser.add_argument("--iterations", type=int, nargs="+", metavar="N", help="of each level")
-    parser.add_argument("--max-splats", type=int, nargs="+", metavar="N", help="of each level")
-    parser.add_argument("--sh-degree", type=int, choices=range(4))
+    parser.add_argument(
+        "--preset",
+        choices=list(PRESETS),
+        default="two-cores",
+        help="iterations, sizes and rates (default: two-cores)",
+    )
+    parser.add_argument(
+        "--method", choices=METHODS, default="evogs", help="what to train (default: evogs)"
+    )
+    parser.add_argument(
+        "--levels",
+        type=int,
+        metavar="N",
+        help="number of levels (default: as in the preset, whose first N are taken)",
+    )
+    parser.add_argument(
+        "--iterations", type=int, nargs="+", metavar="N", help="iterations of each level"
+    )
+    parser.add_argument(
+        "--max-splats", type=int, nargs="+", metavar="N", help="largest number of splats per level"
+    )
+    parser.add_argument("--sh-degree", type=int, choices=range(4), help="degree of the SH")
     parser.add_argument(
         "--integers",
         type=float,
         metavar="PART",
-        help="train each level of a tree on in the integers of the codec, for this part of its"
-        " iterations, or 0 for floats alone (default: 0.15, 0.1 with --preset paper)",
+        help="after each level, train on in the integers of the codec for this fraction of its"
+        " iterations; 0 trains in floats only (default: 0.15, 0.1 with --preset paper)",
     )
     parser.add_argument(
         "--distortion",
         type=float,
         metavar="PART",
-        help="squared error that rounding to integers may add before training mends it, as a part"
-        " of the error of the pictures (default: 0.07): more makes smaller streams",
+        help="squared error that rounding to integers may add, as a fraction of the error of the"
+        " rendered views, before training reduces it (default: 0.07); more makes smaller streams",
     )
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--device", default="cpu", help="cpu, or cuda with gsplat installed")
-    parser.add_argument("--size", type=int, metavar="PIXELS", help="longer side at the last level")
-    parser.add_argument("--background", choices=["white", "black"], default="white")
-    parser.add_argument("--test-every", type=int, default=8, metavar="N", help="views held out")
+    parser.add_argument("--seed", type=int, default=0, help="seed of everything random")
+    parser.add_argument("--device", default="cpu", help="cpu (default), or cuda with gsplat")
     parser.add_argument(
-        "--base", type=Path, metavar="FILE.tree.npz", help="take level 0 from this tree"
+        "--size",
+        type=int,
+        metavar="PIXELS",
+        help="longer side of the photographs at the last level",
     )
     parser.add_argument(
-        "--checkpoint", type=Path, metavar="DIR", help="checkpoints, log, figures and pictures"
+        "--background",
+        choices=["white", "black"],
+        default="white",
+        help="behind transparent photographs (default: white)",
     )
-    parser.add_argument("--resume", action="store_true", help="go on from the checkpoint")
-    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    parser.add_argument(
+        "--test-every",
+        type=int,
+        default=8,
+        metavar="N",
+        help="hold out every Nth view (default: 8)",
+    )
+    parser.add_argument(
+        "--base",
+        type=Path,
+        metavar="FILE.tree.npz",
+        help="take level 0 from this tree instead of training it",
+    )
+    parser.add_argument(
+        "--checkpoint",
+        type=Path,
+        metavar="DIR",
+        help="write checkpoints, a log, results and views here",
+    )
+    parser.add_argument("--resume", action="store_true", help="continue from the checkpoint")
+    parser.add_argument("--quiet", action="store_true", help="show no progress bar")
 
 
 def run_train(args: argparse.Namespace) -> None:

@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit code."""
     parser = argparse.ArgumentParser(
         prog="python -m conformance.harness",
-        description="Tells any decoder of EvoGS streams whether it is right, and why not.",
+        description="Test any decoder of EvoGS streams, and explain what is wrong with it.",
     )
     add_commands(parser.add_subparsers(metavar="COMMAND", required=True))
     args = parser.parse_args(arguments)
@@ -136,54 +136,86 @@ def _progress(done: int, all_: int) -> None:
 def _add_explain(commands: Commands) -> None:
     parser = commands.add_parser(
         "explain",
-        help="show a vector byte by byte",
-        description="Show what a vector tests, what is expected, and every byte of it.",
+        help="show a test vector byte by byte",
+        description="Show what a test vector tests, what is expected, and each of its bytes.",
     )
     parser.set_defaults(run=run_explain)
     parser.add_argument(
         "id", metavar="ID", help="a vector, or a case: every-prefix-of-core-two-tiles@371"
     )
-    parser.add_argument("--vectors", type=Path, default=VECTORS, metavar="DIR")
+    parser.add_argument(
+        "--vectors", type=Path, default=VECTORS, metavar="DIR", help="folder of the vectors"
+    )
 
 
 def _add_selftest(commands: Commands) -> None:
     parser = commands.add_parser(
         "selftest",
-        help="judge deliberately bad decoders",
-        description="Judge deliberately bad decoders; each must get the verdict written down.",
-        epilog="exit codes: 0 as written; 1 not; 2 usage; 3 incomplete: nothing can be said",
+        help="test the harness on decoders that are wrong on purpose",
+        description="Test decoders that are wrong on purpose; each must get its expected verdict.",
+        epilog="exit codes: 0 all as expected; 1 some not; 2 usage error; 3 incomplete, no verdict",
     )
     parser.set_defaults(run=run_selftest)
-    parser.add_argument("names", nargs="*", metavar="NAME", help="only these")
-    parser.add_argument("--vectors", type=Path, default=VECTORS, metavar="DIR")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="test only these decoders")
+    parser.add_argument(
+        "--vectors", type=Path, default=VECTORS, metavar="DIR", help="folder of the vectors"
+    )
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
+    )
 
 
 def _add_run(commands: Commands) -> None:
     parser = commands.add_parser(
         "run",
-        help="ask a decoder all vectors",
-        description="Ask a decoder all vectors and judge its answers.",
-        epilog="exit codes: 0 it is right; 1 it is not; 2 usage; 3 incomplete: nothing can be said",
+        help="test a decoder on all vectors",
+        description="Run a decoder on all test vectors and check its answers.",
+        epilog="exit codes: 0 passed; 1 failed; 2 usage error; 3 incomplete, no verdict",
     )
     parser.set_defaults(run=run_run)
-    parser.add_argument("--decoder", required=True, metavar='"CMD"', help="the decoder under test")
-    parser.add_argument("--vectors", type=Path, default=VECTORS, metavar="DIR")
-    parser.add_argument("--family", action="append", default=[], metavar="F", help="only these")
-    parser.add_argument("--id", action="append", default=[], metavar="GLOB", help="only these")
-    parser.add_argument("--quick", action="store_true", help="no prefixes, flips, fresh vectors")
-    parser.add_argument("--fresh", type=int, metavar="N", help="vectors made anew (default: 25)")
-    parser.add_argument("--seed", type=int, metavar="S", help="default: drawn, and reported")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N")
-    parser.add_argument("--no-batch", action="store_true", help="one process per run")
-    parser.add_argument("--timeout", type=float, default=20.0, metavar="S", help="per run")
+    parser.add_argument("--decoder", required=True, metavar='"CMD"', help="command of the decoder")
     parser.add_argument(
-        "--memory", type=int, default=1024, metavar="MiB", help="of all its processes"
+        "--vectors", type=Path, default=VECTORS, metavar="DIR", help="folder of the vectors"
     )
-    parser.add_argument("--again", type=int, default=12, metavar="N", help="runs asked again")
     parser.add_argument(
-        "--env", action="append", default=[], metavar="NAME", help="pass this variable on"
+        "--family", action="append", default=[], metavar="F", help="run only this family"
     )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write a report")
-    parser.add_argument("--junit", type=Path, metavar="FILE", help="write a report")
-    parser.add_argument("--html", type=Path, metavar="FILE", help="write a report")
+    parser.add_argument(
+        "--id", action="append", default=[], metavar="GLOB", help="run only these ids"
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="skip prefixes, bit flips and fresh vectors"
+    )
+    parser.add_argument(
+        "--fresh", type=int, metavar="N", help="number of new random vectors (default: 25)"
+    )
+    parser.add_argument(
+        "--seed", type=int, metavar="S", help="seed of fresh vectors (default: random, reported)"
+    )
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
+    )
+    parser.add_argument("--no-batch", action="store_true", help="start a process for each run")
+    parser.add_argument(
+        "--timeout", type=float, default=20.0, metavar="S", help="seconds per run (default: 20)"
+    )
+    parser.add_argument(
+        "--memory",
+        type=int,
+        default=1024,
+        metavar="MiB",
+        help="memory of all its processes (default: 1024)",
+    )
+    parser.add_argument(
+        "--again", type=int, default=12, metavar="N", help="runs to repeat (default: 12)"
+    )
+    parser.add_argument(
+        "--env",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="pass on this environment variable",
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write a JSON report")
+    parser.add_argument("--junit", type=Path, metavar="FILE", help="write a JUnit report")
+    parser.add_argument("--html", type=Path, metavar="FILE", help="write an HTML report")

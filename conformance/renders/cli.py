@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit code."""
     parser = argparse.ArgumentParser(
         prog="python -m conformance.renders",
-        description="Tells any renderer of EvoGS streams whether its pictures are right.",
+        description="Test any renderer of EvoGS streams against golden views.",
     )
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     add_run(commands, "run")
@@ -57,14 +57,18 @@ def add_run(commands: Commands, name: str) -> None:
     """Add the command that judges a renderer; `name`: what it is called there."""
     parser = commands.add_parser(
         name,
-        help="ask a renderer all pictures",
-        description="Ask a renderer all pictures and judge them (docs/render-conformance.md).",
-        epilog="exit codes: 0 it is right; 1 it is not; 2 usage; 3 incomplete: nothing can be said",
+        help="test a renderer on all golden views",
+        description="Run a renderer on all scenes and check its views: docs/render-conformance.md.",
+        epilog="exit codes: 0 passed; 1 failed; 2 usage error; 3 incomplete, no verdict",
     )
     parser.set_defaults(run=run_run)
-    parser.add_argument("--renderer", required=True, metavar='"CMD"', help="the renderer")
+    parser.add_argument(
+        "--renderer", required=True, metavar='"CMD"', help="command of the renderer"
+    )
     parser.add_argument("--suite", type=Path, default=FOLDER, metavar="DIR")
-    parser.add_argument("--id", action="append", default=[], metavar="GLOB", help="only these")
+    parser.add_argument(
+        "--id", action="append", default=[], metavar="GLOB", help="run only these ids"
+    )
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N")
     parser.add_argument("--timeout", type=float, default=60.0, metavar="S", help="per image")
     parser.add_argument("--memory", type=int, default=4096, metavar="MiB", help="per process")

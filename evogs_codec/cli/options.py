@@ -60,7 +60,7 @@ def add_encode(commands: Commands, run: Run) -> None:
         commands,
         "encode",
         run,
-        "Encode a .ply scene or a .tree.npz tree.",
+        "Encode a 3DGS scene (.ply) or a tree (.tree.npz) as one progressive stream.",
         "  evogs encode scene.ply scene.evogs\n"
         "  evogs encode scene.ply scene.evogs --levels 6 --title Bonsai --licence CC-BY-4.0\n"
         "  evogs encode lego.tree.npz lego.evogs\n"
@@ -73,91 +73,96 @@ def add_encode(commands: Commands, run: Run) -> None:
     )
     parser.add_argument("input", type=Path, metavar="IN", help="a 3DGS .ply or a .tree.npz")
     add_output(parser, "OUT.evogs", files.STREAM)
-    _add_lift_options(parser, "--refine, --polish and of a target")
+    _add_lift_options(parser, "--refine, --polish and targets")
     accuracy = parser.add_mutually_exclusive_group()
     accuracy.add_argument(
         "--preset",
         choices=[name for name in PRESETS if name != "near-lossless"],
-        help="scene: about the accuracy of SPZ version 4 as its reference encoder rounds (default"
-        " for .ply); trained: fixed steps for a .tree.npz; paper: the paper's pipeline, for"
-        " comparison",
+        help="how finely numbers are quantised. scene: about as accurate as SPZ version 4 (default"
+        " for a .ply); trained: fixed steps, for a .tree.npz; paper: the pipeline of the EvoGS"
+        " paper, for comparison",
     )
     accuracy.add_argument(
         "--bits",
         type=_number(int, 2, 16),
         metavar="B",
-        help="instead of a preset: B bits over the range of each level's refinements, which make up"
-        " for the rounding of the levels before",
+        help="quantise the refinements of each level to B bits over their range (instead of"
+        " --preset); each level corrects the rounding of the coarser ones",
     )
     accuracy.add_argument(
         "--near-lossless",
         action="store_true",
-        help="every number within a unit of a grid of at least 4 million units over its range",
+        help="keep every number within one unit of a grid that has at least 4 million units over"
+        " the range of the number",
     )
     accuracy.add_argument(
         "--target-psnr",
         type=_number(float, 5, 120),
         metavar="DB",
-        help="the smallest stream whose pictures have this PSNR against the scene's, over 24 views"
-        f" (default for .tree.npz that were not trained in integers: {TREE_PSNR:g}; --preset"
-        " trained where numba is missing or that cannot be met)",
+        help="make the smallest stream that has this PSNR against the input, over 24 rendered"
+        f" views (default for a .tree.npz of floats: {TREE_PSNR:g}; if numba is missing or the"
+        " target cannot be met, --preset trained is used instead)",
     )
     accuracy.add_argument(
         "--target-bytes",
         type=_number(int, 1, 1 << 62),
         metavar="N",
-        help="the best pictures that N bytes hold",
+        help="make the stream of at most N bytes that has the highest PSNR over rendered views",
     )
     accuracy.add_argument(
         "--max-error",
         type=_error_of_group,
         nargs="+",
         metavar="E",
-        help="no number of a splat is further off, in units of the file; GROUP=E for one group:"
-        f" {', '.join(GROUPS)}",
+        help="bound the error of every number by E, in the units of the input; GROUP=E bounds one"
+        f" group: {', '.join(GROUPS)}",
     )
     _add_descent(
         parser,
         "--polish",
-        "with --target-psnr or --target-bytes: move the integers of the last level by gradient"
-        " descent on pictures, for minutes; 6 to 19 %% fewer bytes at the same PSNR of 43 to 48 dB,"
-        " none from 54 dB on;"
-        " of --camera, every 5th view judges"
-        f" (default: {DEFAULT_ITERATIONS})",
+        "adjust the integers of the last level by gradient descent on rendered views; needs"
+        " --target-psnr or --target-bytes. It takes minutes and saves 6 to 19 %% of the bytes at"
+        " 43 to 48 dB, nothing from 54 dB on. With --camera, every 5th view is held out to"
+        f" measure the PSNR (default: {DEFAULT_ITERATIONS} iterations)",
     )
     parser.add_argument(
-        "--finer", type=_number(float, 1e-3, 1e6), metavar="F", help="divide all steps by F"
+        "--finer",
+        type=_number(float, 1e-3, 1e6),
+        metavar="F",
+        help="divide all quantiser steps by F",
     )
     parser.add_argument(
         "--no-palette",
         action="store_true",
-        help="store SH above band 0 splat by splat and band by band, also where most splats of a"
-        " .ply share them (as in scenes that were SOG files)",
+        help="store the SH above band 0 of every splat, even if most splats share them (as they"
+        " do in a scene that was a SOG file)",
     )
     parser.add_argument(
         "--tiles",
         type=_number(int, 1, 65536),
         metavar="N",
-        help="spatial tiles (default: 1 below 200,000 splats)",
+        help="number of spatial tiles (default: depends on the number of splats; 1 below 200,000)",
     )
     parser.add_argument(
         "--effort",
         type=_number(int, 1, 22),
         default=19,
         metavar="Z",
-        help="Zstandard level, 1..22 (default: 19)",
+        help="compression level of Zstandard, 1..22 (default: 19)",
     )
     for key in registry.TEXT_OPTIONS:
-        parser.add_argument(f"--{key}", metavar="TEXT", help="metadata")
+        parser.add_argument(f"--{key}", metavar="TEXT", help="metadata of the stream")
     for option, names in (
         ("--coordinate-system", registry.COORDINATE_SYSTEMS),
         ("--up-axis", registry.UP_AXES),
         ("--unit", registry.UNITS),
         ("--colour-space", registry.COLOUR_SPACES),
     ):
-        parser.add_argument(option, choices=names, default=names[0], help="metadata")
+        parser.add_argument(option, choices=names, default=names[0], help="metadata of the stream")
     parser.add_argument(
-        "--antialiased", action="store_true", help="the scene was trained with antialiasing"
+        "--antialiased",
+        action="store_true",
+        help="mark the scene as trained with antialiasing",
     )
     _add_json(parser)
 
@@ -168,7 +173,7 @@ def add_decode(commands: Commands, run: Run) -> None:
         commands,
         "decode",
         run,
-        "Decode a stream, or a part of it, to a .ply.",
+        "Decode a stream, or part of it, to a .ply.",
         "  evogs decode scene.evogs scene.ply\n"
         "  evogs decode scene.evogs coarse.ply --level 1 --sh-degree 0\n"
         "  evogs decode scene.evogs corner.ply --box 0 0 0 1 1 1\n"
@@ -178,8 +183,12 @@ def add_decode(commands: Commands, run: Run) -> None:
     add_output(parser, "OUT.ply", files.SCENE)
     _add_cut_options(parser)
     add_limits(parser)
-    parser.add_argument("--partial", action="store_true", help="take what a cut-short file has")
-    parser.add_argument("--verify", action="store_true", help="check digests of the integers")
+    parser.add_argument(
+        "--partial", action="store_true", help="decode as much as an incomplete file has"
+    )
+    parser.add_argument(
+        "--verify", action="store_true", help="check the SHA-256 digests of the stream"
+    )
 
 
 def add_lift(commands: Commands, run: Run) -> None:
@@ -188,7 +197,7 @@ def add_lift(commands: Commands, run: Run) -> None:
         commands,
         "lift",
         run,
-        "Build the tree under a .ply scene, uncompressed.",
+        "Build the levels of a .ply scene and write them as a tree, uncompressed.",
         "  evogs lift scene.ply scene.tree.npz\n"
         "  evogs lift scene.ply scene.tree.npz --refine --up -y\n"
         "  evogs encode scene.tree.npz scene.evogs --preset scene",
@@ -204,13 +213,13 @@ def add_info(commands: Commands, run: Run) -> None:
         commands,
         "info",
         run,
-        "Say what is in a stream: header, levels, bytes per group.",
+        "Show what a stream contains: header, levels, bytes per group.",
         "  evogs info scene.evogs\n  evogs info scene.evogs --json",
     )
     parser.description = (
-        "Say what is in a stream: header, levels, bytes per group.\n\n"
-        "to move: estimated root-mean-square distance of splats from where they end, scene units\n"
-        "over order-0: bytes over the entropy of the integers in them, taken one by one"
+        "Show what a stream contains: header, levels, bytes per group.\n\n"
+        "to move: estimated RMS distance of the splats from their final positions, scene units\n"
+        "over order-0: how far the bytes exceed the order-0 entropy of the integers"
     )
     parser.add_argument("input", type=Path, metavar="IN.evogs")
     add_limits(parser)
@@ -223,7 +232,7 @@ def add_validate(commands: Commands, run: Run) -> None:
         commands,
         "validate",
         run,
-        "Check a stream in every respect; exit 0 if valid, 1 with the fault if not.",
+        "Check a whole stream; exit 0 if it is valid, 1 with the fault if it is not.",
         "  evogs validate scene.evogs\n  evogs validate scene.evogs --json\n"
         "  evogs validate download.evogs --limits limits.json",
     )
@@ -238,7 +247,7 @@ def add_extract(commands: Commands, run: Run) -> None:
         commands,
         "extract",
         run,
-        "Make a smaller stream by moving packets, without decoding.",
+        "Make a smaller stream from some of the packets, without decoding them.",
         "  evogs extract scene.evogs small.evogs --level 2\n"
         "  evogs extract scene.evogs small.evogs --max-bytes 500000\n"
         "  evogs extract scene.evogs corner.evogs --box 0 0 0 1 1 1 --sh-degree 0",
@@ -255,7 +264,7 @@ def add_output(parser: argparse.ArgumentParser, metavar: str, kind: files.FileKi
     parser.add_argument(
         "--force",
         action="store_true",
-        help=f"replace {metavar} also where that is a file of another kind",
+        help=f"replace {metavar} even if it is a file of another kind",
     )
     parser.set_defaults(makes=kind)
 
@@ -266,8 +275,8 @@ def add_limits(parser: argparse.ArgumentParser) -> None:
         "--limits",
         type=Path,
         metavar="FILE.json",
-        help='refuse a stream over these limits before its packets are read: {"slots": 5000000};'
-        f" names: {', '.join(LIMITS)}",
+        help="refuse a stream that exceeds these limits, before its packets are read. Example:"
+        f' {{"slots": 5000000}}. Names: {", ".join(LIMITS)}',
     )
 
 
@@ -277,28 +286,29 @@ def _add_lift_options(parser: argparse.ArgumentParser, uses: str) -> None:
         type=_number(int, 1, 64),
         default=DEFAULT_LEVELS,
         metavar="N",
-        help=f"levels of a lifted scene (default: {DEFAULT_LEVELS})",
+        help=f"number of levels to build from a .ply (default: {DEFAULT_LEVELS})",
     )
     parser.add_argument(
-        "--drop-invalid", action="store_true", help="leave out splats with NaN or infinite numbers"
+        "--drop-invalid", action="store_true", help="drop splats that have a NaN or an infinity"
     )
     _add_descent(
         parser,
         "--refine",
-        "make coarse levels of a lifted scene look more like it, by gradient descent on"
-        f" pictures of it (default: {DEFAULT_ITERATIONS} of each level)",
+        "improve the coarse levels of a .ply by gradient descent on rendered views (default:"
+        f" {DEFAULT_ITERATIONS} iterations per level)",
     )
     parser.add_argument(
         "--camera",
         type=Path,
         metavar="FILE.json",
-        help=f"views for {uses} (default: around the scene)",
+        help=f"cameras for {uses} (default: a circle around the scene)",
     )
     parser.add_argument(
         "--up",
         choices=("x", "y", "z", "-x", "-y", "-z"),
         default="z",
-        help="of views around it (default: z; many trainers' scenes have -y)",
+        help="up axis of the scene, for the default cameras (default: z; many trainers export"
+        " scenes with -y up)",
     )
 
 
@@ -315,29 +325,33 @@ def _add_descent(parser: argparse.ArgumentParser, option: str, help_: str) -> No
 
 
 def _add_json(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--json", action="store_true", help="print figures as JSON")
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
 
 
 def _add_cut_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--level", type=_number(int, 0, 63), metavar="K", help="stop at level K")
+    parser.add_argument(
+        "--level", type=_number(int, 0, 63), metavar="K", help="leave out the levels above K"
+    )
     parser.add_argument(
         "--max-bytes",
         type=_number(int, 0, 1 << 62),
         metavar="N",
-        help="the longest prefix whose extracted file has at most N bytes",
+        help="take the longest prefix that fits in a file of N bytes",
     )
     parser.add_argument(
         "--box",
         type=_number(float, -1e30, 1e30),
         nargs=6,
         metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
-        help="only tiles that meet this box, in scene units; whole tiles: encode with --tiles N",
+        help="take only the tiles that meet this box, in scene units. Tiles are taken whole: encode"
+        " with --tiles N for smaller ones",
     )
     parser.add_argument(
         "--sh-degree",
         type=_number(int, 0, 3),
         metavar="D",
-        help="no SH bands above D; a palette is left out for 0 alone",
+        help="leave out the SH bands above D; a stream with a palette keeps all bands unless D is"
+        " 0",
     )
 
 

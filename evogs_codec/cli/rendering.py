@@ -53,7 +53,7 @@ def register(commands: Commands) -> None:
         commands,
         "render",
         run_render,
-        "Render a scene, a stream or a cut of a stream to a PNG.",
+        "Render a .ply, a stream or part of a stream to a PNG.",
         "  evogs render scene.evogs scene.png\n"
         "  evogs render scene.evogs sheet.png --sheet\n"
         "  evogs render scene.evogs mixed.png --box 0 0 0 1 1 1 --level 4 --outside 1\n"
@@ -63,7 +63,7 @@ def register(commands: Commands) -> None:
         commands,
         "psnr",
         run_psnr,
-        f"Mean PSNR of one scene against another over {N_ORBIT} views around the second.",
+        f"Measure the PSNR of one scene against another, over {N_ORBIT} views around the second.",
         "  evogs psnr scene.evogs scene.ply\n  evogs psnr scene.evogs scene.ply --level 2",
     )
 
@@ -303,31 +303,61 @@ def _add(
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(run=run)
-    parser.add_argument("input", type=Path, metavar="IN", help="a .ply or an .evogs")
+    parser.add_argument("input", type=Path, metavar="IN", help="a .ply or .evogs file")
     if name == "psnr":
-        parser.add_argument("reference", type=Path, metavar="REFERENCE")
+        parser.add_argument(
+            "reference", type=Path, metavar="REFERENCE", help="the scene to compare with"
+        )
     else:
         add_output(parser, "OUT.png", PICTURE)
-        parser.add_argument("--sheet", action="store_true", help="all levels, three views each")
+        parser.add_argument(
+            "--sheet",
+            action="store_true",
+            help=f"render every level from {SHEET_VIEWS} views, labelled with splats, bytes, PSNR",
+        )
         parser.add_argument(
             "--reference",
             type=Path,
             metavar="FILE",
-            help="with --sheet: the scene that each level is compared with, shown in the last row"
-            " (default: the last level)",
+            help="with --sheet: compare every level with this scene and show it in the last row"
+            " (default: compare with the last level)",
         )
-        parser.add_argument("--view", type=int, default=0, metavar="I", help="which camera")
+        parser.add_argument(
+            "--view", type=int, default=0, metavar="I", help="number of the camera (default: 0)"
+        )
         parser.add_argument(
             "--box",
             type=float,
             nargs=6,
             metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
-            help="--level only for tiles that meet this box",
+            help="render tiles that meet this box at --level, all others at --outside",
         )
-        parser.add_argument("--outside", type=int, metavar="K", help="level outside the box")
-    parser.add_argument("--level", type=int, metavar="K", help="of a stream; all by default")
-    parser.add_argument("--camera", type=Path, metavar="FILE.json", help="cameras as JSON")
-    parser.add_argument("--size", type=int, default=SIZE, metavar="PIXELS")
-    parser.add_argument("--up", choices=["x", "y", "z", "-x", "-y", "-z"], default="z")
-    parser.add_argument("--background", choices=list(BACKGROUNDS), default="white")
+        parser.add_argument(
+            "--outside", type=int, metavar="K", help="level of tiles outside --box (default: 0)"
+        )
+    parser.add_argument(
+        "--level", type=int, metavar="K", help="level of a stream (default: the last)"
+    )
+    parser.add_argument(
+        "--camera", type=Path, metavar="FILE.json", help="cameras (default: a circle)"
+    )
+    parser.add_argument(
+        "--size",
+        type=int,
+        default=SIZE,
+        metavar="PIXELS",
+        help=f"longer side of a view (default: {SIZE})",
+    )
+    parser.add_argument(
+        "--up",
+        choices=["x", "y", "z", "-x", "-y", "-z"],
+        default="z",
+        help="up axis of the scene, for the default cameras (default: z)",
+    )
+    parser.add_argument(
+        "--background",
+        choices=list(BACKGROUNDS),
+        default="white",
+        help="colour behind the splats (default: white)",
+    )
     add_limits(parser)
