@@ -40,7 +40,7 @@ from evogs_codec.io.ply import write_ply
 
 __all__ = ["main", "parse", "run"]
 
-BENCH = "evogs bench works in a checkout: python -m tools.bench, python -m tools.bench.paper"
+BENCH = "benchmarks work in a checkout: python -m tools.bench, python -m tools.bench.paper"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
