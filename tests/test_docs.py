@@ -3,6 +3,8 @@
 import re
 from pathlib import Path
 
+import pytest
+
 from conformance.harness.cli import VECTORS
 from conformance.harness.reporting.explain import explain
 from evogs_codec import write_ply
@@ -11,6 +13,7 @@ from evogs_codec.render.demo_scene import make_scene
 ROOT = Path(__file__).resolve().parent.parent
 
 
+@pytest.mark.thorough
 def test_the_examples_of_the_api_page_run(tmp_path, monkeypatch):
     text = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
