@@ -7,9 +7,11 @@ PY := $(VENV)/bin/python
 EVOGS := $(VENV)/bin/evogs
 PIP := $(PY) -m pip install --quiet --disable-pip-version-check -c constraints.txt
 RUNTIME := $(VENV)/.installed-runtime
+TEST := $(VENV)/.installed-test
 DEV := $(VENV)/.installed-dev
 # A worker for each core; compiled loops of one test do not take the core of another.
 PYTEST := NUMBA_NUM_THREADS=1 $(PY) -m pytest -n auto --dist loadfile
+FIRST_RING := $(PYTEST) -m "not thorough and not slow" --hypothesis-profile seeded
 INPUTS := pyproject.toml constraints.txt
 
 DEMO_LEVELS := 0 1 2 3 4
@@ -17,12 +19,14 @@ DEMO_SPLATS := 40000
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv demo picture test test-slow check conformance fuzz format bench clean
+.PHONY: help venv demo picture test test-all test-slow check generated conformance fuzz format bench clean
 
 help:
 	@echo "make demo       encode, decode, extract and draw the scene that ships with the project"
-	@echo "make test       the quick tests (make test-slow: the others)"
-	@echo "make check      formatting, lint, types, tests, generated files"
+	@echo "make test       the first ring of tests: at most 3 minutes on two cores, without torch"
+	@echo "make test-all   every test that CI runs, with random examples; installs torch"
+	@echo "make test-slow  tests that take minutes each; CI does not run them"
+	@echo "make check      formatting, lint, types, the first ring, generated files"
 	@echo "make conformance  the suite on the reference decoder, on the one written from the text, on itself"
 	@echo "make fuzz       100,000 streams, codec against oracle (an hour)"
 	@echo "make format     reformat and fix what ruff can fix"
@@ -41,9 +45,13 @@ $(RUNTIME): $(INPUTS) | $(PY)
 	$(PIP) -e '.[render]'
 	@touch $@
 
+$(TEST): $(INPUTS) | $(PY)
+	$(PIP) -e '.[render,test]'
+	@touch $(RUNTIME) $@
+
 $(DEV): $(INPUTS) | $(PY)
 	$(PIP) -e '.[dev]'
-	@touch $(RUNTIME) $@
+	@touch $(RUNTIME) $(TEST) $@
 
 venv: $(DEV)
 
@@ -72,8 +80,11 @@ demo: $(RUNTIME)
 	  "$$(bytes build/demo.evogs)" "$$(bytes build/demo.ply)"; \
 	echo; echo "build/demo.png shows every level and the original, with splats, bytes and PSNR."
 
-test: $(DEV)
-	$(PYTEST) -m "not slow"
+test: $(TEST)
+	$(FIRST_RING)
+
+test-all: $(DEV)
+	$(PYTEST) -m "not slow" --hypothesis-profile random
 
 test-slow: $(DEV)
 	$(PYTEST) -m slow
@@ -82,9 +93,12 @@ check: $(DEV)
 	$(PY) -m ruff format --check .
 	$(PY) -m ruff check .
 	$(PY) -m mypy
-	$(PYTEST) -m "not slow"
+	$(FIRST_RING)
+	$(MAKE) generated
+
+# That the vectors are those of their recipes is a test of `make test-all`.
+generated: $(DEV)
 	$(PY) -m tools.spec_tables --check
-	$(PY) -m conformance.generator --check --no-mutants
 	$(PY) -m conformance.renders generate --check
 
 # The suite in full, on the reference decoder and on itself; 15 minutes, most of them for mutants.

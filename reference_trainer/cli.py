@@ -129,7 +129,7 @@ def run_train(args: argparse.Namespace) -> None:
     """`evogs train`."""
     for library in ("torch", "numba"):
         if find_spec(library) is None:
-            raise InputError(f"training needs {library}: pip install 'evogs[train]'")
+            raise InputError(f"training needs {library}: pip install -e '.[train]'")
     from reference_trainer.data import load_views
     from reference_trainer.evaluate import evaluate
     from reference_trainer.models.backends import backend_for

@@ -1,6 +1,9 @@
-"""Fixtures of all tests, and the hypothesis profiles."""
+"""Fixtures of all tests, and the hypothesis profiles.
 
-import os
+Tests have three rings. A test without a mark is in the first, which `make test` runs in under three
+minutes. `thorough` leaves it to `make test-all`, `slow` to `make test-slow`.
+"""
+
 from pathlib import Path
 
 import pytest
@@ -13,8 +16,11 @@ from tests.support import damage
 
 # The first call of a numpy function may take longer than hypothesis allows an example.
 settings.register_profile("dev", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.register_profile("ci", settings.get_profile("dev"), derandomize=True, database=None)
-settings.load_profile("ci" if os.environ.get("CI") else "dev")
+# `make test` repeats the same examples. `make test-all` draws others, and prints how to repeat one
+# that fails (@reproduce_failure); so does a bare `pytest`, which also keeps it in .hypothesis.
+settings.register_profile("seeded", settings.get_profile("dev"), derandomize=True, database=None)
+settings.register_profile("random", settings.get_profile("dev"), print_blob=True, database=None)
+settings.load_profile("dev")
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 

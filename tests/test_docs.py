@@ -28,6 +28,7 @@ def blocks(text, language):
     return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
 
 
+@pytest.mark.thorough
 def test_the_examples_of_the_api_page_run(tmp_path, monkeypatch):
     found = blocks((ROOT / "docs" / "api.md").read_text(encoding="utf-8"), "python")
     assert len(found) >= 5

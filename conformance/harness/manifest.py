@@ -155,6 +155,11 @@ def load(folder: Path) -> Suite:
     Raises:
         SuiteError: the manifest is missing or not of the form that this harness knows.
     """
+    if not (folder / "manifest.json").exists():
+        raise SuiteError(
+            f"no vectors in {folder}: they are in a checkout of the repository, not in an installed"
+            " package; name them with --vectors CHECKOUT/conformance/vectors"
+        )
     try:
         text = (folder / "manifest.json").read_bytes()
         manifest = read_json(text)

@@ -126,6 +126,11 @@ def load(folder: Path = FOLDER) -> Suite:
     Raises:
         SuiteError: the manifest or a file is missing or not what it should be.
     """
+    if not (folder / "renders.json").exists():
+        raise SuiteError(
+            f"no goldens in {folder}: they are in a checkout of the repository, not in an installed"
+            " package; name them with --suite CHECKOUT/conformance/renders"
+        )
     try:
         text = (folder / "renders.json").read_bytes()
         manifest = json.loads(text)

@@ -40,6 +40,8 @@ from evogs_codec.io.ply import write_ply
 
 __all__ = ["main", "parse", "run"]
 
+BENCH = "benchmarks work in a checkout: python -m tools.bench, python -m tools.bench.paper"
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit code."""
@@ -100,6 +102,9 @@ def _parser() -> argparse.ArgumentParser:
     options.add_extract(commands, run_extract)
     for entry in entry_points(group="evogs.commands"):
         entry.load()(commands)
+    bench = commands.add_parser("bench", description=BENCH)  # without help=: it is not listed
+    bench.add_argument("_", nargs=argparse.REMAINDER)
+    bench.set_defaults(run=run_bench)
     for command in commands.choices.values():
         command._negative_number_matcher = options.NO_OPTION
     return parser
@@ -217,6 +222,15 @@ def run_extract(args: argparse.Namespace) -> None:
     smaller = extract(data, _cut(directory, args), box=args.box)
     write_atomic(args.output, smaller)
     print(f"{shown(args.output)}: {len(smaller):,} bytes of {directory.size:,}")
+
+
+def run_bench(args: argparse.Namespace) -> None:
+    """`evogs bench`: say where the benchmarks are, which the wheel does not install.
+
+    Raises:
+        InputError: always.
+    """
+    raise InputError(BENCH)
 
 
 # --- parts of commands ---------------------------------------------------------------------------

@@ -115,7 +115,7 @@ def _lifted(splats: SplatParams, args: argparse.Namespace, progress: Progress) -
         return lifted
     refiners = entry_points(group="evogs.refiners")
     if not refiners:
-        raise InputError("--refine draws pictures: pip install 'evogs[render]'")
+        raise InputError("--refine draws pictures: pip install -e '.[render]'")
     tree = lifted.tree
     for entry in refiners:
         refine = entry.load()
@@ -189,7 +189,7 @@ def _encoded(
     aim = replace(whole, pictures=_pictures(tree, args), polish=args.polish or 0)
     if aim.pictures is None and (args.polish or args.target_bytes is None):
         option = "--polish" if args.polish else "--target-psnr"
-        raise InputError(f"{option} draws pictures: pip install 'evogs[render]'")
+        raise InputError(f"{option} draws pictures: pip install -e '.[render]'")
     if args.polish and not any(
         s.level == tree.n_levels - 1 > 0 and s.psi.any() for s in tree.steps
     ):
@@ -238,9 +238,7 @@ def _as_near_as_pictures_tell(aim: TargetEncoder, args: argparse.Namespace) -> b
     pictures = _pictures(aim.tree, args)
     instead = "encoded with --preset trained instead"
     if pictures is None:
-        warnings.warn(
-            f"no pictures to aim at: pip install 'evogs[render]'; {instead}", stacklevel=1
-        )
+        warnings.warn(f"no pictures to aim at: pip install -e '.[render]'; {instead}", stacklevel=1)
         return None
     try:
         return replace(aim, pictures=pictures).at_psnr(TREE_PSNR)

@@ -151,7 +151,7 @@ def _with_bar(items: list[Item], what: str) -> Iterator[Item]:
 
 def _need_numba() -> None:
     if find_spec("numba") is None:
-        raise InputError("pictures need numba: pip install 'evogs[render]'")
+        raise InputError("pictures need numba: pip install -e '.[render]'")
 
 
 def _load(

@@ -37,7 +37,7 @@ def refine(
         InputError: numba is not installed, or there are too few cameras.
     """
     if find_spec("numba") is None:
-        raise InputError("--refine draws pictures: pip install 'evogs[render]'")
+        raise InputError("--refine draws pictures: pip install -e '.[render]'")
     from reference_trainer.distil.distil import distil
     from reference_trainer.runtime.memory import keep_freed_memory
 

@@ -31,6 +31,8 @@ from tools.bench.extremes import (
 from tools.bench.extremes.measured import measure
 from tools.bench.extremes.row import Row, attempted, outcome
 
+pytestmark = pytest.mark.thorough
+
 
 def assert_holds(rows):
     found = {row.extreme: row for row in rows}

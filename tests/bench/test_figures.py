@@ -17,6 +17,8 @@ from evogs_codec.render.views import Views
 from tools.bench import cli, decimate, measure, page, plots, prefix, sog, splat_transform, subjects
 from tools.bench.surface import efforts, fronts, iterations, precision, streams
 
+pytestmark = pytest.mark.thorough
+
 # In the place of splat-transform: what it is asked to read, it writes.
 COPIES = """
 import pathlib, sys

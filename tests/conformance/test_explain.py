@@ -115,6 +115,7 @@ def test_a_wrong_id_gets_a_hint(made_suite, capsys):
     assert "no vector" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_every_committed_vector_is_explained():
     suite = load(VECTORS)
     for vector in suite.vectors:

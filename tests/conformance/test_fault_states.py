@@ -49,6 +49,7 @@ LEVEL_0 = oracle.decode(EXAMPLE, level=0).dump()
 # --- the contract ---------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", DECODERS)
 @pytest.mark.parametrize(
     ("data", "options", "exit_code", "dump"),
@@ -133,6 +134,7 @@ def test_the_state_beside_a_fault_is_that_of_a_file_without_the_packet():
     assert n_compared > 20
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", KEEPS)
 def test_what_a_wrong_decoder_keeps_of_a_packet_shows_in_the_vectors_of_its_component_alone(name):
     found = stored_fingerprints()[name]
@@ -165,6 +167,7 @@ def trial(tmp_path, decoder, *options):
     return code, found
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", [*KEEPS, "stops-at-first-fault", "stops-at-fault-of-tile"])
 def test_the_harness_names_what_is_wrong_beside_a_fault(tmp_path, monkeypatch, capsys, name):
     monkeypatch.chdir(ROOT)
@@ -199,6 +202,7 @@ def test_a_decoder_that_does_not_know_the_option_is_not_asked_and_the_report_say
 # --- the fuzzer -----------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_most_late_faults_are_faults_of_packets_that_leave_a_state():
     codes, n = Counter[str](), 150
     for seed in range(n):
@@ -218,12 +222,14 @@ def test_damage_to_late_checks_is_the_same_for_a_seed():
     assert len(set(damaged)) > 5
 
 
+@pytest.mark.thorough
 def test_reference_and_oracle_have_the_same_states_beside_late_faults():
     verdicts, findings = fuzz.fuzz(20261122, 0, 40, "late-faults")
     assert findings == []
     assert sum(n for name, n in verdicts.items() if " 1 E_" in name) > 40
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", KEEPS)
 def test_a_decoder_that_keeps_what_a_packet_with_a_fault_wrote_is_found(name):
     def decode(data: bytes, run: Run) -> Outcome:

@@ -16,6 +16,8 @@ from conformance.harness.runner import Options
 from conformance.harness.trial import Choice, hold
 from conformance.mutants import MUTANTS, fingerprints
 
+pytestmark = pytest.mark.thorough
+
 ROOT = Path(__file__).resolve().parents[2]
 VECTORS = ROOT / "conformance" / "vectors"
 SAMPLE = MUTANTS[3 :: len(MUTANTS) // 8]

@@ -67,6 +67,7 @@ def test_random_streams_are_legal_and_use_what_the_text_leaves_free() -> None:
     assert min(kinds[kind] for kind in ("degree 3", "no tiles", "empty packet")) > 5
 
 
+@pytest.mark.thorough
 def test_random_streams_have_palettes_of_every_kind() -> None:
     kinds = Counter[str]()
     for seed in range(600):
@@ -136,6 +137,7 @@ def picks_some_entries(scene: oracle.Scene) -> bool:
     return False
 
 
+@pytest.mark.thorough
 def test_damage_reaches_palettes_and_picks() -> None:
     found, n_falling = Counter[str](), 0
     for number in range(150):
@@ -168,6 +170,7 @@ def test_damage_is_behind_right_checksums_and_is_the_same_for_a_seed() -> None:
     assert sum(by_oracle(data, Run()).exit != 0 for data in damaged) > 30
 
 
+@pytest.mark.thorough
 def test_the_reference_and_the_oracle_agree_on_some_hundred_streams() -> None:
     verdicts, findings = fuzz.fuzz(20260101, 0, 400)
     assert findings == []
@@ -176,6 +179,7 @@ def test_the_reference_and_the_oracle_agree_on_some_hundred_streams() -> None:
     assert len(codes) >= 15
 
 
+@pytest.mark.thorough
 def test_any_part_of_a_run_finds_what_the_whole_finds() -> None:
     whole, _ = fuzz.fuzz(7, 0, 60)
     first, _ = fuzz.fuzz(7, 0, 25)
@@ -183,6 +187,7 @@ def test_any_part_of_a_run_finds_what_the_whole_finds() -> None:
     assert first + second == whole
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", WRONG)
 def test_a_wrong_decoder_is_found_and_its_stream_made_smaller(name: str) -> None:
     decode = partial(by_mutant, name)
@@ -215,6 +220,7 @@ def test_a_palette_of_a_megabyte_keeps_to_the_memory_of_its_counts() -> None:
     assert memory.peak(lambda: decode(data), allowed) <= allowed
 
 
+@pytest.mark.thorough
 def test_exceptions_endless_loops_and_memory_are_findings(monkeypatch: pytest.MonkeyPatch) -> None:
     data = build(SMALL)
     assert check(data, Run(), measures=True) == ("0", "")
@@ -259,6 +265,7 @@ def test_costly_streams_have_no_more_bytes_than_they_may() -> None:
     assert sorted(sizes)[10] > 0.8 * BUDGET
 
 
+@pytest.mark.thorough
 def test_a_costly_stream_is_held_to_the_clock_and_to_memory(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -310,6 +310,7 @@ def test_the_memory_counted_is_that_of_the_decoder_and_not_of_the_harness(tmp_pa
     assert 40 << 20 < ended.peak < 100 << 20 < len(ours)
 
 
+@pytest.mark.thorough
 def test_an_interrupt_ends_what_was_started(made_suite, tmp_path):
     command = [sys.executable, "-m", "conformance.harness", "run", "--decoder"]
     command += [bad("hang", made_suite), "--vectors", str(made_suite), "--fresh", "0"]

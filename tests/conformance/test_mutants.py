@@ -37,6 +37,7 @@ def entry(run: Run, data: bytes = EXAMPLE) -> dict[str, object]:
     return {"id": "x", "file": "x", "runs": [fields | {"dump": trial.sha256(came.dump)}]}
 
 
+@pytest.mark.thorough
 def test_every_mutant_changes_lines_that_are_in_the_oracle_once() -> None:
     problems = []
     for mutant in MUTANTS:

@@ -4,11 +4,15 @@ import json
 import shlex
 import sys
 
+import pytest
+
 from conformance.generator.generate import fingerprint_table
 from conformance.harness.cli import main
 from conformance.mutants import MUTANTS, fingerprints
 from tests.conformance import tiny
 from tests.conformance.tiny import ROOT
+
+pytestmark = pytest.mark.thorough
 
 N_MUTANTS = 24
 

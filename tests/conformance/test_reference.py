@@ -11,6 +11,8 @@ from conformance.harness.manifest import load
 from conformance.harness.selftest import CLASSES, class_of, small_suite
 from tests.conformance.tiny import ROOT
 
+pytestmark = pytest.mark.thorough
+
 VECTORS = ROOT / "conformance" / "vectors"
 
 

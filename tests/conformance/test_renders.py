@@ -58,11 +58,13 @@ def test_there_are_twelve_scenes_with_three_cameras_and_all_their_levels():
     assert sum(path.stat().st_size for path in files) < 2.5e6
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("scene", ["ties", "kinds", "near", "sh-2"])
 def test_streams_goldens_and_entries_are_what_the_recipes_make(scene):
     assert not check(FOLDER, tuple(s for s in SCENES if s.id == scene))
 
 
+@pytest.mark.thorough
 def test_a_file_that_the_recipes_do_not_make_is_noticed(tmp_path):
     scenes = tuple(s for s in SCENES if s.id == "sh-1")
     for name, data in make_all(scenes).items():
@@ -123,6 +125,7 @@ def test_the_fast_renderer_passes_every_image_with_the_margin_that_is_stated():
         assert 10 * image.measured <= image.thresholds.max_error
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("rendering", RIGHT, ids=lambda r: r.name)
 def test_other_right_renderers_pass(rendering):
     for image in SUITE.images[::4]:
@@ -130,6 +133,7 @@ def test_other_right_renderers_pass(rendering):
         assert not result.failed, (image.id, result.says)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("rendering", WRONG, ids=lambda r: r.name)
 def test_a_wrong_renderer_fails_as_its_fingerprint_says(rendering):
     psnr = KNOWN[rendering.name].psnr
@@ -342,6 +346,7 @@ def test_a_renderer_without_pictures_does_not_pass(run, program, id_, code, word
     assert words in text
 
 
+@pytest.mark.thorough
 def test_a_renderer_that_hangs_is_stopped(run):
     code, text, _, _ = run("import time; time.sleep(60)", "--id", "sh-1.top.L0", "--timeout", "0.5")
     assert code == 1

@@ -22,7 +22,9 @@ QUICK = [
 ]
 
 
-@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.parametrize(
+    "name", [QUICK[0], *(pytest.param(name, marks=pytest.mark.thorough) for name in QUICK[1:])]
+)
 def test_a_bad_decoder_is_judged_as_written(made_suite, name):
     (judged,) = self_test(made_suite, names=[name])
     assert not judged.problems
@@ -72,6 +74,7 @@ def test_the_self_test_needs_runs_of_every_class(suite_folder):
         list(self_test(suite_folder, names=["best"]))
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="looks at processes in /proc")
 @pytest.mark.parametrize("name", ["leaves-a-process", "burns-processors"])
 def test_no_process_of_a_bad_decoder_survives(made_suite, name):

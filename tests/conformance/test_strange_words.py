@@ -91,6 +91,7 @@ class Tags(HTMLParser):
         self.found.append(tag)
 
 
+@pytest.mark.thorough
 def test_no_report_is_broken_by_what_a_decoder_or_a_suite_says(suite_folder, tmp_path, capsys):
     told = tiny.read_manifest(suite_folder)
     told["vectors"][1] |= {"id": HOSTILE, "family": HOSTILE, "tests": HOSTILE, "faulty": HOSTILE}
@@ -128,6 +129,7 @@ def test_an_argument_that_is_not_utf_8_can_be_reported(made_suite, tmp_path):
 # --- what is said of it ---------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_the_rest_is_not_asked_if_all_runs_fail_alike(made_suite, capsys, tmp_path):
     path = tmp_path / "r.json"
     options = ["--jobs", "1", "--json", str(path)]
@@ -144,6 +146,7 @@ def test_the_rest_is_not_asked_if_all_runs_fail_alike(made_suite, capsys, tmp_pa
     assert "ended early" not in capsys.readouterr().out
 
 
+@pytest.mark.thorough
 def test_a_decoder_with_a_memory_is_told_so(made_suite, tmp_path, capsys):
     path = tmp_path / "r.json"
     assert run(made_suite, "stale-verdict", "--quick", "--json", str(path)) == 1
@@ -155,6 +158,7 @@ def test_a_decoder_with_a_memory_is_told_so(made_suite, tmp_path, capsys):
     assert json.loads(path.read_text())["diagnosis"]["hint"] == ""
 
 
+@pytest.mark.thorough
 def test_output_that_is_not_flushed_is_told_so(made_suite, capsys):
     options = ["--id", "crc-*", "--timeout", "2", "--jobs", "4"]
     assert run(made_suite, "flushes-at-the-end", *options) == 1

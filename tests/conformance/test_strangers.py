@@ -104,6 +104,7 @@ run({[*PYTHON, program]!r}, Path({str(tmp_path)!r}), {{}}, Bounds())
     assert not Path("/proc", mark.read_text()).exists()
 
 
+@pytest.mark.thorough
 def test_a_decoder_that_ends_its_keeper_is_said_to_and_the_next_one_gets_another(tmp_path):
     program = "import os, signal, time\nos.kill(os.getppid(), signal.SIGKILL)\ntime.sleep(60)"
     assert ended(tmp_path, program).over == "keeper"

@@ -61,6 +61,7 @@ def test_the_schema_refuses_what_is_missing_unknown_or_none(damage):
     assert errors(manifest, SCHEMA)
 
 
+@pytest.mark.thorough
 def test_the_vectors_are_made_anew_to_the_byte(made):
     if MANIFEST["zstd"] == ZSTD:
         assert differing(files_of(made, mutants=False)) == []
@@ -68,6 +69,7 @@ def test_the_vectors_are_made_anew_to_the_byte(made):
         assert differing_outcomes(made) == []
 
 
+@pytest.mark.thorough
 def test_under_another_libzstd_outcomes_are_compared(made):
     assert differing_outcomes(made) == []
     n_runs = len(made[0].case.runs)
@@ -166,6 +168,7 @@ def test_only_progressive_runs_are_incomplete_and_only_dumps_are_accepted():
             assert (run["code"] is None) == (run["exit"] in (0, 3)) == (run["offset"] is None)
 
 
+@pytest.mark.thorough
 def test_recipes_are_deterministic():
     first, second = ([case.data for _, _, case in collect()] for _ in range(2))
     assert first == second

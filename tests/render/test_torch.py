@@ -8,6 +8,8 @@ from tests.render import scenes
 from tests.render.scenes import BACKGROUND
 from tools.bench.raster_torch import FIELDS, render_torch, render_torch_gradients
 
+pytestmark = pytest.mark.thorough
+
 pytest.importorskip("torch")
 
 

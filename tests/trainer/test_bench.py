@@ -1,6 +1,5 @@
-"""`evogs bench paper`: from finished runs to a page whose every number is in a file."""
+"""`python -m tools.bench.paper`: from finished runs to a page whose every number is in a file."""
 
-import argparse
 import csv
 import json
 import shutil
@@ -44,7 +43,7 @@ def page(folder, tmp_path_factory):
     """The page, and where its files are."""
     out = tmp_path_factory.mktemp("page")
     bench = Bench(find_runs(folder), Views(tiny.pyramid(), 1), out / "kept", lambda _: None)
-    write_paper(bench, out / "page.md", "evogs bench paper", ["equal-lapis-1"])
+    write_paper(bench, out / "page.md", "python -m tools.bench.paper", ["equal-lapis-1"])
     return out
 
 
@@ -125,7 +124,7 @@ def test_quality_is_the_mean_over_seeds(page, folder):
 
 def test_without_runs_every_section_says_so(tmp_path):
     bench = Bench([], Views(tiny.pyramid(), 1), tmp_path, lambda _: None)
-    write_paper(bench, tmp_path / "page.md", "evogs bench paper", ["equal-evogs-0"])
+    write_paper(bench, tmp_path / "page.md", "python -m tools.bench.paper", ["equal-evogs-0"])
     text = (tmp_path / "page.md").read_text()
     assert "Not trained yet: equal-evogs-0." in text
     assert text.count("yet.") + text.count("yet:") + text.count("Needs runs") >= 10
@@ -218,22 +217,20 @@ def test_the_summary_of_a_curve():
 
 
 def parsed(*flags):
-    parser = argparse.ArgumentParser()
-    cli.register(parser.add_subparsers())
-    return parser.parse_args(["bench", "paper", *map(str, flags)])
+    return cli.parse([str(flag) for flag in flags])
 
 
 def test_the_command_says_what_changes_its_numbers(tmp_path):
     args = parsed("--data", tmp_path, "--out", "x", "--size", 64, "--seeds", 0, "--no-train")
     assert (
         cli._command(args)
-        == f"evogs bench paper --data {tmp_path.name} --out OUT --size 64 --seeds 0"
+        == f"python -m tools.bench.paper --data {tmp_path.name} --out OUT --size 64 --seeds 0"
     )
 
 
 def test_a_missing_library_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(cli, "find_spec", lambda name: None if name == "matplotlib" else name)
-    with pytest.raises(InputError, match=r"needs matplotlib: pip install 'evogs\[train,bench\]'"):
+    with pytest.raises(InputError, match=r"needs matplotlib: pip install -e '\.\[train,bench\]'"):
         cli.run_paper(parsed("--data", tmp_path, "--out", tmp_path))
 
 

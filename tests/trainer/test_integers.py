@@ -27,8 +27,7 @@ METHODS = ("evogs", "evogs-sym", "evogs-a", "evogs-b")
 
 
 def trained(method="evogs", integers=Integers(0.3), **changes):  # noqa: B008 - frozen
-    config = tiny.config(method=method, integers=integers, **changes)
-    return run(config, tiny.pyramid(), backend_for("cpu"))
+    return tiny.trained(method=method, integers=integers, **changes)
 
 
 def quanta_of(tree, row):

@@ -7,13 +7,11 @@ from evogs_codec.io.tree_npz import read_tree, write_tree
 from evogs_codec.model.tree import Kind
 from reference_trainer.config import METHODS
 from reference_trainer.evaluate import evaluate, storage
-from reference_trainer.models.backends import backend_for
-from reference_trainer.run import run
 from tests.trainer import tiny
 
 
-def trained(method, **changes):
-    return run(tiny.config(method=method, **changes), tiny.pyramid(), backend_for("cpu"))
+def trained(method):
+    return tiny.trained(method=method)
 
 
 @pytest.mark.parametrize("method", METHODS)

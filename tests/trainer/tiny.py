@@ -51,3 +51,12 @@ def config(**changes):
         checkpoint_every=10,
     )
     return replace(base, **changes)
+
+
+@cache
+def trained(**changes):
+    """The tree of a run with these changes of `config`, trained once a process: only read it."""
+    from reference_trainer.models.backends import backend_for  # these need torch
+    from reference_trainer.run import run
+
+    return run(config(**changes), pyramid(), backend_for("cpu"))

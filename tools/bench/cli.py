@@ -1,6 +1,6 @@
-"""`evogs bench figures`: the options of `python -m tools.bench`.
+"""The options of `python -m tools.bench`.
 
-What measuring needs is imported when the command runs.
+The libraries that measuring needs are imported when the command runs.
 """
 
 from __future__ import annotations
@@ -8,16 +8,16 @@ from __future__ import annotations
 import argparse
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 from evogs_codec import InputError
+from evogs_codec.cli.commands import run as run_command
 from tools.bench.parts import PARTS
 from tools.bench.run import run
 
-__all__ = ["main", "register"]
+__all__ = ["main"]
 
-Commands = Any  # argparse's sub-parsers have no public type
 ROOT = Path(__file__).resolve().parent.parent.parent
+NEED_GSPLY = {"scene", "rate", "first"}  # tables that measure SPZ
 EXAMPLE = "example: --ply scene.ply --tree lego.tree.npz --photos lego --only rate surface"
 
 
@@ -27,15 +27,8 @@ def main() -> int:
         prog="python -m tools.bench", description=__doc__, epilog=EXAMPLE
     )
     add_options(parser)
-    return run(parser.parse_args())
-
-
-def register(commands: Commands) -> None:
-    """Add the command to `evogs bench` (entry point of the group `evogs.bench`)."""
-    help_ = "Remake docs/figures.md: size, accuracy, time and memory, beside others."
-    parser = commands.add_parser("figures", help=help_, description=help_, epilog=EXAMPLE)
-    add_options(parser)
-    parser.set_defaults(run=_run, input="evogs bench figures")
+    parser.set_defaults(run=_run)
+    return run_command(parser.parse_args())
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -45,7 +38,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--tree", type=Path, help="a trained .tree.npz (default: none)")
     parser.add_argument("--photos", type=Path, help="NeRF-synthetic folder of the tree")
-    parser.add_argument("--runs", type=Path, help="runs of `evogs bench paper` (default: none)")
+    parser.add_argument("--runs", type=Path, help="runs of tools.bench.paper (default: none)")
     parser.add_argument(
         "--splat-transform", metavar="CMD", help="how to start it: adds SOG and decimation"
     )
@@ -61,7 +54,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    for library in ("numba", "gsply", "PIL"):
+    others = ("gsply",) if NEED_GSPLY & set(args.only) else ()
+    for library in ("numba", "PIL", *others):
         if find_spec(library) is None:
             raise InputError(f"the figures need {library}: pip install -e '.[render,bench]'")
     return run(args)

@@ -75,7 +75,7 @@ def _write_csv(path: Path, rows: Rows) -> None:
 def _picture(path: Path, title: str, rows: Rows) -> str:
     """A line that shows the picture of a table; without matplotlib the old picture stays."""
     if find_spec("matplotlib") is None:
-        print(f"{path.name} is not drawn: pip install 'evogs[bench]'", file=sys.stderr)
+        print(f"{path.name} is not drawn: pip install -e '.[bench]'", file=sys.stderr)
     else:
         # Without the version of matplotlib, so that the same numbers give the same file.
         plots.PLOTS[path.stem](rows).savefig(path, dpi=90, metadata={"Software": None})

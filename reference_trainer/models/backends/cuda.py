@@ -31,7 +31,7 @@ class Cuda:
         if not torch.cuda.is_available():
             raise ValueError(f"device {device}: torch finds no CUDA device")
         if find_spec("gsplat") is None:
-            raise ValueError(f"device {device} needs gsplat: pip install 'evogs[cuda]'")
+            raise ValueError(f"device {device} needs gsplat: pip install -e '.[cuda]'")
         self.device = torch.device(device)
         x = torch.arange(-RADIUS, RADIUS + 1, dtype=torch.float32, device=self.device)
         window = torch.exp(-(x**2) / (2 * SIGMA**2))

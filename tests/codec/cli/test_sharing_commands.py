@@ -20,8 +20,8 @@ OPTIONS = [
     ["--bits", "8"],
     ["--near-lossless"],
     ["--max-error", "0.01"],
-    ["--target-psnr", "43"],
-    ["--target-bytes", "30000"],
+    pytest.param(["--target-psnr", "43"], marks=pytest.mark.thorough),
+    pytest.param(["--target-bytes", "30000"], marks=pytest.mark.thorough),
 ]
 
 
@@ -60,6 +60,7 @@ def test_bytes_are_met_where_nothing_draws(tmp_path, monkeypatch):
     assert 0.98 * 9000 <= out.stat().st_size <= 9000
 
 
+@pytest.mark.thorough
 def test_a_target_that_is_missed_is_said_with_the_nearest(tmp_path, capsys):
     write_ply(tmp_path / "a.ply", shared_scene(300, 20))
     said = []

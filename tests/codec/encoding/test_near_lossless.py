@@ -100,6 +100,7 @@ ALPHAS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("alpha", ALPHAS.values(), ids=ALPHAS.keys())
 @pytest.mark.parametrize("kind", [Kind.REFINE, Kind.SPLIT])
 @pytest.mark.parametrize("level", [None, 1], ids=["a level each", "one level"])

@@ -109,6 +109,7 @@ def test_a_tile_whose_integers_need_too_many_bits_stays_as_it_was(monkeypatch):
     assert quietly(coded, scene()[1], 1e-10, 2).tiles == coded.tiles
 
 
+@pytest.mark.thorough
 def test_where_polishing_misses_a_target_the_plain_stream_meets_it(monkeypatch):
     def nothing(tree, *_):
         return replace(tree, tiles=())
@@ -137,12 +138,14 @@ def test_views_of_a_file_judge_or_are_descended_by(tmp_path):
         pictures(views.scene, tmp_path / "one.json", "z", polish=True)
 
 
+@pytest.mark.thorough
 def test_a_psnr_is_met_in_fewer_bytes():
     plain, polished_ = aim().at_psnr(38), aim(polish=100).at_psnr(38)
     assert psnr(polished_) == pytest.approx(38, abs=0.2)
     assert len(polished_) < 0.93 * len(plain)
 
 
+@pytest.mark.thorough
 def test_a_number_of_bytes_is_met_with_better_pictures():
     plain, polished_ = aim().at_bytes(12_000), aim(polish=100).at_bytes(12_000)
     assert 0.98 * 12_000 <= len(polished_) <= 12_000

@@ -61,6 +61,7 @@ def test_a_number_of_bytes_is_met(n_bytes, has_pictures):
     assert 0.98 * n_bytes <= len(data) <= n_bytes
 
 
+@pytest.mark.thorough
 def test_a_tree_is_encoded_as_near_to_it_as_pictures_tell(tmp_path):
     tree = scene()[0]
     write_tree(tmp_path / "in.tree.npz", tree)
@@ -208,6 +209,7 @@ def test_what_is_below_a_limit_is_better_than_what_is_nearer_above_it(most, foun
     assert _search(jump, 0.995, -0.1, 1.0, (0.01, 100.0), 0.005, most).what == found
 
 
+@pytest.mark.thorough
 def test_targets_that_cannot_be_met_are_refused():
     with pytest.raises(InputError, match=r"100 bytes cannot be met: [\d,]+ is nearest"):
         aim().at_bytes(100)
@@ -297,6 +299,7 @@ def test_integers_are_rounded_ones_where_errors_are_dear_and_few_where_they_are_
 # --- the command line -----------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_the_command_aims(tmp_path, capsys):
     tree, _ = scene()
     write_ply(tmp_path / "in.ply", tree.leaves())

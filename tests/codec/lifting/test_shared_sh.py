@@ -277,6 +277,7 @@ def test_a_step_without_picks_takes_no_bytes():
 # --- targets -------------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_a_psnr_is_met_with_entries_as_coarse_as_pictures_allow(scene):
     _, _, tree = scene
     views = Views(tree.leaves(), around(tree.leaves(), "z", 96)[::4])
@@ -299,6 +300,7 @@ def test_errors_of_sh_are_kept(scene):
     assert np.abs(decode(data).leaves(sh_degree=2).sh - leaves).max() <= 0.001
 
 
+@pytest.mark.thorough
 def test_polishing_leaves_the_palette_alone(scene):
     _, _, tree = scene
     cameras = around(tree.leaves(), "z", 96)

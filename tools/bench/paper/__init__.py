@@ -1,1 +1,1 @@
-"""`evogs bench paper`: the paper's comparison, remade on any data set from runs of the queue."""
+"""The comparison of the paper, remade on any data set from runs of the queue."""

@@ -1,7 +1,6 @@
-"""`evogs bench`: figures of the README and of the paper; here `evogs bench paper`.
+"""`python -m tools.bench.paper`: train the systems of the paper and write its tables and figures.
 
-Other packages add benchmarks through the entry-point group `evogs.bench`; each entry is a function
-that takes the sub-parsers. What training needs is imported when the command runs.
+The libraries that training needs are imported when the command runs.
 """
 
 from __future__ import annotations
@@ -9,12 +8,13 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from importlib.metadata import entry_points
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from evogs_codec import InputError
+from evogs_codec.cli.commands import run as run_command
 from evogs_codec.io.json_files import read_json
 from reference_trainer.cli import config_of, pyramid_of
 from reference_trainer.config import METHODS, PRESETS
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from reference_trainer.data import Dataset
     from reference_trainer.queue import Job
 
-__all__ = ["register", "run_paper"]
+__all__ = ["main", "parse", "run_paper"]
 
-Commands = Any  # argparse's sub-parsers have no public type
+COMMAND = "python -m tools.bench.paper"
 BUDGETS = ("equal", "thresholds")
 # Of the flags that change the numbers, with what they are if they are not given.
 DEFAULTS: dict[str, Any] = {
@@ -45,31 +45,30 @@ DEFAULTS: dict[str, Any] = {
     "test_every": 8,
     "cut_views": 8,
 }
-EXAMPLES = """examples:
-  evogs bench paper --data lego --out build/lego --size 400
-  evogs bench paper --data lego --out build/lego --size 400 --no-train     what is there so far
-  evogs bench paper --data photos --out build/quick --preset quick --size 128 --seeds 0
+EXAMPLES = f"""examples:
+  {COMMAND} --data lego --out build/lego --size 400
+  {COMMAND} --data lego --out build/lego --size 400 --no-train     what is there so far
+  {COMMAND} --data photos --out build/quick --preset quick --size 128 --seeds 0
 
 Interrupted, it goes on where it was: finished runs and measurements are not repeated.
 """
 
 
-def register(commands: Commands) -> None:
-    """Add the command to `evogs` (entry point of the group `evogs.commands`)."""
-    help_ = "Benchmarks: tables and figures."
-    parser = commands.add_parser("bench", help=help_, description=help_)
-    benches = parser.add_subparsers(metavar="BENCH", required=True)
-    _add_paper(benches)
-    for entry in entry_points(group="evogs.bench"):
-        entry.load()(benches)
+def main() -> int:
+    """Run the benchmark with the arguments of the process; returns the exit code."""
+    return run_command(parse())
 
 
-def _add_paper(benches: Commands) -> None:
-    help_ = "Train all systems of the paper on photographs, and write its tables and figures."
-    parser = benches.add_parser(
-        "paper",
-        help=help_,
-        description=help_,
+def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
+    """The options of the benchmark.
+
+    Raises:
+        SystemExit: they were misused, or asked for help.
+    """
+    parser = argparse.ArgumentParser(
+        prog=COMMAND,
+        description="Train all systems of the paper on photographs, and write its tables and"
+        " figures.",
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -100,13 +99,14 @@ def _add_paper(benches: Commands) -> None:
     parser.add_argument(
         "--cut-views", type=int, metavar="N", help="views a cut is measured on (default: 8)"
     )
+    return parser.parse_args(arguments)
 
 
 def run_paper(args: argparse.Namespace) -> None:
-    """`evogs bench paper`."""
+    """Train what is missing, measure, and write the page."""
     for library in ("torch", "numba", "matplotlib"):
         if find_spec(library) is None:
-            raise InputError(f"the benchmark needs {library}: pip install 'evogs[train,bench]'")
+            raise InputError(f"the benchmark needs {library}: pip install -e '.[train,bench]'")
     from reference_trainer.data import load_views
     from reference_trainer.queue import jobs
     from tools.bench.paper.measured import Bench
@@ -162,7 +162,7 @@ def _train(queue: list[Job], data: Dataset, folder: Path, device: str) -> None:
 
 def _command(args: argparse.Namespace) -> str:
     """The command that makes the same again, without this machine's folders."""
-    parts = ["evogs bench paper --data", args.input.resolve().name, "--out OUT"]
+    parts = [COMMAND, "--data", args.input.resolve().name, "--out OUT"]
     for flag, default in DEFAULTS.items():
         value = getattr(args, flag)
         if value != default:

@@ -16,9 +16,9 @@ EVERY = 1000
 def iterations(folder: Path) -> Rows:
     """PSNR of the last level of each run while it is trained.
 
-    From `FOLDER/*/log.csv`, as `evogs train` and the queue of `evogs bench paper` write them: PSNR
-    over a few held-out views. Seconds are those of the machine that ran them, others beside them.
-    The last column names a run that has no less PSNR after no more iterations.
+    From `FOLDER/*/log.csv`, as `evogs train` and the queue of `python -m tools.bench.paper` write
+    them: PSNR over a few held-out views. Seconds are those of the machine that ran them, others
+    beside them. The last column names a run that has no less PSNR after no more iterations.
     """
     logs = {path.parent.name: _read(path) for path in sorted(folder.glob("*/log.csv"))}
     last = max(int(row["level"]) for rows in logs.values() for row in rows)
