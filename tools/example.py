@@ -179,7 +179,7 @@ def _show(value: object) -> str:
 
 
 TABLES = {
-    b"STEP": layout.STEP_ENTRY,
+    b"QUAN": layout.QUANTISER_ENTRY,
     b"TILE": layout.TILE_ENTRY,
     b"PACK": layout.PACKET_ENTRY,
     b"dGST": layout.DIGEST_ENTRY,
@@ -192,7 +192,7 @@ def _body(kind: bytes, data: bytes, at: int, end: int) -> Iterator[Row]:
     while at < end:
         if kind in TABLES:
             struct = TABLES[kind]
-            if kind == b"STEP":
+            if kind == b"QUAN":
                 yield _quantiser(number, data, at)
             else:
                 yield from _fields(struct, data, at, f"{kind.decode()} {number}: ")
@@ -216,8 +216,8 @@ def _body(kind: bytes, data: bytes, at: int, end: int) -> Iterator[Row]:
 
 
 def _quantiser(number: int, data: bytes, at: int) -> Row:
-    """A `STEP` entry on one row: there are many."""
-    fields = layout.parse(layout.STEP_ENTRY, memoryview(data)[at:], at)
+    """A `QUAN` entry on one row: there are many."""
+    fields = layout.parse(layout.QUANTISER_ENTRY, memoryview(data)[at:], at)
     row, kind = divmod(number, 5)
     name = f"{f'psi of level {row - 1}' if row else 'adds'}, class {kind}: `mantissa`, `shift`"
     return Row(at, data[at : at + 3], name, f"{fields['mantissa']}, {fields['shift']}")

@@ -87,7 +87,7 @@ def channels_of(component: int) -> range:
 SIGNATURE = bytes.fromhex("89 45 56 47 0D 0A 1A 0A")
 HEADER = struct.Struct("<8s5B5bH4B3IQ16sI")
 CHUNK_HEADER = struct.Struct("<4sII")
-STEP_ENTRY = struct.Struct("<HB")
+QUANTISER_ENTRY = struct.Struct("<HB")
 ALPHA_TABLE = struct.Struct("<4B")
 TILE_ENTRY = struct.Struct("<3q3i3i")
 PACKET_ENTRY = struct.Struct("<IBBHIIIIIII")
@@ -269,7 +269,7 @@ def read_header(data: bytes, own: dict[str, int]) -> Header:
 
 # ---- 6.1 step 2: chunks (5.2) ----
 
-CRITICAL = (b"STEP", b"ALFA", b"TILE", b"PACK")
+CRITICAL = (b"QUAN", b"ALFA", b"TILE", b"PACK")
 ANCILLARY = (b"dGST", b"mETa")
 
 
@@ -299,7 +299,7 @@ def read_chunks(data: bytes, end: int) -> dict[bytes, tuple[int, bytes]]:
             chunks[kind] = (at, body)
             at = start + size
     with structure_at(HEADER.size):  # Assumed: what is missing is missing from all of the chunks.
-        require(all(k in chunks for k in (b"STEP", b"TILE", b"PACK")), "E_CHUNK", "R-5.2-3")
+        require(all(k in chunks for k in (b"QUAN", b"TILE", b"PACK")), "E_CHUNK", "R-5.2-3")
     return {kind: chunks[kind] for kind in CRITICAL + ANCILLARY if kind in chunks}  # R-8.1-2
 
 
@@ -309,8 +309,8 @@ def read_chunks(data: bytes, end: int) -> dict[bytes, tuple[int, bytes]]:
 def read_quantisers(scene: Scene, body: bytes) -> None:
     """5.3."""
     n_rows, n_classes = 1 + scene.header.n_levels, 5 + scene.header.sh_degree
-    require(len(body) == n_rows * n_classes * STEP_ENTRY.size, "E_CHUNK", "R-5.2-5")
-    entries = list(STEP_ENTRY.iter_unpack(body))
+    require(len(body) == n_rows * n_classes * QUANTISER_ENTRY.size, "E_CHUNK", "R-5.2-5")
+    entries = list(QUANTISER_ENTRY.iter_unpack(body))
     for m, e in entries:
         require(m >= 1, "E_STEP", "R-5.3-1")
         require(e <= 24, "E_STEP", "R-5.3-2")
@@ -456,7 +456,7 @@ def read_tables(data: bytes, own: dict[str, int]) -> Scene:
     chunks = read_chunks(data, HEADER.size + header.chunks_size)
     scene = Scene(header, {kind: at for kind, (at, _) in chunks.items()})
     readers: dict[bytes, Callable[[Scene, bytes], None]] = {
-        b"STEP": read_quantisers,
+        b"QUAN": read_quantisers,
         b"ALFA": read_alphas,
         b"TILE": read_tiles,
         b"PACK": lambda scene, body: read_packets(scene, body, own),

@@ -69,7 +69,7 @@ def _box(rng: Random, parts: Parts) -> None:
 
 def _quantiser(rng: Random, parts: Parts) -> None:
     """A quantiser of a class that is not among the first takes large steps."""
-    body = _body(parts, b"STEP")
+    body = _body(parts, b"QUAN")
     n_classes = 5 + parts.header[11]
     n_rows = len(body) // (STEP_SIZE * n_classes)
     if n_rows:
@@ -109,7 +109,7 @@ def _last_picks(rng: Random, parts: Parts) -> None:
 
 def _last_entries(rng: Random, parts: Parts) -> None:
     """The same, of entries where there are some, whose last class takes larger steps."""
-    body = _body(parts, b"STEP")
+    body = _body(parts, b"QUAN")
     at = STEP_SIZE * (5 + parts.header[11] - 1)  # in the row of adds, which is the first
     if at + STEP_SIZE <= len(body):
         struct.pack_into("<HB", body, at, rng.choice((1, 3, 255)), rng.randint(8, 24))

@@ -41,7 +41,7 @@ TILE_SIZE, TILE_FIELDS = (
     48,
     (*((at, 8) for at in (0, 8, 16)), *((at, 4) for at in range(24, 48, 4))),
 )
-STEP_FIELDS, DIGEST_FIELDS = ((0, 2), (2, 1)), ((0, 4), (4, 1), (5, 4), (9, 1), (40, 1))
+QUANTISER_FIELDS, DIGEST_FIELDS = ((0, 2), (2, 1)), ((0, 4), (4, 1), (5, 4), (9, 1), (40, 1))
 FRAMES_AT = {0: 37, 1: 20, 2: 32, 3: 44}  # flags, n_frames and coding bytes, by component
 PICKS, PALETTE = 1, 2  # components where bit 0 of byte 19, bit 8 of the flags, is set
 
@@ -166,7 +166,7 @@ def _table(rng: Random, parts: Parts) -> None:
     if not body:
         return
     size, fields = {
-        b"STEP": (3, STEP_FIELDS),
+        b"QUAN": (3, QUANTISER_FIELDS),
         b"TILE": (TILE_SIZE, TILE_FIELDS),
         b"PACK": (ROW_SIZE, ROW_FIELDS),
         b"dGST": (41, DIGEST_FIELDS),

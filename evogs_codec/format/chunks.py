@@ -47,7 +47,7 @@ def read_quantisers(
     body: memoryview, offset: int, n_levels: int, classes: int
 ) -> tuple[tuple[Quantiser, ...], ...]:
     """[0] of adds, [1 + level] of psi: a quantiser per class (spec 5.3)."""
-    rows = read_rows(layout.STEP_ENTRY, body, offset, (1 + n_levels) * classes)
+    rows = read_rows(layout.QUANTISER_ENTRY, body, offset, (1 + n_levels) * classes)
     if rows.size and (rows["mantissa"].min() < 1 or rows["shift"].max() > 24):
         raise StreamError(Fault.E_STEP, "a mantissa is 0 or a shift exceeds 24", offset)
     flat = [Quantiser(int(row["mantissa"]), int(row["shift"])) for row in rows]

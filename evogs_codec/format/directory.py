@@ -36,7 +36,7 @@ __all__ = ["Directory", "check_crc", "read_directory", "read_header"]
 
 HEADER_SIZE = layout.size_of(layout.FILE_HEADER)
 CHUNK_HEADER_SIZE = layout.size_of(layout.CHUNK_HEADER)
-CRITICAL = (b"STEP", b"ALFA", b"TILE", b"PACK")  # in this order (R-5.2-3)
+CRITICAL = (b"QUAN", b"ALFA", b"TILE", b"PACK")  # in this order (R-5.2-3)
 ANCILLARY = (b"dGST", b"mETa")
 FLAG_ANTIALIASED = 1
 RESERVED_FLAGS = 0xFE00
@@ -243,7 +243,7 @@ def read_directory(data: memoryview, limits: Mapping[str, int] | None = None) ->
         )
     chunks, copied = _read_chunks(frozen(data[HEADER_SIZE:end]))
     sh_degree, n_levels, tier = header["sh_degree"], header["n_levels"], header["tier"]
-    quantisers = read_quantisers(*chunks[b"STEP"], n_levels, n_classes(sh_degree))
+    quantisers = read_quantisers(*chunks[b"QUAN"], n_levels, n_classes(sh_degree))
     alpha = read_alpha_tables(*chunks[b"ALFA"], n_levels) if b"ALFA" in chunks else {}
     tiles = read_tiles(*chunks[b"TILE"], header["n_tiles"])
     packets, steps = read_packet_table(*chunks[b"PACK"], header, limits)
@@ -328,7 +328,7 @@ def _read_chunks(area: memoryview) -> tuple[dict[bytes, tuple[memoryview, int]],
         elif kind[3:].islower():  # R-8.1-3
             copied += area[at:end]
         at = end
-    for kind in (b"STEP", b"TILE", b"PACK"):
+    for kind in (b"QUAN", b"TILE", b"PACK"):
         if kind not in chunks:
             raise StreamError(Fault.E_CHUNK, f"chunk {kind.decode()} is missing", HEADER_SIZE)
     return chunks, bytes(copied)

@@ -56,7 +56,7 @@ CHUNK_HEADER: Struct = cs.Struct(
     "crc" / cs.Int32ul * "CRC-32 of type, size and body",
 )
 
-STEP_ENTRY: Struct = cs.Struct(
+QUANTISER_ENTRY: Struct = cs.Struct(
     "mantissa" / cs.Int16ul * "M, 1..65535",
     "shift" / cs.Int8ul * "E, 0..24",
 )
@@ -131,7 +131,7 @@ DUMP_TILE: Struct = cs.Struct(
 STRUCTURES: dict[str, Struct] = {
     "file header": FILE_HEADER,
     "chunk header": CHUNK_HEADER,
-    "step entry": STEP_ENTRY,
+    "quantiser entry": QUANTISER_ENTRY,
     "alpha table": ALPHA_TABLE,
     "alpha entry": ALPHA_ENTRY,
     "tile entry": TILE_ENTRY,

@@ -44,8 +44,8 @@ def build_directory(
     """
     flat = [quantiser for row in quantisers for quantiser in row]
     bodies = {
-        b"STEP": b"".join(
-            layout.build(layout.STEP_ENTRY, mantissa=q.mantissa, shift=q.shift) for q in flat
+        b"QUAN": b"".join(
+            layout.build(layout.QUANTISER_ENTRY, mantissa=q.mantissa, shift=q.shift) for q in flat
         ),
         b"ALFA": b"".join(_alpha_bytes(*key, table) for key, table in sorted(alpha.items())),
         b"TILE": tiles.tobytes(),
@@ -58,7 +58,7 @@ def build_directory(
         ),
         b"mETa": _meta_bytes(info.text),
     }
-    required = (b"STEP", b"TILE", b"PACK")
+    required = (b"QUAN", b"TILE", b"PACK")
     chunks = b"".join(_chunk(k, body) for k, body in bodies.items() if body or k in required)
     chunks += copied_chunks
     fields = {

@@ -171,7 +171,7 @@ def test_the_default_coding_holds_the_largest_integer_in_few_bits(most):
         (Stream(header={"crc": 1}), "E_CRC"),
         (Stream(header={"signature": bytes(8)}), "E_SIGNATURE"),
         (Stream(chunks=lambda c: [*c, Chunk(b"QUUX")]), "E_UNSUPPORTED"),
-        (Stream(chunks=lambda c: [Chunk(b"STEP", c[0].body, crc=9), *c[1:]]), "E_CRC"),
+        (Stream(chunks=lambda c: [Chunk(b"QUAN", c[0].body, crc=9), *c[1:]]), "E_CRC"),
         (Stream(tail=b"?"), "E_TRAILING"),
         (Stream(tiles=[Tile(low=(-MAX_X - 1,) * 3)]), "E_TILE"),
         (Stream([Packet(n_adds=1, row={"level": 7})]), "E_CHAIN"),
@@ -194,7 +194,7 @@ def test_places_are_where_chunks_and_packets_begin():
     data = build(Stream([Packet(n_adds=1), Packet(), Packet(adds={Y: [7]})], alphas={}))
     found = places(data)
     assert [data[at : at + 4] for at in found.chunks.values()] == list(found.chunks)
-    assert list(found.chunks) == [b"STEP", b"ALFA", b"TILE", b"PACK"]
+    assert list(found.chunks) == [b"QUAN", b"ALFA", b"TILE", b"PACK"]
     sizes = [end - start for start, end in found.packets]
     assert sizes[:2] == [37, 0]
     assert found.packets[-1][1] == len(data)

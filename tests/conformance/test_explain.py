@@ -96,7 +96,7 @@ def test_an_explanation_says_what_is_tested_and_where_the_fault_is(made_suite):
     assert "tests        tests crc-of-a-packet" in text
     assert "run 0: file: exit 1, rejected, E_CRC at 457" in text
     assert "--- 457: packet 1 (tile 0, step 1, component 0)   <-- E_CRC" in text
-    assert "--- 64: chunk 'STEP'" in text
+    assert "--- 64: chunk 'QUAN'" in text
     assert "(R-6.3-1)" in text
     assert "R-6.3-1      Every `crc` is the CRC-32 of the bytes it covers." in text
 

@@ -63,7 +63,7 @@ def test_random_streams_are_legal_and_use_what_the_text_leaves_free() -> None:
         kinds["degree 3"] += data[11] == 3
         kinds["no tiles"] += data[24:28] == bytes(4)
         kinds["empty packet"] += b"" in parts.packets
-    assert min(kinds[kind] for kind in ("STEP", "ALFA", "dGST", "mETa", "teSt")) > 5
+    assert min(kinds[kind] for kind in ("QUAN", "ALFA", "dGST", "mETa", "teSt")) > 5
     assert min(kinds[kind] for kind in ("degree 3", "no tiles", "empty packet")) > 5
 
 

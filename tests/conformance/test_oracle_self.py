@@ -92,7 +92,7 @@ def stream(rows: list[Row], **changes: Any) -> bytes:
     """One tile, box -1000..1000, two levels. Counts are adds, splits, refines, drops."""
     degree = changes.get("degree", 0)
     quantiser = [(1, 0)] * 4 + [(3, 1)] + [(2, 0)] * degree  # SH band 0: delta = 6 q, others 2 q
-    step = b"".join(struct.pack("<HB", *entry) for entry in quantiser * 3)
+    quan = b"".join(struct.pack("<HB", *entry) for entry in quantiser * 3)
     alfa = struct.pack("<4B2h", 0, 0, 1, 1, 3, -1)  # level 0, position: 3/2 or -1/2
     alfa += struct.pack("<4B1h", 0, 4, 2, 0, 1)  # level 0, SH: 1/4
     tile = struct.pack("<3q6i", *changes.get("origin", (0, 0, 0)), *[-1000] * 3, *[1000] * 3)
@@ -100,7 +100,7 @@ def stream(rows: list[Row], **changes: Any) -> bytes:
         struct.pack("<IBBHI6I", 0, component, level, 0, len(body), *counts, 7, zlib.crc32(body))
         for component, level, counts, body in rows
     )
-    tables = {b"STEP": step, b"ALFA": alfa, b"TILE": tile, b"PACK": pack}
+    tables = {b"QUAN": quan, b"ALFA": alfa, b"TILE": tile, b"PACK": pack}
     tables |= changes.get("tables", {})
     chunks = b"".join(chunk(kind, body) for kind, body in tables.items())
     data = b"".join(body for *_, body in rows)

@@ -189,7 +189,7 @@ def stream_of(rows, packets=b"", *, n_tiles=1, degree=0, n_levels=1, header=None
     at, _, size = next(entry for entry in chunks_of(_one_tile()) if entry[1] == b"TILE")
     tile = _one_tile()[at + CHUNK_HEADER_SIZE : at + CHUNK_HEADER_SIZE + size]
     tables = {
-        b"STEP": b"\x01\0\0" * (1 + n_levels) * (5 + degree),
+        b"QUAN": b"\x01\0\0" * (1 + n_levels) * (5 + degree),
         b"TILE": tile * n_tiles,
         b"PACK": b"".join(rows),
         b"dGST": None,

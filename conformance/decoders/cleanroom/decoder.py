@@ -65,7 +65,7 @@ LIMITS = {  # 8.2, by tier
     "tile_slots": (1048576, 4194304, 16777216),
     "slots": (2097152, 33554432, 2147483647),
 }
-ORDERED = (b"STEP", b"ALFA", b"TILE", b"PACK")
+ORDERED = (b"QUAN", b"ALFA", b"TILE", b"PACK")
 ANCILLARY = (b"dGST", b"mETa")
 KEY_BYTES = b"abcdefghijklmnopqrstuvwxyz0123456789_.-"
 BOUND = (1 << 30) - 1
@@ -172,8 +172,8 @@ def read_chunks(source: Source, stream: Stream) -> None:
         found[kind] = source.at, body
         source.at += 12 + size
     source.at = 64
-    require(all(k in found for k in (b"STEP", b"TILE", b"PACK")), "E_CHUNK")  # R-5.2-3
-    readers = (read_step, read_alfa, read_tile, read_pack, read_dgst, read_meta)
+    require(all(k in found for k in (b"QUAN", b"TILE", b"PACK")), "E_CHUNK")  # R-5.2-3
+    readers = (read_quan, read_alfa, read_tile, read_pack, read_dgst, read_meta)
     for kind, reader in zip(ORDERED + ANCILLARY, readers, strict=True):
         if kind in found:
             source.at, body = found[kind]
@@ -183,7 +183,7 @@ def read_chunks(source: Source, stream: Stream) -> None:
             require(stream.data_size == size, "E_HEADER")  # R-5.1-8
 
 
-def read_step(body: memoryview, stream: Stream) -> None:
+def read_quan(body: memoryview, stream: Stream) -> None:
     """5.3: rows of (M, E) by class; row 0 for adds, row 1 + level for psi."""
     width = 5 + stream.sh_degree
     require(len(body) == 3 * width * (1 + stream.n_levels), "E_CHUNK")  # R-5.2-5

@@ -36,7 +36,7 @@ def build(stream: Stream) -> bytes:
     """The bytes of a stream."""
     bodies, rows = _packets(stream)
     chunks = [
-        Chunk(b"STEP", _step_table(stream)),
+        Chunk(b"QUAN", _quantiser_table(stream)),
         Chunk(b"TILE", b"".join(map(_tile_row, stream.tiles))),
         Chunk(b"PACK", b"".join(rows)),
     ]
@@ -86,7 +86,7 @@ def _number(value: int | bytes) -> int:
     return value
 
 
-def _step_table(stream: Stream) -> bytes:
+def _quantiser_table(stream: Stream) -> bytes:
     places_ = [(row, c) for row in range(1 + stream.n_levels) for c in range(5 + stream.degree)]
     return b"".join(struct.pack("<HB", *stream.quantisers.get(at, (1, 0))) for at in places_)
 

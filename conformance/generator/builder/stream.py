@@ -111,7 +111,7 @@ class Stream:
         has_palette: component 1 is picks, component 2 the palette; bit 8 of `flags` says so.
         n_levels: labels that steps may have.
         tiles: by default one, as large as may be.
-        quantisers: (M, E) by (row of STEP, class); (1, 0) elsewhere.
+        quantisers: (M, E) by (row of QUAN, class); (1, 0) elsewhere.
         alphas: (K, entries) by (level, group); None: no ALFA.
         digests: (tile, component, step): the digest, or None for the right one.
         metadata: of mETa, keys in the order given; values are text or bytes; None: no mETa.

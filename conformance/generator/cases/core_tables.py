@@ -78,7 +78,7 @@ def alphas() -> Iterator[Case]:
 
 
 def quantisers() -> Iterator[Case]:
-    """Which row and column of STEP applies."""
+    """Which row and column of QUAN applies."""
     steps = {(row, c): (1 + 3 * row + 7 * c, (row + c) % 3) for row in range(4) for c in range(8)}
     cores = [
         Packet(adds=numbers(2)),

@@ -19,7 +19,7 @@ def chunk_types() -> Iterator[Case]:
         (b"exTe", "registered, safe to copy"),
         (b"exTE", "registered, unsafe to copy"),
         (b"eXTe", "of a second letter that is a capital"),
-        (b"sTEP", "STEP but for the case of its first letter"),
+        (b"qUAN", "QUAN but for the case of its first letter"),
         (b"dGSt", "dGST but for the case of its last letter"),
     ]
     for kind, tests in rows:
@@ -43,7 +43,7 @@ def chunk_places() -> Iterator[Case]:
         (
             "holding-a-chunk",
             lambda c: [Chunk(b"noTe", bytes(c[0])), *c],
-            "a STEP within an unknown chunk",
+            "a QUAN within an unknown chunk",
         ),
     ]
     for name, edit, tests in rows:

@@ -19,7 +19,7 @@ ALL = Stream(
     metadata={"title": "all"},
     digests={(0, 0, 1): None},
 )
-STEP, ALFA, TILE, PACK, META, DIGESTS = range(6)  # in the list that is edited
+QUAN, ALFA, TILE, PACK, META, DIGESTS = range(6)  # in the list that is edited
 
 
 def edited(edit: Edit) -> Stream:
@@ -53,7 +53,7 @@ def extents() -> Iterator[Case]:
         )
     rows = [
         ("last-reaches-too-far", DIGESTS, 42, "the last chunk says a byte more than is left"),
-        ("size-wraps", STEP, 0xFFFFFFF4, "size and header of a chunk sum to 2^32"),
+        ("size-wraps", QUAN, 0xFFFFFFF4, "size and header of a chunk sum to 2^32"),
     ]
     for name, at, size, tests in rows:
         yield case(
@@ -89,7 +89,7 @@ def extents() -> Iterator[Case]:
 
 def checksums() -> Iterator[Case]:
     """Checksums of chunks."""
-    for at, name in ((STEP, "step"), (PACK, "pack"), (META, "meta")):
+    for at, name in ((QUAN, "step"), (PACK, "pack"), (META, "meta")):
         yield case(
             f"crc-of-{name}",
             edited(changed(at, partial(replace, crc=0x12345678))),
@@ -120,7 +120,7 @@ def checksums() -> Iterator[Case]:
 
 def c_name(at: int) -> str:
     """Type of a chunk of ALL."""
-    return ("STEP", "ALFA", "TILE", "PACK", "mETa", "dGST")[at]
+    return ("QUAN", "ALFA", "TILE", "PACK", "mETa", "dGST")[at]
 
 
 def types() -> Iterator[Case]:
@@ -146,9 +146,9 @@ def types() -> Iterator[Case]:
 
 def presence() -> Iterator[Case]:
     """Chunks that are missing, repeated or out of order."""
-    for at in (STEP, TILE, PACK):
+    for at, name in ((QUAN, "step"), (TILE, "tile"), (PACK, "pack")):
         yield case(
-            f"without-{c_name(at).lower()}",
+            f"without-{name}",
             edited(picked(*(k for k in range(6) if k != at))),
             "R-5.2-3",
             f"{c_name(at)} is missing",
@@ -168,9 +168,9 @@ def presence() -> Iterator[Case]:
             TWIN,
         )
     orders = [
-        ("alfa-before-step", (ALFA, STEP, TILE, PACK, META, DIGESTS)),
-        ("pack-before-tile", (STEP, ALFA, PACK, TILE, META, DIGESTS)),
-        ("step-last", (META, ALFA, TILE, PACK, DIGESTS, STEP)),
+        ("alfa-before-step", (ALFA, QUAN, TILE, PACK, META, DIGESTS)),
+        ("pack-before-tile", (QUAN, ALFA, PACK, TILE, META, DIGESTS)),
+        ("step-last", (META, ALFA, TILE, PACK, DIGESTS, QUAN)),
     ]
     for name, order in orders:
         yield case(
@@ -224,8 +224,8 @@ def unknown_critical() -> Iterator[Case]:
 def sizes() -> Iterator[Case]:
     """Tables that are not as long as their rows."""
     rows: list[tuple[str, int, Callable[[bytes], bytes], str]] = [
-        ("step-longer", STEP, lambda body: body + b"\x01\0\0", "STEP has an entry too many"),
-        ("step-shorter", STEP, lambda body: body[:-1], "STEP lacks its last byte"),
+        ("step-longer", QUAN, lambda body: body + b"\x01\0\0", "QUAN has an entry too many"),
+        ("step-shorter", QUAN, lambda body: body[:-1], "QUAN lacks its last byte"),
         ("tile-longer", TILE, lambda body: body * 2, "TILE has two rows for one tile"),
         ("pack-shorter", PACK, lambda body: body[:-36], "PACK lacks its last row"),
         ("dgst-shorter", DIGESTS, lambda body: body[:-1], "dGST lacks its last byte"),

@@ -19,7 +19,7 @@ def fields() -> Iterator[Case]:
         ("tier-0", {"tier": 0}, "R-5.1-4", "E_HEADER", "tier 0", "takes no limits from tier 0"),
         ("tier-4", {"tier": 4}, "R-5.1-4", "E_HEADER", "tier 4", "reads past the table of limits"),
         ("degree-4", {"sh_degree": 4}, "R-5.1-5", "E_HEADER", "SH degree 4", "makes 86 channels"),
-        ("levels-0", {"n_levels": 0}, "R-5.1-6", "E_HEADER", "no level", "accepts a row of STEP"),
+        ("levels-0", {"n_levels": 0}, "R-5.1-6", "E_HEADER", "no level", "accepts a row of QUAN"),
         ("grid-17-below", {"grid_exponents": b"\xef\0\0\0\0"}, "R-5.1-7", "E_HEADER",
          "the grid exponent of position is -17", "checks the upper bound only"),
         ("grid-41", {"grid_exponents": b"\0\0\0\0\x29"}, "R-5.1-7", "E_HEADER",

@@ -1,4 +1,4 @@
-"""Faults in the bodies of STEP, ALFA, TILE, dGST and mETa, one each."""
+"""Faults in the bodies of QUAN, ALFA, TILE, dGST and mETa, one each."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def legal() -> Iterator[Case]:
 
 
 def steps() -> Iterator[Case]:
-    """STEP."""
+    """QUAN."""
     rows = [
         ("mantissa-0-last", (2, 5), (0, 0), "R-5.3-1", "M of the last entry is 0"),
         ("shift-25", (1, 1), (1, 25), "R-5.3-2", "E is 25"),

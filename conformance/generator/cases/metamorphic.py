@@ -185,8 +185,8 @@ def chunks() -> Iterator[Case]:
         "chunks-ancillary-first",
         replace(meta, chunks=lambda c: [*c[-2:][::-1], *c[:-2]]),
         "R-5.2-3 R-5.2-4 5.2",
-        "dGST and mETa before STEP",
-        "wants STEP at offset 64",
+        "dGST and mETa before QUAN",
+        "wants QUAN at offset 64",
     )
     yield told(
         "header-other-hints",

@@ -31,7 +31,7 @@ def with_header(**fields: int | bytes) -> Stream:
 
 
 def with_chunks(edit: Edit) -> Stream:
-    """BASE with other chunks: STEP, ALFA, TILE, PACK, mETa, dGST."""
+    """BASE with other chunks: QUAN, ALFA, TILE, PACK, mETa, dGST."""
     return replace(BASE, chunks=edit)
 
 
@@ -41,8 +41,8 @@ def with_packets(*packets: Packet) -> Stream:
 
 
 def zero_step(chunks: list[Chunk]) -> Chunk:
-    """STEP of zeros."""
-    return Chunk(b"STEP", bytes(len(chunks[0].body)))
+    """QUAN of zeros."""
+    return Chunk(b"QUAN", bytes(len(chunks[0].body)))
 
 
 def cases_of(rows: list[Row], section: str, run: Run = FILE) -> Iterator[Case]:
@@ -168,7 +168,7 @@ def chunks() -> Iterator[Case]:
             "crc-and-repeated",
             with_chunks(lambda x: [x[0], replace(x[0], crc=1), *x[1:]]),
             "E_CRC",
-            "a second STEP, its crc wrong",
+            "a second QUAN, its crc wrong",
         ),
         (
             "type-and-unsupported",
@@ -204,7 +204,7 @@ def chunks() -> Iterator[Case]:
             "order-and-step",
             with_chunks(lambda x: [x[1], zero_step(x), *x[2:]]),
             "E_CHUNK",
-            "M of 0, STEP behind ALFA",
+            "M of 0, QUAN behind ALFA",
         ),
         (
             "meta-in-front-and-step",
@@ -226,9 +226,9 @@ def chunks() -> Iterator[Case]:
         ),
         (
             "step-size-and-step",
-            with_chunks(lambda x: [Chunk(b"STEP", bytes(3)), *x[1:]]),
+            with_chunks(lambda x: [Chunk(b"QUAN", bytes(3)), *x[1:]]),
             "E_CHUNK",
-            "STEP of one entry, which has M of 0",
+            "QUAN of one entry, which has M of 0",
         ),
         (
             "step-and-alpha",

@@ -14,7 +14,7 @@ __all__ = ["Question", "Reply", "Table", "Told"]
 
 HEADER_SIZE = 64
 OPTIONS = ("mode", "level", "limits", "verify", "arrival", "dump_on_fault")
-KNOWN = (b"STEP", b"ALFA", b"TILE", b"PACK", b"dGST", b"mETa")
+KNOWN = (b"QUAN", b"ALFA", b"TILE", b"PACK", b"dGST", b"mETa")
 
 
 @dataclass(frozen=True)

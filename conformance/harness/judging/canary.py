@@ -17,7 +17,7 @@ from conformance.harness.manifest import Case, Suite, SuiteError
 __all__ = ["canaries"]
 
 HEADER_SIZE, CHUNKS_SIZE_AT, CRC_AT = 64, 32, 60
-KNOWN = {"STEP", "ALFA", "TILE", "PACK", "dGST", "mETa"}
+KNOWN = {"QUAN", "ALFA", "TILE", "PACK", "dGST", "mETa"}
 
 
 def canaries(suite: Suite, seed: int) -> list[Case]:

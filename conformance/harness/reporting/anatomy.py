@@ -27,7 +27,7 @@ CHUNK_HEADER = (("type", "4s"), ("size", "I"), ("crc", "I"))
 ALPHA_TABLE = (("level", "B"), ("group", "B"), ("shift", "B"), ("last", "B"))
 META_ENTRY = (("key_size", "B"), ("value_size", "H"))
 ROWS = {
-    b"STEP": (("mantissa", "H"), ("shift", "B")),
+    b"QUAN": (("mantissa", "H"), ("shift", "B")),
     b"TILE": (("origin", "3q"), ("box_min", "3i"), ("box_max", "3i")),
     b"PACK": (
         *(("tile", "I"), ("component", "B"), ("level", "B"), ("reserved", "H"), ("size", "I")),
@@ -112,7 +112,7 @@ class _Reader(Reader):
     def body(self, kind: bytes, end: int) -> Iterator[Piece]:
         number = 0
         while self.at < end:
-            if kind == b"STEP":
+            if kind == b"QUAN":
                 yield from self.step_entry(number, end)
             elif kind in ROWS:
                 found: dict[str, tuple[int, ...]] = {}
