@@ -52,7 +52,7 @@ def require(condition: bool, code: str, detail: str) -> None:
 
 REFINE, SPLIT, DROP = range(3)  # 3.3
 N_GROUPS = 5  # 3.1: position, rotation, scale, opacity, SH
-PICKS, PALETTE = 1, 2  # 3.7: components above core where there is a palette
+PICKS, PALETTE = 4, 5  # 3.7: components; 3.5: 0 is core, 1 to 3 are SH bands
 OF_CHANGED = 4  # 5.9: flag of a packet of picks
 N_CORE = 14  # 7.4: the first channel above SH band 0
 LIMITS = {  # 8.2: tiers 1, 2, 3
@@ -77,7 +77,7 @@ def class_of(channel: int) -> int:
 
 
 def channels_of(component: int) -> range:
-    """3.5: core, or the coefficients b*b .. (b+1)*(b+1)-1 of band b, each R G B; no palette."""
+    """3.5: core, or the coefficients b*b .. (b+1)*(b+1)-1 of band b, each R G B."""
     first = 11 + 3 * component**2 if component > 0 else 0
     return range(first, 11 + 3 * (component + 1) ** 2)
 
@@ -127,9 +127,9 @@ class Header:
         return self.flags >> 8 & 1 == 1
 
     @property
-    def last_component(self) -> int:
-        """3.5, 3.7: components are numbered from 0, core, up to this one."""
-        return PALETTE if self.has_palette else self.sh_degree
+    def components(self) -> tuple[int, ...]:
+        """3.5, 3.7: the numbers of the components that the stream may have."""
+        return (0, PICKS, PALETTE) if self.has_palette else tuple(range(self.sh_degree + 1))
 
     @property
     def above_core(self) -> range:
@@ -342,7 +342,7 @@ def read_tiles(scene: Scene, body: bytes) -> None:
         ordered = all(-bound <= low[axis] <= high[axis] <= bound for axis in range(3))
         require(ordered, "E_TILE", "R-5.5-2")
         x: list[list[int]] = [[] for _ in range(channels_of(degree).stop)]
-        cut = [0] * (scene.header.last_component + 1)
+        cut = [0] * (scene.header.components[-1] + 1)
         scene.tiles.append(Tile(origin, low, high, x, cut))
 
 
@@ -350,7 +350,7 @@ def read_packets(scene: Scene, body: bytes, own: dict[str, int]) -> None:
     """5.6, 8.2."""
     h = scene.header
     require(len(body) == h.n_packets * PACKET_ENTRY.size, "E_CHUNK", "R-5.2-5")
-    rows = [[0] * (h.last_component + 1) for _ in range(h.n_tiles)]  # so far
+    rows = [[0] * (h.components[-1] + 1) for _ in range(h.n_tiles)]  # so far
     labels = [list[int]() for _ in range(h.n_tiles)]  # of the steps of core so far
     live = [0] * h.n_tiles
     level, slots = ([0] * (h.n_tiles + 1) for _ in range(2))  # of each tile, then of the palette
@@ -358,10 +358,10 @@ def read_packets(scene: Scene, body: bytes, own: dict[str, int]) -> None:
     for row in PACKET_ENTRY.iter_unpack(body):
         p, t = Packet(*row), row[0]
         n_new, no_counts = p.n_adds + p.n_splits, p.n_adds + p.n_records == 0
-        is_picks, is_palette = (h.has_palette and p.component == c for c in (PICKS, PALETTE))
+        is_picks, is_palette = (p.component == c for c in (PICKS, PALETTE))
         of = h.n_tiles if is_palette else t
         require(p.reserved == 0, "E_RESERVED", "R-4.4-1")
-        require(t < h.n_tiles and p.component <= h.last_component, "E_CHAIN", "R-5.6-1")
+        require(t < h.n_tiles and p.component in h.components, "E_CHAIN", "R-5.6-1")
         if p.component > 0 and not is_palette:
             require(rows[t][0] > rows[t][p.component], "E_CHAIN", "R-5.6-2")
             require(p.level == 0 and no_counts, "E_COUNT", "R-5.6-4")
@@ -422,11 +422,11 @@ def state_sizes(scene: Scene) -> dict[tuple[int, int, int], int]:
             before = slots[p.tile][-1] if slots[p.tile] else 0
             slots[p.tile].append(before + p.n_adds + p.n_splits)
             sizes[key] = 4 + 61 * slots[p.tile][-1]
-        elif scene.header.has_palette and p.component == PALETTE:
+        elif p.component == PALETTE:
             n_entries += p.n_adds
             sizes[key] = 4 + 4 * n_above * n_entries
         else:
-            n_channels = n_above if scene.header.has_palette else 3 * (2 * p.component + 1)
+            n_channels = n_above if p.component == PICKS else 3 * (2 * p.component + 1)
             sizes[key] = 4 + 4 * n_channels * slots[p.tile][p.step]
     return sizes
 
@@ -698,7 +698,7 @@ def apply_packet(scene: Scene, packet: Packet, body: bytes) -> None:
     """6.1 step 4, for a packet all of whose bytes are there."""
     require(zlib.crc32(body) == packet.crc, "E_CRC", "R-6.3-1")
     tile, component = scene.tiles[packet.tile], packet.component
-    if scene.header.has_palette and component > 0:
+    if component in (PICKS, PALETTE):
         apply = append_entries if component == PALETTE else apply_picks
         apply(scene, packet, body)
         tile.cut[component] += 1
@@ -844,10 +844,10 @@ def numbers(channels: list[list[int]]) -> bytes:
 def state_bytes(scene: Scene, number: int, component: int) -> bytes:
     """7.7: the state of a component of tile `number` after its last applied step."""
     tile, channels = scene.tiles[number], scene.palette
-    if not scene.header.has_palette or component == 0:
-        channels = [tile.x[c] for c in channels_of(component)]
-    elif component == PICKS:
+    if component == PICKS:
         channels = [tile.x[c] for c in scene.header.above_core]
+    elif component != PALETTE:
+        channels = [tile.x[c] for c in channels_of(component)]
     n_slots, slots = len(channels[0]), b""
     if component == 0:
         born_from = [-1 if slot is None else slot for slot in tile.born_from]
@@ -866,7 +866,7 @@ def cut_by_level(scene: Scene, level: int) -> list[list[int]]:
 
     A cut says in tile 0 how many steps of the palette it takes: here, those of the levels.
     """
-    cut = [[0] * (scene.header.last_component + 1) for _ in scene.tiles]
+    cut = [[0] * (scene.header.components[-1] + 1) for _ in scene.tiles]
     for p in scene.packets:
         cut[p.tile][0] += p.component == 0 and p.level <= level
     for p in scene.packets:
@@ -883,8 +883,7 @@ def check_cut(scene: Scene, cut: list[list[int]]) -> None:
     valid = [len(steps) for steps in cut] == [len(steps) for steps in most]
     for steps, limits in zip(cut, most, strict=False):
         valid &= all(0 <= n <= m for n, m in zip(steps, limits, strict=False))
-        of_tile = steps[:PALETTE] if scene.header.has_palette else steps
-        valid &= all(n <= steps[0] for n in of_tile)
+        valid &= all(n <= steps[0] for n in steps[:PALETTE])
     if valid and scene.header.has_palette:
         picks = (p for p in scene.packets if p.component == PICKS)
         taken = [p.label for p in picks if p.step < cut[p.tile][PICKS]]
@@ -987,9 +986,9 @@ def decode_what_came(
     for p in scene.packets:
         steps = scene.tiles[p.tile].cut
         required = p.step == steps[p.component] and (p.component == 0 or p.step < steps[0])  # 3.5
-        if scene.header.has_palette and p.component == PALETTE:  # 3.7
+        if p.component == PALETTE:  # 3.7
             required = p.step == steps[PALETTE]
-        elif scene.header.has_palette and p.component == PICKS:
+        elif p.component == PICKS:
             required &= scene.tiles[0].cut[PALETTE] >= len(scene.palette_up_to(p.label))
         if not required or not is_there(pieces, p):
             continue

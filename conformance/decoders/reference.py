@@ -27,7 +27,7 @@ USAGE = 2
 MODES = ["file", "progressive"]
 CAPABILITIES = {
     "name": "evogs_codec",
-    "version": "1.0-draft",
+    "version": "1.0-draft 2",
     "modes": MODES,
     "codes": True,
     "verify": True,

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from random import Random
 
 from conformance.decoders.outcomes import Run, by_oracle
-from conformance.generator.builder import places
+from conformance.generator.builder import PALETTE, PICKS, places
 from conformance.generator.tampering import Parts, edited_content
 
 __all__ = ["late_fault", "runs_beside_faults"]
@@ -21,7 +21,6 @@ TILE_SIZE, BOX_AT, AXES = 48, 24, 3
 STEP_SIZE, FIRST_LATE = 3, 2  # of a quantiser; the first class that does not come at the beginning
 LARGEST = (65535, 24)  # M and E
 PALETTE_BIT = 1  # of byte 19
-PICKS, PALETTE = 1, 2
 
 
 def late_fault(rng: Random, data: bytes) -> bytes:
@@ -118,10 +117,9 @@ def _last_entries(rng: Random, parts: Parts) -> None:
 
 
 def _of_component(parts: Parts, component: int) -> list[int]:
-    """Packets of a component of a palette, or all where there are none."""
+    """Packets of a component, or all where there are none."""
     full = [k for k, packet in enumerate(parts.packets) if len(packet) > 2]
-    has_palette = parts.header[19] & PALETTE_BIT
-    return [k for k in full if has_palette and parts.component(k) == component] or full
+    return [k for k in full if parts.component(k) == component] or full
 
 
 def _end_of_packet(rng: Random, parts: Parts, packets: Sequence[int]) -> None:

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from evogs_codec.model.components import CORE, PALETTE, PICKS
+
 if TYPE_CHECKING:
     from evogs_codec import Directory
 
@@ -68,11 +70,10 @@ def _packets(directory: Directory, at_once: int) -> int:
 
     They are decoded at once in threads: the largest packet of each counts, of the largest tiles.
     """
-    component = directory.packets["component"].astype(np.int64)
-    of_bands = 3 * (2 * component + 1)
-    if directory.has_palette:  # a pick is one number, an entry is the SH of all bands above 0
-        of_bands = np.where(component == 1, 1, 3 * (directory.sh_degree + 1) ** 2 - 3)
-    n_values = np.where(component == 0, 14 + 7, of_bands)
+    component, n_above = directory.packets["component"], directory.components.n_above
+    of_bands = 3 * (2 * component.astype(np.int64) + 1)
+    kinds = [component == CORE, component == PICKS, component == PALETTE]
+    n_values = np.select(kinds, [14 + 7, 1, n_above], of_bands)
     # A row of an SH band has no counts: those of the core packets bound them.
     most = np.zeros(max(len(directory.tiles), 1), np.int64)
     np.maximum.at(most, directory.packets["tile"].astype(np.int64), _records(directory))

@@ -15,6 +15,8 @@ from random import Random
 from conformance.decoders import oracle
 from conformance.generator.builder import (
     DROP,
+    PALETTE,
+    PICKS,
     REFINE,
     SPLIT,
     Chunk,
@@ -34,7 +36,7 @@ QUANTISERS = ((1, 0), (3, 1), (255, 8), (65535, 0), (1, 24), (65535, 24), (40000
 ENTRIES = (1, 1, -1, 0, 2, -3, 64, 4096, 32767, -32768)
 SPREADS = (0, 0, 1, 3, 7, 100, 3000, 1 << 15, (1 << 23) - 1)  # of q; values have 24 bits
 MAX_DELTA, MAX_PRODUCT = 1 << 28, 1 << 30
-HAS_PALETTE, PICKS, PALETTE = 1 << 8, 1, 2  # bit of the flags; components above core
+HAS_PALETTE = 1 << 8  # bit of the flags
 ANCILLARY = (b"teSt", b"abCD", b"zZZz", b"aaAa")
 
 
@@ -113,7 +115,7 @@ def _built(stream: Stream) -> bytes:
 def _packets(rng: Random, stream: Stream, times: int) -> list[Packet]:
     """Packets of all tiles, bands and the palette in an order that chains allow."""
     n_left, packets = rng.choice((0, 1, 2, 4, 6, 10)) if stream.tiles else 0, list[Packet]()
-    branches = [Branch([], 0, 0, [], [0] * 4) for _ in stream.tiles]
+    branches = [Branch([], 0, 0, [], [0] * (1 + PICKS)) for _ in stream.tiles]
     palette = Palette(_palette(rng, stream) if stream.has_palette and stream.tiles else [])
     while n_left:
         n_left -= 1
@@ -228,7 +230,7 @@ def _filled(rng: Random, stream: Stream, packet: Packet, core: Packet) -> Packet
     """The packet with integers, coding bytes and frames."""
     counts, band = core.counts, packet.component
     channels = oracle.channels_of(band)
-    is_palette = stream.has_palette and band == PALETTE
+    is_palette = band == PALETTE
     if is_palette:
         channels = range(oracle.N_CORE, oracle.channels_of(stream.degree).stop)
     n_psi = counts["n_splits"] + counts["n_refines"]

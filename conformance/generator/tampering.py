@@ -17,6 +17,8 @@ import zstandard
 from conformance.generator.builder import (
     CHUNK_HEADER_SIZE,
     HEADER_SIZE,
+    PALETTE,
+    PICKS,
     ROW_CRC_AT,
     ROW_SIZE,
     ROW_SIZE_AT,
@@ -43,7 +45,6 @@ TILE_SIZE, TILE_FIELDS = (
 )
 QUANTISER_FIELDS, DIGEST_FIELDS = ((0, 2), (2, 1)), ((0, 4), (4, 1), (5, 4), (9, 1), (40, 1))
 FRAMES_AT = {0: 37, 1: 20, 2: 32, 3: 44}  # flags, n_frames and coding bytes, by component
-PICKS, PALETTE = 1, 2  # components where bit 0 of byte 19, bit 8 of the flags, is set
 
 
 @dataclass
@@ -83,7 +84,7 @@ class Parts:
     def frames_at(self, packet: int) -> int:
         """Where the frame entries of a packet begin, if its row is right."""
         component = self.component(packet)
-        if self.header[19] & 1 and component in (PICKS, PALETTE):
+        if component in (PICKS, PALETTE):
             return 3 if component == PICKS else 3 * (min(self.header[11], 3) + 1) ** 2 - 1
         return FRAMES_AT.get(component, 37)
 

@@ -21,7 +21,7 @@ __all__ = ["serve"]
 
 MODES = ["file", "progressive"]
 CAPABILITIES = {
-    "version": "1.0-draft",
+    "version": "1.0-draft 2",
     "modes": MODES,
     "codes": True,
     "verify": True,

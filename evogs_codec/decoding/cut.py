@@ -16,7 +16,7 @@ __all__ = ["Cut"]
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """Steps applied: `steps` (n_tiles, n_components), core first; tiles may differ.
+    """Steps applied: `steps` (n_tiles, columns) as `Components` has them; tiles may differ.
 
     `palette` is the number of steps of the palette, which belongs to no tile.
     """
@@ -75,7 +75,7 @@ class Cut:
         is_missing |= directory.palette_required > n_palette
         is_missing[palette] = False
         missing = np.flatnonzero(is_missing)
-        chain = rows["tile"][missing], rows["component"][missing]
+        chain = rows["tile"][missing], directory.columns[missing]
         np.minimum.at(steps, chain, directory.steps[missing])
         return Cut(np.minimum(steps, steps[:, :1]), n_palette)
 
@@ -113,17 +113,15 @@ class Cut:
         Raises:
             ValueError: the cut asks for steps that the file does not have.
         """
-        if self.steps.shape != (len(directory.tiles), directory.n_components):
+        if self.steps.shape != (len(directory.tiles), len(directory.components.of_tiles)):
             raise ValueError(f"the cut has shape {self.steps.shape}")
         palette = directory.palette_packets
         if (self.steps > directory.chain_lengths()).any() or self.palette > len(palette):
             raise ValueError("the cut asks for steps that are not in the file")
         selected = np.zeros(len(directory.packets), bool)
         selected[palette[: self.palette]] = True
-        of_tiles = np.ones(len(directory.packets), bool)
-        of_tiles[palette] = False
-        rows = directory.packets[of_tiles]
-        applied = self.steps[rows["tile"], rows["component"]]
+        of_tiles = directory.columns >= 0
+        applied = self.steps[directory.packets["tile"][of_tiles], directory.columns[of_tiles]]
         selected[of_tiles] = directory.steps[of_tiles] < applied
         required = int(directory.palette_required[selected].max(initial=0))
         if self.palette < required:

@@ -172,6 +172,6 @@ def _directory_and_cut(
 
 def _degree_of(directory: Directory, cut: Cut) -> int:
     """Highest SH band with a step in the cut; picks are of all bands."""
-    applied = np.flatnonzero(cut.steps.any(0))
-    highest = int(applied[-1]) if len(applied) else 0
-    return directory.sh_degree if directory.has_palette and highest else highest
+    components = directory.components
+    applied = np.flatnonzero((cut.steps > 0).any(0)).tolist()
+    return max((components.highest_band(components.of_tiles[k]) for k in applied), default=0)

@@ -12,7 +12,8 @@ from evogs_codec.common.parallel import parallel_map
 from evogs_codec.decoding.compiled.dispatch import kernels_for
 from evogs_codec.decoding.tile_state import TileState
 from evogs_codec.format.directory import Directory
-from evogs_codec.model.channels import CORE_SH, GROUP_CHANNELS, PICKS, component_slice
+from evogs_codec.model.channels import CORE_SH, GROUP_CHANNELS
+from evogs_codec.model.components import PICKS, component_slice
 from evogs_codec.model.splats import F32, I32, I64, SplatParams
 
 __all__ = ["FloatView", "float_picks", "float_rows", "float_view"]
@@ -47,11 +48,11 @@ class FloatView:
     def write(self, tile: TileState) -> None:
         """Put the live splats of a tile in their place."""
         live = tile.live[: tile.n_slots]
-        shown = [None, *(tile.shown(component) for component in range(1, self._n_components()))]
+        shown = {component: tile.shown(component) for component in self._components()}
         n_live = int(np.count_nonzero(live))
         at = int(self.ends[tile.tile]) - n_live
         # Slots that are gathered are gathered in blocks, so that no copy of the state is made.
-        as_stored = n_live == len(live) and all(slots is None for slots in shown)
+        as_stored = n_live == len(live) and all(slots is None for slots in shown.values())
         size = max(len(live), 1) if as_stored else BLOCK
         for begin in range(0, len(live), size):
             slots: slice | I64 = slice(begin, min(begin + size, len(live)))
@@ -59,13 +60,13 @@ class FloatView:
                 slots = begin + np.flatnonzero(live[slots])
             at += self._write_slots(tile, slots, shown, at)
 
-    def _n_components(self) -> int:
+    def _components(self) -> list[int]:
         """Those of a tile that the view shows: of SH bands, none above its degree."""
-        n = self.directory.n_components
-        return n if self.directory.has_palette else min(n, 1 + self.sh_degree)
+        components = self.directory.components
+        return [c for c in components.of_tiles if components.lowest_band(c) <= self.sh_degree]
 
     def _write_slots(
-        self, tile: TileState, slots: slice | I64, shown: list[I32 | None], at: int
+        self, tile: TileState, slots: slice | I64, shown: dict[int, I32 | None], at: int
     ) -> int:
         """Put some slots of a tile from row `at` on; `shown` by component. Returns how many."""
         x = self._gathered(tile, slots, shown)
@@ -85,13 +86,15 @@ class FloatView:
             self.write_rows(x[channels], origins[channels], 2.0**-exponent, to)
         return n
 
-    def _gathered(self, tile: TileState, slots: slice | I64, shown: list[I32 | None]) -> I32:
+    def _gathered(self, tile: TileState, slots: slice | I64, shown: dict[int, I32 | None]) -> I32:
         """The integers of some slots as shown, a view of the state where that is the same."""
-        if tile.palette is not None or all(sources is None for sources in shown):
-            return tile.x[: component_slice(len(shown) - 1).stop, slots]
+        if PICKS in shown:
+            return tile.x[:, slots]
+        if all(sources is None for sources in shown.values()):
+            return tile.x[: component_slice(max(shown)).stop, slots]
         n = len(tile.live[slots])
         parts = []
-        for component, sources in enumerate(shown):
+        for component, sources in shown.items():
             rows = tile.x[component_slice(component)]
             if sources is None:
                 parts.append(rows[:, slots])

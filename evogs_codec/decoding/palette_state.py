@@ -27,7 +27,8 @@ from evogs_codec.format.packet_header import (
 from evogs_codec.format.planes import join_planes, planes_at
 from evogs_codec.format.unpack import Stored, Values, check_bits, read_planes
 from evogs_codec.model.arithmetic import Quantiser, RangeError
-from evogs_codec.model.channels import N_CORE, channel_class, component_slice, n_channels
+from evogs_codec.model.channels import N_CORE, channel_class, n_channels
+from evogs_codec.model.components import component_slice
 from evogs_codec.model.splats import I32, U8
 
 __all__ = [

@@ -23,7 +23,7 @@ from evogs_codec.format.directory import (
     read_directory,
     read_header,
 )
-from evogs_codec.model.channels import PALETTE, PICKS
+from evogs_codec.model.components import CORE, PALETTE
 from evogs_codec.model.splats import SplatParams
 
 __all__ = ["Decoder", "StepReady"]
@@ -35,7 +35,7 @@ MOST_NEW = 1 << 12  # bytes of ranges behind a gap that need not be in order yet
 class StepReady:
     """A packet was applied: a step of a component of a tile; `level` is its label.
 
-    A packet of a palette is of component 2 of tile 0; `level` is that of its entries.
+    A packet of the palette is of component 5 of tile 0; `level` is that of its entries.
     """
 
     tile: int
@@ -70,7 +70,7 @@ class Decoder:
         self._first_fault = -1  # the packet, or -1
         self._begins: list[int] = []  # of packets, in the file; lists are searched faster
         self._ends: list[int] = []
-        self._chains: list[list[list[int]]] = []  # packets by tile and component
+        self._chains: list[dict[int, list[int]]] = []  # packets by tile and component
         self._touched: set[int] = set()  # tiles that may advance
         self._waiting: dict[int, set[int]] = {}  # tiles by the packets of the palette they require
         self._at = 0
@@ -129,8 +129,8 @@ class Decoder:
         """
         if self.directory is None:
             raise ValueError("header and chunks have not come yet")
-        shape = (len(self._tiles), self.directory.n_components)
-        steps = np.array([t.n_applied for t in self._tiles], np.int64).reshape(shape)
+        shape = (len(self._tiles), len(self.directory.components.of_tiles))
+        steps = np.array([[*t.n_applied.values()] for t in self._tiles], np.int64).reshape(shape)
         return Cut(steps, self._palette.n_applied if self._palette else 0)
 
     @property
@@ -175,9 +175,10 @@ class Decoder:
         self._done = np.zeros(len(rows), bool)
         self._begins = directory.offsets.tolist()
         self._ends = (directory.offsets + rows["size"]).tolist()
-        self._chains = [[[] for _ in range(directory.n_components)] for _ in self._tiles]
+        of_tiles = directory.components.of_tiles
+        self._chains = [{component: [] for component in of_tiles} for _ in self._tiles]
         for packet, (tile, component) in enumerate(rows[["tile", "component"]].tolist()):
-            if component < directory.n_components:  # else it is of the palette
+            if component != PALETTE:
                 self._chains[tile][component].append(packet)
         empty = np.flatnonzero(rows["size"] == 0)
         self._whole = dict.fromkeys(empty.tolist(), b"")
@@ -235,17 +236,16 @@ class Decoder:
         directory = self.directory
         assert directory is not None
         state, ready = self._tiles[tile], []
-        for component, chain in enumerate(self._chains[tile]):
+        for component, chain in self._chains[tile].items():
             while state.n_applied[component] < len(chain):
                 step = state.n_applied[component]
                 packet = chain[step]
-                if component > 0 and state.n_applied[0] <= step:
+                if component != CORE and state.n_applied[CORE] <= step:
                     break
-                if self._palette is not None and component == PICKS:
-                    required = int(directory.palette_required[packet])
-                    if self._palette.n_applied < required:
-                        self._waiting.setdefault(required, set()).add(tile)
-                        break
+                required = int(directory.palette_required[packet])
+                if self._palette is not None and self._palette.n_applied < required:
+                    self._waiting.setdefault(required, set()).add(tile)
+                    break
                 if packet not in self._whole or not self._try(packet, state):
                     break
                 ready.append(StepReady(tile, component, step, state.level(step)))

@@ -22,7 +22,7 @@ from evogs_codec.decoding.palette_state import PaletteState
 from evogs_codec.decoding.tile_state import TileState
 from evogs_codec.errors import Fault, StreamError
 from evogs_codec.format.directory import Directory, check_crc
-from evogs_codec.model.channels import PALETTE, PICKS
+from evogs_codec.model.components import PALETTE, PICKS
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import I64
 

@@ -20,16 +20,8 @@ from evogs_codec.format.directory import Directory
 from evogs_codec.format.packet_header import Counts
 from evogs_codec.format.unpack import Deltas, Packet, Values, check_kinds, unpack
 from evogs_codec.model.arithmetic import MAX_X, AlphaTable, RangeError, StepPlan, apply_channel
-from evogs_codec.model.channels import (
-    N_CORE,
-    N_GROUPS,
-    PICKS,
-    SH_GROUP,
-    channel_class,
-    component_slice,
-    group_of_class,
-    n_channels,
-)
+from evogs_codec.model.channels import N_GROUPS, SH_GROUP, channel_class, group_of_class
+from evogs_codec.model.components import CORE, PICKS, component_slice
 from evogs_codec.model.splats import I32
 
 __all__ = ["TileState"]
@@ -63,15 +55,14 @@ class TileState:
         self.directory = directory
         self.tile = tile
         self.palette = palette
-        n = n_channels(directory.sh_degree) if palette is None else N_CORE
         take = scratch.take if scratch else np.empty
-        self.x = take((n, capacity), np.int32)
+        self.x = take((directory.components.n_stored, capacity), np.int32)
         self.live = take((capacity,), np.bool_)
         self.live[:] = False
         self.born_from = take((capacity,), np.int32)
         self.born_from[:] = -1
         self.picks = take((0 if palette is None else capacity,), np.int32)
-        self.n_applied = [0] * directory.n_components
+        self.n_applied = dict.fromkeys(directory.components.of_tiles, 0)
         self._n_after: list[int] = []  # slots after each core step
         self._plans: list[StepPlan] = []
         self._levels: list[int] = []
@@ -93,7 +84,7 @@ class TileState:
         n = self.n_applied[component]
         return self._n_after[n - 1] if n else 0
 
-    def set_applied(self, n_applied: list[int], n_after: list[int], levels: list[int]) -> None:
+    def set_applied(self, n_applied: dict[int, int], n_after: list[int], levels: list[int]) -> None:
         """Say that the slots were changed by others, and will not be by `apply` any more.
 
         Args:
@@ -113,14 +104,14 @@ class TileState:
         offset = int(self.directory.offsets[packet])
         component = int(row["component"])
         try:
-            if component == 0:
+            if component == CORE:
                 counts = self.directory.counts(packet)
                 self._apply_core(unpack(body, 0, counts, offset), counts, int(row["level"]), offset)
-            elif self.palette is None:
-                self._apply_band(component, body, offset)
-            else:
+            elif component == PICKS:
                 n_entries = int(self.directory.entries_required[packet])
                 self._apply_picks(body, n_entries, offset)
+            else:
+                self._apply_band(component, body, offset)
         except RangeError as error:
             raise StreamError(Fault.E_RANGE, str(error), offset) from None
         self.n_applied[component] += 1
@@ -257,13 +248,14 @@ class TileState:
         n = self.n_slots
         live = self.live[:n]
         all_live = bool(live.all())
-        for component in range(self.directory.n_components):
+        for component in self.directory.components.of_tiles:
             for row in self._rows_of(component):
                 yield row if all_live else np.where(live, row, np.int32(0))
 
     def _rows_of(self, component: int) -> Iterator[I32]:
         """The rows of a component as shown, whether slots are live or not."""
-        if component and self.palette is not None:
+        if component == PICKS:
+            assert self.palette is not None
             picks = self.shown_picks()
             yield from (row[picks] for row in self.palette.x)
             return
@@ -286,7 +278,8 @@ class TileState:
         if component == 0:
             digest.update(self.live[:n].astype(np.uint8).data)
             digest.update(self.born_from[:n].astype("<i4", copy=False).data)
-        if component and self.palette is not None:
+        if component == PICKS:
+            assert self.palette is not None
             picks = self.picks[:n]
             rows = (row[picks] for row in self.palette.x)
         else:

@@ -15,16 +15,8 @@ from evogs_codec.format.directory import UNKNOWN_ERROR, Directory
 from evogs_codec.format.packet_header import Counts, PacketHeader, read_packet_header
 from evogs_codec.format.planes import entropies
 from evogs_codec.format.unpack import read_planes
-from evogs_codec.model.channels import (
-    CLASS_NAMES,
-    N_CORE,
-    N_GROUPS,
-    PALETTE,
-    PICKS,
-    channel_class,
-    component_slice,
-    n_channels,
-)
+from evogs_codec.model.channels import CLASS_NAMES, N_GROUPS, channel_class
+from evogs_codec.model.components import PALETTE, PICKS, component_slice
 from evogs_codec.model.splats import I64
 
 __all__ = ["LevelStats", "bytes_by_group", "levels"]
@@ -127,11 +119,11 @@ def bytes_by_group(directory: Directory, data: memoryview) -> dict[str, GroupByt
             continue
         offset = int(directory.offsets[packet])
         body = packet_body(directory, data, packet)
-        if directory.has_palette and component == PALETTE:
-            n = n_channels(directory.sh_degree) - N_CORE
+        if component == PALETTE:
+            n = directory.components.n_above
             head = read_entries_header(body, int(row["n_adds"]), n, offset)
-            names = _named(head, _class_names(slice(N_CORE, N_CORE + n)))
-        elif directory.has_palette and component == PICKS:
+            names = _named(head, _class_names(directory.components.channels(PALETTE)))
+        elif component == PICKS:
             head = read_picks_header(body, core_counts[key], offset)
             names = _named(head, ["picks"])
         else:

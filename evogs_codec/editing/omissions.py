@@ -16,14 +16,8 @@ from evogs_codec.decoding.replay import packet_body
 from evogs_codec.format.directory import UNKNOWN_ERROR, Directory
 from evogs_codec.format.packet_header import Counts, read_packet_header
 from evogs_codec.format.unpack import unpack
-from evogs_codec.model.channels import (
-    CLASS_NAMES,
-    GROUPS,
-    N_GROUPS,
-    channel_class,
-    component_channels,
-    component_slice,
-)
+from evogs_codec.model.channels import CLASS_NAMES, GROUPS, N_GROUPS, channel_class
+from evogs_codec.model.components import CORE, PALETTE, PICKS, component_channels, component_slice
 from evogs_codec.model.splats import I64
 
 __all__ = ["Omission", "omissions"]
@@ -61,15 +55,15 @@ def _cut_off(directory: Directory) -> Iterator[Omission]:
     """Steps after the last of the core, and steps that SH bands do not have."""
     rows, chains = directory.packets, directory.chain_lengths()
     core = rows["component"] == 0
-    for component in range(directory.n_components):
-        missing = core & (directory.steps >= chains[rows["tile"], component])
-        change = _change(directory, component, chains[:, component])
-        if component == 0 and change:
+    for column, component in enumerate(directory.components.of_tiles):
+        missing = core & (directory.steps >= chains[rows["tile"], column])
+        change = _change(directory, component, chains[:, column])
+        if component == CORE and change:
             last = int(rows["level"][core].max())
             yield Omission("position", CUT_OFF, tuple(range(last, directory.n_levels)), change)
         if missing.any():
             levels = tuple(np.unique(rows["level"][missing]).tolist())
-            part = "picks" if directory.has_palette else CLASS_NAMES[4 + component]
+            part = "picks" if component == PICKS else CLASS_NAMES[4 + component]
             yield Omission(part, CUT_OFF, levels, change)
 
 
@@ -135,6 +129,6 @@ def _packets(directory: Directory) -> Iterator[tuple[int, int, int, Counts]]:
         key = int(row["tile"]), int(directory.steps[packet])
         if int(row["component"]) == 0:
             core[key] = int(row["level"]), directory.counts(packet)
-        elif directory.has_palette:  # picks and entries, of which nothing is refined
+        elif int(row["component"]) in (PICKS, PALETTE):  # nothing of them is refined
             continue
         yield packet, int(row["component"]), *core[key]

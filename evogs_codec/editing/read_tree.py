@@ -16,8 +16,9 @@ from evogs_codec.decoding.palette_state import unpack_entries, unpack_picks
 from evogs_codec.decoding.replay import packet_body
 from evogs_codec.format.directory import UNKNOWN_ERROR, Directory
 from evogs_codec.format.unpack import Packet, unpack
-from evogs_codec.model.channels import N_CORE, N_GROUPS, PICKS, component_slice, n_channels
+from evogs_codec.model.channels import N_GROUPS
 from evogs_codec.model.coded_tree import CodedStep, CodedTile, CodedTree
+from evogs_codec.model.components import PICKS, component_slice
 from evogs_codec.model.splats import I32
 
 __all__ = ["read_coded_tree"]
@@ -44,7 +45,7 @@ def read_coded_tree(data: bytes | memoryview) -> CodedTree:
     tiles = []
     for tile, row in enumerate(directory.tiles):
         steps = [
-            _step(directory, view, [places[tile, k, c] for c in range(directory.n_components)])
+            _step(directory, view, [places[tile, k, c] for c in directory.components.of_tiles])
             for k in range(int(lengths[tile, 0]))
         ]
         tiles.append(
@@ -73,7 +74,7 @@ def read_coded_tree(data: bytes | memoryview) -> CodedTree:
 
 def _entries(directory: Directory, data: memoryview) -> I32:
     """(C, n) q of the palette."""
-    n_above = n_channels(directory.sh_degree) - N_CORE
+    n_above = directory.components.n_above
     parts = [np.empty((n_above, 0), np.int32)]
     for packet in directory.palette_packets.tolist():
         offset, n = int(directory.offsets[packet]), int(directory.packets["n_adds"][packet])
@@ -87,15 +88,15 @@ def _step(directory: Directory, data: memoryview, packets: list[int]) -> CodedSt
     """The step whose packets, core first, are `packets`."""
     counts = directory.counts(packets[0])
     rows = directory.packets[packets]
-    d = N_CORE if directory.has_palette else n_channels(directory.sh_degree)
+    d = directory.components.n_stored
     psi = np.zeros((d, counts.n_psi), np.int32)
     adds = np.zeros((d, counts.n_adds), np.int32)
     picks = np.empty(0, np.int32)
     parts: list[Packet] = []
-    for component, packet in enumerate(packets):
+    for component, packet in zip(directory.components.of_tiles, packets, strict=True):
         offset = int(directory.offsets[packet])
         body = packet_body(directory, data, packet)
-        if directory.has_palette and component == PICKS:
+        if component == PICKS:
             n_entries = int(directory.entries_required[packet])
             changed, new = unpack_picks(body, counts, n_entries, offset)
             chosen = [new] if changed is None else [changed, new]

@@ -69,7 +69,7 @@ class MeasuredGains:
         """
         if not self.levels.sum() > 0:
             return tree
-        estimated = np.zeros((tree.n_levels, tree.n_components))
+        estimated = np.zeros((tree.n_levels, len(tree.components.of_tiles)))
         for share, tile in zip(leaf_shares(tree), tree.tiles, strict=True):
             for step in tile.steps:
                 estimated[step.level] += share * np.array(step.gain)

@@ -12,7 +12,7 @@ import scipy
 from evogs_codec.encoding.grids import Grid
 from evogs_codec.encoding.visibility import area, visibility
 from evogs_codec.format.directory import UNKNOWN_ERROR
-from evogs_codec.model.channels import component_slice
+from evogs_codec.model.components import CORE, PICKS, component_slice
 from evogs_codec.model.splats import F64, I32, I64
 from evogs_codec.model.tree import EvolutionTree, Kind, Palette, Step, take_picks
 
@@ -32,7 +32,7 @@ class LeafTracker:
 
     def __init__(self, tile: EvolutionTree, grid: Grid) -> None:
         self.grid = grid
-        self.palette, self.n_components = tile.palette, tile.n_components
+        self.palette, self.components = tile.palette, tile.components
         self.shown: list[I32] = []
         self.picks = np.zeros(1 + sum(step.n_new for step in tile.steps), np.int32)  # -1: none
         self.snapshots: list[I32] = []
@@ -80,13 +80,13 @@ class LeafTracker:
         self.present.append(x[0:3, : 0 if found.all() else n].copy())
 
     def estimates(self, final: I32) -> list[tuple[tuple[int, ...], tuple[float, ...]]]:
-        """Per step: for each component its error (spec 5.6) and its gain.
+        """Per step: for each column its error (spec 5.6) and its gain.
 
         Errors are in grid units. They never rise: what a later step leaves to be refined, an
         earlier one does too. A gain is how much of the mean squared error of pictures goes, in the
         units of a picture from 0 to 1.
         """
-        n_steps, components = len(self.snapshots), range(self.n_components)
+        n_steps, components = len(self.snapshots), self.components.of_tiles
         if not len(self.leaves):
             return [((UNKNOWN_ERROR,) * len(components), (0.0,) * len(components))] * n_steps
         last = final[:, self.leaves].astype(np.float64)
@@ -100,19 +100,23 @@ class LeafTracker:
         errors[:, 0] = np.sqrt(np.square(ways).mean(1))
         farthest = np.maximum(ways.max(0), np.sqrt(area(values)) * self.grid.scale[0])
         left[0, 0], left[1:, 0] = BLANK, COARSE * (ways / farthest).mean(1) ** POWER
-        if self.palette is not None:
-            squares = self._off_picks(self.palette)
-            errors[:, 1] = np.sqrt(squares[1:].mean((1, 2))) * self.grid.scale[-1]
-            left[:, 1] = SH * (squares.sum(1) @ weights) / 3
-        for b in components[1:] if self.palette is None else ():
-            part = component_slice(b)
-            off = [
-                np.square(x[part] - last[part])
-                for x in (0 * final[:, self.leaves], *self.snapshots)
-            ]
-            errors[:, b] = [np.sqrt(square.mean()) for square in off[1:]]
-            unit = np.square(self.grid.scale[part])
-            left[:, b] = [SH * float(weights @ (square / unit).sum(0)) / 3 for square in off]
+        for column, component in enumerate(components):
+            if component == PICKS:
+                assert self.palette is not None
+                squares = self._off_picks(self.palette)
+                errors[:, column] = np.sqrt(squares[1:].mean((1, 2))) * self.grid.scale[-1]
+                left[:, column] = SH * (squares.sum(1) @ weights) / 3
+            elif component != CORE:
+                part = component_slice(component)
+                off = [
+                    np.square(x[part] - last[part])
+                    for x in (0 * final[:, self.leaves], *self.snapshots)
+                ]
+                errors[:, column] = [np.sqrt(square.mean()) for square in off[1:]]
+                unit = np.square(self.grid.scale[part])
+                left[:, column] = [
+                    SH * float(weights @ (square / unit).sum(0)) / 3 for square in off
+                ]
         errors, left = (np.maximum.accumulate(x[::-1], axis=0)[::-1] for x in (errors, left))
         whole = np.minimum(np.rint(errors), UNKNOWN_ERROR - 1).astype(np.int64)
         gains = -np.diff(left, axis=0)

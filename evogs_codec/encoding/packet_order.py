@@ -13,8 +13,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from evogs_codec.format import layout
-from evogs_codec.model.channels import PALETTE, PICKS
 from evogs_codec.model.coded_tree import CodedTile, CodedTree
+from evogs_codec.model.components import PALETTE, PICKS
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import F64
 from evogs_codec.model.tree import Kind
@@ -33,9 +33,9 @@ def packet_order(tree: CodedTree, sizes: Mapping[PacketId, int]) -> list[PacketI
     most = _most_of_picks(tree, sizes)
     for number, (share, tile) in enumerate(zip(leaf_shares(tree), tree.tiles, strict=True)):
         core = np.full(len(tile.steps), np.inf)
-        for component in range(tree.n_components):
+        for column, component in enumerate(tree.components.of_tiles):
             packets = [PacketId(number, component, k) for k in range(len(tile.steps))]
-            gains = [share * step.gain[component] if step.gain else 0.0 for step in tile.steps]
+            gains = [share * step.gain[column] if step.gain else 0.0 for step in tile.steps]
             slopes = np.minimum(_falling(gains, [sizes[packet] for packet in packets]), core)
             if most and component == PICKS:
                 caps = [most.get(step.level, np.inf) for step in tile.steps]
@@ -65,11 +65,11 @@ def _most_of_picks(tree: CodedTree, sizes: Mapping[PacketId, int]) -> dict[int, 
     Whichever comes first brings all entries of the level: none comes before they pay for them.
     """
     most: dict[int, float] = {}
-    shares = leaf_shares(tree)
+    shares, column = leaf_shares(tree), tree.components.columns[PICKS]
     for palette, level in zip(palette_packets(tree), tree.palette_levels, strict=True):
         packets = [
             (
-                shares[number] * step.gain[PICKS] if step.gain else 0.0,
+                shares[number] * step.gain[column] if step.gain else 0.0,
                 sizes[PacketId(number, PICKS, k)],
             )
             for number, tile in enumerate(tree.tiles)

@@ -19,8 +19,9 @@ from evogs_codec.format import layout
 from evogs_codec.format.directory import UNKNOWN_ERROR, Directory, read_directory
 from evogs_codec.format.pack import pack, pack_entries, pack_picks
 from evogs_codec.format.write_directory import build_directory
-from evogs_codec.model.channels import N_GROUPS, PALETTE, PICKS, component_slice
+from evogs_codec.model.channels import N_GROUPS
 from evogs_codec.model.coded_tree import CodedStep, CodedTree
+from evogs_codec.model.components import PALETTE, PICKS, component_slice
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.tree import Kind
 
@@ -69,7 +70,7 @@ def final_digests(directory: Directory, stream: bytes) -> dict[PacketId, bytes]:
     digests = {
         PacketId(tile, component, n - 1): decoded.tiles[tile].digest(component)
         for tile, row in enumerate(decoded.cut.steps.tolist())
-        for component, n in enumerate(row)
+        for component, n in zip(directory.components.of_tiles, row, strict=True)
         if n
     }
     palette = decoded.tiles[0].palette if directory.n_entries else None
@@ -84,7 +85,7 @@ def _bodies(tree: CodedTree, effort: int, report: Progress) -> dict[PacketId, by
         PacketId(tile, component, step)
         for tile, own in enumerate(tree.tiles)
         for step in range(len(own.steps))
-        for component in range(tree.n_components)
+        for component in tree.components.of_tiles
     ]
     packets += palette_packets(tree)
     bodies: dict[PacketId, bytes] = {}
@@ -98,11 +99,11 @@ def _bodies(tree: CodedTree, effort: int, report: Progress) -> dict[PacketId, by
 def _body(tree: CodedTree, packet: PacketId, effort: int) -> bytes:
     """The bytes of a packet (spec 5.9)."""
     tile, component, number = packet
-    if tree.entries is not None and component == PALETTE:
+    if component == PALETTE and tree.entries is not None:
         of_level = tree.entry_levels == tree.palette_levels[number]
         return pack_entries(tree.entries[:, of_level], effort=effort)
     step = tree.tiles[tile].steps[number]
-    if tree.entries is not None and component == PICKS:
+    if component == PICKS:
         return pack_picks(step.picks, step.n_new, effort=effort)
     part = component_slice(component)
     alpha = [
@@ -120,10 +121,11 @@ def _rows(
     rows = np.zeros(len(order), layout.dtype_of(layout.PACKET_ENTRY))
     for row, packet in zip(rows, order, strict=True):
         body = bodies[packet]
-        if tree.entries is not None and packet.component == PALETTE:
+        if packet.component == PALETTE:
             fields = _palette_fields(tree, tree.palette_levels[packet.step])
         else:
-            fields = _step_fields(tree.tiles[packet.tile].steps[packet.step], packet.component)
+            column = int(tree.components.columns[packet.component])
+            fields = _step_fields(tree.tiles[packet.tile].steps[packet.step], column)
         for name, value in fields.items():
             row[name] = value
         row["tile"], row["component"] = packet.tile, packet.component
@@ -137,10 +139,10 @@ def _palette_fields(tree: CodedTree, level: int) -> dict[str, int]:
     return {"level": level, "n_adds": n_entries, "error": UNKNOWN_ERROR}
 
 
-def _step_fields(step: CodedStep, component: int) -> dict[str, int]:
+def _step_fields(step: CodedStep, column: int) -> dict[str, int]:
     """The fields of a row that follow from its step."""
-    error = step.error[component] if step.error else UNKNOWN_ERROR
-    if component:
+    error = step.error[column] if step.error else UNKNOWN_ERROR
+    if column:
         return {"error": error}
     n_splits = int(np.count_nonzero(step.kinds == Kind.SPLIT))
     n_refines = int(np.count_nonzero(step.kinds == Kind.REFINE))
@@ -171,5 +173,5 @@ def _directory(
         tiles=tiles,
         packets=rows,
         digests=digests,
-        has_palette=tree.entries is not None,
+        has_palette=tree.components.has_palette,
     )

@@ -27,7 +27,8 @@ from evogs_codec.format.crc import crc32
 from evogs_codec.format.packet_header import FLAG_PALETTE, Counts
 from evogs_codec.format.packet_table import labels_of, read_packet_table, state_sizes
 from evogs_codec.model.arithmetic import SYMMETRIC, AlphaTable, Quantiser
-from evogs_codec.model.channels import MAX_SH_DEGREE, N_GROUPS, PALETTE, PICKS, n_classes
+from evogs_codec.model.channels import MAX_SH_DEGREE, N_GROUPS, n_classes
+from evogs_codec.model.components import PALETTE, PICKS, Components
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import I32, I64
@@ -50,7 +51,7 @@ class Directory:
 
     Attributes:
         sh_degree, n_levels, tier, grid_exponents: of the header.
-        has_palette: SH above band 0 are entries of a palette (spec 3.7).
+        components: which components the stream has (spec 3.5, 3.7).
         info: metadata.
         quantisers: [0] of adds, [1 + level] of psi; one per class each.
         alpha: tables by (level, group); `alpha_table` gives the default.
@@ -69,7 +70,7 @@ class Directory:
     sh_degree: int
     n_levels: int
     grid_exponents: tuple[int, ...]
-    has_palette: bool
+    components: Components
     info: SceneInfo
     quantisers: tuple[tuple[Quantiser, ...], ...]
     alpha: Mapping[tuple[int, int], AlphaTable]
@@ -86,27 +87,30 @@ class Directory:
     size: int
 
     @property
-    def n_components(self) -> int:
-        """Components of a tile: core, and the SH bands above 0, or picks if there is a palette."""
-        return 2 if self.has_palette else self.sh_degree + 1
+    def has_palette(self) -> bool:
+        """SH above band 0 are entries of a palette (spec 3.7)."""
+        return self.components.has_palette
+
+    @cached_property
+    def columns(self) -> I64:
+        """(n_packets,) column of the component of each packet; -1 of those of the palette."""
+        columns: I64 = self.components.columns[self.packets["component"]]
+        return columns
 
     @cached_property
     def palette_packets(self) -> I64:
         """Rows of the packets of the palette, which belong to no tile."""
-        rows = self.packets["component"] == PALETTE if self.has_palette else ()
-        return np.flatnonzero(rows).astype(np.int64)
+        return np.flatnonzero(self.packets["component"] == PALETTE).astype(np.int64)
 
     @cached_property
     def state_sizes(self) -> I64:
         """(n_packets,) bytes of the state after each packet, as a digest takes it (spec 5.7)."""
-        return state_sizes(self.packets, self.steps, self.sh_degree, has_palette=self.has_palette)
+        return state_sizes(self.packets, self.steps, self.components)
 
     @cached_property
     def tile_slots(self) -> I64:
         """(n_tiles,) slots of each tile after all of its steps."""
-        of_tiles = np.ones(len(self.packets), bool)
-        of_tiles[self.palette_packets] = False
-        rows = self.packets[of_tiles]
+        rows = self.packets[self.columns >= 0]
         new = rows["n_adds"].astype(np.float64) + rows["n_splits"]
         return np.bincount(rows["tile"], new, len(self.tiles)).astype(np.int64)
 
@@ -126,10 +130,9 @@ class Directory:
     def palette_required(self) -> I64:
         """(n_packets,) packets of the palette that each packet of picks requires; 0 for others."""
         required = np.zeros(len(self.packets), np.int64)
-        if self.has_palette:
-            picks = self.packets["component"] == PICKS
-            levels = self.labels[self.palette_packets]
-            required[picks] = np.searchsorted(levels, self.labels[picks], side="right")
+        picks = self.packets["component"] == PICKS
+        levels = self.labels[self.palette_packets]
+        required[picks] = np.searchsorted(levels, self.labels[picks], side="right")
         return required
 
     @cached_property
@@ -171,15 +174,13 @@ class Directory:
         )
 
     def chain_lengths(self, packets: slice | I64 = slice(None)) -> I64:
-        """(n_tiles, n_components) how many of these packets, by default all, each chain has.
+        """(n_tiles, columns) how many of these packets, by default all, each chain has.
 
         The chain of the palette is not among them: it belongs to no tile.
         """
-        rows = self.packets[packets]
-        if self.has_palette:
-            rows = rows[rows["component"] != PALETTE]
-        shape = (len(self.tiles), self.n_components)
-        chain = rows["tile"].astype(np.int64) * shape[1] + rows["component"]
+        tiles, columns = self.packets["tile"][packets].astype(np.int64), self.columns[packets]
+        shape = (len(self.tiles), len(self.components.of_tiles))
+        chain = (tiles * shape[1] + columns)[columns >= 0]
         return np.bincount(chain, minlength=shape[0] * shape[1]).reshape(shape).astype(np.int64)
 
 
@@ -243,10 +244,11 @@ def read_directory(data: memoryview, limits: Mapping[str, int] | None = None) ->
         )
     chunks, copied = _read_chunks(frozen(data[HEADER_SIZE:end]))
     sh_degree, n_levels, tier = header["sh_degree"], header["n_levels"], header["tier"]
+    components = Components(sh_degree, bool(header["flags"] & FLAG_PALETTE))
     quantisers = read_quantisers(*chunks[b"QUAN"], n_levels, n_classes(sh_degree))
     alpha = read_alpha_tables(*chunks[b"ALFA"], n_levels) if b"ALFA" in chunks else {}
     tiles = read_tiles(*chunks[b"TILE"], header["n_tiles"])
-    packets, steps = read_packet_table(*chunks[b"PACK"], header, limits)
+    packets, steps = read_packet_table(*chunks[b"PACK"], header, components, limits)
     sizes = packets["size"].astype(np.int64)
     if int(sizes.sum()) != header["data_size"]:  # R-5.1-8
         raise StreamError(
@@ -254,8 +256,7 @@ def read_directory(data: memoryview, limits: Mapping[str, int] | None = None) ->
         )
     digests = {}
     if b"dGST" in chunks:
-        has_palette = bool(header["flags"] & FLAG_PALETTE)
-        states = state_sizes(packets, steps, sh_degree, has_palette=has_palette)
+        states = state_sizes(packets, steps, components)
         most = MAX_DIGESTED_PER_BYTE * (end + header["data_size"])
         digests = read_digests(*chunks[b"dGST"], packets, steps, states, most)
     text = read_metadata(*chunks[b"mETa"]) if b"mETa" in chunks else {}
@@ -264,7 +265,7 @@ def read_directory(data: memoryview, limits: Mapping[str, int] | None = None) ->
         sh_degree=sh_degree,
         n_levels=n_levels,
         grid_exponents=tuple(header["grid_exponents"]),
-        has_palette=bool(header["flags"] & FLAG_PALETTE),
+        components=components,
         info=SceneInfo(
             coordinate_system=header["coordinate_system"],
             up_axis=header["up_axis"],

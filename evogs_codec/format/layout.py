@@ -77,7 +77,7 @@ TILE_ENTRY: Struct = cs.Struct(
 
 PACKET_ENTRY: Struct = cs.Struct(
     "tile" / cs.Int32ul * "row of the tile table",
-    "component" / cs.Int8ul * "0 core, b the SH band b; with a palette 1 picks, 2 palette",
+    "component" / cs.Int8ul * "0 core, 1 to 3 the SH band of that number, 4 picks, 5 palette",
     "level" / cs.Int8ul * "label of the step (core), level of the entries (palette), 0 otherwise",
     "reserved" / cs.Int16ul * "zero",
     "size" / cs.Int32ul * "bytes of the packet",

@@ -31,7 +31,7 @@ from evogs_codec.format.planes import (
     ycocg,
     zigzag,
 )
-from evogs_codec.model.channels import sh_channels
+from evogs_codec.model.components import sh_channels
 from evogs_codec.model.splats import I32, U8
 from evogs_codec.model.tree import Kind
 

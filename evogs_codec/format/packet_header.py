@@ -11,7 +11,8 @@ from itertools import accumulate
 from evogs_codec.errors import Fault, StreamError
 from evogs_codec.format import layout
 from evogs_codec.format.planes import ABSENT, CODINGS, Coding
-from evogs_codec.model.channels import N_GROUPS, component_channels
+from evogs_codec.model.channels import N_GROUPS
+from evogs_codec.model.components import component_channels
 
 __all__ = [
     "FLAG_PALETTE",

@@ -14,21 +14,23 @@ from evogs_codec._generated.limits import LIMITS
 from evogs_codec.errors import Fault, StreamError
 from evogs_codec.format import layout
 from evogs_codec.format.chunks import read_rows
-from evogs_codec.format.packet_header import FLAG_PALETTE, MAX_RECORDS_PER_BYTE
-from evogs_codec.model.channels import N_CORE, PALETTE, PICKS, n_channels
+from evogs_codec.format.packet_header import MAX_RECORDS_PER_BYTE
+from evogs_codec.model.components import CORE, PALETTE, PICKS, Components, has_counts
 from evogs_codec.model.splats import I64
 
 __all__ = ["labels_of", "read_packet_table", "state_sizes"]
 
-BYTES_OF_CORE = 1 + 4 * (1 + N_CORE)  # of the state of a slot: live, born_from, channels
-
 
 def read_packet_table(
-    body: memoryview, offset: int, header: layout.Fields, limits: Mapping[str, int] | None
+    body: memoryview,
+    offset: int,
+    header: layout.Fields,
+    components: Components,
+    limits: Mapping[str, int] | None,
 ) -> tuple[npt.NDArray[np.void], I64]:
     """Rows of the packet table and their steps; the first faulty row decides (spec 6.1)."""
     rows = read_rows(layout.PACKET_ENTRY, body, offset, header["n_packets"])
-    table = _PacketTable(rows, header)
+    table = _PacketTable(rows, header, components)
     worst: tuple[int, int, Fault, str] | None = None
     for order, (fault, bad, detail) in enumerate(table.checks(limits)):
         if bad.any():
@@ -45,17 +47,12 @@ def labels_of(rows: npt.NDArray[np.void], steps: I64) -> I64:
     return _of_core(rows, steps, rows["level"].astype(np.int64))
 
 
-def state_sizes(
-    rows: npt.NDArray[np.void], steps: I64, sh_degree: int, *, has_palette: bool
-) -> I64:
+def state_sizes(rows: npt.NDArray[np.void], steps: I64, components: Components) -> I64:
     """(n,) bytes of the state of the component of each packet after its step (spec 5.7, 7.7)."""
-    component = rows["component"].astype(np.int64)
-    is_palette = has_palette & (component == PALETTE)
+    is_palette = rows["component"] == PALETTE
     new = rows["n_adds"].astype(np.int64) + rows["n_splits"]
     n_after = _running(np.where(is_palette, -1, rows["tile"].astype(np.int64)), new) + new
-    n_above = 4 * (n_channels(sh_degree) - N_CORE)
-    per_band = np.where(component == 0, BYTES_OF_CORE, 12 * (2 * component + 1))
-    per_slot = np.where(has_palette & (component > 0), n_above, per_band)
+    per_slot: I64 = components.state_bytes[rows["component"]]
     return 4 + per_slot * np.where(is_palette, n_after, _of_core(rows, steps, n_after))
 
 
@@ -77,14 +74,16 @@ class _PacketTable:
     that is asked of it.
     """
 
-    def __init__(self, rows: npt.NDArray[np.void], header: layout.Fields) -> None:
+    def __init__(
+        self, rows: npt.NDArray[np.void], header: layout.Fields, components: Components
+    ) -> None:
         self.rows = rows
         self.header = header
-        self.is_core = rows["component"] == 0
-        has_palette = bool(header["flags"] & FLAG_PALETTE)
-        self.last_component = PALETTE if has_palette else header["sh_degree"]
-        self.is_palette = (rows["component"] == PALETTE) & has_palette
-        self.is_picks = (rows["component"] == PICKS) & has_palette
+        self.is_known = np.isin(rows["component"], components.numbers)
+        self.has_counts = has_counts(rows["component"])
+        self.is_core = rows["component"] == CORE
+        self.is_palette = rows["component"] == PALETTE
+        self.is_picks = rows["component"] == PICKS
         self.tile = rows["tile"].astype(np.int64)
         chain = self.tile * 256 + rows["component"]
         self.step = _running(chain, np.ones(len(rows), np.int64))
@@ -98,23 +97,23 @@ class _PacketTable:
     ) -> Iterator[tuple[Fault, npt.NDArray[np.bool_], str]]:
         """(fault, bad rows, detail), in the order of the ids within a row."""
         rows, header, core, tile = self.rows, self.header, self.is_core, self.tile
-        palette, has_levels = self.is_palette, core | self.is_palette  # and counts
+        palette, own = self.is_palette, self.has_counts
         adds, splits = self.counts["n_adds"], self.counts["n_splits"]
         size, level = rows["size"].astype(np.int64), rows["level"].astype(np.int64)
         n_records = splits + self.counts["n_refines"] + self.counts["n_drops"]
         some = (n_records + adds) > 0
         yield Fault.E_RESERVED, rows["reserved"] != 0, "a reserved byte is set"
-        unknown = (tile >= header["n_tiles"]) | (rows["component"] > self.last_component)
+        unknown = (tile >= header["n_tiles"]) | ~self.is_known
         yield Fault.E_CHAIN, unknown, "no such tile or component"
-        early = ~has_levels & (self.step >= _running(tile, core.astype(np.int64)))
+        early = ~own & (self.step >= _running(tile, core.astype(np.int64)))
         yield Fault.E_CHAIN, early, "the packet is before the core packet it requires"
         owner = np.where(palette, -1, tile)
-        previous = _previous(owner, has_levels, level)
-        falls = has_levels & ((level >= header["n_levels"]) | (level < previous))
+        previous = _previous(owner, own, level)
+        falls = own & ((level >= header["n_levels"]) | (level < previous))
         yield Fault.E_CHAIN, falls, "the level is too large or falls"
-        beside = ~has_levels & ((level > 0) | (adds > 0)) | ~core & (n_records > 0)
+        beside = ~own & ((level > 0) | (adds > 0)) | ~core & (n_records > 0)
         yield Fault.E_COUNT, beside, "level or counts beside core"
-        wrong = has_levels & (some != (size > 0))
+        wrong = own & (some != (size > 0))
         yield Fault.E_COUNT, wrong, "size and counts contradict each other"
         live = _running(tile, np.where(core, adds - self.counts["n_drops"] + splits, 0))
         yield Fault.E_COUNT, n_records > live, "more records than live splats"
@@ -135,8 +134,8 @@ class _PacketTable:
         for name, column in columns.items():
             limit = LIMITS[name][header["tier"] - 1]
             yield Fault.E_TIER, column > limit, f"{name} exceeds the limit of the tier"
-            own = limit if limits is None else limits.get(name, limit)
-            yield Fault.E_LIMIT, column > own, f"{name} exceeds the limit {own}"
+            lower = limit if limits is None else limits.get(name, limit)
+            yield Fault.E_LIMIT, column > lower, f"{name} exceeds the limit {lower}"
 
 
 def _running(key: I64, values: I64) -> I64:

@@ -35,7 +35,8 @@ from evogs_codec.format.planes import (
     undelta,
 )
 from evogs_codec.model.arithmetic import Quantiser
-from evogs_codec.model.channels import N_GROUPS, component_channels, sh_channels
+from evogs_codec.model.channels import N_GROUPS
+from evogs_codec.model.components import component_channels, sh_channels
 from evogs_codec.model.splats import I32, I64, U8
 from evogs_codec.model.tree import Kind
 

@@ -14,7 +14,7 @@ from evogs_codec.format.chunks import is_key
 from evogs_codec.format.directory import FLAG_ANTIALIASED, Directory
 from evogs_codec.format.packet_header import FLAG_PALETTE
 from evogs_codec.model.arithmetic import AlphaTable, Quantiser
-from evogs_codec.model.channels import PALETTE
+from evogs_codec.model.components import PALETTE
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.scene_info import SceneInfo
 
@@ -65,7 +65,7 @@ def build_directory(
         "signature": layout.SIGNATURE,
         "version_major": layout.VERSION[0],
         "version_minor": version_minor,
-        "tier": _tier(n_levels, tiles, packets, len(chunks), has_palette),
+        "tier": _tier(n_levels, tiles, packets, len(chunks)),
         "sh_degree": sh_degree,
         "n_levels": n_levels,
         "grid_exponents": list(grid_exponents),
@@ -145,12 +145,11 @@ def _tier(
     tiles: npt.NDArray[np.void],
     packets: npt.NDArray[np.void],
     chunks_size: int,
-    has_palette: bool,
 ) -> int:
     """The lowest tier whose limits the stream keeps (R-8.2-2)."""
     new = packets["n_adds"].astype(np.int64) + packets["n_splits"]
     tile = packets["tile"].astype(np.int64)
-    is_palette = has_palette & (packets["component"] == PALETTE)
+    is_palette = packets["component"] == PALETTE
     per_tile = np.bincount(np.where(is_palette, len(tiles), tile), weights=new, minlength=1)
     chains = tile * 256 + packets["component"]
     steps = np.unique(chains, return_counts=True)[1]

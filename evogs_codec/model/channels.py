@@ -1,4 +1,4 @@
-"""Channels of a splat: their groups, their quantiser classes, and the components they lie in.
+"""Channels of a splat: their groups and their quantiser classes.
 
 Letters: D = 11 + 3 (degree + 1)**2 channels of a splat. Channel order (spec 3.2): position x y z,
 rotation w x y z, log-scale x y z, opacity logit, then the SH coefficients, R G B of each.
@@ -19,16 +19,11 @@ __all__ = [
     "N_CORE",
     "N_GEOMETRY",
     "N_GROUPS",
-    "PALETTE",
-    "PICKS",
     "SH_GROUP",
     "channel_class",
-    "component_channels",
-    "component_slice",
     "group_of_class",
     "n_channels",
     "n_classes",
-    "sh_channels",
     "sh_degree_of",
 ]
 
@@ -41,7 +36,6 @@ N_GEOMETRY = 11  # channels before the SH coefficients
 N_CORE = 14  # channels of core: geometry and SH band 0
 CORE_SH = slice(N_GEOMETRY, N_CORE)
 MAX_SH_DEGREE = 3
-PICKS, PALETTE = 1, 2  # components of a stream with a palette (spec 3.7)
 
 
 def n_channels(sh_degree: int) -> int:
@@ -77,20 +71,3 @@ def channel_class(channel: int) -> int:
 def group_of_class(kind: int) -> int:
     """The group whose grid and alpha a quantiser class has: every SH band that of SH."""
     return min(kind, SH_GROUP)
-
-
-def component_channels(component: int) -> int:
-    """Channels of a component: 14 of core, 3 (2 b + 1) of band b (spec 3.5)."""
-    return N_CORE if component == 0 else 3 * (2 * component + 1)
-
-
-def component_slice(component: int) -> slice:
-    """Channels of a component among the D of a splat (spec 3.5)."""
-    if component == 0:
-        return slice(0, N_CORE)
-    return slice(N_GEOMETRY + 3 * component**2, N_GEOMETRY + 3 * (component + 1) ** 2)
-
-
-def sh_channels(component: int) -> slice:
-    """Which channels of a component are SH triples."""
-    return CORE_SH if component == 0 else slice(0, component_channels(component))

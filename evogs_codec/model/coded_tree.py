@@ -12,6 +12,7 @@ import numpy as np
 
 from evogs_codec.model.arithmetic import SYMMETRIC, AlphaTable, Quantiser
 from evogs_codec.model.channels import N_CORE, channel_class
+from evogs_codec.model.components import Components
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import I32, U8
 from evogs_codec.model.tree import Palette
@@ -34,8 +35,8 @@ class CodedStep:
         alpha: (5, S) uint8 indices into the tables of the level.
         psi: (D, P) int32, q of refines and splits.
         adds: (D, A) int32, q of the adds.
-        error: estimates per component for the packet entries (spec 5.6).
-        gain: mean squared error of pictures that the packet of each component takes off; for the
+        error: estimates for the packet entries (spec 5.6), by column of `Components`.
+        gain: mean squared error of pictures that the packet of each column takes off; for the
             order of packets, no part of the stream.
         picks: int32 as of `tree.Step`, where there is a palette.
     """
@@ -89,9 +90,9 @@ class CodedTree:
         return self.alpha.get((level, group), SYMMETRIC)
 
     @property
-    def n_components(self) -> int:
-        """Of a tile: with a palette core and picks, else core and a component per SH band."""
-        return 1 + self.sh_degree if self.entries is None else 2
+    def components(self) -> Components:
+        """Those of the stream (spec 3.5, 3.7)."""
+        return Components(self.sh_degree, self.entries is not None)
 
     @property
     def palette_levels(self) -> list[int]:

@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.model.channels import GROUP_CHANNELS, N_GROUPS, n_channels
+from evogs_codec.model.components import Components
 from evogs_codec.model.splats import F32, F64, I32, U8, SplatParams
 
 __all__ = ["EvolutionTree", "Kind", "Palette", "Slots", "Step"]
@@ -209,9 +210,9 @@ class EvolutionTree:
         return self.sh_degree if self.palette is None else self.palette.degree
 
     @property
-    def n_components(self) -> int:
-        """Of a tile in a stream (spec 3.5, 3.7)."""
-        return 1 + self.sh_degree if self.palette is None else 2
+    def components(self) -> Components:
+        """Those of a stream of the tree (spec 3.5, 3.7)."""
+        return Components(self.shown_degree, self.palette is not None)
 
     @property
     def n_levels(self) -> int:

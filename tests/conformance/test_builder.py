@@ -72,11 +72,11 @@ def test_a_palette_has_its_own_counts_and_picks_those_of_their_core():
     stream = Stream(
         [
             Packet(adds={X: [1, 2]}),
-            Packet(component=2, n_adds=2, adds={0: [3, 3], 23: -1}, codings={"adds 0": 4 | DELTA}),
-            Packet(component=1, picks=[1, 0]),
-            Packet(component=2, level=3),
+            Packet(component=5, n_adds=2, adds={0: [3, 3], 23: -1}, codings={"adds 0": 4 | DELTA}),
+            Packet(component=4, picks=[1, 0]),
+            Packet(component=5, level=3),
             Packet(records={0: SPLIT}, psi={X: 1}),
-            Packet(component=1, is_explicit=True),
+            Packet(component=4, is_explicit=True),
         ],
         degree=2,
         has_palette=True,
@@ -85,7 +85,7 @@ def test_a_palette_has_its_own_counts_and_picks_those_of_their_core():
     assert data[18:20] == b"\0\1"
     table = places(data).chunks[b"PACK"] + 12
     rows = [data[at : at + 36] for at in range(table, table + 6 * 36, 36)]
-    assert [row[4:6] for row in rows] == [b"\0\0", b"\2\0", b"\1\0", b"\2\3", b"\0\0", b"\1\0"]
+    assert [row[4:6] for row in rows] == [b"\0\0", b"\5\0", b"\4\0", b"\5\3", b"\0\0", b"\4\0"]
     assert [row[12:16] for row in rows[1:3]] == [b"\2\0\0\0", bytes(4)]
     core, palette, picks, *_, zeros = (data[begin:end] for begin, end in places(data).packets)
     assert palette[:26] == bytes([0, 1, 4 | DELTA, *[0] * 22, 1])
@@ -102,8 +102,8 @@ def test_picks_of_changed_slots_stand_before_those_of_new_ones_and_have_a_flag()
         ((9, 7), (), bytes([9, 7, 0])),
         ((), (3,), bytes([0, 0, 3])),
     ]:
-        packet = Packet(component=1, picks=picks, repicks=repicks, codings={"picks": 8}, flags=2)
-        packets = [Packet(adds={X: [1, 2, 3]}), Packet(component=1), grow, packet]
+        packet = Packet(component=4, picks=picks, repicks=repicks, codings={"picks": 8}, flags=2)
+        packets = [Packet(adds={X: [1, 2, 3]}), Packet(component=4), grow, packet]
         data = build(Stream(packets, degree=1, has_palette=True))
         begin, end = places(data).packets[-1]
         assert data[begin : begin + 3] == bytes([OF_CHANGED | 2, 1, 8])
@@ -111,7 +111,7 @@ def test_picks_of_changed_slots_stand_before_those_of_new_ones_and_have_a_flag()
 
 
 def test_a_packet_with_the_flag_of_changed_slots_has_bytes():
-    packets = [Packet(adds={X: 1}, n_adds=1), Packet(component=1, repicks=())]
+    packets = [Packet(adds={X: 1}, n_adds=1), Packet(component=4, repicks=())]
     assert build(Stream(packets, degree=1, has_palette=True))[-3:] == bytes([OF_CHANGED, 0, 0])
 
 

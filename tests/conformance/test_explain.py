@@ -50,8 +50,8 @@ def test_packets_of_a_palette_have_their_own_lists():
     stream = Stream(
         [
             Packet(adds={X: [1, 2]}, level=1),
-            Packet(component=2, level=1, adds={0: [3, 3], 23: [-1, 0]}, codings=codings),
-            Packet(component=1, picks=[2, 0], repicks=[]),
+            Packet(component=5, level=1, adds={0: [3, 3], 23: [-1, 0]}, codings=codings),
+            Packet(component=4, picks=[2, 0], repicks=[]),
         ],
         degree=2,
         has_palette=True,
@@ -64,8 +64,8 @@ def test_packets_of_a_palette_have_their_own_lists():
     assert [len(piece.raw) for piece in pieces[-2:]] == [24, 1]
     starts = [piece.starts for piece in anatomy(build(stream)) if piece.starts.startswith("packet")]
     assert starts[1:] == [
-        "packet 1 (tile 0, step 0, component 2: palette of level 1)",
-        "packet 2 (tile 0, step 0, component 1: picks)",
+        "packet 1 (tile 0, step 0, component 5: palette of level 1)",
+        "packet 2 (tile 0, step 0, component 4: picks)",
     ]
     assert not any(piece.remark for piece in anatomy(build(stream)))
     bands = build(replace(stream, has_palette=False, header={"flags": 0}))

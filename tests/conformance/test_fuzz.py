@@ -15,7 +15,7 @@ from conformance.decoders.reference import by_codec
 from conformance.fuzzing import fuzz, memory
 from conformance.fuzzing.costly import BUDGET, costly_stream, random_shape, stream_of
 from conformance.fuzzing.fuzz import Finding, check, smaller
-from conformance.generator.builder import Packet, Stream, X, build, repaired
+from conformance.generator.builder import PALETTE, PICKS, Packet, Stream, X, build, repaired
 from conformance.generator.cases.scenes import SMALL
 from conformance.generator.random_streams import random_stream
 from conformance.generator.tampering import Parts, tampered
@@ -81,24 +81,27 @@ def test_random_streams_have_palettes_of_every_kind() -> None:
         for degree in (1, 2, 3):
             kinds[f"degree {degree}"] += scene.header.sh_degree == degree and n_entries > 0
         kinds["no tiles"] += not tiles
-        kinds["several tiles with picks"] += sum(tile.cut[1] > 0 for tile in tiles) > 1
-        kinds["no entries, but picks"] += n_entries == 0 and any(p.component == 1 for p in rows)
-        kinds["several packets of the palette"] += sum(p.component == 2 for p in rows) > 1
-        kinds["a packet without entries"] += any(p.component == 2 and p.size == 0 for p in rows)
-        levels = [p.level for p in rows if p.component == 2]
+        kinds["several tiles with picks"] += sum(tile.cut[PICKS] > 0 for tile in tiles) > 1
+        kinds["no entries, but picks"] += n_entries == 0 and any(p.component == PICKS for p in rows)
+        kinds["several packets of the palette"] += sum(p.component == PALETTE for p in rows) > 1
+        kinds["a packet without entries"] += any(
+            p.component == PALETTE and p.size == 0 for p in rows
+        )
+        levels = [p.level for p in rows if p.component == PALETTE]
         labels = {p.level for p in rows if p.component == 0}
         kinds["palettes of several levels"] += len(set(levels)) > 1
         kinds["two packets of a level above 0"] += any(a == b > 0 for a, b in pairwise(levels))
         kinds["a level that no step has"] += bool(levels and labels and set(levels) - labels)
         kinds["entries behind picks of a lower level"] += any(
-            p.component == 1 and q.component == 2 and q.n_adds > 0 for p, q in pairwise(rows)
+            p.component == PICKS and q.component == PALETTE and q.n_adds > 0
+            for p, q in pairwise(rows)
         )
         kinds["picks of some of the entries before them"] += picks_some_entries(scene)
         kinds["picks of 9 bits"] += n_entries > 255
-        kinds["picks of no bytes"] += any(p.component == 1 and p.size == 0 for p in rows)
-        kinds["late picks"] += any(tile.cut[0] > tile.cut[1] > 0 for tile in tiles)
+        kinds["picks of no bytes"] += any(p.component == PICKS and p.size == 0 for p in rows)
+        kinds["late picks"] += any(tile.cut[0] > tile.cut[PICKS] > 0 for tile in tiles)
         kinds["core before the palette"] += any(
-            p.component == 0 and q.component == 2 for p, q in pairwise(rows)
+            p.component == 0 and q.component == PALETTE for p, q in pairwise(rows)
         )
         kinds["digests of the palette"] += any(key[1] == 2 for key in scene.digests)
         shown = [
@@ -112,12 +115,12 @@ def test_random_streams_have_palettes_of_every_kind() -> None:
         bit_2 = [
             tiles[p.tile].steps[p.step].core
             for p in rows
-            if p.component == 1 and p.size > 0 and data[p.start] & 4
+            if p.component == PICKS and p.size > 0 and data[p.start] & 4
         ]
         kinds["new picks of refined slots"] += any(core.n_refines for core in bit_2)
         kinds["new picks of split slots"] += any(core.n_splits for core in bit_2)
         kinds["new picks of no slots"] += any(core.n_psi == 0 for core in bit_2)
-        for step in (step for tile in tiles for step in tile.steps[: tile.cut[1]]):
+        for step in (step for tile in tiles for step in tile.steps[: tile.cut[PICKS]]):
             for kind, name in enumerate(("refine", "split", "drop")):
                 kinds[f"a {name} under picks"] += n_entries > 0 and kind in step.kinds
     assert 4 * kinds["palettes"] > 0.7 * kinds.pop("streams with SH")
@@ -128,9 +131,9 @@ def picks_some_entries(scene: oracle.Scene) -> bool:
     """Before some row of picks stand entries that it may name, and others of higher levels."""
     before = list[oracle.Packet]()
     for p in scene.packets:
-        if p.component == 2 and p.n_adds > 0:
+        if p.component == PALETTE and p.n_adds > 0:
             before.append(p)
-        elif p.component == 1 and p.size > 0:
+        elif p.component == PICKS and p.size > 0:
             label = scene.tiles[p.tile].steps[p.step].core.level
             if 0 < sum(q.level <= label for q in before) < len(before):
                 return True
@@ -213,8 +216,8 @@ def test_a_state_of_megabytes_keeps_to_the_memory_of_its_counts() -> None:
 
 def test_a_palette_of_a_megabyte_keeps_to_the_memory_of_its_counts() -> None:
     entries = {channel: range(channel, 4000 + channel) for channel in range(45)}
-    packets = [Packet(component=2, adds=entries), Packet(adds={X: range(4000)})]
-    packets.append(Packet(component=1, picks=range(1, 4001)))
+    packets = [Packet(component=PALETTE, adds=entries), Packet(adds={X: range(4000)})]
+    packets.append(Packet(component=PICKS, picks=range(1, 4001)))
     data = build(Stream(packets, degree=3, has_palette=True))
     allowed = memory.bound(data)
     assert memory.peak(lambda: decode(data), allowed) <= allowed

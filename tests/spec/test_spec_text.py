@@ -171,15 +171,15 @@ def palette_stream(*late: Packet, early: Sequence[int] = (2, 0)) -> bytes:
     return build(
         Stream(
             [
-                Packet(component=2, adds=entries, flags=2, codings={"adds 8": 0x44}),
+                Packet(component=5, adds=entries, flags=2, codings={"adds 8": 0x44}),
                 Packet(adds={X: [1, 2]}),
-                Packet(component=2, adds={3: [-9]}),
+                Packet(component=5, adds={3: [-9]}),
                 Packet(tile=1, adds={X: [5]}),
-                Packet(component=1, picks=[3, 1]),
+                Packet(component=4, picks=[3, 1]),
                 Packet(records={0: SPLIT, 1: DROP}, psi={X: [1]}, adds={X: [8]}),
-                Packet(tile=1, component=1, picks=[2]),
-                Packet(component=2, level=1, adds={0: [2]}),
-                Packet(component=1, picks=early),
+                Packet(tile=1, component=4, picks=[2]),
+                Packet(component=5, level=1, adds={0: [2]}),
+                Packet(component=4, picks=early),
                 Packet(level=1, records={0: REFINE, 2: SPLIT}, psi={RED: [3, -1]}),
                 *late,
             ],
@@ -196,10 +196,10 @@ def palette_stream(*late: Packet, early: Sequence[int] = (2, 0)) -> bytes:
     "late",
     [
         (),
-        (Packet(component=1),),
-        (Packet(component=1, picks=[4]),),
-        (Packet(component=1, picks=[1], repicks=[2, 4]),),
-        (Packet(component=1, repicks=()),),
+        (Packet(component=4),),
+        (Packet(component=4, picks=[4]),),
+        (Packet(component=4, picks=[1], repicks=[2, 4]),),
+        (Packet(component=4, repicks=()),),
     ],
     ids=["late", "of no bytes", "of new slots", "of changed slots", "of changed slots, all 0"],
 )
@@ -212,7 +212,7 @@ def test_the_pseudo_code_decodes_random_streams_with_a_palette_as_the_oracle_doe
     streams = [random_stream(Random(f"pseudo-code {seed}")) for seed in range(350)]
     scenes = [oracle.decode(data) for data in streams]
     shared = [k for k, scene in enumerate(scenes) if scene.header.has_palette]
-    assert any(tile.cut[0] > tile.cut[1] > 0 for k in shared for tile in scenes[k].tiles)
+    assert any(tile.cut[0] > tile.cut[oracle.PICKS] > 0 for k in shared for tile in scenes[k].tiles)
     assert sum(bool(scenes[k].palette[0]) for k in shared) > 10
     assert sum(gives_new_picks(streams[k], scenes[k]) for k in shared) > 5
     assert sum(has_levels(scenes[k]) for k in shared) > 3
@@ -256,18 +256,18 @@ def test_a_palette_gives_the_numbers_worked_out_by_hand():
 
 def test_changed_slots_have_the_picks_worked_out_by_hand():
     # Slot 0 is refined and keeps entry 3, of 0, or gets entry 1; slot 2 is split, and 4 is new.
-    late = Packet(component=1, picks=[1], repicks=[1, 0])
+    late = Packet(component=4, picks=[1], repicks=[1, 0])
     assert oracle.decode(palette_stream(late)).tiles[0].x[14] == [18, 0, 0, 0, 18]
-    plain = Packet(component=1, picks=[1])
+    plain = Packet(component=4, picks=[1])
     assert oracle.decode(palette_stream(plain)).tiles[0].x[14] == [0, 0, -12, 0, 18]
 
 
 @pytest.mark.parametrize(
     "data",
     [
-        palette_stream(Packet(component=1, picks=[5])),
-        palette_stream(Packet(component=1, picks=[5], repicks=[0, 0])),
-        palette_stream(Packet(component=1, picks=[1], repicks=[5, 0])),
+        palette_stream(Packet(component=4, picks=[5])),
+        palette_stream(Packet(component=4, picks=[5], repicks=[0, 0])),
+        palette_stream(Packet(component=4, picks=[1], repicks=[5, 0])),
         palette_stream(early=(4, 0)),
     ],
     ids=["new slot", "new slot after changed ones", "changed slot", "entry of a higher level"],

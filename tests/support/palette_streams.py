@@ -10,7 +10,7 @@ from conformance.decoders import oracle
 from conformance.generator.builder import DELTA, DROP, REFINE, SPLIT, Packet, Stream, Tile, build
 from conformance.generator.random_streams import random_stream
 from evogs_codec import Cut, read_directory
-from evogs_codec.model.channels import PALETTE, PICKS
+from evogs_codec.model.components import PALETTE, PICKS
 
 HAS_PALETTE = 1  # of the second byte of flags
 OF_CHANGED = 4  # flag of a packet of picks
@@ -64,7 +64,11 @@ PACKETS = (
     entries(1, 103, level=2),
     *(picks(2, 3, 7), picks(1, 3, 0, 4, 4), picks(1), changed(1, 6, 7, 2, 5)),
 )
-PLACES = {(0, 0, 2), (0, 1, 1), (0, PALETTE, 0), (0, PALETTE, 2), (1, 1, 2), (2, 1, 0), (2, 1, 2)}
+PLACES = {
+    *((0, 0, 2), (0, PICKS, 1), (0, PALETTE, 0), (0, PALETTE, 2)),
+    *((1, PICKS, 2), (2, PICKS, 0), (2, PICKS, 2)),
+}
+COLUMN_OF_PICKS = 1  # of a cut
 
 
 def stream(packets=PACKETS, **options):
@@ -102,8 +106,11 @@ def each_stream():
 
 
 def oracle_cut(cut):
-    """As the oracle has it: the palette in tile 0."""
-    return [[*row, cut.palette if tile == 0 else 0] for tile, row in enumerate(cut.steps.tolist())]
+    """As the oracle has it: by component, the palette in tile 0."""
+    return [
+        [core, 0, 0, 0, picks, cut.palette if tile == 0 else 0]
+        for tile, (core, picks) in enumerate(cut.steps.tolist())
+    ]
 
 
 def oracle_dump(data, cut):
@@ -115,7 +122,7 @@ def random_cut(rng, directory):
     steps = rng.integers(0, directory.chain_lengths() + 1)
     steps = np.minimum(steps, steps[:, :1])
     if rng.random() < 0.3:
-        steps[:, PICKS] = 0
+        steps[:, COLUMN_OF_PICKS] = 0
     least = n_required(directory, steps)
     return Cut(steps, int(rng.integers(least, len(directory.palette_packets) + 1)))
 
@@ -126,7 +133,7 @@ def n_required(directory, steps):
         (
             n
             for (tile, component, step), n in each_required(directory)
-            if component == PICKS and step < steps[tile, PICKS]
+            if component == PICKS and step < steps[tile, COLUMN_OF_PICKS]
         ),
         default=0,
     )

@@ -42,12 +42,12 @@ def decode_with_pseudo_code(data: bytes) -> bytes:
         if p.component == 0:
             cores[p.tile, p.step] = core = SimpleNamespace(packet=p)
         body = data[p.start : p.start + p.size]
-        if scene.header.has_palette and p.component == oracle.PALETTE:
+        if p.component == oracle.PALETTE:
             spec.palette_step(scene.palette, stored_entries(spec, scene, p, body))
             sizes.append((p.level, p.n_adds))
             continue
         core = cores[p.tile, p.step]
-        if scene.header.has_palette and p.component == oracle.PICKS:
+        if p.component == oracle.PICKS:
             of_changed = bool(body) and body[0] >> 2 & 1 == 1
             n_picks = core.packet.n_splits + core.packet.n_adds
             n_picks += core.packet.n_psi if of_changed else 0

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from evogs_codec import EvolutionTree, Step, decode
 from evogs_codec.encoding.targets import TargetEncoder
-from evogs_codec.model.channels import component_slice
+from evogs_codec.model.components import component_slice
 from evogs_codec.render.views import Views
 from tools.bench.splat_transform import read_sog, write_sog
 from tools.bench.subjects import Subject

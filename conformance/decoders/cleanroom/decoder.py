@@ -107,7 +107,7 @@ class Stream:
     chunks_size: int
     data_size: int
     own: Limits  # the limits of this decoder
-    widths: Sequence[int] = ()  # channels of the components that tiles have
+    widths: Mapping[int, int] = field(default_factory=dict)  # channels, by component of tiles
     palette: list[array[int]] = field(default_factory=list)  # channels of entries; none: no palette
     n_entries: list[int] = field(default_factory=list)  # of the packets of the palette, by level
     chunks: dict[bytes, tuple[int, memoryview]] = field(default_factory=dict)
@@ -142,7 +142,7 @@ def read_header(source: Source, own: Limits) -> Stream:
     require(flags < 256 or degree > 0, "E_HEADER")  # R-5.1-9
     stream = Stream(tier, degree, levels, grids, tiles, packets, chunks, size, own)
     bands = [3 * (2 * b + 1) for b in range(1, degree + 1)]
-    stream.widths = [N_CORE, *([sum(bands)] if flags & 256 else bands)]
+    stream.widths = {0: N_CORE, **({4: sum(bands)} if flags & 256 else dict(enumerate(bands, 1)))}
     stream.palette = [array("i") for _ in range(sum(bands))] if flags & 256 else []
     for name in ("n_levels", "n_tiles", "n_packets", "chunks_size"):
         stream.limit(name, getattr(stream, name))
@@ -225,12 +225,13 @@ def read_pack(body: memoryview, stream: Stream) -> None:
     stream.n_entries = [0] * stream.n_levels
     all_slots, start = 0, 64 + stream.chunks_size
     picked = -1  # the highest label of the picks so far, which require entries up to it (3.7)
-    held = ["core"] + (["picks", "entries"] if stream.palette else ["band"] * stream.sh_degree)
+    held = dict.fromkeys(range(1, 1 + stream.sh_degree), "band")
+    held = {0: "core", **({4: "picks", 5: "entries"} if stream.palette else held)}
     for entry in struct.iter_unpack("<IBBHIIIIIII", body):
         tile, component, level, zero, size, *counts, _, crc = entry  # R-5.6-9: the error is a hint
         adds, splits, refines, drops = counts
         require(zero == 0, "E_RESERVED")  # R-4.4-1
-        require(tile < stream.n_tiles and component < len(held), "E_CHAIN")  # R-5.6-1
+        require(tile < stream.n_tiles and component in held, "E_CHAIN")  # R-5.6-1
         holds, n_records = held[component], sum(counts)
         core = chains.setdefault((tile, 0), [])
         own = chains.setdefault((0 if holds == "entries" else tile, component), [])
@@ -462,11 +463,11 @@ class Step(NamedTuple):
 class Tile:
     """The state of a tile; x[component][channel of the component][slot]."""
 
-    def __init__(self, row: TileRow, widths: Sequence[int]) -> None:
+    def __init__(self, row: TileRow, widths: Mapping[int, int]) -> None:
         self.row = row
         self.live = bytearray()
         self.born_from = array("i")
-        self.x = [[array("i") for _ in range(width)] for width in widths]
+        self.x = {c: [array("i") for _ in range(width)] for c, width in widths.items()}
         self.steps: dict[int, Step] = {}  # while packets of the cut need them (8.3)
 
 
@@ -565,7 +566,7 @@ def apply_picks(
     """`picks_step` of 7.4."""
     require(within(picks, 0, n_entries), "E_INDEX")  # R-7.2-4
     changed = step.changed if of_changed else []
-    for x, entries in zip(tile.x[1], stream.palette, strict=True):
+    for x, entries in zip(tile.x[4], stream.palette, strict=True):
         picked = [entries[pick - 1] if pick > 0 else 0 for pick in picks]
         for slot, value in zip(changed, picked, strict=False):
             x[slot] = value
@@ -700,7 +701,7 @@ def write_dump(stream: Stream, out: BinaryIO) -> None:
         tile = stream.states.get(i) or Tile(row, stream.widths)
         live, born_from = tile.live, tile.born_from
         out.write(struct.pack("<3qI", *row[:3], len(live)) + live)
-        for channels in tile.x:
+        for channels in tile.x.values():
             shown = list(range(len(live)))  # the slot whose numbers a slot shows, -1 for 0
             for u in range(len(channels[0]), len(live)):  # born from a lower slot: shown is known
                 shown[u] = shown[born_from[u]] if born_from[u] >= 0 else -1

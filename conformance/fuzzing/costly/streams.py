@@ -29,7 +29,8 @@ from evogs_codec.format.packet_table import state_sizes
 from evogs_codec.format.planes import CODINGS
 from evogs_codec.format.write_directory import build_directory
 from evogs_codec.model.arithmetic import MAX_X, AlphaTable, Quantiser
-from evogs_codec.model.channels import PALETTE, PICKS, n_channels
+from evogs_codec.model.channels import n_channels
+from evogs_codec.model.components import PALETTE, PICKS, Components
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.scene_info import SceneInfo
 
@@ -124,9 +125,9 @@ def _late_share(shape: Shape) -> int:
     return (ROW + (60 if shape.coded > N_CORE else 0)) * len(_components(shape))
 
 
-def _components(shape: Shape) -> range:
+def _components(shape: Shape) -> tuple[int, ...]:
     """The components of a tile above core."""
-    return range(1, 2) if shape.entries else range(1, shape.degree + 1)
+    return Components(shape.degree, shape.entries > 0).of_tiles[1:]
 
 
 def _size(packets: list[_Packet]) -> int:
@@ -194,7 +195,7 @@ def _beside(shape: Shape, core: _Packet, component: int) -> _Packet:
     """A packet of another component of the step of a core packet."""
     body = b""
     if shape.coded > N_CORE and core.body:
-        is_picks = bool(shape.entries) and component == PICKS
+        is_picks = component == PICKS
         body = _picks(shape, core) if is_picks else _body(shape, component, core.counts)
     return _Packet(core.tile, component, 0, core.step, Counts(0, 0, 0, 0), body)
 
@@ -353,7 +354,7 @@ def _digested(shape: Shape, packets: list[_Packet]) -> list[PacketId]:
     if not shape.digests or not packets:
         return []
     steps = np.array([packet.step for packet in packets])
-    sizes = state_sizes(_rows(packets), steps, shape.degree, has_palette=shape.entries > 0)
+    sizes = state_sizes(_rows(packets), steps, Components(shape.degree, shape.entries > 0))
     room = len(_directory(shape, packets, [])) + sum(len(packet.body) for packet in packets)
     named = 0
     names: list[PacketId] = []

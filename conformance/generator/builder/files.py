@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 from conformance.generator.builder.packets import packet_body
-from conformance.generator.builder.stream import Chunk, Packet, Stream, Tile
+from conformance.generator.builder.stream import PALETTE, Chunk, Packet, Stream, Tile
 
 __all__ = ["build"]
 
@@ -131,17 +131,17 @@ def _packets(stream: Stream) -> tuple[list[bytes], list[bytes]]:
     """Bodies and rows."""
     bodies, rows = list[bytes](), list[bytes]()
     chains: dict[tuple[int, int], list[Packet]] = {}
-    n_entry_channels = 3 * ((stream.degree + 1) ** 2 - 1) if stream.has_palette else 0
+    n_above = 3 * ((stream.degree + 1) ** 2 - 1)
     for packet in stream.packets:
         chain = chains.setdefault((packet.tile, packet.component), [])
         cores = chains.get((packet.tile, 0), [])
-        has_counts = packet.component == 0 or (packet.component == 2 and stream.has_palette)
+        has_counts = packet.component in (0, PALETTE)
         # A band packet without its core, which is a fault, has no records.
         core = packet if has_counts else Packet()
         if not has_counts and len(chain) < len(cores):
             core = cores[len(chain)]
         chain.append(packet)
-        body = packet.edit(packet_body(packet, core.counts, n_entry_channels))
+        body = packet.edit(packet_body(packet, core.counts, n_above))
         bodies.append(body)
         fields = {"tile": packet.tile, "component": packet.component, "level": packet.level}
         fields |= packet.counts if has_counts else {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Mapping, Sequence
 
-from conformance.generator.builder.stream import Packet
+from conformance.generator.builder.stream import PALETTE, PICKS, Packet
 
 __all__ = [
     "ADDS_YCOCG",
@@ -23,22 +23,21 @@ OF_CHANGED = 4  # of picks
 DELTA = 64  # bit of a coding byte
 
 
-def packet_body(packet: Packet, counts: Mapping[str, int], n_entry_channels: int = 0) -> bytes:
+def packet_body(packet: Packet, counts: Mapping[str, int], n_above: int = 0) -> bytes:
     """The bytes of a packet of a step with these counts.
 
     Args:
         packet: the packet.
         counts: those of its own row for core and the palette, else of the core of its step.
-        n_entry_channels: of an entry of the palette; 0 in a stream without one.
+        n_above: channels above core, those of an entry of the palette.
     """
-    is_palette = n_entry_channels > 0 and packet.component == 2
     integers = (packet.stored, packet.psi, packet.adds, packet.picks)
     flags = packet.flags | (OF_CHANGED if packet.repicks is not None else 0)
     if not packet.is_explicit and not any(integers) and packet.repicks is None:
-        is_zero = packet.component > 0 and not is_palette and not packet.coding_bytes
+        is_zero = packet.component not in (0, PALETTE) and not packet.coding_bytes
         if is_zero or not any(counts.values()):
             return b""
-    lists = _lists(packet, counts, n_entry_channels)
+    lists = _lists(packet, counts, n_above)
     codings, planes = list[int](), list[bytes]()
     for name, values in lists.items():
         coding = packet.codings.get(name, coding_for(values))
@@ -55,22 +54,20 @@ def packet_body(packet: Packet, counts: Mapping[str, int], n_entry_channels: int
     return bytes([flags, len(entries), *codings]) + table + b"".join(frames)
 
 
-def _lists(
-    packet: Packet, counts: Mapping[str, int], n_entry_channels: int
-) -> dict[str, list[int]]:
+def _lists(packet: Packet, counts: Mapping[str, int], n_above: int) -> dict[str, list[int]]:
     """The stored integers of each list, in the order of the coding bytes."""
     slots, lists = sorted(packet.records), dict[str, list[int]]()
     n_psi = counts["n_splits"] + counts["n_refines"]
     n_channels = N_CORE if packet.component == 0 else 3 * (2 * packet.component + 1)
     sides = [("psi", packet.psi, n_psi), ("adds", packet.adds, counts["n_adds"])]
-    if n_entry_channels and packet.component == 1:
+    if packet.component == PICKS:
         n_new = counts["n_splits"] + counts["n_adds"]
         lists["picks"] = list(packet.picks) if packet.picks else [0] * n_new
         if packet.repicks is not None:
             lists["picks"] = [*(packet.repicks or [0] * n_psi), *lists["picks"]]
         sides = []
-    elif n_entry_channels and packet.component == 2:
-        n_channels, sides = n_entry_channels, sides[1:]
+    elif packet.component == PALETTE:
+        n_channels, sides = n_above, sides[1:]
     if packet.component == 0:
         kinds = [packet.records[slot] for slot in slots]
         lists["gaps"] = [b - a - 1 for a, b in zip([-1, *slots], slots, strict=False)]

@@ -12,6 +12,7 @@ from conformance.generator.builder.frames import FrameStyle, raw
 __all__ = ["DROP", "MAX_X", "REFINE", "SPLIT", "Chunk", "Packet", "Stream", "Tile", "Values"]
 
 REFINE, SPLIT, DROP = range(3)
+PICKS, PALETTE = 4, 5  # components (spec 3.7); 0 is core, 1 to 3 are SH bands
 X, Y, Z, W, OPACITY, RED, GREEN, BLUE = 0, 1, 2, 3, 10, 11, 12, 13  # channels of core
 MAX_X = (1 << 30) - 1
 
@@ -108,7 +109,7 @@ class Stream:
     Attributes:
         packets: in the order of the file.
         degree: of SH.
-        has_palette: component 1 is picks, component 2 the palette; bit 8 of `flags` says so.
+        has_palette: there are picks and a palette, and no bands; bit 8 of `flags` says so.
         n_levels: labels that steps may have.
         tiles: by default one, as large as may be.
         quantisers: (M, E) by (row of QUAN, class); (1, 0) elsewhere.

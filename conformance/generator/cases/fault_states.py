@@ -239,7 +239,7 @@ def bands() -> Iterator[Case]:
 
 def entries(n: int, level: int, seed: int = 0) -> Packet:
     """A packet of the palette, of degree 1, with numbers of at most 16."""
-    return Packet(component=2, level=level, adds=numbers(n, 9, spread=16, seed=seed))
+    return Packet(component=5, level=level, adds=numbers(n, 9, spread=16, seed=seed))
 
 
 def with_palette(*packets: Packet) -> Stream:

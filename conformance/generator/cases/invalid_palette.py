@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from conformance.decoders.outcomes import Run
-from conformance.generator.builder import DELTA, REFINE, Packet, Stream, build, raw
+from conformance.generator.builder import DELTA, PALETTE, REFINE, Packet, Stream, build, raw
 from conformance.generator.cases.case import FILE, PROGRESSIVE, Case, Recipe, case
 from conformance.generator.cases.palette import ADD, BASE, GROW, entries, picks, with_palette
 from conformance.generator.cases.scenes import SMALL, numbers
@@ -28,7 +28,7 @@ def header() -> Iterator[Case]:
         ("of-degree-0", replace(SMALL, header={"flags": 1 << 8}), "R-5.1-9", "E_HEADER",
          "bit 8 of the flags, and no SH above band 0", "takes bit 8 for a reserved or unused one"),
         ("of-degree-0-with-picks", with_palette(ADD, picks(1, 0, 1), degree=0), "R-5.1-9 R-6.1-1",
-         "E_HEADER", "bit 8 of the flags of degree 0, and a packet of component 1",
+         "E_HEADER", "bit 8 of the flags of degree 0, and a packet of component 4",
          "finds the packet first"),
         ("of-degree-0-and-tiles", replace(SMALL, header={"flags": 1 << 8, "n_tiles": 65}),
          "R-5.1-9 R-6.1-1 6.1", "E_HEADER", "bit 8 of the flags of degree 0, and 65 tiles",
@@ -48,7 +48,14 @@ def chains() -> Iterator[Case]:
         ("component-3", with_palette(ADD, Packet(component=3, n_adds=0, row={"component": 3}),
                                      degree=3),
          "R-5.6-1", "E_CHAIN", "a row of component 3, degree 3", "takes it for SH band 3"),
-        ("component-2-without-the-flag", replace(BASE, header={"flags": 0}), "R-5.6-1", "E_CHAIN",
+        ("band-1-beside-picks", with_palette(ADD, Packet(component=1, adds=numbers(3, 9))),
+         "R-5.6-1", "E_CHAIN", "a row of component 1, degree 1",
+         "takes it for picks, as draft 1 did, or for SH band 1"),
+        ("component-6", with_palette(ADD, entries(2), Packet(row={"component": 6})), "R-5.6-1",
+         "E_CHAIN", "a row of component 6", "has no upper end of components"),
+        ("picks-without-a-palette", Stream([ADD, picks(1, 0, 1)], degree=3), "R-5.6-1", "E_CHAIN",
+         "a row of component 4, degree 3, and bit 8 is not set", "takes it for SH band 4"),
+        ("rows-without-the-flag", replace(BASE, header={"flags": 0}), "R-5.6-1", "E_CHAIN",
          "rows of picks and of the palette, degree 1, and bit 8 is not set",
          "tells a palette by its rows"),
         ("picks-before-core", with_palette(entries(2), picks(1, 2, 0), ADD), "R-5.6-2", "E_CHAIN",
@@ -98,7 +105,7 @@ def counts() -> Iterator[Case]:
         ("entries-without-bytes", with_palette(ADD, replace(entries(2), edit=lambda _: b"")),
          "R-5.6-5", "E_COUNT", "a row of the palette of two entries and no bytes",
          "takes all entries for 0"),
-        ("bytes-without-entries", with_palette(ADD, Packet(component=2, is_explicit=True)),
+        ("bytes-without-entries", with_palette(ADD, Packet(component=PALETTE, is_explicit=True)),
          "R-5.6-5", "E_COUNT", "a row of the palette of 11 bytes and no entries",
          "skips the packet"),
         ("entries-are-no-splats",
@@ -151,7 +158,7 @@ def limits() -> Iterator[Case]:
 
     def claim(n: int) -> Stream:
         row = {"n_adds": n, "size": 65537}
-        packet = Packet(component=2, edit=lambda _: b"", row=row)
+        packet = Packet(component=PALETTE, edit=lambda _: b"", row=row)
         return replace(with_palette(ADD, packet), header={"data_size": 65537 + len(_bodies(ADD))})
 
     yield from refused([

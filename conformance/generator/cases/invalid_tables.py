@@ -5,7 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from conformance.generator.builder import MAX_X, SPLIT, Chunk, Packet, Stream, Tile, build, places
+from conformance.generator.builder import (
+    MAX_X,
+    PALETTE,
+    PICKS,
+    SPLIT,
+    Chunk,
+    Packet,
+    Stream,
+    Tile,
+    build,
+    places,
+)
 from conformance.generator.cases.case import FILE, VERIFY, Case, Recipe, case
 from conformance.generator.cases.edits import with_body
 from conformance.generator.cases.scenes import banded, numbers
@@ -244,10 +255,11 @@ def _digested_streams() -> Iterator[tuple[str, Stream, str]]:
     names = [(0, c, step) for c in range(2) for step in range(12)]
     stream = Stream([*banded_core, *bands], degree=1, digests=dict.fromkeys(names))
     yield "bands", stream, "of core and a band"
-    entries = Packet(component=2, adds={0: [0, -1] * 3000})
-    palette = [core[0], *[entries, Packet(component=2)] * 2]
-    palette += [Packet(component=1), *[Packet(), Packet(component=1)] * 19]
-    names = [(0, c, step) for c in range(2) for step in range(20)] + [(0, 2, k) for k in range(4)]
+    entries = Packet(component=PALETTE, adds={0: [0, -1] * 3000})
+    palette = [core[0], *[entries, Packet(component=PALETTE)] * 2]
+    palette += [Packet(component=PICKS), *[Packet(), Packet(component=PICKS)] * 19]
+    names = [(0, c, step) for c in (0, PICKS) for step in range(20)]
+    names += [(0, PALETTE, k) for k in range(4)]
     stream = Stream(palette, degree=1, has_palette=True, digests=dict.fromkeys(names))
     yield "palette", stream, "of core, picks and a palette"
 
@@ -256,7 +268,7 @@ def _sized(stream: Stream, more: int) -> Stream:
     """The stream with metadata that make its file as large as its digests need, and `more`."""
     n_above = 3 * (stream.degree + 1) ** 2 - 3
     slots, n_entries, n_core, total = list[int](), 0, 0, 0
-    steps = dict.fromkeys(range(3), 0)
+    steps = dict.fromkeys(range(1 + PALETTE), 0)
     for packet in stream.packets:
         step, new = steps[packet.component], packet.counts["n_adds"]
         steps[packet.component] += 1
@@ -264,7 +276,7 @@ def _sized(stream: Stream, more: int) -> Stream:
             n_core += new
             slots.append(n_core)
             total += 4 + 61 * n_core
-        elif packet.component == 2:
+        elif packet.component == PALETTE:
             n_entries += new
             total += 4 + 4 * n_above * n_entries
         else:

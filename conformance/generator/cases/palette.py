@@ -9,6 +9,8 @@ from conformance.generator.builder import (
     ADDS_YCOCG,
     DELTA,
     DROP,
+    PALETTE,
+    PICKS,
     PSI_YCOCG,
     REFINE,
     SPLIT,
@@ -32,12 +34,12 @@ GROW = Packet(
 def entries(n: int, degree: int = 1, seed: int = 0, level: int = 0) -> Packet:
     """A packet of the palette with n entries; without any, of size 0."""
     channels = 3 * ((degree + 1) ** 2 - 1) if n else 0
-    return Packet(component=2, level=level, adds=numbers(n, channels, spread=60, seed=seed))
+    return Packet(component=PALETTE, level=level, adds=numbers(n, channels, spread=60, seed=seed))
 
 
 def picks(*of_slots: int, tile: int = 0) -> Packet:
     """A packet of picks, one for each new slot; without any, of size 0."""
-    return Packet(component=1, picks=of_slots, tile=tile)
+    return Packet(component=PICKS, picks=of_slots, tile=tile)
 
 
 def with_palette(*packets: Packet, degree: int = 1, n_levels: int = 2, n_tiles: int = 1) -> Stream:

@@ -10,6 +10,7 @@ from conformance.generator.builder import (
     ADDS_YCOCG,
     DROP,
     OF_CHANGED,
+    PICKS,
     PSI_YCOCG,
     REFINE,
     SPLIT,
@@ -138,7 +139,7 @@ def late_changes() -> Iterator[Case]:
         )
     stream = replace(
         with_palette(entries(8), *cores, *chosen, n_levels=1),
-        digests={(0, 1, step): None for step in range(3)},
+        digests={(0, PICKS, step): None for step in range(3)},
     )
     yield case(
         "late-changes-of-a-dropped-slot",

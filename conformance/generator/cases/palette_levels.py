@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from conformance.decoders.outcomes import Run
-from conformance.generator.builder import REFINE, Packet, Stream, build
+from conformance.generator.builder import PALETTE, PICKS, REFINE, Packet, Stream, build
 from conformance.generator.cases.case import FILE, PROGRESSIVE, Case, Recipe, case
 from conformance.generator.cases.palette import ADD, GROW, entries, picks, with_palette
 from conformance.generator.cases.palette_changes import anew
@@ -186,8 +186,16 @@ def cuts() -> Iterator[Case]:
 
 def digests() -> Iterator[Case]:
     """States of the palette and of picks after each packet."""
-    keys = [(0, 0, 0), (0, 0, 1), (0, 1, 0), (0, 1, 1), (0, 2, 0), (0, 2, 1), (0, 2, 2)]
-    keys += [(1, 0, 0), (1, 0, 1), (1, 1, 0), (1, 1, 1)]
+    keys = [
+        (0, 0, 0),
+        (0, 0, 1),
+        (0, PICKS, 0),
+        (0, PICKS, 1),
+        (0, PALETTE, 0),
+        (0, PALETTE, 1),
+        (0, PALETTE, 2),
+    ]
+    keys += [(1, 0, 0), (1, 0, 1), (1, PICKS, 0), (1, PICKS, 1)]
     right: dict[tuple[int, int, int], bytes | None] = dict.fromkeys(keys)
     runs = tuple(replace(run, verify=True) for run in LEVELS)
     yield case(
@@ -198,7 +206,7 @@ def digests() -> Iterator[Case]:
         "digests all entries, or those of the packet, of the level, or that picks may be of",
         runs=runs,
     )
-    for name, key in (("palette", (0, 2, 1)), ("picks", (0, 1, 1))):
+    for name, key in (("palette", (0, PALETTE, 1)), ("picks", (0, PICKS, 1))):
         yield case(
             f"levels-with-a-wrong-digest-of-{name}",
             replace(SCENE, digests={**right, key: bytes(32)}),

@@ -8,6 +8,8 @@ from dataclasses import replace
 from conformance.decoders.outcomes import Run
 from conformance.generator.builder import (
     DROP,
+    PALETTE,
+    PICKS,
     REFINE,
     SPLIT,
     Packet,
@@ -27,7 +29,7 @@ SPLIT_TWO = Packet(records={0: SPLIT, 1: SPLIT}, psi=numbers(2, seed=1), adds=nu
 AGAIN = Packet(records={3: SPLIT, 4: SPLIT, 0: DROP}, psi=numbers(2, seed=3))
 DEEP = Packet(records={6: SPLIT, 5: REFINE}, psi=numbers(2, seed=4))
 CORES = (ADD, SPLIT_TWO, AGAIN, DEEP)
-PICKS = (picks(5, 1, 0), picks(2, 3, 4), picks(1, 2), picks(6))
+CHOSEN = (picks(5, 1, 0), picks(2, 3, 4), picks(1, 2), picks(6))
 
 # Packets 0 to 8: two of the palette, and steps of two tiles.
 SCENE = with_palette(
@@ -48,7 +50,7 @@ ARRIVED = "arrival-palette-last"  # SCENE
 
 def late_picks() -> Iterator[Case]:
     """Core packets that come before the picks of earlier steps."""
-    core, chosen = CORES, PICKS
+    core, chosen = CORES, CHOSEN
     rows = [
         ("late-all", [*core, *chosen], "all core packets, then all picks"),
         (
@@ -87,7 +89,7 @@ def late_picks() -> Iterator[Case]:
         "late-for-a-dropped-slot",
         replace(
             with_palette(ADD, Packet(records={1: DROP}), entries(3), picks(1, 2, 3), n_levels=1),
-            digests={(0, 1, 0): None},
+            digests={(0, PICKS, 0): None},
         ),
         "R-7.5-1 R-5.7-3 7.5 7.7",
         "the pick of a slot that a later step of core dropped: it shows 0, and the digest has it",
@@ -154,7 +156,10 @@ def levels() -> Iterator[Case]:
 
 def digests() -> Iterator[Case]:
     """States of picks and of the palette."""
-    of_picks, of_palette = [(0, 1, 0), (0, 1, 1), (1, 1, 0)], [(0, 2, 0), (0, 2, 1)]
+    of_picks, of_palette = (
+        [(0, PICKS, 0), (0, PICKS, 1), (1, PICKS, 0)],
+        [(0, PALETTE, 0), (0, PALETTE, 1)],
+    )
     right: dict[tuple[int, int, int], bytes | None] = dict.fromkeys(sorted(of_picks + of_palette))
     yield case(
         "digests-of-picks",
@@ -173,9 +178,13 @@ def digests() -> Iterator[Case]:
         runs=(FILE, VERIFY, Run(verify=True, level=0)),
     )
     for name, key, tests in (
-        ("picks", (0, 1, 1), "the digest of picks of a step"),
-        ("palette", (0, 2, 0), "the digest of the first packet of the palette"),
-        ("last-palette", (0, 2, 1), "the digest of the last packet of the palette, at any level"),
+        ("picks", (0, PICKS, 1), "the digest of picks of a step"),
+        ("palette", (0, PALETTE, 0), "the digest of the first packet of the palette"),
+        (
+            "last-palette",
+            (0, PALETTE, 1),
+            "the digest of the last packet of the palette, at any level",
+        ),
     ):
         yield case(
             f"digest-of-{name}-wrong",
@@ -189,9 +198,9 @@ def digests() -> Iterator[Case]:
         )
     yield case(
         "digest-of-the-palette-in-tile-1",
-        replace(SCENE, digests={(1, 2, 0): bytes(32)}),
+        replace(SCENE, digests={(1, PALETTE, 0): bytes(32)}),
         "R-5.7-2",
-        "a digest of component 2 of tile 1, which has no rows of the palette",
+        "a digest of component 5 of tile 1, which has no rows of the palette",
         "lets every tile have the palette",
         "E_CHUNK",
         TWIN,

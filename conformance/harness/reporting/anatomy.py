@@ -36,7 +36,7 @@ ROWS = {
     ),
     b"dGST": (("tile", "I"), ("component", "B"), ("step", "I"), ("digest", "32s")),
 }
-PALETTE_COMPONENTS = {1: ": picks", 2: ": palette of level {level}"}
+PALETTE_COMPONENTS = {4: ": picks", 5: ": palette of level {level}"}
 CLASSES = ("position", "rotation", "scale", "opacity", *(f"SH band {band}" for band in range(4)))
 
 

@@ -15,7 +15,7 @@ __all__ = ["packet_anatomy"]
 MAGIC = b"\x28\xb5\x2f\xfd"
 BLOCKS = ("raw", "RLE", "compressed", "reserved")
 GROUPS = ("position", "rotation", "scale", "opacity", "SH")
-PICKS, PALETTE = 1, 2  # components of a stream with a palette
+PICKS, PALETTE = 4, 5  # components of a stream with a palette
 Lists = list[tuple[str, list[str]]]  # title and names, in the order of their coding bytes
 SIDES = ("gaps", "kinds", *(f"alpha {group}" for group in GROUPS))
 

@@ -18,7 +18,7 @@ from evogs_codec.errors import StreamError
 from evogs_codec.format.crc import crc32
 from evogs_codec.format.frames import decompress_all
 from evogs_codec.format.packet_header import FLAG_OF_CHANGED, N_SIDES, Counts
-from evogs_codec.model.channels import PICKS, component_channels
+from evogs_codec.model.components import PICKS, component_channels
 from evogs_codec.model.splats import I64
 
 if TYPE_CHECKING:
@@ -68,9 +68,7 @@ def apply_compiled(
     n_records, n_splits = int(core_counts[:, 1:].sum()), int(core_counts[:, 1].sum())
     plans = channels.Plans.empty(scratch, len(core), n_records, n_splits)
     tables = _tables(channels, directory, state.tile)
-    is_compiled = np.ones(len(packets), bool)
-    if directory.has_palette:
-        is_compiled = components != PICKS
+    is_compiled = components != PICKS
     others = np.flatnonzero(is_compiled)
     for within in _parts(components[others], counts[others]):
         part = others[within]
@@ -93,7 +91,7 @@ def apply_compiled(
                 return False
     except StreamError:
         return False
-    applied = np.bincount(components, minlength=directory.n_components).tolist()
+    applied = {c: int(np.count_nonzero(components == c)) for c in directory.components.of_tiles}
     state.set_applied(applied, plans.places[1:, 0].tolist(), levels[components == 0].tolist())
     return True
 

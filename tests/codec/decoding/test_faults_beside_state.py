@@ -63,9 +63,9 @@ def sums_over_range():
 def pick_past_the_palette():
     """A pick of a step with a drop names an entry that is not there."""
     last = [
-        Packet(component=2, adds={0: [1, 2]}),
-        Packet(component=1, picks=(1, 2, 0, 1)),
-        Packet(component=1, picks=(0, 1), repicks=(2, 3)),
+        Packet(component=5, adds={0: [1, 2]}),
+        Packet(component=4, picks=(1, 2, 0, 1)),
+        Packet(component=4, picks=(0, 1), repicks=(2, 3)),
     ]
     return stream(last, degree=1, has_palette=True)
 
@@ -73,9 +73,9 @@ def pick_past_the_palette():
 def entry_over_range():
     """The last channel of the second packet of entries leaves the range of Delta."""
     last = [
-        Packet(component=2, adds={0: [1, 2]}),
-        Packet(component=2, adds={0: [3, 4], 8: [1, 1 << 14]}),
-        Packet(component=1, picks=(1, 2, 0, 1)),
+        Packet(component=5, adds={0: [1, 2]}),
+        Packet(component=5, adds={0: [3, 4], 8: [1, 1 << 14]}),
+        Packet(component=4, picks=(1, 2, 0, 1)),
     ]
     return stream(last, degree=1, has_palette=True, quantisers={(0, 5): (LARGE, 0)})
 

@@ -35,7 +35,7 @@ from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.format.packet_header import read_packet_header
 from evogs_codec.format.unpack import read_planes, unpack
 from evogs_codec.model.arithmetic import StepPlan
-from evogs_codec.model.channels import component_slice
+from evogs_codec.model.components import component_slice
 from evogs_codec.model.tree import Kind
 from evogs_codec.render.demo_scene import make_scene
 

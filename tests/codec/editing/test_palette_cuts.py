@@ -22,7 +22,7 @@ from evogs_codec import (
 from evogs_codec.cli.commands import main
 from evogs_codec.editing.byte_stats import bytes_by_group, levels
 from evogs_codec.editing.omissions import omissions
-from evogs_codec.model.channels import PALETTE, PICKS
+from evogs_codec.model.components import PALETTE, PICKS
 from tests.support.palette_streams import (
     DATA,
     DEGREE,
@@ -42,7 +42,7 @@ from tools.bench.prefix import by_level
 
 def test_directories_tell_the_palette_from_tiles():
     assert DIRECTORY.has_palette
-    assert (DIRECTORY.n_components, DIRECTORY.n_entries) == (2, 7)
+    assert (DIRECTORY.components.numbers, DIRECTORY.n_entries) == ((0, 4, 5), 7)
     assert DIRECTORY.palette_packets.tolist() == [2, 4, 9, 16]
     assert DIRECTORY.chain_lengths().tolist() == [[3, 2], [3, 3], [3, 3]]
 
@@ -214,7 +214,7 @@ def test_without_sh_there_is_no_palette_but_the_stream_stays_one():
 
 def test_a_palette_that_nothing_picks_of_is_left_out_of_parts():
     steps = DIRECTORY.chain_lengths()
-    steps[:, PICKS] = 0
+    steps[:, 1] = 0
     unpicked = extract(DATA, Cut(steps, 4))
     directory = read_directory(memoryview(unpicked))
     assert directory.n_entries == 7

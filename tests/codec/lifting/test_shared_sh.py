@@ -18,7 +18,7 @@ from evogs_codec.format.pack import pack_entries
 from evogs_codec.io.tree_npz import write_tree
 from evogs_codec.lifting.lift import lift_with_order
 from evogs_codec.lifting.shared_sh import shared_sh, with_palette
-from evogs_codec.model.channels import PALETTE, PICKS
+from evogs_codec.model.components import PALETTE, PICKS
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.tree import Palette, Step
 from evogs_codec.render.demo_scene import make_scene
@@ -78,7 +78,7 @@ def test_the_leaves_of_a_tree_with_a_palette_have_their_sh_exactly(scene):
     np.testing.assert_array_equal(leaves.sh[:, 1:], splats.take(lifted.leaf_of).sh[:, 1:])
     np.testing.assert_array_equal(leaves.means, lifted.tree.leaves().means)
     assert tree.shown_degree == 2
-    assert tree.n_components == 2
+    assert tree.components.of_tiles == (0, 4)
 
 
 def test_coarse_splats_show_sh_near_their_own(scene):
@@ -250,8 +250,8 @@ def test_packets_of_the_palette_come_with_the_first_picks_of_their_level(scene):
 def test_coarse_levels_have_hints_of_their_picks(scene):
     _, _, tree = scene
     coded = quantise(arrange(tree, 1), tree.n_levels, PRESETS["scene"])
-    errors = [step.error[PICKS] for step in coded.tiles[0].steps]
-    gains = [step.gain[PICKS] for step in coded.tiles[0].steps]
+    errors = [step.error[1] for step in coded.tiles[0].steps]
+    gains = [step.gain[1] for step in coded.tiles[0].steps]
     assert errors == sorted(errors, reverse=True)
     assert errors[0] > errors[-1] == 0
     assert min(gains) >= 0
