@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from evogs_codec import PRESETS, Cut, InputError, decode_leaves, lift, read_directory
+from evogs_codec import PRESETS, Cut, decode_leaves, lift, read_directory
 
 pytest.importorskip("numba", reason="the rasterizer is compiled")
 from evogs_codec.cli.rendering import around
@@ -161,17 +161,15 @@ def test_a_sog_file_is_read_through_a_ply(subject, command, tmp_path):
     assert np.array_equal(splat_transform.read_sog(command, path).sh, subject.views.scene.sh)
 
 
-def test_figures_are_a_command_that_writes_the_page(tmp_path, monkeypatch):
-    parser = argparse.ArgumentParser()
-    cli.register(parser.add_subparsers())
+def test_figures_are_a_command_that_writes_the_page(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(cli, "find_spec", lambda _: True)
     monkeypatch.setattr(subjects, "make_scene", lambda: make_scene(100))
-    args = parser.parse_args(["figures", "--only", "sog", "--out", str(tmp_path)])
-    assert args.run(args) == 0
+    monkeypatch.setattr("sys.argv", ["figures", "--only", "sog", "--out", str(tmp_path)])
+    assert cli.main() == 0
     assert "python -m tools.bench --only sog" in (tmp_path / "figures.md").read_text()
     monkeypatch.setattr(cli, "find_spec", lambda _: None)
-    with pytest.raises(InputError, match="numba"):
-        args.run(args)
+    assert cli.main() == 1
+    assert "the figures need numba" in capsys.readouterr().err
 
 
 def test_the_shipped_scene_is_the_subject_where_none_is_named(monkeypatch):
