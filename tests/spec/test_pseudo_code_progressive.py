@@ -23,7 +23,7 @@ def streams() -> list[bytes]:
 
 def components(scene: oracle.Scene) -> dict[int, int]:
     """Component of the oracle: component of the text."""
-    names = {c: c for c in range(scene.header.last_component + 1)}
+    names = {c: c for c in range(SPEC.PALETTE + 1)}
     if scene.header.has_palette:
         names |= {oracle.PICKS: SPEC.PICKS, oracle.PALETTE: SPEC.PALETTE}
     return names
@@ -45,9 +45,9 @@ def rows_of(scene: oracle.Scene) -> list[SimpleNamespace]:
 
 def oracle_cut(scene: oracle.Scene, cut: dict[tuple[int, int], int]) -> list[list[int]]:
     names = components(scene)
-    width = max(names) + 1
     return [
-        [cut.get((t, names.get(c, -1)), 0) for c in range(width)] for t in range(len(scene.tiles))
+        [cut.get((t, names[c]), 0) for c in range(len(tile.cut))]
+        for t, tile in enumerate(scene.tiles)
     ]
 
 

@@ -120,6 +120,18 @@ def random_cut(rng, directory):
     return Cut(steps, int(rng.integers(least, len(directory.palette_packets) + 1)))
 
 
+def n_required(directory, steps):
+    """How many packets of the palette the picks of these steps require."""
+    return max(
+        (
+            n
+            for (tile, component, step), n in each_required(directory)
+            if component == PICKS and step < steps[tile, PICKS]
+        ),
+        default=0,
+    )
+
+
 def each_required(directory):
     """(tile, component, step) of each packet, and how many of the palette it requires: 3.7."""
     rows = [
