@@ -101,12 +101,6 @@ class Cut:
         steps[~met] = 0
         return Cut(steps, self.palette if met.any() else 0)
 
-    def with_palette_of_picks(self, directory: Directory) -> Cut:
-        """The same with the packets of the palette that its picks require, and no others."""
-        whole = Cut(self.steps, len(directory.palette_packets))
-        required = directory.palette_required[whole.packets(directory)]
-        return Cut(self.steps, int(required.max(initial=0)))
-
     def packets(self, directory: Directory) -> npt.NDArray[np.bool_]:
         """(n_packets,) True for the packets of the cut.
 

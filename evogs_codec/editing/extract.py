@@ -53,9 +53,6 @@ def choose_cut(
         cut = cut.with_sh_degree(sh_degree)
     if box is not None:
         cut = cut.with_box(directory, box)
-    is_part = not (level is None and sh_degree is None and box is None)
-    if is_part:  # "the packets of the palette that [picks require], and no others" (spec 10)
-        cut = cut.with_palette_of_picks(directory)
     if max_bytes is None:
         return cut
     selected = np.flatnonzero(cut.packets(directory))

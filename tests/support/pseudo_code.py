@@ -1,4 +1,4 @@
-"""The pseudo-code of section 7 of the spec as a decoder, behind the tables of the oracle."""
+"""The pseudo-code of the spec as a decoder, behind the tables of the oracle."""
 
 import re
 import struct
@@ -16,20 +16,22 @@ TEXT = (ROOT / "spec" / "evogs.md").read_text(encoding="utf-8")
 
 @cache
 def pseudo_code() -> ModuleType:
-    """The `python` blocks of section 7, as one module."""
-    section = TEXT[TEXT.index("\n## 7. ") : TEXT.index("\n## 8. ")]
-    blocks = re.findall(r"^```python\n(.*?)^```", section, re.MULTILINE | re.DOTALL)
-    assert len(blocks) >= 5
-    module = ModuleType("section_7")
-    module.__dict__["Reject"] = _reject
+    """The `python` blocks of the text, as one module (4.3)."""
+    blocks = re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
+    assert len(blocks) >= 9
+    module = ModuleType("spec_pseudo_code")
+    module.__dict__["Reject"] = _Reject
     module.__dict__["group_of"] = oracle.group_of
     for block in blocks:
         exec(block, module.__dict__)
     return module
 
 
-def _reject(code: str) -> oracle.Reject:
-    return oracle.Reject(code, "section 7")
+class _Reject(oracle.Reject):
+    """`Reject` of the text, which says no more than the code."""
+
+    def __init__(self, code: str, offset: int = -1) -> None:
+        super().__init__(code, "pseudo-code", offset)
 
 
 def decode_with_pseudo_code(data: bytes) -> bytes:
