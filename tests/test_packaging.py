@@ -1,6 +1,8 @@
 """What is installed, and what the commands say about what is not."""
 
+import json
 import tomllib
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
@@ -38,6 +40,15 @@ def test_entry_points_are_of_installed_packages():
 def test_the_bench_command_names_the_program_that_replaces_it(refused):
     refused("bench", words=["python -m tools.bench"])
     refused("bench", "paper", "--data", "x", words=["python -m tools.bench.paper"])
+
+
+def test_a_command_that_cannot_be_loaded_leaves_the_others(monkeypatch, evogs):
+    missing = "No module named 'tools.gone'"
+    gone = EntryPoint("gone", "tools.gone:register", "evogs.commands")
+    monkeypatch.setattr("evogs_codec.cli.commands.entry_points", lambda **_: [gone])
+    code, out, err = evogs("info", ROOT / "spec" / "example.evogs", "--json")
+    assert (code, json.loads(out)["tier"]) == (0, 1)
+    assert err == f"evogs: no command gone, install its package again: {missing}\n"
 
 
 def test_missing_vectors_are_said_to_be_in_a_checkout(tmp_path, capsys):

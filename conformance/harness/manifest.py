@@ -157,8 +157,8 @@ def load(folder: Path) -> Suite:
     """
     if not (folder / "manifest.json").exists():
         raise SuiteError(
-            f"no vectors in {folder}: they are in a checkout of the repository, not in an installed"
-            " package; name them with --vectors CHECKOUT/conformance/vectors"
+            f"no manifest.json in {folder}: the vectors are in a checkout of the repository, not in"
+            " an installed package; name them with --vectors CHECKOUT/conformance/vectors"
         )
     try:
         text = (folder / "manifest.json").read_bytes()

@@ -128,8 +128,8 @@ def load(folder: Path = FOLDER) -> Suite:
     """
     if not (folder / "renders.json").exists():
         raise SuiteError(
-            f"no goldens in {folder}: they are in a checkout of the repository, not in an installed"
-            " package; name them with --suite CHECKOUT/conformance/renders"
+            f"no renders.json in {folder}: the goldens are in a checkout of the repository, not in"
+            " an installed package; name them with --suite CHECKOUT/conformance/renders"
         )
     try:
         text = (folder / "renders.json").read_bytes()

@@ -101,7 +101,12 @@ def _parser() -> argparse.ArgumentParser:
     options.add_validate(commands, run_validate)
     options.add_extract(commands, run_extract)
     for entry in entry_points(group="evogs.commands"):
-        entry.load()(commands)
+        try:
+            register = entry.load()
+        except (ImportError, AttributeError) as error:  # of a package that was updated or removed
+            complain(f"no command {entry.name}, install its package again: {error}")
+            continue
+        register(commands)
     bench = commands.add_parser("bench", description=BENCH)  # without help=: it is not listed
     bench.add_argument("_", nargs=argparse.REMAINDER)
     bench.set_defaults(run=run_bench)

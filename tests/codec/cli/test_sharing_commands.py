@@ -25,6 +25,11 @@ OPTIONS = [
 ]
 
 
+@pytest.fixture(autouse=True)
+def small_views(monkeypatch):
+    monkeypatch.setattr("evogs_codec.cli.rendering.SIZE", 100)
+
+
 @pytest.mark.parametrize("option", OPTIONS, ids=lambda option: " ".join(option))
 def test_the_command_takes_a_palette_where_it_pays(tmp_path, capsys, option):
     assert encoded(tmp_path, capsys, shared_scene(), option) == [True, False]
@@ -43,7 +48,7 @@ def encoded(tmp_path, capsys, splats, option):
     sizes, palettes = [], []
     for more in ([], ["--no-palette"]):
         out = tmp_path / "a.evogs"
-        main(["encode", str(tmp_path / "a.ply"), str(out), "--json", *option, *more])
+        main(["encode", str(tmp_path / "a.ply"), str(out), "--json", "--effort=1", *option, *more])
         assert json.loads(capsys.readouterr().out)["bytes"] == out.stat().st_size
         data = out.read_bytes()
         palettes.append(read_directory(memoryview(data)).has_palette)
@@ -65,7 +70,8 @@ def test_a_target_that_is_missed_is_said_with_the_nearest(tmp_path, capsys):
     write_ply(tmp_path / "a.ply", shared_scene(300, 20))
     said = []
     for more in ([], ["--no-palette"]):
-        assert main(["encode", str(tmp_path / "a.ply"), "x", "--target-psnr", "119", *more]) == 1
+        names = [str(tmp_path / "a.ply"), "x"]
+        assert main(["encode", *names, "--target-psnr", "119", "--effort", "1", *more]) == 1
         said.append(float(capsys.readouterr().err.split("met: ")[1].split(" dB")[0]))
     assert said[0] >= said[1]
 
