@@ -605,7 +605,8 @@ def read_frame(frame: bytes, content_size: int) -> bytes:
         at += 3 + (1 if kind == 1 else size)  # an RLE block stores a byte
     require(at == len(frame), "E_FRAME", "R-5.10-5")
     try:
-        content = zstandard.ZstdDecompressor().decompress(frame)
+        # As a stream: in one call libzstd takes blocks that regenerate more than 128 KiB.
+        content = zstandard.ZstdDecompressor().decompressobj().decompress(frame)
     except zstandard.ZstdError:
         raise Reject("E_ZSTD", "R-5.10-6") from None
     require(len(content) == content_size, "E_ZSTD", "R-5.10-6")

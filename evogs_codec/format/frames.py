@@ -77,7 +77,11 @@ def decompress(frame: memoryview, size: int, offset: int) -> bytes:
     """
     check_frame(frame, size, offset)
     try:
-        data = _decompressor().decompress(frame, allow_extra_data=False)
+        if size > MAX_BLOCK:
+            # In one call libzstd takes blocks that give more than MAX_BLOCK (R-5.10-6).
+            data = _decompressor().decompressobj(write_size=MAX_BLOCK).decompress(frame)
+        else:
+            data = _decompressor().decompress(frame, allow_extra_data=False)
     except zstandard.ZstdError as error:
         raise StreamError(Fault.E_ZSTD, str(error), offset) from None
     if len(data) != size:
@@ -88,7 +92,8 @@ def decompress(frame: memoryview, size: int, offset: int) -> bytes:
 def decompress_all(data: memoryview, places: I64) -> U8 | None:
     """The contents of checked frames, one after the other; None if one has a fault.
 
-    One call of the library, which holds no lock, where it has such a call.
+    One call of the library, which holds no lock, for the frames of up to a block, where it has such
+    a call.
 
     Args:
         data: the file.
@@ -103,19 +108,33 @@ def decompress_all(data: memoryview, places: I64) -> U8 | None:
             return None
         return np.frombuffer(b"".join(contents), np.uint8)
     ends = np.cumsum(places[:, 2])
-    if ends[-1] <= MAX_CONTENT:
+    large = np.append(np.flatnonzero(places[:, 2] > MAX_BLOCK), len(places))
+    if ends[-1] <= MAX_CONTENT and len(large) == 1:
         return _decompress_many(data, places)
     # In parts, so that what comes out is not there twice.
     joined = np.empty(int(ends[-1]), np.uint8)
     first = at = 0
     while first < len(places):
-        last = max(first + 1, int(np.searchsorted(ends, at + MAX_CONTENT, side="right")))
-        found = _decompress_many(data, places[first:last])
+        next_large = int(large[np.searchsorted(large, first)])
+        last = int(np.searchsorted(ends, at + MAX_CONTENT, side="right"))
+        last = max(first + 1, min(last, next_large))
+        found = _decompress_part(data, places[first:last])
         if found is None or len(found) != ends[last - 1] - at:
             return None
         joined[at : at + len(found)] = found
         first, at = last, int(ends[last - 1])
     return joined
+
+
+def _decompress_part(data: memoryview, places: I64) -> U8 | None:
+    """`decompress_all` for frames of up to a block, or for a larger one."""
+    begin, n, size = places[0].tolist()
+    if size <= MAX_BLOCK:
+        return _decompress_many(data, places)
+    try:
+        return np.frombuffer(decompress(data[begin : begin + n], size, 0), np.uint8)
+    except StreamError:
+        return None
 
 
 def _decompress_many(data: memoryview, places: I64) -> U8 | None:

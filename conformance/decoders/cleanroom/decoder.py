@@ -442,7 +442,7 @@ def read_frame(frame: memoryview, expected: int) -> bytes:
         at += 3 + (1 if kind == 1 else size)
     require(at == len(frame), "E_FRAME")  # R-5.10-5
     try:
-        content = zstandard.ZstdDecompressor().decompress(frame, max_output_size=expected)
+        content = zstandard.ZstdDecompressor().decompressobj().decompress(frame)
     except zstandard.ZstdError:
         raise FaultError("E_ZSTD") from None  # R-5.10-6
     require(len(content) == expected, "E_ZSTD")  # R-5.10-6

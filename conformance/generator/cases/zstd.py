@@ -89,6 +89,38 @@ def legal_blocks() -> Iterator[Case]:
         )
 
 
+def blocks_that_give_much() -> Iterator[Case]:
+    """Compressed blocks that regenerate 128 KiB, and a byte more."""
+    n = 3125
+    codings = {f"adds {c}": 0x28 for c in range(14)}
+    same_byte = {f"adds {c}": [0x070707] * n for c in range(14)}
+    for size, code in ((131072, None), (131073, "E_ZSTD")):
+
+        def style(content: bytes, size: int = size) -> bytes:
+            block, rest = _copies(content[0], size), content[size:]
+            return frame(len(content), [(COMPRESSED, len(block), block), (RAW, len(rest), rest)])
+
+        yield case(
+            f"block-that-gives-{size}",
+            Stream([Packet(n_adds=n, stored=same_byte, codings=codings, style=style)]),
+            "R-5.10-6",
+            f"a compressed block of a literal and a match that regenerate {size} bytes; 128 KiB are"
+            " allowed",
+            "leaves it to a library that, called once for the frame, takes it",
+            code,
+            None if code is None else "block-that-gives-131072",
+            runs=(FILE, PROGRESSIVE),
+        )
+
+
+def _copies(byte: int, size: int) -> bytes:
+    """A compressed block of a raw literal and a match, 65540 to 131075 times this byte."""
+    literals = bytes([1 << 3, byte])
+    # A sequence; its codes as runs: a literal, repeated offset 1, match length 65539 + 16 bits.
+    sequences = bytes([1, 0b01010100, 1, 0, 52]) + (size - 65540).to_bytes(2, "little") + b"\1"
+    return literals + sequences
+
+
 def frame_headers() -> Iterator[Case]:
     """Faults of the frame header."""
 
@@ -288,5 +320,5 @@ def huge(body: bytes, n: int) -> bytes:
 
 
 RECIPES: tuple[Recipe, ...] = (
-    legal_blocks, frame_headers, block_headers, contents, partitions,
+    legal_blocks, blocks_that_give_much, frame_headers, block_headers, contents, partitions,
 )  # fmt: skip
