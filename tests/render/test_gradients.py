@@ -64,6 +64,7 @@ def assert_is_the_finite_difference(splats, camera, options, n=25):
             assert min(errors) <= 1e-5 * abs(gradient[place]) + 1e-6, (name, place)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("look", LOOKS)
 def test_gradients_are_finite_differences(look):
     assert_is_the_finite_difference(
@@ -71,17 +72,20 @@ def test_gradients_are_finite_differences(look):
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("degree", [0, 1, 2])
 def test_gradients_of_fewer_sh_coefficients_are_finite_differences(degree):
     splats = scenes.ball(30, degree, size=0.15, degree=degree)
     assert_is_the_finite_difference(splats, scenes.camera(30), Options(), n=12)
 
 
+@pytest.mark.thorough
 def test_gradients_close_to_the_camera_where_slopes_are_clamped_are_finite_differences():
     splats = scenes.ball(40, 8, size=0.3)
     assert_is_the_finite_difference(splats, scenes.facing(30, 26), Options(near=0.05))
 
 
+@pytest.mark.thorough
 def test_gradients_to_the_centres_are_those_of_moving_the_principal_point():
     splats, camera = scenes.as_float64(scenes.ball(1, 1, size=0.1)), scenes.camera(40)
     found, g = of(splats, camera, dtype=np.float64), image_gradient(camera)
@@ -99,6 +103,7 @@ def test_gradients_to_the_centres_are_those_of_moving_the_principal_point():
     np.testing.assert_allclose(found.centers[0], np.divide(expected, 2 * h), rtol=1e-6)
 
 
+@pytest.mark.thorough
 def test_float32_gradients_are_close_to_float64_ones():
     splats, camera = scenes.ball(1500, 4), scenes.camera(100)
     exact, ours = of(splats, camera, dtype=np.float64), of(splats, camera)

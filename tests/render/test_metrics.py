@@ -37,7 +37,9 @@ def pictures(height, width, dtype=np.float64, seed=0):
 
 
 @pytest.mark.parametrize(("height", "width"), [(1, 1), (3, 20), (20, 3), (24, 33)])
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize(
+    "dtype", [np.float32, pytest.param(np.float64, marks=pytest.mark.thorough)]
+)
 def test_ssim_is_the_formula(height, width, dtype):
     a, b = pictures(height, width, dtype)
     tolerance = 1e-12 if dtype == np.float64 else 1e-5
@@ -51,6 +53,7 @@ def test_ssim_of_a_picture_with_itself_is_one():
     assert np.abs(ssim_gradient(a, a)[1]).max() < 1e-6
 
 
+@pytest.mark.thorough
 def test_the_gradient_of_ssim_is_its_finite_difference():
     a, b = pictures(14, 17)
     _, gradient = ssim_gradient(a, b)
@@ -65,6 +68,7 @@ def test_the_gradient_of_ssim_is_its_finite_difference():
         assert gradient[place] == pytest.approx(expected, rel=1e-5, abs=1e-9)
 
 
+@pytest.mark.thorough
 def test_the_gradient_of_ssim_in_float32_is_close_to_that_in_float64():
     a, b = pictures(60, 50)
     _, exact = ssim_gradient(a, b)

@@ -25,11 +25,6 @@ OPTIONS = [
 ]
 
 
-@pytest.fixture(autouse=True)
-def small_views(monkeypatch):
-    monkeypatch.setattr("evogs_codec.cli.rendering.SIZE", 100)
-
-
 @pytest.mark.parametrize("option", OPTIONS, ids=lambda option: " ".join(option))
 def test_the_command_takes_a_palette_where_it_pays(tmp_path, capsys, option):
     assert encoded(tmp_path, capsys, shared_scene(), option) == [True, False]

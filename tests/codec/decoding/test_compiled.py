@@ -263,6 +263,7 @@ def records(shape, n, rng):
     return chosen, kinds.astype(np.uint8)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shift", range(13))
 @pytest.mark.parametrize("scattered", [False, True])
 @pytest.mark.parametrize("mixed", [False, True])

@@ -1,0 +1,8 @@
+"""Views of the commands are small: what is tested is what they do, not how well."""
+
+import pytest
+
+
+@pytest.fixture(autouse=True)
+def small_views(monkeypatch):
+    monkeypatch.setattr("evogs_codec.cli.rendering.SIZE", 100)
