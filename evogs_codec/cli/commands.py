@@ -24,9 +24,9 @@ from evogs_codec.cli.terminal import (
     escape_what_cannot_be_encoded,
     plain_warnings,
     progress_bar,
-    version,
 )
 from evogs_codec.common.printable import shown
+from evogs_codec.common.version import __version__
 from evogs_codec.decoding.cut import Cut, tiles_meeting, tiles_within
 from evogs_codec.decoding.decode import Decoded, decode, decode_leaves, replay
 from evogs_codec.editing.byte_stats import bytes_by_group
@@ -92,7 +92,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Progressive streams of 3D Gaussian Splatting scenes.",
         epilog="Each command has examples: evogs encode --help",
     )
-    parser.add_argument("--version", action="version", version=f"evogs {version()}")
+    parser.add_argument("--version", action="version", version=f"evogs {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     options.add_encode(commands, run_encode)
     options.add_decode(commands, run_decode)

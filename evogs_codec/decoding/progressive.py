@@ -109,7 +109,7 @@ class Decoder:
             StreamError: the first fault, E_TRUNCATED if bytes are missing.
         """
         if self.directory is None:
-            read_directory(memoryview(self._head.prefix()), self._limits)
+            read_directory(self._head.prefix(), self._limits)
             raise AssertionError("a complete directory was not read")
         missing = np.flatnonzero(~self._done)
         for packet in missing[:1].tolist():
@@ -165,7 +165,7 @@ class Decoder:
         self._head_size = HEADER_SIZE + read_header(prefix, self._limits)["chunks_size"]
         if not self._head.covers(self._head_size):
             return False
-        directory = read_directory(memoryview(self._head.prefix(self._head_size)), self._limits)
+        directory = read_directory(self._head.prefix(self._head_size), self._limits)
         self.directory = directory
         rows = directory.packets
         # Slots are made as packets come: a table may promise any number.

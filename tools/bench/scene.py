@@ -60,7 +60,7 @@ def size(splats: SplatParams, folder: Path) -> Rows:
     ):
         data = encode(some, settings)
         (folder / file).write_bytes(data)
-        groups = bytes_by_group(read_directory(memoryview(data)), memoryview(data))
+        groups = bytes_by_group(read_directory(data), memoryview(data))
         sh = sum(part.n_bytes for key, part in groups.items() if key in SH_ABOVE_0)
         decoded = decode(data).leaves(sh_degree=splats.sh_degree)
         rows.append(_size_row(name, len(data), sh, decoded, leaves_in_stream_order(some)))

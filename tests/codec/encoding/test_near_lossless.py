@@ -30,7 +30,7 @@ def errors_by_level(
     """[level][channel] largest error, in grid units, after every few levels of each tile."""
     n_levels = max([tile.n_levels for tile in tiles] + [1])
     data = write(quantise(tiles, n_levels, settings), effort=1)
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     out = []
     states = [exact_states(tile) for tile in tiles]
     for level in range(n_levels):

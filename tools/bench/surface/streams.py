@@ -86,7 +86,7 @@ def _points(subject: Subject) -> Iterator[Point]:
             yield Point("target", f"--target-psnr {decibels}", aim.at_psnr(decibels))
         except InputError:  # beyond what steps can do
             continue
-    for axis, setting, cut in _cuts(read_directory(memoryview(whole))):
+    for axis, setting, cut in _cuts(read_directory(whole)):
         yield Point(axis, setting, extract(whole, cut))
 
 
