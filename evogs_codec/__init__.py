@@ -8,6 +8,7 @@ docs/api.md shows the rest. What is not named here may change without notice.
 
 from evogs_codec.common.progress import Progress as Progress
 from evogs_codec.common.version import __version__ as __version__
+from evogs_codec.decoding.byte_ranges import byte_ranges as byte_ranges
 from evogs_codec.decoding.cut import Cut as Cut
 from evogs_codec.decoding.decode import Decoded as Decoded
 from evogs_codec.decoding.decode import decode as decode
@@ -80,6 +81,7 @@ __all__ = [
     "TargetEncoder",
     "TargetMissedError",
     "__version__",
+    "byte_ranges",
     "choose_cut",
     "decode",
     "decode_leaves",

@@ -171,7 +171,7 @@ def _load(
         far = Cut.of_level(directory, 0 if outside is None else outside)
         near = tiles_meeting(directory, box)[:, None]
         cut = Cut(np.where(near, cut.steps, far.steps), cut.palette)
-    return decode(data, cut).leaves()
+    return decode(data, cut, directory=directory).leaves()
 
 
 def _cameras(args: argparse.Namespace, scene: SplatParams) -> list[Camera]:

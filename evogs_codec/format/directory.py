@@ -87,6 +87,12 @@ class Directory:
     data_offset: int
     size: int
 
+    def __repr__(self) -> str:
+        return (
+            f"Directory({self.size} bytes, {self.n_levels} levels, {len(self.tiles)} tiles,"
+            f" {len(self.packets)} packets, SH degree {self.sh_degree})"
+        )
+
     @property
     def has_palette(self) -> bool:
         """SH above band 0 are entries of a palette (spec 3.7)."""

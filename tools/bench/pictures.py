@@ -101,8 +101,6 @@ def photographs(tree: EvolutionTree, folder: Path) -> Rows:
     for target in (TREE_PSNR, TARGET):
         streams[f"--target-psnr {target:g}"] = aim.at_psnr(target)
     for name, data in streams.items():
-        directory = read_directory(data)
-        decoded = decode(data)
-        drawn = [decoded.leaves(Cut.of_level(directory, k)) for k in range(tree.n_levels)]
+        drawn = [decode(data, level=k).leaves() for k in range(tree.n_levels)]
         row(name, len(data), drawn.__getitem__)
     return rows

@@ -11,7 +11,7 @@ from conformance.decoders import oracle
 from conformance.generator.builder import X
 from evogs_codec import Cut, Decoder, StreamError, decode, read_directory
 from evogs_codec.decoding.compiled import dispatch
-from evogs_codec.decoding.decode import decode_leaves, decode_prefix, replay
+from evogs_codec.decoding.decode import decode_leaves, decode_prefix
 from evogs_codec.decoding.float_view import float_picks, float_rows
 from evogs_codec.editing.read_tree import read_coded_tree
 from evogs_codec.encoding.write import write
@@ -167,14 +167,6 @@ def test_the_degree_of_floats_is_that_of_the_stream_where_picks_are_applied():
     higher = decode(DATA).leaves(sh_degree=3)
     assert not higher.sh[:, 9:].any()
     assert np.array_equal(higher.sh[:, :9], decode(DATA).leaves().sh)
-
-
-def test_leaves_of_a_cut_within_another_are_those_of_decoding_it():
-    found = decode(DATA).leaves(Cut.of_level(DIRECTORY, 1)).channels()
-    assert np.array_equal(found, decode(DATA, Cut.of_level(DIRECTORY, 1)).leaves().channels())
-    without = replay(DIRECTORY, memoryview(DATA), Cut.full(DIRECTORY).with_sh_degree(0))
-    with pytest.raises(ValueError, match="not decoded"):
-        without.leaves(Cut(without.cut.steps, 2))
 
 
 @pytest.mark.parametrize(("dtype", "largest"), [(np.int16, 1 << 15), (np.int32, 1 << 28)])

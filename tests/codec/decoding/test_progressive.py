@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from conformance.decoders import oracle
 from conformance.fuzzing import memory
 from evogs_codec.decoding.cut import Cut
-from evogs_codec.decoding.decode import Decoded, decode, decode_prefix
+from evogs_codec.decoding.decode import decode, decode_prefix
 from evogs_codec.decoding.progressive import Decoder
 from evogs_codec.editing.extract import extract
 from evogs_codec.encoding.encode import encode
@@ -34,9 +34,7 @@ SEEDS = st.integers(0, 2**32)
 
 
 def dump_of(decoder: Decoder) -> bytes:
-    assert decoder.directory is not None
-    tiles = tuple(decoder._tiles)
-    return Decoded(decoder.directory, decoder.cut, tiles, memoryview(b"")).dump()
+    return decoder.decoded.dump()
 
 
 def feed_in_pieces(decoder: Decoder, data: bytes, size: int) -> None:

@@ -132,7 +132,7 @@ def whole_verdict(data):
         decoded = decode(data)
     except StreamError as error:
         return error.fault, error.offset
-    return decoded.leaves(sh_degree=decoded.directory.sh_degree).channels().tobytes()
+    return decoded.leaves().channels().tobytes()
 
 
 def check_random_flips(data, n_flips, seed):

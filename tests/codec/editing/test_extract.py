@@ -249,13 +249,3 @@ def test_the_packet_rows_keep_their_order_and_their_estimates():
     kept = [row for row, keep in zip(rows, cut.packets(DIRECTORY), strict=True) if keep]
     assert table == b"".join(kept)
     assert struct.unpack_from("<I", smaller, 28) == (len(kept),)
-
-
-def test_leaves_of_a_smaller_cut_are_those_of_decoding_it():
-    full = decode(DATA)
-    for level in range(DIRECTORY.n_levels):
-        cut = Cut.of_level(DIRECTORY, level)
-        found, expected = full.leaves(cut), decode(DATA, cut).leaves()
-        assert np.array_equal(found.channels(), expected.channels())
-    with pytest.raises(ValueError, match="not decoded"):
-        decode(DATA, Cut.of_level(DIRECTORY, 0)).leaves(Cut.full(DIRECTORY))
