@@ -39,7 +39,7 @@ def refine(
         raise InputError("--refine renders views: pip install -e '.[render]'")
     from evogs_codec.render import camera_rings, load_cameras
     from evogs_codec.render.views import HELD_OUT
-    from reference_trainer.distil.distil import distil
+    from reference_trainer.distil.coarse_levels import distil
     from reference_trainer.runtime.memory import keep_freed_memory
 
     keep_freed_memory()

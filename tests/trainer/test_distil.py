@@ -17,7 +17,7 @@ from evogs_codec.render import cameras_around, orbit, save_cameras
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.views import Views
 from reference_trainer.distil import refining
-from reference_trainer.distil.distil import distil
+from reference_trainer.distil.coarse_levels import distil
 from reference_trainer.distil.generations import levels_of, tree_of
 
 SIZE = 48
