@@ -24,7 +24,11 @@ from evogs_codec.encoding.grids import AccuracyWarning as AccuracyWarning
 from evogs_codec.encoding.grids import NotRepresentableError as NotRepresentableError
 from evogs_codec.encoding.measured_gains import Pictures as Pictures
 from evogs_codec.encoding.settings import PRESETS as PRESETS
+from evogs_codec.encoding.settings import FixedSteps as FixedSteps
+from evogs_codec.encoding.settings import NearLossless as NearLossless
+from evogs_codec.encoding.settings import RangeBits as RangeBits
 from evogs_codec.encoding.settings import Settings as Settings
+from evogs_codec.encoding.settings import StepTable as StepTable
 from evogs_codec.encoding.targets import TargetEncoder as TargetEncoder
 from evogs_codec.encoding.targets import TargetMissedError as TargetMissedError
 from evogs_codec.errors import EvogsError as EvogsError
@@ -65,18 +69,22 @@ __all__ = [
     "EvogsError",
     "EvolutionTree",
     "Fault",
+    "FixedSteps",
     "InputError",
     "Kind",
     "Lifted",
+    "NearLossless",
     "NotRepresentableError",
     "Palette",
     "Pictures",
     "Progress",
+    "RangeBits",
     "SceneInfo",
     "Settings",
     "SplatParams",
     "Step",
     "StepReady",
+    "StepTable",
     "StreamError",
     "TargetEncoder",
     "TargetMissedError",

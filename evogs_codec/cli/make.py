@@ -17,7 +17,7 @@ from evogs_codec.cli.reports import level_figures, print_levels
 from evogs_codec.cli.terminal import progress_bar
 from evogs_codec.common.printable import shown
 from evogs_codec.common.progress import Progress
-from evogs_codec.encoding.settings import PRESETS, Settings
+from evogs_codec.encoding.settings import PRESETS, RangeBits, Settings
 from evogs_codec.errors import InputError
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.io.files import write_atomic
@@ -144,7 +144,7 @@ def _preset(args: argparse.Namespace, default: str) -> str | Settings | None:
     if args.near_lossless:
         return "near-lossless"
     if args.bits:
-        return replace(PRESETS[default], range_bits=args.bits)
+        return replace(PRESETS[default], accuracy=RangeBits(args.bits))
     if args.finer:
         return PRESETS[args.preset or default].finer(args.finer)
     preset: str | None = args.preset

@@ -17,12 +17,13 @@ import numpy as np
 from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.decoding.decode import decode
 from evogs_codec.encoding.arrange import arrange, default_tiles
-from evogs_codec.encoding.grids import AccuracyWarning, Ranges, wanted_steps
+from evogs_codec.encoding.grids import AccuracyWarning
 from evogs_codec.encoding.measured_gains import MeasuredGains, Pictures
 from evogs_codec.encoding.polish import polished
 from evogs_codec.encoding.quantise import quantise
+from evogs_codec.encoding.ranges import Ranges
 from evogs_codec.encoding.sensitivity import Importance, StepWeights
-from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, Settings
+from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, NearLossless, Settings, StepTable
 from evogs_codec.encoding.write import write
 from evogs_codec.errors import InputError
 from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS
@@ -160,9 +161,9 @@ class TargetEncoder:
         data, found = b"", np.full(len(GROUPS), math.inf)
         for attempt in range(MOST_TRIES):
             if attempt == MOST_TRIES - 1:
-                settings = replace(self.settings, near_lossless=True, table=())
+                settings = replace(self.settings, accuracy=NearLossless())
             else:
-                settings = replace(self.settings, table=tuple(map(tuple, table.tolist())))
+                settings = replace(self.settings, accuracy=StepTable.of(table))
             data = self._with_digests(coder.quantised(settings))
             found = _errors(coder.tiles, data, self.tree.shown_degree) + self.leaf_error
             if np.all(found <= asked):
@@ -222,7 +223,7 @@ class _Coder:
         table = self.importance.steps(at, self.ranges.extent)
         settings = replace(
             self.aim.settings,
-            table=tuple(map(tuple, table.tolist())),
+            accuracy=StepTable.of(table),
             n_alpha=N_ALPHA,
             alpha_bits=ALPHA_BITS,
         )
@@ -260,7 +261,7 @@ class _Coder:
 
     def first_table(self) -> F64:
         """(1 + n_levels, K) steps of the settings."""
-        return wanted_steps(self.aim.settings, self.ranges, self.n_levels)
+        return self.aim.settings.accuracy.wanted_steps(self.ranges, self.n_levels)
 
 
 def _errors(tiles: Sequence[EvolutionTree], data: bytes, sh_degree: int) -> F64:

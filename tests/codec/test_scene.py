@@ -11,6 +11,7 @@ import evogs_codec
 from evogs_codec import (
     PRESETS,
     InputError,
+    RangeBits,
     SceneInfo,
     SplatParams,
     decode,
@@ -65,7 +66,7 @@ def test_a_scene_is_encoded_as_the_command_does(tmp_path):
         (["--preset", "trained", "--up=-y"], {"preset": "trained", "up": "-y"}),
         (["--near-lossless"], {"preset": "near-lossless"}),
         (["--finer", "3"], {"preset": PRESETS["scene"].finer(3)}),
-        (["--bits", "7"], {"preset": replace(PRESETS["scene"], range_bits=7)}),
+        (["--bits", "7"], {"preset": replace(PRESETS["scene"], accuracy=RangeBits(7))}),
         (["--max-error", "0.5", "position=0.01"], {"max_error": 0.5}),
         (["--target-bytes", "9000"], {"target_bytes": 9000}),
         (["--title", "A scene"], {"info": SceneInfo(text={"title": "A scene"})}),

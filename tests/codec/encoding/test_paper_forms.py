@@ -9,7 +9,7 @@ from conformance.decoders import oracle
 from evogs_codec.decoding.cut import Cut
 from evogs_codec.decoding.decode import decode
 from evogs_codec.encoding.encode import encode
-from evogs_codec.encoding.settings import PRESETS
+from evogs_codec.encoding.settings import PRESETS, FixedSteps
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.format.packet_header import read_packet_header
 from evogs_codec.format.planes import ABSENT
@@ -19,6 +19,8 @@ from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
 NEAR_LOSSLESS = replace(PRESETS["near-lossless"], effort=1)
 TRAINED = replace(PRESETS["trained"], effort=1)
+STEPS = TRAINED.accuracy
+assert isinstance(STEPS, FixedSteps)
 ROTATION, OPACITY = GROUP_CHANNELS[1], GROUP_CHANNELS[3]
 # Lists of a core packet (spec 5.9).
 GAPS, KINDS, ALPHAS, PSI, ADDS = 0, 1, range(2, 7), range(7, 21), range(21, 35)
@@ -320,7 +322,7 @@ def check_many_roots(n: int) -> None:
     assert decoded.n_leaves == n
     got = np.sort(decoded.leaves().means, axis=0)
     expected = np.sort(tree.leaves().means, axis=0)
-    assert np.abs(got - expected).max() <= TRAINED.steps[0]  # adds have steps half as large
+    assert np.abs(got - expected).max() <= STEPS.steps[0]  # adds have steps half as large
     assert len(data) < 16 * n
 
 
