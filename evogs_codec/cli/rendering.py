@@ -87,7 +87,7 @@ def _render_sheet(args: argparse.Namespace, limits: dict[str, int] | None) -> No
     from evogs_codec.render.png import contact_sheet, write_png
 
     data = args.input.read_bytes()
-    directory = read_directory(memoryview(data), limits)
+    directory = read_directory(data, limits)
     cuts = [Cut.of_level(directory, level) for level in range(directory.n_levels)]
     scenes = [decode(data, cut, limits=limits).leaves() for cut in cuts]
     n_bytes = [len(extract(data, cut)) for cut in cuts]

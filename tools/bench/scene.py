@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import gsply
@@ -12,6 +11,8 @@ import numpy as np
 from evogs_codec import (
     PRESETS,
     EvolutionTree,
+    FixedSteps,
+    Settings,
     SplatParams,
     decode,
     encode,
@@ -40,10 +41,8 @@ SH_ABOVE_0 = ("sh 1", "sh 2", "sh 3", "picks")
 TURNS = 41  # of fewer, the median of the peer moves by a fifth
 # The steps at which leaves coded on their own have the errors that preset `scene` gives the leaves
 # of a tree: see the errors in the table.
-FLAT = replace(
-    PRESETS["scene"],
-    steps=(1.18e-4, 0.0027, 0.0624, 0.125, 0.036, 0.118, 0.118, 0.118),
-    coarser=(0.0,) * 8,
+FLAT = Settings(
+    FixedSteps((1.18e-4, 0.0027, 0.0624, 0.125, 0.036, 0.118, 0.118, 0.118), relative=True)
 )
 
 

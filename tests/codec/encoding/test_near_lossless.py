@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from fractions import Fraction
+from typing import cast
 
 import numpy as np
 import pytest
@@ -136,8 +137,7 @@ def test_the_grid_is_as_fine_as_24_bits_allow(tree):
 # --- the closed loop --------------------------------------------------------------------------
 
 TRAINED = replace(PRESETS["trained"], effort=1)
-STEPS = TRAINED.accuracy
-assert isinstance(STEPS, FixedSteps)
+STEPS = cast(FixedSteps, TRAINED.accuracy)
 
 
 def errors_in_steps(tree: EvolutionTree, settings: Settings) -> list[float]:

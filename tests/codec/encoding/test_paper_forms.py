@@ -1,6 +1,7 @@
 """The constructions of the paper and of the layered methods, and what each of them costs."""
 
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -19,8 +20,7 @@ from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
 NEAR_LOSSLESS = replace(PRESETS["near-lossless"], effort=1)
 TRAINED = replace(PRESETS["trained"], effort=1)
-STEPS = TRAINED.accuracy
-assert isinstance(STEPS, FixedSteps)
+STEPS = cast(FixedSteps, TRAINED.accuracy)
 ROTATION, OPACITY = GROUP_CHANNELS[1], GROUP_CHANNELS[3]
 # Lists of a core packet (spec 5.9).
 GAPS, KINDS, ALPHAS, PSI, ADDS = 0, 1, range(2, 7), range(7, 21), range(21, 35)
