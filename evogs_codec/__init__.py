@@ -1,10 +1,14 @@
 """EvoGS: one progressive stream for every quality of a 3D Gaussian Splatting scene.
 
-tree = lift(read_ply("scene.ply"))
-data = encode(tree, PRESETS["scene"])
+data = encode_scene(read_ply("scene.ply"))
 splats = decode_leaves(data)
+
+docs/api.md shows the rest. What is not named here may change without notice.
 """
 
+from evogs_codec.common.progress import Progress as Progress
+from evogs_codec.common.version import __version__ as __version__
+from evogs_codec.decoding.byte_ranges import byte_ranges as byte_ranges
 from evogs_codec.decoding.cut import Cut as Cut
 from evogs_codec.decoding.decode import Decoded as Decoded
 from evogs_codec.decoding.decode import decode as decode
@@ -14,11 +18,20 @@ from evogs_codec.decoding.progressive import Decoder as Decoder
 from evogs_codec.decoding.progressive import StepReady as StepReady
 from evogs_codec.editing.extract import choose_cut as choose_cut
 from evogs_codec.editing.extract import extract as extract
+from evogs_codec.encoding.arrange import leaf_order as leaf_order
 from evogs_codec.encoding.encode import encode as encode
+from evogs_codec.encoding.grids import AccuracyWarning as AccuracyWarning
 from evogs_codec.encoding.grids import NotRepresentableError as NotRepresentableError
+from evogs_codec.encoding.measured_gains import Pictures as Pictures
 from evogs_codec.encoding.settings import PRESETS as PRESETS
+from evogs_codec.encoding.settings import FixedSteps as FixedSteps
+from evogs_codec.encoding.settings import NearLossless as NearLossless
+from evogs_codec.encoding.settings import RangeBits as RangeBits
 from evogs_codec.encoding.settings import Settings as Settings
+from evogs_codec.encoding.settings import StepTable as StepTable
 from evogs_codec.encoding.targets import TargetEncoder as TargetEncoder
+from evogs_codec.encoding.targets import TargetMissedError as TargetMissedError
+from evogs_codec.errors import EvogsError as EvogsError
 from evogs_codec.errors import Fault as Fault
 from evogs_codec.errors import InputError as InputError
 from evogs_codec.errors import StreamError as StreamError
@@ -30,6 +43,7 @@ from evogs_codec.io.ply import read_ply as read_ply
 from evogs_codec.io.ply import write_ply as write_ply
 from evogs_codec.io.tree_npz import read_tree as read_tree
 from evogs_codec.io.tree_npz import write_tree as write_tree
+from evogs_codec.lifting.lift import Lifted as Lifted
 from evogs_codec.lifting.lift import lift as lift
 from evogs_codec.lifting.lift import lift_with_order as lift_with_order
 from evogs_codec.lifting.shared_sh import with_palette as with_palette
@@ -37,34 +51,57 @@ from evogs_codec.model.scene_info import SceneInfo as SceneInfo
 from evogs_codec.model.splats import SplatParams as SplatParams
 from evogs_codec.model.tree import EvolutionTree as EvolutionTree
 from evogs_codec.model.tree import Kind as Kind
+from evogs_codec.model.tree import Palette as Palette
 from evogs_codec.model.tree import Step as Step
+from evogs_codec.scene import EncodedScene as EncodedScene
+from evogs_codec.scene import encode_scene as encode_scene
+from evogs_codec.scene import encode_scene_with_order as encode_scene_with_order
+from evogs_codec.scene import encode_tree as encode_tree
 
 __all__ = [
     "PRESETS",
+    "AccuracyWarning",
     "Cut",
     "Decoded",
     "Decoder",
     "Directory",
+    "EncodedScene",
+    "EvogsError",
     "EvolutionTree",
     "Fault",
+    "FixedSteps",
     "InputError",
     "Kind",
+    "Lifted",
+    "NearLossless",
     "NotRepresentableError",
+    "Palette",
+    "Pictures",
+    "Progress",
+    "RangeBits",
     "SceneInfo",
     "Settings",
     "SplatParams",
     "Step",
     "StepReady",
+    "StepTable",
     "StreamError",
     "TargetEncoder",
+    "TargetMissedError",
+    "__version__",
+    "byte_ranges",
     "choose_cut",
     "decode",
     "decode_leaves",
     "decode_prefix",
     "drop_non_finite",
     "encode",
+    "encode_scene",
+    "encode_scene_with_order",
+    "encode_tree",
     "extract",
     "finite_opacities",
+    "leaf_order",
     "lift",
     "lift_with_order",
     "read_directory",

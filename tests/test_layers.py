@@ -159,7 +159,7 @@ def test_the_codec_works_without_the_optional_libraries():
         "dispatch.MIN_COMPILED = 0\n"
         "adds = np.ones((14, 5), np.float32)\n"
         "tree = evogs_codec.EvolutionTree(0, (evogs_codec.Step.of_adds(0, adds),))\n"
-        "print(len(evogs_codec.decode(evogs_codec.encode(tree)).leaves()))\n"
+        "print(len(evogs_codec.decode(evogs_codec.encode_tree(tree, preset='scene')).leaves()))\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, check=False

@@ -98,7 +98,7 @@ def annex(data: bytes) -> str:
     rows = list(_rows(data))
     if b"".join(row.raw for row in rows if row.at >= 0) != data:
         raise ValueError("the annex does not show every byte once")
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     parts = [
         f"The {len(data)} bytes of `spec/example.evogs`. Rows without an offset show the content of"
         " the frame above them, plane by plane, and the integers it holds.",

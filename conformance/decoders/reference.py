@@ -139,18 +139,9 @@ def feed(data: bytes, run: Run) -> Outcome:
         except StreamError:
             if decoder.directory is None:
                 raise
-    fault = decoder.fault
-    try:
+    if decoder.directory is None:
         decoder.close()
-    except StreamError as error:
-        if decoder.directory is None:
-            raise
-        if error.fault is not Fault.E_TRUNCATED:  # R-6.4-3
-            fault = fault or error
-    assert decoder.directory is not None
-    fault = fault or _trailing(data, run, decoder.directory)
-    is_whole = decoder.cut.contains(Cut.full(decoder.directory))
-    return _outcome(run, fault, is_whole, decoder.dump)
+    return _outcome(run, decoder.verdict, decoder.is_complete, decoder.dump)
 
 
 def complete_packets(data: bytes, run: Run) -> Outcome:

@@ -39,7 +39,7 @@ def bound(data: bytes, *, grows: bool = False, dump: int = 0) -> int:
     from evogs_codec import StreamError, read_directory
 
     try:
-        directory = read_directory(memoryview(data))
+        directory = read_directory(data)
     except StreamError:
         return ALWAYS + UNREAD * len(data)
     state = _state(directory) * (GROWN if grows else 1)

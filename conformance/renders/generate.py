@@ -70,7 +70,7 @@ def make_all(scenes: tuple[Scene, ...] = SCENES) -> dict[str, bytes]:
         data = scene.stream()
         name = f"streams/{scene.id}.evogs"
         files[name] = data
-        directory = read_directory(memoryview(data))
+        directory = read_directory(data)
         entries["scenes"].append(
             asdict(
                 SceneEntry(
@@ -89,7 +89,7 @@ def make_all(scenes: tuple[Scene, ...] = SCENES) -> dict[str, bytes]:
 
 def _images(scene: Scene, data: bytes) -> Iterator[tuple[Image, bytes]]:
     """The entries of a scene with their golden files, the finest level first."""
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     options = Options(antialiased=scene.antialiased)
     for view in scene.views:
         finest = None
@@ -146,7 +146,7 @@ def _is_same(path: Path, made: bytes, scenes: tuple[Scene, ...]) -> bool:
 
 def _leaves(data: bytes) -> list[bytes]:
     """The splats of every level."""
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     cuts = [Cut.of_level(directory, level) for level in range(directory.n_levels)]
     return [decode(data, cut).leaves().channels().tobytes() for cut in cuts]
 

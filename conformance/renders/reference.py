@@ -20,7 +20,7 @@ def run_reference(args: argparse.Namespace) -> int:
     from evogs_codec.render import Options, load_cameras, render
 
     data = args.input.read_bytes()
-    cut = Cut.of_level(read_directory(memoryview(data)), args.level)
+    cut = Cut.of_level(read_directory(data), args.level)
     splats = decode(data, cut).leaves()
     (camera,) = load_cameras(args.camera)
     options = Options(antialiased=args.antialiased)

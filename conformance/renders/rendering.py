@@ -46,7 +46,7 @@ class Rendering:
 def picture(rendering: Rendering, suite: Suite, image: Image) -> Pixels:
     """What it makes of an image."""
     data = suite.stream(image)
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     level = rendering.level(image.level, directory.n_levels - 1)
     splats = decode(data, Cut.of_level(directory, level)).leaves()
     camera = Camera(**image.camera)

@@ -24,9 +24,9 @@ from evogs_codec.cli.terminal import (
     escape_what_cannot_be_encoded,
     plain_warnings,
     progress_bar,
-    version,
 )
 from evogs_codec.common.printable import shown
+from evogs_codec.common.version import __version__
 from evogs_codec.decoding.cut import Cut, tiles_meeting, tiles_within
 from evogs_codec.decoding.decode import Decoded, decode, decode_leaves, replay
 from evogs_codec.editing.byte_stats import bytes_by_group
@@ -92,7 +92,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Progressive streams of 3D Gaussian Splatting scenes.",
         epilog="Each command has examples: evogs encode --help",
     )
-    parser.add_argument("--version", action="version", version=f"evogs {version()}")
+    parser.add_argument("--version", action="version", version=f"evogs {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     options.add_encode(commands, run_encode)
     options.add_decode(commands, run_decode)
@@ -140,8 +140,7 @@ def _fail(args: argparse.Namespace, message: object, *, path: object = None) -> 
 def run_decode(args: argparse.Namespace) -> None:
     """`evogs decode`."""
     data = _read(args.input)
-    limits = _limits(args)
-    directory = read_directory(data, limits)
+    directory = read_directory(data, _limits(args))
     degree = args.sh_degree
     if degree is not None:
         degree = min(degree, directory.sh_degree)
@@ -153,9 +152,9 @@ def run_decode(args: argparse.Namespace) -> None:
                 data,
                 _cut(directory, args),
                 sh_degree=degree,
+                directory=directory,
                 verify=args.verify,
-                limits=limits,
-                progress=lambda part: progress("decode", part),
+                progress=progress,
             )
     write_ply(args.output, splats, comments=comments_of(directory))
     print(f"{shown(args.output)}: {len(splats):,} splats, SH degree {splats.sh_degree}")
@@ -195,7 +194,7 @@ def run_validate(args: argparse.Namespace) -> int:
                 data,
                 verify=True,
                 limits=limits,
-                progress=lambda part: progress("validate", part),
+                progress=lambda _, part: progress("validate", part),
             )
     except StreamError as error:
         if not args.json:
@@ -224,7 +223,7 @@ def run_extract(args: argparse.Namespace) -> None:
     if directory.has_palette and 0 < (args.sh_degree or 0) < directory.sh_degree:
         said = "the entries of a palette have all SH bands: only --sh-degree 0 leaves packets out"
         warnings.warn(said, stacklevel=1)
-    smaller = extract(data, _cut(directory, args), box=args.box)
+    smaller = extract(data, _cut(directory, args), box=args.box, directory=directory)
     write_atomic(args.output, smaller)
     print(f"{shown(args.output)}: {len(smaller):,} bytes of {directory.size:,}")
 

@@ -7,7 +7,6 @@ without.
 from __future__ import annotations
 
 import argparse
-import math
 import warnings
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
@@ -32,18 +31,12 @@ from evogs_codec.model.splats import SplatParams
 if TYPE_CHECKING:
     from evogs_codec.render import Camera
     from evogs_codec.render.png import Real
-    from evogs_codec.render.views import Views
 
-__all__ = ["around", "pictures", "register"]
+__all__ = ["register"]
 
 Commands = Any  # argparse's sub-parsers have no public type
 Item = TypeVar("Item")
-N_ORBIT = 24
-SIZE = 400  # pixels, of a view
 SHEET_VIEWS = 3  # columns of a contact sheet
-HELD_OUT = 5  # every 5th camera of a file judges what descends by the others
-# Number, elevation and distance of the cameras of a circle, as of `around`; on none that it has.
-RINGS = ((9, 0.05, 1.7), (11, 0.2, 2.4), (11, 0.5, 1.9), (9, 0.8, 2.2))
 BACKGROUNDS = {"white": (1.0, 1.0, 1.0), "black": (0.0, 0.0, 0.0)}
 
 
@@ -63,7 +56,7 @@ def register(commands: Commands) -> None:
         commands,
         "psnr",
         run_psnr,
-        f"Measure the PSNR of one scene against another, over {N_ORBIT} views around the second.",
+        "Measure the PSNR of one scene against another, over 24 views around the second.",
         "  evogs psnr scene.evogs scene.ply\n  evogs psnr scene.evogs scene.ply --level 2",
     )
 
@@ -94,7 +87,7 @@ def _render_sheet(args: argparse.Namespace, limits: dict[str, int] | None) -> No
     from evogs_codec.render.png import contact_sheet, write_png
 
     data = args.input.read_bytes()
-    directory = read_directory(memoryview(data), limits)
+    directory = read_directory(data, limits)
     cuts = [Cut.of_level(directory, level) for level in range(directory.n_levels)]
     scenes = [decode(data, cut, limits=limits).leaves() for cut in cuts]
     n_bytes = [len(extract(data, cut)) for cut in cuts]
@@ -172,120 +165,30 @@ def _load(
                 warnings.warn(text, stacklevel=1)
             return splats
     data = path.read_bytes()
-    directory = read_directory(memoryview(data), limits)
+    directory = read_directory(data, limits)
     cut = Cut.full(directory) if level is None else Cut.of_level(directory, level)
     if box is not None:
         far = Cut.of_level(directory, 0 if outside is None else outside)
         near = tiles_meeting(directory, box)[:, None]
         cut = Cut(np.where(near, cut.steps, far.steps), cut.palette)
-    return decode(data, cut).leaves()
+    return decode(data, cut, directory=directory).leaves()
 
 
 def _cameras(args: argparse.Namespace, scene: SplatParams) -> list[Camera]:
-    """Those of the file, or `N_ORBIT` around the scene."""
+    """Those of the file, or 24 around the scene."""
+    from evogs_codec.render import cameras_around, load_cameras
+    from evogs_codec.render.viewpoints import SIZE
+
+    size = SIZE if args.size is None else args.size
     if args.camera is not None:
-        return [_fitted(camera, args.size) for camera in cameras_of(args.camera)]
-    return around(scene, args.up, args.size)
+        return [_fitted(camera, size) for camera in load_cameras(args.camera)]
+    return cameras_around(scene, args.up, size)
 
 
 def _fitted(camera: Camera, size: int) -> Camera:
     """The same view whose longer side has `size` pixels."""
     part = size / max(camera.width, camera.height)
     return camera.resized(*(max(1, round(part * side)) for side in (camera.width, camera.height)))
-
-
-def around(
-    scene: SplatParams,
-    up: str,
-    size: int,
-    *,
-    n: int = N_ORBIT,
-    elevation: float = 0.35,
-    distance: float = 2.0,
-) -> list[Camera]:
-    """Cameras on a circle around the bulk of a scene.
-
-    Args:
-        scene: what they look at.
-        up: an axis, perhaps with a sign.
-        size: pixels.
-        n: how many.
-        elevation: radians above the middle.
-        distance: from the middle, in diagonals of the bulk, or of a splat where all are in a place.
-    """
-    from evogs_codec.render import orbit
-
-    means = scene.means[np.isfinite(scene.means).all(axis=1)].astype(np.float64)
-    if not len(means):
-        raise ValueError("the scene is empty: name cameras with --camera")
-    low, high = np.percentile(means, (20, 80), axis=0)
-    bulk = float(np.linalg.norm(high - low))
-    if bulk == 0:
-        bulk = math.exp(float(np.clip(np.median(scene.log_scales), -30, 30)))
-    sign = -1.0 if up.startswith("-") else 1.0
-    return orbit(
-        n,
-        (low + high) / 2,
-        radius=distance * bulk,
-        elevation=elevation,
-        up=tuple(sign * np.eye(3)["xyz".index(up[-1])]),
-        width=size,
-        height=size,
-        fov_x=math.radians(45),
-    )
-
-
-def cameras_of(path: Path) -> list[Camera]:
-    """The cameras of a file; an InputError where it has none, or an impossible one."""
-    from evogs_codec.render import load_cameras
-
-    return load_cameras(path)
-
-
-def rings(scene: SplatParams, up: str, times: int = 1) -> list[Camera]:
-    """`times` 40 cameras around the bulk of a scene, at four heights and distances."""
-    return [
-        camera
-        for n, elevation, distance in RINGS
-        for camera in around(scene, up, SIZE, n=times * n, elevation=elevation, distance=distance)
-    ]
-
-
-def pictures(
-    scene: SplatParams,
-    camera: Path | None,
-    up: str,
-    n_views: int | None = None,
-    *,
-    polish: bool = False,
-) -> Views | None:
-    """Views by which `evogs encode` aims; None without numba (entry point of `evogs.pictures`).
-
-    Args:
-        scene: what they show.
-        camera: a file of cameras, or None for an orbit.
-        up: axis of the orbit.
-        n_views: at most so many of them.
-        polish: with others beside them, which polishing goes by.
-
-    Raises:
-        InputError: the file has a single camera, and polishing needs others.
-    """
-    if find_spec("numba") is None:
-        return None
-    from evogs_codec.render.views import Views
-
-    cameras = around(scene, up, SIZE) if camera is None else cameras_of(camera)
-    others: list[Camera] = []
-    if polish and camera is None:
-        others = rings(scene, up, 2)
-    elif polish:
-        others = [other for k, other in enumerate(cameras) if k % HELD_OUT]
-        cameras = cameras[::HELD_OUT]
-        if not others:
-            raise InputError(f"{camera}: 1 camera, expected at least 2")
-    every = 1 if n_views is None else -(-len(cameras) // n_views)
-    return Views(scene, cameras[::every], others=others)
 
 
 def _add(
@@ -344,9 +247,8 @@ def _add(
     parser.add_argument(
         "--size",
         type=int,
-        default=SIZE,
         metavar="PIXELS",
-        help=f"longer side of a view (default: {SIZE})",
+        help="longer side of a view (default: 400)",
     )
     parser.add_argument(
         "--up",

@@ -1,4 +1,4 @@
-"""What commands say to whoever runs them: their version, errors, warnings, progress."""
+"""What commands print beside their output: errors, warnings, progress."""
 
 from __future__ import annotations
 
@@ -6,23 +6,14 @@ import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib import metadata
 from io import TextIOWrapper
 
 from tqdm import tqdm
 
 from evogs_codec.common.printable import MAX_LINE, shown
-from evogs_codec.encoding.write import Progress
+from evogs_codec.common.progress import Progress
 
-__all__ = ["complain", "escape_what_cannot_be_encoded", "plain_warnings", "progress_bar", "version"]
-
-
-def version() -> str:
-    """Of this package."""
-    try:
-        return metadata.version("evogs")
-    except metadata.PackageNotFoundError:  # run from a checkout
-        return "(not installed)"
+__all__ = ["complain", "escape_what_cannot_be_encoded", "plain_warnings", "progress_bar"]
 
 
 def complain(message: object) -> None:

@@ -33,6 +33,20 @@ class Cut:
         steps.setflags(write=False)
         object.__setattr__(self, "steps", steps)
 
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Cut):
+            return NotImplemented
+        return self.palette == other.palette and np.array_equal(self.steps, other.steps)
+
+    def __hash__(self) -> int:
+        return hash((self.steps.shape, self.steps.tobytes(), self.palette))
+
+    def __repr__(self) -> str:
+        n_tiles, n_components = self.steps.shape
+        steps = ", ".join(_span(column) for column in self.steps.T)
+        palette = f", palette {self.palette}" if self.palette else ""
+        return f"Cut({n_tiles} tiles, {n_components} components: steps {steps}{palette})"
+
     @staticmethod
     def full(directory: Directory) -> Cut:
         """All steps in the file."""
@@ -121,6 +135,14 @@ class Cut:
         if self.palette < required:
             raise ValueError(f"picks of the cut require {required} packets of the palette")
         return selected
+
+
+def _span(steps: I64) -> str:
+    """The number of steps of a component, or the least and the most of all tiles."""
+    if not len(steps):
+        return "none"
+    low, high = int(steps.min()), int(steps.max())
+    return str(low) if low == high else f"{low}..{high}"
 
 
 def tiles_meeting(directory: Directory, box: Sequence[float]) -> npt.NDArray[np.bool_]:

@@ -1,13 +1,17 @@
-"""Decoding: a whole file, or what is there of one (spec 6, 7); `feeding` takes it in pieces."""
+"""Decoding: a whole file, or what is there of one (spec 6, 7); `progressive` takes it in pieces."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from io import BytesIO
+from typing import TypeAlias
 
 import numpy as np
 
+from evogs_codec.common.progress import Progress
+from evogs_codec.common.sources import Source, bytes_of
 from evogs_codec.decoding.cut import Cut
 from evogs_codec.decoding.float_view import FloatView, float_view
 from evogs_codec.decoding.replay import replay_tiles
@@ -19,14 +23,20 @@ from evogs_codec.model.splats import SplatParams
 __all__ = ["Decoded", "decode", "decode_leaves", "decode_prefix", "replay"]
 
 
+# A cut, or a function that makes it from the directory of the stream.
+ChosenCut: TypeAlias = "Cut | Callable[[Directory], Cut]"
+
+
 @dataclass(frozen=True, eq=False)
 class Decoded:
-    """A decoded cut: `directory`, `cut`, the state of each tile, and the stream it came from."""
+    """A decoded cut: `directory`, `cut`, and the state of each tile in integers."""
 
     directory: Directory
     cut: Cut
     tiles: tuple[TileState, ...]
-    data: memoryview
+
+    def __repr__(self) -> str:
+        return f"Decoded({self.n_leaves} splats, {self.cut!r})"
 
     @property
     def n_leaves(self) -> int:
@@ -38,20 +48,12 @@ class Decoded:
         """Highest SH band with a step in the cut; the float view stops there."""
         return _degree_of(self.directory, self.cut)
 
-    def leaves(self, cut: Cut | None = None, *, sh_degree: int | None = None) -> SplatParams:
+    def leaves(self, *, sh_degree: int | None = None) -> SplatParams:
         """Float view (spec 7.6) of the live splats, tile by tile, in slot order.
 
         Args:
-            cut: a cut within this one, whose packets are applied anew; this one by default.
             sh_degree: degree of the result; by default the highest band of the cut.
-
-        Raises:
-            ValueError: `cut` has steps that this cut does not have.
         """
-        if cut is not None:
-            if not self.cut.contains(cut):
-                raise ValueError("the cut has steps that were not decoded")
-            return replay(self.directory, self.data, cut).leaves(sh_degree=sh_degree)
         degree = self.sh_degree if sh_degree is None else sh_degree
         return float_view(self.directory, self.tiles, degree)
 
@@ -79,59 +81,85 @@ class Decoded:
 
 
 def decode(
-    data: bytes | memoryview,
-    cut: Cut | Callable[[Directory], Cut] | None = None,
+    data: Source,
+    cut: ChosenCut | None = None,
     *,
+    level: int | None = None,
+    directory: Directory | None = None,
     verify: bool = False,
     limits: Mapping[str, int] | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Decoded:
     """Decode a whole file.
 
     Args:
-        data: all bytes of the file.
+        data: all bytes of the file, or its path.
         cut: the cut, or a function that makes it from the directory; everything by default.
+        level: instead of a cut, the cut of this level.
+        directory: of the stream, if it was read before; no limits are then checked.
         verify: check the digests of states that the cut passes (R-5.7-3).
         limits: limits of this decoder by name (spec 8.3).
-        progress: called with the part of the packets that is done, perhaps from several threads.
+        progress: called with the stage "decode" and the part of the packets that is done, perhaps
+            by several threads.
 
     Raises:
         StreamError: the stream is not legal, or over the limits.
+        TypeError: `data` is neither bytes nor a path, or `cut` is no cut.
         ValueError: the stream has no such cut.
     """
-    view = memoryview(data)
-    directory, cut = _directory_and_cut(view, cut, limits)
-    return replay(directory, view, cut, verify=verify, progress=progress)
+    view = bytes_of(data)
+    directory = read_directory(view, limits) if directory is None else directory
+    chosen = _chosen(directory, cut, level)
+    return replay(directory, view, chosen, verify=verify, progress=_of_stage(progress))
 
 
-def decode_prefix(data: bytes | memoryview, *, limits: Mapping[str, int] | None = None) -> Decoded:
+def decode_prefix(data: Source, *, limits: Mapping[str, int] | None = None) -> Decoded:
     """Decode the complete packets of a truncated file (R-6.4-1).
+
+    Args:
+        data: its bytes from the first on, or its path.
+        limits: limits of this decoder by name (spec 8.3).
 
     Raises:
         StreamError: as `decode`; E_TRUNCATED only if header or chunks are not complete.
+        TypeError: `data` is neither bytes nor a path.
     """
-    view = memoryview(data)
+    view = bytes_of(data)
     directory = read_directory(view, limits)
     ends = directory.offsets + directory.packets["size"]
     return replay(directory, view, Cut.of_complete(directory, ends <= len(view)))
 
 
 def decode_leaves(
-    data: bytes | memoryview,
-    cut: Cut | Callable[[Directory], Cut] | None = None,
+    data: Source,
+    cut: ChosenCut | None = None,
     *,
+    level: int | None = None,
     sh_degree: int | None = None,
+    directory: Directory | None = None,
     verify: bool = False,
     limits: Mapping[str, int] | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> SplatParams:
     """`decode(data, cut, ...).leaves(sh_degree=...)`, with one tile at a time in integers.
 
+    Args:
+        data: all bytes of the file, or its path.
+        cut: the cut, or a function that makes it from the directory; everything by default.
+        level: instead of a cut, the cut of this level.
+        sh_degree: degree of the result; by default the highest band of the cut.
+        directory: of the stream, if it was read before; no limits are then checked.
+        verify: check the digests of states that the cut passes (R-5.7-3).
+        limits: limits of this decoder by name (spec 8.3).
+        progress: called with the stage "decode" and the part of the packets that is done, perhaps
+            by several threads.
+
     Raises:
-        StreamError, ValueError: as `decode`.
+        StreamError, TypeError, ValueError: as `decode`.
     """
-    view = memoryview(data)
-    directory, cut = _directory_and_cut(view, cut, limits)
+    view = bytes_of(data)
+    directory = read_directory(view, limits) if directory is None else directory
+    cut = _chosen(directory, cut, level)
     packets = cut.packets(directory)
     packets[directory.palette_packets] = False
     rows = directory.packets[packets]
@@ -142,7 +170,8 @@ def decode_leaves(
     n_live = np.bincount(rows["tile"], born, len(directory.tiles)).astype(np.int64)
     degree = _degree_of(directory, cut) if sh_degree is None else sh_degree
     leaves = FloatView(directory, n_live, degree)
-    replay_tiles(directory, view, cut, leaves.write, verify=verify, progress=progress)
+    report = _of_stage(progress)
+    replay_tiles(directory, view, cut, leaves.write, verify=verify, progress=report)
     return leaves.splats()
 
 
@@ -156,18 +185,26 @@ def replay(
 ) -> Decoded:
     """Apply the packets of a cut; faults as `decode`, first in file order."""
     tiles = replay_tiles(directory, data, cut, verify=verify, progress=progress)
-    return Decoded(directory, cut, tuple(tiles), data)
+    return Decoded(directory, cut, tuple(tiles))
 
 
-def _directory_and_cut(
-    data: memoryview,
-    cut: Cut | Callable[[Directory], Cut] | None,
-    limits: Mapping[str, int] | None,
-) -> tuple[Directory, Cut]:
-    directory = read_directory(data, limits)
+def _chosen(directory: Directory, cut: object, level: int | None) -> Cut:
+    """The cut that the arguments name."""
+    if cut is not None and level is not None:
+        raise ValueError("a cut and a level exclude each other")
+    if level is not None:
+        return Cut.of_level(directory, level)
     if cut is None:
-        return directory, Cut.full(directory)
-    return directory, cut if isinstance(cut, Cut) else cut(directory)
+        return Cut.full(directory)
+    found = cut(directory) if callable(cut) else cut
+    if isinstance(found, Cut):
+        return found
+    hint = f"decode(data, level={found})" if isinstance(found, int) else "see choose_cut"
+    raise TypeError(f"expected a Cut, not {found!r}: {hint}")
+
+
+def _of_stage(progress: Progress | None) -> Callable[[float], None] | None:
+    return None if progress is None else partial(progress, "decode")
 
 
 def _degree_of(directory: Directory, cut: Cut) -> int:

@@ -11,7 +11,6 @@ import numpy as np
 
 from evogs_codec.decoding.cut import Cut
 from evogs_codec.decoding.decode import Decoded
-from evogs_codec.decoding.float_view import float_view
 from evogs_codec.decoding.palette_state import PaletteState
 from evogs_codec.decoding.tile_state import TileState
 from evogs_codec.errors import Fault, StreamError
@@ -20,9 +19,10 @@ from evogs_codec.format.directory import (
     HEADER_SIZE,
     Directory,
     check_crc,
-    read_directory,
     read_header,
+    read_tables,
 )
+from evogs_codec.model.channels import n_channels
 from evogs_codec.model.components import CORE, PALETTE
 from evogs_codec.model.splats import SplatParams
 
@@ -59,7 +59,8 @@ class Decoder:
         self.directory: Directory | None = None
         self._limits = limits
         self._head = _Ranges()
-        self._head_size = 0  # of header and chunks, once the header is there
+        self._header: layout.Fields | None = None
+        self._head_size = HEADER_SIZE  # and the chunks, once the header is there
         self._parts: dict[int, _Ranges] = {}
         self._whole: dict[int, bytes] = {}
         self._tiles: list[TileState] = []
@@ -76,7 +77,13 @@ class Decoder:
         self._at = 0
         self._trailing = False
 
-    def feed(self, data: bytes | memoryview, at: int | None = None) -> list[StepReady]:
+    def __repr__(self) -> str:
+        if self.directory is None:
+            return "Decoder(header and chunks have not come yet)"
+        n = int(np.count_nonzero(self._done))
+        return f"Decoder({n} of {len(self._done)} packets applied)"
+
+    def feed(self, data: bytes | bytearray | memoryview, at: int | None = None) -> list[StepReady]:
         """Take bytes of the file from offset `at` (by default, after those of the last call).
 
         Returns:
@@ -89,12 +96,12 @@ class Decoder:
         if at < 0:
             raise ValueError(f"offset {at}")
         self._at = at + len(data)
-        pieces: list[tuple[int, bytes | memoryview]] = [(at, data)]
+        pieces: list[tuple[int, bytes | bytearray | memoryview]] = [(at, data)]
         if self.directory is None:
             self._head.put(at, bytes(data))
             if not self._read_head():
                 return []
-            pieces = self._head.all()
+            pieces = [*self._head.all()]
             self._head = _Ranges()
         ready: list[StepReady] = []
         for begin, piece in pieces:
@@ -109,16 +116,20 @@ class Decoder:
             StreamError: the first fault, E_TRUNCATED if bytes are missing.
         """
         if self.directory is None:
-            read_directory(memoryview(self._head.prefix()), self._limits)
+            head = memoryview(self._head.prefix())
+            read_tables(self._header or read_header(head, self._limits), head, self._limits)
             raise AssertionError("a complete directory was not read")
-        missing = np.flatnonzero(~self._done)
-        for packet in missing[:1].tolist():
+        for packet in np.flatnonzero(~self._done)[:1].tolist():
             offset = int(self.directory.offsets[packet])
             detail = "a packet is missing or cut short"
             raise self._faults.get(packet, StreamError(Fault.E_TRUNCATED, detail, offset))
-        if self._trailing:
-            size = self.directory.size
-            raise StreamError(Fault.E_TRAILING, "bytes follow the last packet", size)
+        if self.verdict is not None:
+            raise self.verdict
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether every packet of the file was applied."""
+        return self.directory is not None and bool(self._done.all())
 
     @property
     def cut(self) -> Cut:
@@ -134,9 +145,28 @@ class Decoder:
         return Cut(steps, self._palette.n_applied if self._palette else 0)
 
     @property
-    def fault(self) -> StreamError | None:
-        """The first fault in file order found so far, though packets before it may be missing."""
-        return self._faults.get(self._first_fault)
+    def verdict(self) -> StreamError | None:
+        """What is wrong if no more bytes come, apart from packets that are missing.
+
+        The first fault in file order of the packets that came, though packets before it may be
+        missing; else bytes that follow the last packet; else None.
+        """
+        fault = self._faults.get(self._first_fault)
+        if fault is None and self._trailing and self.directory is not None:
+            detail = "bytes follow the last packet"
+            return StreamError(Fault.E_TRAILING, detail, self.directory.size)
+        return fault
+
+    @property
+    def decoded(self) -> Decoded:
+        """What was applied so far, as `decode` gives it; it changes with the next `feed`.
+
+        Raises:
+            ValueError: header and chunks have not come yet.
+        """
+        cut = self.cut
+        assert self.directory is not None
+        return Decoded(self.directory, cut, tuple(self._tiles))
 
     def dump(self) -> bytes:
         """The dump (spec 7.7) of what was applied so far.
@@ -144,28 +174,36 @@ class Decoder:
         Raises:
             ValueError: header and chunks have not come yet.
         """
-        if self.directory is None:
-            raise ValueError("header and chunks have not come yet")
-        return Decoded(self.directory, self.cut, tuple(self._tiles), memoryview(b"")).dump()
+        return self.decoded.dump()
 
-    def leaves(self) -> SplatParams:
-        """Float view of what was applied so far; no splats before header and chunks came."""
+    def leaves(self, *, sh_degree: int | None = None) -> SplatParams:
+        """Float view of what was applied so far, as `Decoded.leaves` gives it.
+
+        Args:
+            sh_degree: degree of the result; by default the highest band applied so far.
+
+        Returns:
+            No splats before header and chunks have come.
+        """
         if self.directory is None:
-            return SplatParams.from_channels(np.zeros((14, 0), np.float32))
-        return float_view(self.directory, self._tiles, self.directory.sh_degree)
+            channels = np.zeros((n_channels(sh_degree or 0), 0), np.float32)
+            return SplatParams.from_channels(channels)
+        return self.decoded.leaves(sh_degree=sh_degree)
 
     def _read_head(self) -> bool:
+        """Read header and chunks as soon as they are there; False before."""
+        if self._header is None:
+            prefix = memoryview(self._head.prefix(HEADER_SIZE))
+            if len(prefix) < HEADER_SIZE:
+                if prefix[:8] != layout.SIGNATURE[: len(prefix[:8])]:
+                    read_header(prefix)
+                return False
+            self._header = read_header(prefix, self._limits)
+            self._head_size = HEADER_SIZE + self._header["chunks_size"]
         if not self._head.covers(self._head_size):
             return False
-        prefix = memoryview(self._head.prefix(max(self._head_size, HEADER_SIZE)))
-        if len(prefix) < HEADER_SIZE:
-            if prefix[:8] != layout.SIGNATURE[: len(prefix[:8])]:
-                read_header(prefix)
-            return False
-        self._head_size = HEADER_SIZE + read_header(prefix, self._limits)["chunks_size"]
-        if not self._head.covers(self._head_size):
-            return False
-        directory = read_directory(memoryview(self._head.prefix(self._head_size)), self._limits)
+        head = memoryview(self._head.prefix(self._head_size))
+        directory = read_tables(self._header, head, self._limits)
         self.directory = directory
         rows = directory.packets
         # Slots are made as packets come: a table may promise any number.

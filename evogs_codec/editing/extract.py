@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.common.sources import Source, bytes_of
 from evogs_codec.decoding.cut import Cut, tiles_meeting
 from evogs_codec.errors import Fault, StreamError
 from evogs_codec.format.directory import (
@@ -64,19 +65,24 @@ def choose_cut(
     return Cut.of_rows(directory, selected[: n - 1])
 
 
-def extract(data: bytes | memoryview, cut: Cut, *, box: Box | None = None) -> bytes:
+def extract(
+    data: Source, cut: Cut, *, box: Box | None = None, directory: Directory | None = None
+) -> bytes:
     """The stream of a cut: its packets verbatim, a new packet table.
 
     Args:
-        data: a whole stream; only the packets of the cut must be there.
+        data: a whole stream, or its path; only the packets of the cut must be there.
         cut: as `choose_cut` gives it.
         box: leave tiles that do not meet it out of the tile table too.
+        directory: of the stream, if it was read before.
 
     Raises:
         StreamError: header or chunks are not legal, or a packet of the cut is cut short.
+        TypeError: `data` is neither bytes nor a path.
+        ValueError: the stream has no such cut, or it has packets of tiles outside the box.
     """
-    view = memoryview(data)
-    directory = read_directory(view)
+    view = bytes_of(data)
+    directory = read_directory(view) if directory is None else directory
     selected, kept = cut.packets(directory), _kept_tiles(directory, box)
     of_palette = np.zeros(len(selected), bool)
     of_palette[directory.palette_packets] = True

@@ -58,7 +58,7 @@ def _alpha_table(alphas: F64, weights: F64, settings: Settings) -> AlphaTable | 
                 order = np.argsort(-counts, kind="stable")  # the frequent ones first
                 return AlphaTable(shift, tuple(int(a) for a in scaled[order]))
     shift = settings.alpha_bits
-    if len(values) <= settings.n_alpha and not settings.near_lossless:
+    if len(values) <= settings.n_alpha and not settings.is_near_lossless:
         shift = max(shift, FEW_ALPHA_BITS)  # entries of their own: to be precise costs nothing
     largest = ((1 << 15) - 1) / (1 << shift)
     clipped = np.clip(
@@ -69,7 +69,7 @@ def _alpha_table(alphas: F64, weights: F64, settings: Settings) -> AlphaTable | 
     else:
         centres = _lloyd(clipped, weights, settings.n_alpha)
     entries = np.unique(np.rint(centres * (1 << shift)).astype(np.int64))
-    if settings.near_lossless:
+    if settings.is_near_lossless:
         entries = np.unique(np.concatenate([[0], entries[:255]]))
     return AlphaTable(shift, tuple(int(a) for a in entries))
 

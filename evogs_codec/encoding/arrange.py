@@ -22,7 +22,7 @@ from evogs_codec.encoding.visibility import changes, ranks, visibility
 from evogs_codec.model.splats import F32, F64, I32, I64
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
-__all__ = ["arrange", "default_tiles"]
+__all__ = ["arrange", "default_tiles", "leaf_order"]
 
 SPLATS_PER_TILE = 131_072  # packets of a few 100 kB; spec 3.5 allows any number
 FIRST_BIN = 512  # adds of level 0 in a step at least: the first scene comes early
@@ -44,6 +44,33 @@ def arrange(tree: EvolutionTree, n_tiles: int) -> list[EvolutionTree]:
         tree: any tree.
         n_tiles: tiles wanted; fewer come back if there are fewer roots.
     """
+    return [replace(tree, steps=tuple(b.steps), quanta=()) for b in _builders(tree, n_tiles)]
+
+
+def leaf_order(tree: EvolutionTree, n_tiles: int | None = None) -> I64:
+    """Which leaf of a tree each splat of its stream is.
+
+    Args:
+        tree: what was encoded.
+        n_tiles: as it was given to `encode`.
+
+    Returns:
+        (N,) `decode(encode(tree, settings)).leaves()` has at place k, rounded, what
+        `tree.leaves()` has at the k-th of these places.
+    """
+    if not tree.n_leaves:
+        return np.empty(0, np.int64)
+    orders = [builder.order for builder in _builders(tree, n_tiles or default_tiles(tree.n_leaves))]
+    slots = np.concatenate(orders)
+    live = np.ones(len(slots), bool)
+    for step in tree.steps:
+        live[step.slots[step.kinds == Kind.DROP]] = False
+    number = np.cumsum(live) - 1
+    return number[slots[live[slots]]].astype(np.int64)
+
+
+def _builders(tree: EvolutionTree, n_tiles: int) -> list[_TileBuilder]:
+    """One per tile, with its steps."""
     tree = replace(tree, steps=tuple(_adds_before_refines(tree.steps)), quanta=())
     tile_of_slot = tiles_of_slots(tree, n_tiles)
     n = int(tile_of_slot.max()) + 1 if len(tile_of_slot) else 1
@@ -63,7 +90,7 @@ def arrange(tree: EvolutionTree, n_tiles: int) -> list[EvolutionTree]:
         shown[splits] += visibility(second)
         for builder in builders:
             builder.take(group, n_before, change, shown)
-    return [replace(tree, steps=tuple(builder.steps)) for builder in builders]
+    return builders
 
 
 def morton(positions: F32 | F64) -> npt.NDArray[np.uint64]:
@@ -129,6 +156,12 @@ class _TileBuilder:
         self.steps: list[Step] = []
         self.name = np.full(len(own), -1, np.int32)
         self.n_slots = 0
+
+    @property
+    def order(self) -> I64:
+        """(n,) the slot of the tree that each slot of the tile is."""
+        slots = np.flatnonzero(self.name >= 0)
+        return slots[np.argsort(self.name[slots])].astype(np.int64)
 
     def take(self, group: Sequence[Step], n_before: int, change: F64, shown: F64) -> None:
         """What the tile has of a group becomes steps.

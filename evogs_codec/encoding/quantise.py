@@ -19,15 +19,13 @@ from evogs_codec.encoding.alpha_tables import alpha_tables, nearest, serving_bot
 from evogs_codec.encoding.grids import (
     Grid,
     NotRepresentableError,
-    Ranges,
     TooFineError,
     grid_exponents,
-    middle_of,
-    wanted_steps,
     warn_if_coarser,
 )
 from evogs_codec.encoding.packet_gains import LeafTracker
 from evogs_codec.encoding.palette_entries import coded_entries, quantised_entries
+from evogs_codec.encoding.ranges import Ranges, middle_of
 from evogs_codec.encoding.rate_distortion import ErrorWeights
 from evogs_codec.encoding.sensitivity import StepWeights
 from evogs_codec.encoding.settings import Settings
@@ -82,7 +80,7 @@ def quantise(
     """
     sh_degree, palette = tiles[0].sh_degree, tiles[0].palette
     ranges = Ranges.of(tiles, n_levels)
-    steps = wanted_steps(settings, ranges, n_levels)
+    steps = settings.accuracy.wanted_steps(ranges, n_levels)
     exponents = grid_exponents(settings, ranges, steps)
     report = progress or (lambda _: None)
     while True:
@@ -153,7 +151,7 @@ class _TileCoder:
         for number, step in enumerate(self.tile.steps):
             coded, plan = self._code_step(number, step)
             steps.append(coded)
-            if self.settings.near_lossless:
+            if self.settings.is_near_lossless:
                 mend = self._mend(step, plan)
                 if mend is not None:
                     steps.append(mend)
@@ -217,7 +215,7 @@ class _TileCoder:
         self, u: F64, v: F64, table: AlphaTable, bounded: npt.NDArray[np.bool_]
     ) -> tuple[U8, F64]:
         """Indices (S,) of alphas and Delta (C, S) in steps, for children at P + u and P + v."""
-        if self.settings.near_lossless:
+        if self.settings.is_near_lossless:
             return serving_second(u, v, table), u
         indices = serving_both(u, v, table)
         return indices, _joint(u, v, table.values()[indices], bounded)
@@ -266,7 +264,7 @@ class _TileCoder:
         entries = np.abs(np.array(table.entries, np.int64))
         over = largest * entries[indices[group]] > room
         if over.any():
-            if not self.settings.near_lossless:  # which mends what another alpha does
+            if not self.settings.is_near_lossless:  # which mends what another alpha does
                 raise TooFineError(group)
             indices[group][over] = int(np.argmin(entries))
             if np.any(largest * int(entries.min()) > room):

@@ -1,6 +1,6 @@
 """Encoding to a target: a PSNR, a number of bytes, or a largest error.
 
-What is searched for is one number. With pictures it is the price of a bit, from which follow all
+What is searched for is one number. With views it is the price of a bit, from which follow all
 steps and roundings (`importance`); without, the factor of the steps of the settings.
 """
 
@@ -14,15 +14,17 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
+from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.decoding.decode import decode
 from evogs_codec.encoding.arrange import arrange, default_tiles
-from evogs_codec.encoding.grids import AccuracyWarning, Ranges, wanted_steps
+from evogs_codec.encoding.grids import AccuracyWarning
 from evogs_codec.encoding.measured_gains import MeasuredGains, Pictures
 from evogs_codec.encoding.polish import polished
 from evogs_codec.encoding.quantise import quantise
+from evogs_codec.encoding.ranges import Ranges
 from evogs_codec.encoding.sensitivity import Importance, StepWeights
-from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, Settings
-from evogs_codec.encoding.write import Progress, write
+from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, NearLossless, Settings, StepTable
+from evogs_codec.encoding.write import write
 from evogs_codec.errors import InputError
 from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS
 from evogs_codec.model.coded_tree import CodedTree
@@ -60,18 +62,19 @@ class TargetEncoder:
 
     Attributes:
         tree: any.
-        settings: what is kept of them: the effort, and the steps where there are no pictures.
-        pictures: of the tree's leaves, or None.
-        polish: iterations of `polished`, where pictures decide; 0 for none.
-        off: (5,) per group, how far the tree's leaves are from what they stand for.
+        settings: what is kept of them: the effort, and the steps where there are no views.
+        views: of the tree's leaves, or None.
+        polish: iterations of `polished`, where views decide; 0 for none.
+        leaf_error: (5,) per group, the largest distance of the tree's leaves from the splats that
+            they stand for: `within` adds it to the error of the stream.
         n_tiles, info, progress: as of `encode`.
     """
 
     tree: EvolutionTree
     settings: Settings
-    pictures: Pictures | None = None
+    views: Pictures | None = None
     polish: int = 0
-    off: tuple[float, ...] = (0.0,) * len(GROUPS)
+    leaf_error: tuple[float, ...] = (0.0,) * len(GROUPS)
     n_tiles: int | None = None
     info: SceneInfo | None = None
     progress: Progress | None = None
@@ -81,7 +84,7 @@ class TargetEncoder:
 
         Raises:
             InputError: no price of a bit gives it.
-            ValueError: there are no pictures.
+            ValueError: there are no views.
         """
         coder = _Coder(self)
         tries = max(MOST_TRIES, min(MORE_TRIES, TRIED // max(self.tree.n_leaves, 1)))
@@ -126,11 +129,11 @@ class TargetEncoder:
                 data = self._with_digests(code(price))
                 return math.log(len(data)), data
 
-            bounds = PRICES if self.pictures else FACTORS
+            bounds = PRICES if self.views else FACTORS
             most = math.log(n_bytes)
             return _search(measure, most - BYTES_SLACK, -0.1, start, bounds, BYTES_SLACK, most)
 
-        plain = search(coder.coded, FIRST_PRICE if self.pictures else 1.0)
+        plain = search(coder.coded, FIRST_PRICE if self.views else 1.0)
         found = [search(coder.polished, plain.at), plain] if coder.polishes else [plain]
         met = [one.what for one in found if 0.98 * n_bytes <= len(one.what) <= n_bytes]
         if not met:
@@ -151,18 +154,18 @@ class TargetEncoder:
         if not all(error > 0 for error in errors.values()):
             raise ValueError("largest errors are above 0")
         asked = np.array([errors.get(name, math.inf) for name in GROUPS])
-        coder = _Coder(replace(self, pictures=None, polish=0))
+        coder = _Coder(replace(self, views=None, polish=0))
         table = coder.first_table()
         groups = np.minimum(np.arange(table.shape[1]), 4)
         table = np.where(np.isinf(asked[groups]), table, 2 * asked[groups])
         data, found = b"", np.full(len(GROUPS), math.inf)
         for attempt in range(MOST_TRIES):
             if attempt == MOST_TRIES - 1:
-                settings = replace(self.settings, near_lossless=True, table=())
+                settings = replace(self.settings, accuracy=NearLossless())
             else:
-                settings = replace(self.settings, table=tuple(map(tuple, table.tolist())))
+                settings = replace(self.settings, accuracy=StepTable.of(table))
             data = self._with_digests(coder.quantised(settings))
-            found = _errors(coder.tiles, data, self.tree.shown_degree) + self.off
+            found = _errors(coder.tiles, data, self.tree.shown_degree) + self.leaf_error
             if np.all(found <= asked):
                 return data
             finer = np.where(
@@ -173,7 +176,7 @@ class TargetEncoder:
         name, least = GROUPS[worst], found[worst]
         why = (
             ", as float32 rounds the tree: try --levels 1"
-            if self.off[worst] > asked[worst] / 2
+            if self.leaf_error[worst] > asked[worst] / 2
             else ""
         )
         said = f"{name}: an error of {errors[name]:g} cannot be kept: {least:.3g}{why}"
@@ -183,11 +186,11 @@ class TargetEncoder:
         """Of the leaves of a stream, dB.
 
         Raises:
-            ValueError: there are no pictures.
+            ValueError: there are no views.
         """
-        if self.pictures is None:
-            raise ValueError("a PSNR needs pictures")
-        return self.pictures.psnr(decode(data).leaves(sh_degree=self.tree.shown_degree))
+        if self.views is None:
+            raise ValueError("a PSNR needs views")
+        return self.views.psnr(decode(data).leaves(sh_degree=self.tree.shown_degree))
 
     def _with_digests(self, coded: CodedTree) -> bytes:
         return write(coded, effort=self.settings.effort, progress=self.progress)
@@ -199,18 +202,18 @@ class _Coder:
     def __init__(self, aim: TargetEncoder) -> None:
         self.aim = aim
         self.n_levels = max(aim.tree.n_levels, 1)
-        if aim.polish and aim.pictures is None:
-            raise ValueError("polishing needs pictures")
+        if aim.polish and aim.views is None:
+            raise ValueError("polishing needs views")
         self.polishes = aim.polish > 0 and self.n_levels > 1
-        report = aim.progress or (lambda _stage, _part: None)
+        report = aim.progress or no_progress
         report("arrange", 0.0)
         self.tiles = arrange(aim.tree, aim.n_tiles or default_tiles(aim.tree.n_leaves))
         self.importance = self.shown = None
-        if aim.pictures is not None:
+        if aim.views is not None:
             report("draw", 0.0)
-            drawn = aim.pictures.sensitivity
+            drawn = aim.views.sensitivity
             self.importance = Importance.of(self.tiles, self.n_levels, drawn)
-            self.shown = MeasuredGains.of(aim.tree, aim.pictures)
+            self.shown = MeasuredGains.of(aim.tree, aim.views)
         self.ranges = Ranges.of(self.tiles, self.n_levels)
 
     def coded(self, at: float) -> CodedTree:
@@ -220,7 +223,7 @@ class _Coder:
         table = self.importance.steps(at, self.ranges.extent)
         settings = replace(
             self.aim.settings,
-            table=tuple(map(tuple, table.tolist())),
+            accuracy=StepTable.of(table),
             n_alpha=N_ALPHA,
             alpha_bits=ALPHA_BITS,
         )
@@ -229,10 +232,10 @@ class _Coder:
 
     def polished(self, price: float) -> CodedTree:
         """At a price of a bit, the integers of the last level moved by pictures."""
-        pictures, report = self.aim.pictures, self.aim.progress or (lambda _stage, _part: None)
-        assert pictures is not None, "who polishes has pictures"
+        views, report = self.aim.views, self.aim.progress or no_progress
+        assert views is not None, "polishing has views"
         return polished(
-            self.coded(price), pictures, price, self.aim.polish, lambda part: report("polish", part)
+            self.coded(price), views, price, self.aim.polish, lambda part: report("polish", part)
         )
 
     def quantised(
@@ -258,7 +261,7 @@ class _Coder:
 
     def first_table(self) -> F64:
         """(1 + n_levels, K) steps of the settings."""
-        return wanted_steps(self.aim.settings, self.ranges, self.n_levels)
+        return self.aim.settings.accuracy.wanted_steps(self.ranges, self.n_levels)
 
 
 def _errors(tiles: Sequence[EvolutionTree], data: bytes, sh_degree: int) -> F64:

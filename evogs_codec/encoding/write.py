@@ -6,12 +6,13 @@ CodedTree -> packets -> their order -> rows of the packet table -> directory wit
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.common.parallel import parallel_map
+from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.decoding.cut import Cut
 from evogs_codec.decoding.decode import replay
 from evogs_codec.encoding.packet_order import packet_order, palette_packets
@@ -25,9 +26,7 @@ from evogs_codec.model.components import PALETTE, PICKS, component_slice
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.tree import Kind
 
-__all__ = ["Progress", "write"]
-
-Progress = Callable[[str, float], None]  # called with a stage and the part of it that is done
+__all__ = ["write"]
 
 
 def write(
@@ -50,7 +49,7 @@ def write(
     Raises:
         ValueError: an integer needs more than 24 bits, or a limit of the format is exceeded.
     """
-    report = progress or (lambda _stage, _part: None)
+    report = progress or no_progress
     bodies = _bodies(tree, effort, report)
     order = packet_order(tree, {packet: len(body) for packet, body in bodies.items()})
     rows = _rows(tree, order, bodies)
@@ -60,7 +59,7 @@ def write(
         return head + data
     report("verify", 0.0)
     # What is digested is what a decoder decodes from these bytes, so every encode is checked.
-    found = final_digests(read_directory(memoryview(head)), head + data)
+    found = final_digests(read_directory(head), head + data)
     return _directory(tree, rows, found) + data
 
 

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from evogs_codec._generated.limits import LIMITS
 from evogs_codec.common.frozen_bytes import frozen
+from evogs_codec.common.sources import Source, bytes_of
 from evogs_codec.errors import Fault, StreamError
 from evogs_codec.format import layout
 from evogs_codec.format.chunks import (
@@ -33,7 +34,7 @@ from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import I32, I64
 
-__all__ = ["Directory", "check_crc", "read_directory", "read_header"]
+__all__ = ["Directory", "check_crc", "read_directory", "read_header", "read_tables"]
 
 HEADER_SIZE = layout.size_of(layout.FILE_HEADER)
 CHUNK_HEADER_SIZE = layout.size_of(layout.CHUNK_HEADER)
@@ -85,6 +86,12 @@ class Directory:
     unused_flags: int
     data_offset: int
     size: int
+
+    def __repr__(self) -> str:
+        return (
+            f"Directory({self.size} bytes, {self.n_levels} levels, {len(self.tiles)} tiles,"
+            f" {len(self.packets)} packets, SH degree {self.sh_degree})"
+        )
 
     @property
     def has_palette(self) -> bool:
@@ -224,17 +231,25 @@ def check_limit(
         raise StreamError(Fault.E_LIMIT, f"{name} {value} exceeds {limits[name]}", offset)
 
 
-def read_directory(data: memoryview, limits: Mapping[str, int] | None = None) -> Directory:
+def read_directory(data: Source, limits: Mapping[str, int] | None = None) -> Directory:
     """Header and chunks of a stream, all checked (spec 6.1 steps 1 to 3).
 
     Args:
-        data: at least the header and the chunks.
+        data: at least the header and the chunks, or the path of a file that has them.
         limits: the decoder's own limits by name (spec 8.3).
 
     Raises:
         StreamError: with any fault of these steps.
+        TypeError: `data` is neither bytes nor a path.
     """
-    header = read_header(frozen(data[:HEADER_SIZE]), limits)
+    view = bytes_of(data)
+    return read_tables(read_header(frozen(view[:HEADER_SIZE]), limits), view, limits)
+
+
+def read_tables(
+    header: layout.Fields, data: memoryview, limits: Mapping[str, int] | None = None
+) -> Directory:
+    """What `read_directory` reads after `header`, which is at the begin of `data`."""
     end = HEADER_SIZE + header["chunks_size"]
     if len(data) < end:
         raise StreamError(

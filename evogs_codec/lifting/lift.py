@@ -16,11 +16,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.common.parallel import parallel_map
+from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.lifting.concat import joined
 from evogs_codec.lifting.orientations import COMPOSE, largest_w, nearest_turns, turned
 from evogs_codec.lifting.pairing import features, match, morton_order
@@ -33,8 +35,6 @@ __all__ = ["Lifted", "lift", "lift_with_order"]
 N_PRICED = 14  # channels that decide who pairs: all but the higher SH bands
 MIN_W = 0.8  # of a unit quaternion; below, a node is written anew
 PART = 1 << 19  # splats that are lifted together at most
-
-Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ def lift(
     Args:
         splats: N splats; the leaves are equivalent Gaussians in another order (`lift_with_order`).
         n_levels: at least 1; 1 gives a tree of adds only.
-        progress: called with the share of the work done, 0 to 1.
+        progress: called with the stage "lift" and the part that is done.
 
     Raises:
         ValueError: `n_levels` is below 1, or a splat has a number that is not finite.
@@ -110,7 +110,7 @@ def lift_with_order(
     n_bad = len(splats) - int(np.count_nonzero(splats.finite()))
     if n_bad:
         raise ValueError(f"{n_bad} of {len(splats)} splats have a number that is not finite")
-    report: Progress = progress or (lambda _: None)
+    report = partial(progress or no_progress, "lift")
     if len(splats) <= PART:
         return _lift(splats, n_levels, report)
     order = morton_order(splats.means.astype(np.float64))
@@ -126,7 +126,7 @@ def lift_with_order(
     return Lifted(tree, leaf_of)
 
 
-def _lift(splats: SplatParams, n_levels: int, report: Progress) -> Lifted:
+def _lift(splats: SplatParams, n_levels: int, report: Callable[[float], None]) -> Lifted:
     """`lift_with_order` of splats that are finite."""
     x = splats.channels().astype(np.float64)
     quats = _unit(x[3:7])
@@ -159,7 +159,9 @@ def _write(x: F64, quats: F64, log_scales: F64, turn: npt.NDArray[np.uint8]) -> 
     x[3] = 1
 
 
-def _pair_up(x: F64, n_rounds: int, report: Progress) -> tuple[list[_Round], F64, I64]:
+def _pair_up(
+    x: F64, n_rounds: int, report: Callable[[float], None]
+) -> tuple[list[_Round], F64, I64]:
     """Pass 1 over the leaves (D, N).
 
     Returns:

@@ -67,6 +67,9 @@ class SplatParams:
     def __len__(self) -> int:
         return len(self.means)
 
+    def __repr__(self) -> str:
+        return f"SplatParams({len(self)} splats, SH degree {self.sh_degree})"
+
     @property
     def sh_degree(self) -> int:
         """Degree of the SH coefficients, 0..3."""

@@ -204,6 +204,12 @@ class EvolutionTree:
             if found.shape != shape or not np.all(np.isfinite(found) & (found > 0)):
                 raise ValueError(f"quanta are not {shape} finite numbers above 0")
 
+    def __repr__(self) -> str:
+        return (
+            f"EvolutionTree({self.n_leaves} leaves, {self.n_levels} levels,"
+            f" {len(self.steps)} steps, SH degree {self.shown_degree})"
+        )
+
     @property
     def shown_degree(self) -> int:
         """SH degree of the splats."""

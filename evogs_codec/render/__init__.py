@@ -5,6 +5,8 @@ from evogs_codec.render.forward import Counts, Drawing, draw, render, render_cou
 from evogs_codec.render.gradients import Gradients, gradients
 from evogs_codec.render.metrics import psnr, ssim, ssim_gradient
 from evogs_codec.render.options import Options
+from evogs_codec.render.viewpoints import camera_rings, cameras_around
+from evogs_codec.render.views import Views
 
 __all__ = [
     "Camera",
@@ -12,6 +14,9 @@ __all__ = [
     "Drawing",
     "Gradients",
     "Options",
+    "Views",
+    "camera_rings",
+    "cameras_around",
     "draw",
     "gradients",
     "load_cameras",

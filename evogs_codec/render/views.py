@@ -1,4 +1,4 @@
-"""Views of a scene, by which an encoder judges accuracy (entry point of `evogs.pictures`)."""
+"""Rendered views of a scene, by which an encoder judges accuracy."""
 
 from __future__ import annotations
 
@@ -10,13 +10,18 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.model.splats import F32, SplatParams
-from evogs_codec.render import Camera, Drawing, draw, gradients, psnr, render
+from evogs_codec.render.camera import Camera
+from evogs_codec.render.forward import Drawing, draw, render
+from evogs_codec.render.gradients import gradients
+from evogs_codec.render.metrics import psnr
+from evogs_codec.render.viewpoints import camera_rings, cameras_around
 
-__all__ = ["DRAWN", "Colour", "Views", "view_of"]
+__all__ = ["DRAWN", "HELD_OUT", "Colour", "Views", "view_of"]
 
 Colour = tuple[float, float, float]
 MOST = 150.0  # dB of a view: of one without any error, for a mean that is a number
 DRAWN = 12  # views that the sensitivity is estimated from, at most
+HELD_OUT = 5  # every 5th of the cameras given judges what descends on the others
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,42 @@ class Views:
     cameras: Sequence[Camera]
     background: Colour = (1.0, 1.0, 1.0)
     others: Sequence[Camera] = ()
+
+    @staticmethod
+    def of(
+        scene: SplatParams,
+        cameras: Sequence[Camera] | None = None,
+        *,
+        up: str = "z",
+        n_views: int | None = None,
+        descent: bool = False,
+    ) -> Views:
+        """The views that `evogs encode` judges by.
+
+        Args:
+            scene: what they show.
+            cameras: theirs; by default 24 on a circle around the scene.
+            up: axis that is up in the default views: x, y or z, perhaps with a minus.
+            n_views: at most this many views.
+            descent: with `others`, for `loss_gradient`: 80 on circles around the scene, or of
+                the `cameras` given all but every 5th, which judges.
+
+        Raises:
+            ValueError: there is one camera only, and `descent` needs two.
+        """
+        others: Sequence[Camera] = ()
+        if cameras is None:
+            chosen: Sequence[Camera] = cameras_around(scene, up)
+            others = camera_rings(scene, up, 2) if descent else ()
+        elif descent:
+            if len(cameras) < 2:
+                raise ValueError(f"{len(cameras)} camera, expected at least 2")
+            chosen = cameras[::HELD_OUT]
+            others = [other for k, other in enumerate(cameras) if k % HELD_OUT]
+        else:
+            chosen = cameras
+        every = 1 if n_views is None else -(-len(chosen) // n_views)
+        return Views(scene, chosen[::every], others=others)
 
     def psnr(self, splats: SplatParams) -> float:
         """Mean PSNR over the views, dB; over those that show the scene, if some do."""

@@ -7,12 +7,11 @@ without.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 
 from evogs_codec import EvolutionTree, InputError
-from evogs_codec.cli.rendering import HELD_OUT, cameras_of, rings
+from evogs_codec.common.progress import Progress
 
 __all__ = ["refine"]
 
@@ -22,7 +21,7 @@ def refine(
     camera: Path | None,
     up: str,
     iterations: int,
-    progress: Callable[[float], None],
+    progress: Progress,
 ) -> EvolutionTree:
     """A lifted tree with coarse levels that look more like its last one; says so, level by level.
 
@@ -31,20 +30,22 @@ def refine(
         camera: file of cameras, or None for `rings`.
         up: axis of the rings, perhaps with a sign.
         iterations: of each level.
-        progress: called with the share of the work done, 0 to 1.
+        progress: called with the stage "refine" and the part that is done.
 
     Raises:
         InputError: numba is not installed, or there are too few cameras.
     """
     if find_spec("numba") is None:
-        raise InputError("--refine draws pictures: pip install -e '.[render]'")
-    from reference_trainer.distil.distil import distil
+        raise InputError("--refine renders views: pip install -e '.[render]'")
+    from evogs_codec.render import camera_rings, load_cameras
+    from evogs_codec.render.views import HELD_OUT
+    from reference_trainer.distil.coarse_levels import distil
     from reference_trainer.runtime.memory import keep_freed_memory
 
     keep_freed_memory()
     if not tree.n_leaves:
         return tree
-    cameras = rings(tree.leaves(), up) if camera is None else cameras_of(camera)
+    cameras = camera_rings(tree.leaves(), up) if camera is None else load_cameras(camera)
     held_out = cameras[::HELD_OUT]
     others = [other for k, other in enumerate(cameras) if k % HELD_OUT]
     if not others:

@@ -21,8 +21,9 @@ import torch
 from torch import Tensor
 
 from evogs_codec import EvolutionTree, SplatParams
-from evogs_codec.encoding.grids import AccuracyWarning, Ranges
+from evogs_codec.encoding.grids import AccuracyWarning
 from evogs_codec.encoding.quantise import quantise
+from evogs_codec.encoding.ranges import Ranges
 from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.encoding.settings import Settings
 from evogs_codec.encoding.targets import PRICES

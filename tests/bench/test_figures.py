@@ -11,7 +11,7 @@ import pytest
 from evogs_codec import PRESETS, Cut, decode_leaves, lift, read_directory
 
 pytest.importorskip("numba", reason="the rasterizer is compiled")
-from evogs_codec.cli.rendering import around
+from evogs_codec.render import cameras_around
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.views import Views
 from tools.bench import cli, decimate, measure, page, plots, prefix, sog, splat_transform, subjects
@@ -40,7 +40,7 @@ def number(row: dict[str, object], column: str) -> float:
 @pytest.fixture(scope="module")
 def subject() -> subjects.Subject:
     splats = make_scene(300)
-    views = Views(splats, around(splats, "z", 32)[::8])
+    views = Views(splats, cameras_around(splats, "z", 32)[::8])
     return subjects.Subject.of_tree("small", lift(splats, 3), PRESETS["scene"], views)
 
 
@@ -75,7 +75,7 @@ def test_streams_of_a_scene_are_points_with_what_dominates_them(subject, monkeyp
 
 
 def test_coarse_sh_on_all_splats_is_a_cut(subject):
-    directory = read_directory(memoryview(subject.stream))
+    directory = read_directory(subject.stream)
     cuts = {setting: cut for _, setting, cut in streams._cuts(directory)}
     coarse = decode_leaves(subject.stream, cuts["SH 1+ to level 0"])
     assert len(coarse) == subject.tree.n_leaves

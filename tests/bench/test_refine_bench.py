@@ -14,7 +14,7 @@ def test_levels_before_and_after_with_their_bytes(tmp_path, monkeypatch):
     monkeypatch.setattr(refine, "make_scene", lambda: make_scene(200))
     for name, value in (("N_CROP", 100), ("SIZE", 24), ("SMALL", 12), ("DEFAULT_ITERATIONS", 2)):
         monkeypatch.setattr(refine, name, value)
-    monkeypatch.setattr("evogs_codec.cli.rendering.SIZE", 24)
+    monkeypatch.setattr("evogs_codec.render.viewpoints.SIZE", 24)
     rows = refine.refined(ply, "z")
     assert [row["level"] for row in rows] == 2 * [0, 1, 2, 3, 4]
     assert {row["scene"] for row in rows} == {"shipped", "other, 100 splats"}

@@ -39,7 +39,7 @@ BY_ID = {image.id: image for image in SUITE.images}
 def reference(image):
     """What the fast renderer makes of an image."""
     data = SUITE.stream(image)
-    cut = Cut.of_level(read_directory(memoryview(data)), image.level)
+    cut = Cut.of_level(read_directory(data), image.level)
     options = Options(antialiased=SUITE.scenes[image.scene].antialiased)
     splats = decode(data, cut).leaves()
     return render(splats, Camera(**image.camera), image.background, options=options)

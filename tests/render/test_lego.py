@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from evogs_codec import PRESETS, Cut, decode, encode, read_tree
+from evogs_codec import PRESETS, decode, encode, read_tree
 from evogs_codec.render import Camera, psnr, render
 
 SIZES = (50, 100, 200, 400)
@@ -59,7 +59,6 @@ def test_an_eighth_of_the_bytes_loses_at_most_0_3_decibels(decibels, tree):
     raw = sum(step.psi.nbytes + step.alpha.nbytes + step.adds.nbytes for step in tree.steps)
     data = encode(tree, PRESETS["trained"])  # the default of `evogs encode` for a tree
     assert 8 * len(data) <= raw
-    decoded = decode(data)
     for level in range(4):
-        splats = decoded.leaves(Cut.of_level(decoded.directory, level))
+        splats = decode(data, level=level).leaves()
         assert decibels(splats, level) >= decibels(tree.leaves(level), level) - 0.3

@@ -86,7 +86,7 @@ def stream(packets=PACKETS, **options):
 
 
 DATA = stream(digests=dict.fromkeys(sorted(PLACES)))
-DIRECTORY = read_directory(memoryview(DATA))
+DIRECTORY = read_directory(DATA)
 
 
 @cache
@@ -96,7 +96,7 @@ def legal_streams():
     while len(found) < 12:
         seed += 1
         data = random_stream(random.Random(seed))
-        if data[19] & HAS_PALETTE and len(read_directory(memoryview(data)).palette_packets):
+        if data[19] & HAS_PALETTE and len(read_directory(data).palette_packets):
             found.append(data)
     return found
 

@@ -9,16 +9,15 @@ import pytest
 pytest.importorskip("numba", reason="the rasterizer is compiled")
 from evogs_codec import EvolutionTree, SplatParams, lift, write_ply
 from evogs_codec.cli import commands
-from evogs_codec.cli.rendering import around
 from evogs_codec.io.tree_npz import write_tree
 from evogs_codec.lifting.parents import MENDED
 from evogs_codec.model.channels import GROUP_CHANNELS
 from evogs_codec.model.tree import Kind, Step
-from evogs_codec.render import orbit, save_cameras
+from evogs_codec.render import cameras_around, orbit, save_cameras
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.views import Views
 from reference_trainer.distil import refining
-from reference_trainer.distil.distil import distil
+from reference_trainer.distil.coarse_levels import distil
 from reference_trainer.distil.generations import levels_of, tree_of
 
 SIZE = 48
@@ -31,7 +30,7 @@ def lifted() -> EvolutionTree:
 
 
 def cameras(n=8, elevation=0.2):
-    return around(lifted().leaves(), "z", SIZE, n=n, elevation=elevation)
+    return cameras_around(lifted().leaves(), "z", SIZE, n=n, elevation=elevation)
 
 
 @cache
@@ -164,16 +163,16 @@ def test_a_tree_that_is_not_lifted_is_refused():
 
 
 def test_without_numba_the_extra_is_named(monkeypatch):
-    monkeypatch.setattr(refining, "find_spec", lambda _: None)
-    with pytest.raises(Exception, match=r"\.\[render\]"):
-        refining.refine(lifted(), None, "z", 2, lambda _: None)
+    monkeypatch.setattr(refining, "find_spec", lambda *_: None)
+    with pytest.raises(Exception, match=r"evogs\[render\]"):
+        refining.refine(lifted(), None, "z", 2, lambda *_: None)
 
 
 def test_refining_says_what_became_of_each_level(capsys, monkeypatch):
-    monkeypatch.setattr("evogs_codec.cli.rendering.SIZE", SIZE)
-    monkeypatch.setattr("evogs_codec.cli.rendering.RINGS", ((5, 0.2, 2.0),))
+    monkeypatch.setattr("evogs_codec.render.viewpoints.SIZE", SIZE)
+    monkeypatch.setattr("evogs_codec.render.viewpoints.RINGS", ((5, 0.2, 2.0),))
     parts: list[float] = []
-    tree = refining.refine(lifted(), None, "z", 4, parts.append)
+    tree = refining.refine(lifted(), None, "z", 4, lambda _, part: parts.append(part))
     assert parts == sorted(parts)
     assert len(parts) == 9
     assert parts[-1] == 1
@@ -184,7 +183,7 @@ def test_refining_says_what_became_of_each_level(capsys, monkeypatch):
 def test_a_scene_without_splats_is_left_alone():
     empty = SplatParams.from_channels(np.zeros((14, 0)))
     tree = lift(empty, 3)
-    assert refining.refine(tree, None, "z", 2, lambda _: None) is tree
+    assert refining.refine(tree, None, "z", 2, lambda *_: None) is tree
 
 
 def evogs(monkeypatch, *arguments, refiners=()):
@@ -205,7 +204,7 @@ def test_a_scene_is_refined_as_it_is_lifted(command, tmp_path, monkeypatch):
 
     def refiner(tree, camera, up, iterations, progress):
         asked.append((tree.n_levels, camera, up, iterations))
-        progress(1.0)
+        progress("refine", 1.0)
         return tree
 
     for k, flags in enumerate((["--refine"], ["--refine", "5", "--up=-y", "--levels", "2"])):

@@ -44,7 +44,7 @@ def test_all_numbers_are_multiples_and_a_stream_holds_them(method):
         assert (step.psi % quanta_of(tree, 1 + step.level) == 0).all()
     assert sum(np.any(step.psi) for step in tree.steps)
     data = encode(tree)
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     finest = np.min([quanta_of(tree, row) for row in range(len(tree.quanta))], axis=0)
     for level in range(tree.n_levels):
         right = tree.leaves(level).channels()

@@ -33,9 +33,9 @@ def _levels(subject: Subject, command: str, folder: Path) -> Iterator[dict[str, 
     ply = folder / f"{subject.name}.decimate.ply"
     write_ply(ply, subject.views.scene)
     tree, data = subject.tree, subject.stream
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     free = free_levels(tree)
-    better = refine(tree, None, subject.up, DEFAULT_ITERATIONS, lambda _: None)
+    better = refine(tree, None, subject.up, DEFAULT_ITERATIONS, lambda *_: None)
     shown = subject.shared(better) or better
     for level in range(tree.n_levels - 1):
         lifted = subject.best.leaves(level)

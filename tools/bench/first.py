@@ -67,7 +67,7 @@ def first(of: Sequence[Subject], folder: Path) -> Rows:
 
 def _prefixes(data: bytes) -> Iterator[Picture]:
     """Of a stream: its first step, and its levels."""
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     rows = directory.packets
     ends = directory.offsets + rows["size"]
     core = rows["component"] == 0

@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from evogs_codec import EvolutionTree, SplatParams
-from evogs_codec.encoding.arrange import arrange, default_tiles
+from evogs_codec import EvolutionTree, SplatParams, leaf_order
 
 __all__ = [
     "Code",
@@ -107,8 +106,7 @@ def least(run: Callable[[], object], turns: int) -> float:
 
 def leaves_in_stream_order(tree: EvolutionTree) -> SplatParams:
     """The float leaves in the order in which a default stream of the tree decodes them."""
-    parts = [tile.leaves() for tile in arrange(tree, default_tiles(tree.n_leaves)) if tile.steps]
-    return SplatParams.from_channels(np.concatenate([part.channels() for part in parts], axis=1))
+    return tree.leaves().take(leaf_order(tree))
 
 
 def errors(decoded: SplatParams, original: SplatParams) -> dict[str, float]:

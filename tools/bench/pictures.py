@@ -18,10 +18,9 @@ from evogs_codec import (
     read_directory,
     with_palette,
 )
-from evogs_codec.cli.rendering import around
 from evogs_codec.encoding.settings import TREE_PSNR
 from evogs_codec.encoding.targets import TargetEncoder
-from evogs_codec.render import psnr, render
+from evogs_codec.render import cameras_around, psnr, render
 from evogs_codec.render.views import Views
 from tools.bench.free_parents import free_levels
 from tools.bench.photographs import held_out
@@ -36,11 +35,11 @@ PYRAMID = (8, 4, 2, 1)  # pixels of a photograph, to a side, in one of each leve
 
 
 def levels(splats: SplatParams, scene: str, up: str) -> Rows:
-    """PSNR of each level against the scene, over the cameras of `evogs_codec.cli.rendering.around`.
+    """PSNR of each level against the scene, over the cameras of `cameras_around`.
 
     Beside it, of as many of its splats at random, and of the same pairs with free parents.
     """
-    cameras = around(splats, up, 400)
+    cameras = cameras_around(splats, up, 400)
     pictures = [render(splats, camera, WHITE) for camera in cameras]
 
     def decibels(some: SplatParams) -> str:
@@ -54,7 +53,7 @@ def levels(splats: SplatParams, scene: str, up: str) -> Rows:
     free = free_levels(whole.tree)
     tree = with_palette(whole, splats) or whole.tree
     data = encode(tree, PRESETS["scene"])
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     rng = np.random.default_rng(0)
     rows: Rows = []
     for level in range(N_LEVELS):
@@ -96,14 +95,12 @@ def photographs(tree: EvolutionTree, folder: Path) -> Rows:
     rows: Rows = []
     row("float32", None, tree.leaves)
     aim = TargetEncoder(
-        tree, PRESETS["trained"], Views(tree.leaves(), around(tree.leaves(), "z", 400))
+        tree, PRESETS["trained"], Views(tree.leaves(), cameras_around(tree.leaves(), "z", 400))
     )
     streams = {preset: encode(tree, PRESETS[preset]) for preset in ("trained", "paper")}
     for target in (TREE_PSNR, TARGET):
         streams[f"--target-psnr {target:g}"] = aim.at_psnr(target)
     for name, data in streams.items():
-        directory = read_directory(memoryview(data))
-        decoded = decode(data)
-        drawn = [decoded.leaves(Cut.of_level(directory, k)) for k in range(tree.n_levels)]
+        drawn = [decode(data, level=k).leaves() for k in range(tree.n_levels)]
         row(name, len(data), drawn.__getitem__)
     return rows

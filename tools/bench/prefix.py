@@ -82,7 +82,7 @@ class _Curve:
 def _curves(subject: Subject) -> dict[str, _Curve]:
     """Those of a stream in both orders."""
     data = subject.stream
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     gauge = _some_views(subject.gauge)
     found: dict[tuple[bytes, int], float] = {}
     out = {}

@@ -21,8 +21,9 @@ from evogs_codec import (
     read_ply,
 )
 from evogs_codec.cli.options import DEFAULT_ITERATIONS, DEFAULT_LEVELS
-from evogs_codec.cli.rendering import SIZE, around
+from evogs_codec.render import cameras_around
 from evogs_codec.render.demo_scene import make_scene
+from evogs_codec.render.viewpoints import SIZE
 from evogs_codec.render.views import Views
 from reference_trainer.distil.refining import refine
 
@@ -49,9 +50,9 @@ def refined(ply: Path | None, up: str) -> Rows:
 def _rows(name: str, scene: SplatParams, up: str) -> Rows:
     lifted = lift(scene, DEFAULT_LEVELS)
     start = time.process_time()
-    better = refine(lifted, None, up, DEFAULT_ITERATIONS, lambda _: None)
+    better = refine(lifted, None, up, DEFAULT_ITERATIONS, lambda *_: None)
     seconds = time.process_time() - start
-    views = [Views(lifted.leaves(), around(scene, up, size)) for size in (SIZE, SMALL)]
+    views = [Views(lifted.leaves(), cameras_around(scene, up, size)) for size in (SIZE, SMALL)]
     rows: Rows = []
     both = zip(_decoded(lifted, views), _decoded(better, views), strict=True)
     for level, ((n_bytes, large, small), (n_bytes_after, large_after, small_after)) in enumerate(
@@ -78,7 +79,7 @@ def _rows(name: str, scene: SplatParams, up: str) -> Rows:
 def _decoded(tree: EvolutionTree, views: list[Views]) -> list[tuple[int, float, float]]:
     """Of each level of the preset `scene`: bytes of the stream up to it, PSNR of each of views."""
     data = encode(tree, PRESETS["scene"])
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     found = []
     for level in range(directory.n_levels):
         part = extract(data, choose_cut(directory, level=level))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import gsply
@@ -12,6 +11,8 @@ import numpy as np
 from evogs_codec import (
     PRESETS,
     EvolutionTree,
+    FixedSteps,
+    Settings,
     SplatParams,
     decode,
     encode,
@@ -40,10 +41,8 @@ SH_ABOVE_0 = ("sh 1", "sh 2", "sh 3", "picks")
 TURNS = 41  # of fewer, the median of the peer moves by a fifth
 # The steps at which leaves coded on their own have the errors that preset `scene` gives the leaves
 # of a tree: see the errors in the table.
-FLAT = replace(
-    PRESETS["scene"],
-    steps=(1.18e-4, 0.0027, 0.0624, 0.125, 0.036, 0.118, 0.118, 0.118),
-    coarser=(0.0,) * 8,
+FLAT = Settings(
+    FixedSteps((1.18e-4, 0.0027, 0.0624, 0.125, 0.036, 0.118, 0.118, 0.118), relative=True)
 )
 
 
@@ -60,7 +59,7 @@ def size(splats: SplatParams, folder: Path) -> Rows:
     ):
         data = encode(some, settings)
         (folder / file).write_bytes(data)
-        groups = bytes_by_group(read_directory(memoryview(data)), memoryview(data))
+        groups = bytes_by_group(read_directory(data), memoryview(data))
         sh = sum(part.n_bytes for key, part in groups.items() if key in SH_ABOVE_0)
         decoded = decode(data).leaves(sh_degree=splats.sh_degree)
         rows.append(_size_row(name, len(data), sh, decoded, leaves_in_stream_order(some)))

@@ -22,10 +22,9 @@ from evogs_codec import (
     read_tree,
     with_palette,
 )
-from evogs_codec.cli.rendering import around, rings
 from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
 from evogs_codec.lifting.lift import Lifted
-from evogs_codec.render import Camera, psnr, render
+from evogs_codec.render import Camera, camera_rings, cameras_around, psnr, render
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.views import Views
 from tools.bench.photographs import held_out
@@ -100,12 +99,12 @@ class Subject:
         """Of the preset, in the order that the command line gives it."""
         every = -(-len(self.views.cameras) // ORDERING_VIEWS)
         few = replace(self.views, cameras=self.views.cameras[::every])
-        return encode(self.best, self.settings, pictures=few)
+        return encode(self.best, self.settings, views=few)
 
     @staticmethod
     def of_scene(name: str, splats: SplatParams, up: str) -> Subject:
         """A scene, lifted; judged by pictures of itself."""
-        views = Views(splats, around(splats, up, SIZE), others=rings(splats, up, 2))
+        views = Views(splats, cameras_around(splats, up, SIZE), others=camera_rings(splats, up, 2))
         lifted = lift_with_order(splats, N_LEVELS)
         subject = Subject.of_tree(name, lifted.tree, PRESETS["scene"], views)
         return replace(subject, up=up, lifted=lifted)
@@ -126,7 +125,9 @@ def subjects(args: argparse.Namespace) -> Iterator[Subject]:
     if args.tree:
         tree, name = read_tree(args.tree), args.tree.name.split(".")[0]
         leaves = tree.leaves()
-        views = Views(leaves, around(leaves, "z", SIZE), others=rings(leaves, "z", 2))
+        views = Views(
+            leaves, cameras_around(leaves, "z", SIZE), others=camera_rings(leaves, "z", 2)
+        )
         subject = Subject.of_tree(name, tree, PRESETS["trained"], views)
         if args.photos:
             shots = [photograph.at(SIZE) for photograph in held_out(args.photos)]

@@ -52,7 +52,7 @@ def presets(tree: EvolutionTree) -> Rows:
 def replay(tree: EvolutionTree) -> Rows:
     """Largest error at each level of near-lossless coding, in grid units; the bound is 1."""
     data = encode(tree, PRESETS["near-lossless"])
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     tiles = [tile for tile in arrange(tree, default_tiles(tree.n_leaves)) if tile.steps]
     rows: Rows = []
     for level in range(tree.n_levels):

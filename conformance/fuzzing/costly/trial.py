@@ -84,8 +84,7 @@ def _fed(data: bytes) -> str:
         decoder.close()
     except StreamError as error:
         return f"{error.fault.name} at {error.offset}"
-    assert decoder.directory is not None
-    return _digest(Decoded(decoder.directory, decoder.cut, tuple(decoder._tiles), memoryview(data)))
+    return _digest(decoder.decoded)
 
 
 def _info(data: bytes) -> None:

@@ -7,11 +7,11 @@ import sys
 import numpy as np
 import pytest
 
-from evogs_codec import SceneInfo, decode, encode, read_ply, write_ply
+from evogs_codec import PRESETS, SceneInfo, decode, encode, read_ply, write_ply
 from evogs_codec.cli import commands
-from evogs_codec.cli.rendering import pictures
 from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
 from evogs_codec.render.demo_scene import make_scene
+from evogs_codec.render.views import Views
 from tests.support import damage
 
 COMMANDS = ("encode", "decode", "lift", "info", "validate", "extract")
@@ -333,5 +333,7 @@ def test_a_stream_from_the_library_and_from_the_command_are_the_same(evogs, made
     tree = damage.random_tree(20, 3, 1)
     evogs("encode", made / "x.tree.npz", tmp_path / "x.evogs", "--preset", "trained")
     info = SceneInfo(text={"generator": evogs("--version")[1].strip()})
-    views = pictures(tree.leaves(), None, "z", ORDERING_VIEWS)
-    assert (tmp_path / "x.evogs").read_bytes() == encode(tree, info=info, pictures=views)
+    views = Views.of(tree.leaves(), n_views=ORDERING_VIEWS)
+    assert (tmp_path / "x.evogs").read_bytes() == encode(
+        tree, PRESETS["trained"], info=info, views=views
+    )

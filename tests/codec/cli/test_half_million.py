@@ -31,7 +31,7 @@ def data(stream):
 
 
 def test_all_levels_take_fewer_bytes_than_spz_takes_for_one(data):
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     groups = bytes_by_group(directory, memoryview(data))
     without_sh = len(data) - sum(groups[f"sh {band}"].n_bytes for band in (1, 2))
     assert directory.n_levels >= 4
@@ -49,7 +49,7 @@ def test_errors_are_no_larger_than_those_of_spz(data, scene):
 
 
 def test_the_first_scene_comes_from_a_twentieth_of_the_bytes(data):
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     first = int(directory.offsets[len(directory.tiles)])
     decoder_sees = decode(extract(data, Cut.of_packets(directory, len(directory.tiles))))
     assert first <= 0.05 * len(data)
@@ -88,7 +88,7 @@ def cuts(directory, size):
 
 
 def test_an_extracted_stream_decodes_to_the_integers_of_the_cut(data):
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     for cut, box in cuts(directory, len(data)):
         smaller = decode(extract(data, cut, box=box), verify=True)
         expected = decode(data, cut)

@@ -15,7 +15,7 @@ DECODING = ("decode", "validate", "info", "extract")
 @pytest.fixture
 def sizes(made):
     """What the stream has of what limits bound."""
-    directory = read_directory(memoryview((made / "scene.evogs").read_bytes()))
+    directory = read_directory((made / "scene.evogs").read_bytes())
     return {
         "n_tiles": len(directory.tiles),
         "n_packets": len(directory.packets),

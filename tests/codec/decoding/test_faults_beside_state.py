@@ -104,8 +104,8 @@ def test_a_packet_with_a_fault_leaves_the_state_as_it_was(make, first_is_missing
     faulty = begins.index(caught.value.offset)
     arrival = range(int(first_is_missing), len(begins))
     came, right = fed(data, arrival), fed(data, [k for k in arrival if k != faulty])
-    assert right.fault is None
-    assert came.fault is not None
-    assert came.fault.offset == begins[faulty]
+    assert right.verdict is None
+    assert came.verdict is not None
+    assert came.verdict.offset == begins[faulty]
     assert came.dump() == right.dump()
     assert came.leaves().channels().tobytes() == right.leaves().channels().tobytes()

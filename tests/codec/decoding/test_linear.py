@@ -23,7 +23,7 @@ from conformance.generator.builder import (
     places,
 )
 from conformance.generator.random_streams import random_stream
-from evogs_codec import Decoder, EvolutionTree, StreamError, decode, encode, write_ply
+from evogs_codec import PRESETS, Decoder, EvolutionTree, StreamError, decode, encode, write_ply
 from evogs_codec.decoding.compiled import dispatch
 from evogs_codec.decoding.cut import Cut
 from evogs_codec.decoding.replay import packet_body
@@ -118,7 +118,7 @@ def test_states_that_did_not_change_are_hashed_once(monkeypatch):
     packets += [Packet(component=component) for _ in range(9) for component in (0, 1)]
     names = [(0, component, step) for component in (0, 1) for step in range(10)]
     data = build(Stream(packets, degree=1, digests=dict.fromkeys(names)))
-    sizes = read_directory(memoryview(data)).state_sizes
+    sizes = read_directory(data).state_sizes
     monkeypatch.setattr("evogs_codec.decoding.tile_state.hashlib.sha256", Hash)
     decode(data, verify=True)
     assert n_bytes <= int(sizes[0] + sizes[1])
@@ -134,9 +134,9 @@ def digested(n_steps, *, last):
 
 def test_extracted_streams_keep_no_more_digests_than_they_may():
     data = digested(20, last=True)
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     smaller = extract(data, Cut.of_level(directory, 0))
-    found = read_directory(memoryview(smaller))
+    found = read_directory(smaller)
     assert list(found.digests) == [(0, 0, 20)]
     assert decode(smaller, verify=True).dump() == decode(data, Cut.of_level(directory, 0)).dump()
     with pytest.raises(StreamError, match="E_AMPLIFICATION"):
@@ -154,7 +154,7 @@ def many_tiles(n):
 
 def test_figures_per_level_do_not_look_at_tiles_one_by_one():
     def work(n):
-        directory = read_directory(memoryview(many_tiles(n)))
+        directory = read_directory(many_tiles(n))
         return lambda: levels(directory)
 
     assert n_instructions(work(400)) < 1.1 * n_instructions(work(40))
@@ -360,7 +360,7 @@ def many_frames():
 
 def test_planes_in_many_frames_are_not_there_twice():
     data, size = many_frames()
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     body = packet_body(directory, memoryview(data), 0)
     head = read_packet_header(body, 0, directory.counts(0), 0)
     assert sum(head.plane_sizes) == size
@@ -374,7 +374,7 @@ def test_lists_become_integers_without_large_arrays_beside_them(flags):
     coding = {f"adds {k}": 0x28 | 64 for k in lists}
     packet = Packet(n_adds=n, adds=lists, codings=coding, flags=flags)
     data = build(Stream([packet]))
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     body = packet_body(directory, memoryview(data), 0)
     adds = unpack(body, 0, directory.counts(0), 0).adds
     allowed = 4 * n * (3 if flags else 1) + (3 << 20)
@@ -390,7 +390,10 @@ def test_bytes_that_change_after_their_checksum_was_checked_do_not_matter(
 ):
     monkeypatch.setattr(dispatch, "MIN_COMPILED", min_compiled)
     tree = EvolutionTree.of_splats(make_scene(50))
-    right, data = decode(encode(tree)).dump(), bytearray(encode(tree))
+    right, data = (
+        decode(encode(tree, PRESETS["trained"])).dump(),
+        bytearray(encode(tree, PRESETS["trained"])),
+    )
     begin, end = places(bytes(data)).packets[0]
     before = crc32
 
@@ -410,7 +413,7 @@ def test_header_reading_writes_no_more_frames_than_there_is_room_for():
         "evogs_codec.decoding.compiled.channels", reason="numba is an extra"
     )
     data = encode(EvolutionTree.of_splats(make_scene(50)))
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     row = directory.packets[:1]
     counts = np.array([[int(row["n_adds"][0]), 0, 0, 0]])
     n = kernels.MAX_LISTS

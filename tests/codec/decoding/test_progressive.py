@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from conformance.decoders import oracle
 from conformance.fuzzing import memory
 from evogs_codec.decoding.cut import Cut
-from evogs_codec.decoding.decode import Decoded, decode, decode_prefix
+from evogs_codec.decoding.decode import decode, decode_prefix
 from evogs_codec.decoding.progressive import Decoder
 from evogs_codec.editing.extract import extract
 from evogs_codec.encoding.encode import encode
@@ -34,9 +34,7 @@ SEEDS = st.integers(0, 2**32)
 
 
 def dump_of(decoder: Decoder) -> bytes:
-    assert decoder.directory is not None
-    tiles = tuple(decoder._tiles)
-    return Decoded(decoder.directory, decoder.cut, tiles, memoryview(b"")).dump()
+    return decoder.decoded.dump()
 
 
 def feed_in_pieces(decoder: Decoder, data: bytes, size: int) -> None:
@@ -64,7 +62,7 @@ def overlapping_ranges(rng: random.Random, size: int) -> list[tuple[int, int]]:
 
 def in_another_order(data: bytes, rng: random.Random) -> bytes:
     """The stream with its packets in a random order that R-5.6-2 and R-5.6-3 allow."""
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     waiting: dict[tuple[int, int], list[int]] = {}
     for packet, row in enumerate(directory.packets):
         waiting.setdefault((int(row["tile"]), int(row["component"])), []).append(packet)
@@ -84,7 +82,7 @@ def in_another_order(data: bytes, rng: random.Random) -> bytes:
 
 
 def with_wrong_digests(data: bytes) -> bytes:
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     at = directory.digests_offset + 12
     size = struct.unpack_from("<I", data, directory.digests_offset + 4)[0]
     rows = bytes(b ^ (k % 41 == 40) for k, b in enumerate(data[at : at + size]))
@@ -93,7 +91,7 @@ def with_wrong_digests(data: bytes) -> bytes:
 
 def random_cut(data: bytes, rng: random.Random) -> Cut:
     """Any valid cut: tiles differ, bands come late or never."""
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     steps = directory.chain_lengths()
     for row in steps:
         row[0] = rng.randint(0, int(row[0]))
@@ -129,7 +127,7 @@ def test_ranges_in_any_order_overlapping_or_not_give_what_decode_gives(tree, see
 @given(SMALL, SEEDS)
 def test_what_was_fed_so_far_is_always_the_largest_complete_cut(tree, seed):
     data = write(tree, effort=1)
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     decoder, there = Decoder(), np.zeros(len(data), bool)
     for a, b in overlapping_ranges(random.Random(seed), len(data)):
         decoder.feed(data[a:b], a)
@@ -172,7 +170,7 @@ def test_every_cut_decodes_as_the_oracle_does_with_sh_late_or_never(tree, seed):
 @given(SMALL)
 def test_every_level_decodes_as_the_oracle_does(tree):
     data = write(tree, effort=1)
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     for level in range(tree.n_levels):
         cut = Cut.of_level(directory, level)
         assert decode(data, cut).dump() == oracle.decode(data, level=level).dump()
@@ -182,7 +180,7 @@ def test_every_level_decodes_as_the_oracle_does(tree):
 @given(SMALL)
 def test_every_prefix_decodes_as_the_oracle_does(tree):
     data = write(tree, effort=1)
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     ends = (directory.offsets + directory.packets["size"]).tolist()
     bounds = {0, 1, 63, 64, directory.data_offset, *ends}
     for size in sorted({b + d for b in bounds for d in (-1, 0, 1) if 0 <= b + d <= len(data)}):
@@ -328,7 +326,7 @@ def test_a_cut_of_a_damaged_stream_is_judged_as_the_oracle_judges_it(which, seed
     rng = random.Random(seed)
     good = samples()[which]
     cut = random_cut(good, rng)
-    start = read_directory(memoryview(good)).data_offset
+    start = read_directory(good).data_offset
     data = bytearray(good)
     for _ in range(3):
         data[rng.randrange(start, len(data))] ^= 1 << rng.randrange(8)
@@ -339,7 +337,7 @@ def test_a_cut_of_a_damaged_stream_is_judged_as_the_oracle_judges_it(which, seed
 
 def test_a_fault_waits_for_the_packets_before_it():
     data = bytearray(samples()[0])
-    directory = read_directory(memoryview(bytes(data)))
+    directory = read_directory(bytes(data))
     last = int(directory.offsets[-1])
     data[last] ^= 1
     fed = bytes(data)
@@ -353,7 +351,7 @@ def test_a_fault_waits_for_the_packets_before_it():
 
 def test_bytes_after_the_last_packet_come_before_a_wrong_digest():
     data = with_wrong_digests(samples()[0])
-    at = read_directory(memoryview(data)).digests_offset
+    at = read_directory(data).digests_offset
     for stream, fault in ((data, ("E_DIGEST", at)), (data + b"x", ("E_TRAILING", len(data)))):
         assert fault_of(decode, stream, verify=True) == fault
         assert oracle_fault(oracle.decode, stream, check_digests=True) == fault

@@ -30,7 +30,7 @@ def test_nothing_is_cut_off_from_a_whole_stream(stream):
 
 
 def test_a_level_that_was_cut_off_leaves_the_error_of_the_one_before(stream):
-    directory = read_directory(memoryview(stream))
+    directory = read_directory(stream)
     cut = Cut.of_level(directory, 1)
     position = cut_off(extract(stream, cut))["position"]
     hints = directory.packets["error"][directory.packets["component"] == 0]
@@ -39,7 +39,7 @@ def test_a_level_that_was_cut_off_leaves_the_error_of_the_one_before(stream):
 
 
 def test_an_sh_band_that_was_cut_off_wholly_leaves_no_trace_of_its_error(stream):
-    full = Cut.full(read_directory(memoryview(stream)))
+    full = Cut.full(read_directory(stream))
     rows = cut_off(extract(stream, full.with_sh_degree(1)))
     assert set(rows) == {"sh 2", "sh 3"}
     assert rows["sh 3"].levels == (0, 1, 2)
@@ -47,7 +47,7 @@ def test_an_sh_band_that_was_cut_off_wholly_leaves_no_trace_of_its_error(stream)
 
 
 def test_an_sh_band_of_coarse_levels_says_what_the_others_would_change(stream):
-    directory = read_directory(memoryview(stream))
+    directory = read_directory(stream)
     steps = Cut.full(directory).steps.copy()
     steps[:, 3] = Cut.of_level(directory, 1).steps[:, 3]
     rows = cut_off(extract(stream, Cut(steps)))
@@ -78,7 +78,7 @@ def test_a_stream_without_refinements_leaves_nothing_out():
 
 
 def test_info_prints_it(stream, tmp_path, capsys):
-    full = Cut.full(read_directory(memoryview(stream)))
+    full = Cut.full(read_directory(stream))
     path = tmp_path / "cut.evogs"
     path.write_bytes(extract(stream, full.with_sh_degree(2)))
     assert main(["info", str(path)]) == 0
@@ -91,7 +91,7 @@ def test_info_prints_it(stream, tmp_path, capsys):
 def test_entries_of_alpha_tables_that_no_split_names_are_counted():
     tree = lift(make_scene(200), 2)
     data = encode(tree, PRESETS["scene"])
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     n = sum(len(table.entries) for table in directory.alpha.values())
     unused = [row for row in found(data) if row.part.startswith("alpha")]
     assert all(row.change == 0 for row in unused)

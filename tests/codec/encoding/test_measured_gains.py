@@ -7,11 +7,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from evogs_codec import PRESETS, EvolutionTree, decode, encode, lift, read_directory
-from evogs_codec.cli.rendering import around
 from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.measured_gains import MeasuredGains
 from evogs_codec.encoding.packet_order import leaf_shares
 from evogs_codec.encoding.quantise import quantise
+from evogs_codec.render import cameras_around
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.views import Views
 
@@ -24,7 +24,7 @@ def tree():
 @pytest.fixture(scope="module")
 def views(tree):
     leaves = tree.leaves()
-    return Views(leaves, around(leaves, "z", 60, n=3))
+    return Views(leaves, cameras_around(leaves, "z", 60, n=3))
 
 
 def error(views, splats):
@@ -90,7 +90,7 @@ class Blank(Judge):
 
 def test_bands_that_matter_come_early(tree):
     def place_of_bands(pictures):
-        rows = read_directory(memoryview(encode(tree, pictures=pictures))).packets
+        rows = read_directory(encode(tree, PRESETS["trained"], views=pictures)).packets
         return np.flatnonzero(rows["component"] > 0).mean()
 
     assert place_of_bands(Judge(matters=True)) < place_of_bands(Judge(matters=False))
@@ -99,16 +99,18 @@ def test_bands_that_matter_come_early(tree):
 @pytest.mark.parametrize("n", [0, 1])
 def test_a_scene_of_no_splats_or_one_has_an_order_too(views, n):
     tree = EvolutionTree.of_splats(make_scene(500).take(np.arange(n)))
-    data = encode(tree, pictures=views)
-    assert len(data) == len(encode(tree))
+    data = encode(tree, PRESETS["trained"], views=views)
+    assert len(data) == len(encode(tree, PRESETS["trained"]))
     assert len(decode(data, verify=True).leaves()) == n
 
 
 def test_where_pictures_show_nothing_estimates_decide(tree):
-    assert encode(tree, pictures=Blank(matters=True)) == encode(tree)
+    assert encode(tree, PRESETS["trained"], views=Blank(matters=True)) == encode(
+        tree, PRESETS["trained"]
+    )
 
 
 def test_splats_in_one_place_can_be_drawn(tree):
     leaves = tree.leaves()
     scene = replace(leaves, means=np.zeros_like(leaves.means))
-    assert np.isfinite(error(Views(scene, around(scene, "z", 20, n=2)), leaves.take([])))
+    assert np.isfinite(error(Views(scene, cameras_around(scene, "z", 20, n=2)), leaves.take([])))

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from fractions import Fraction
+from typing import cast
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from evogs_codec.decoding.cut import Cut
 from evogs_codec.decoding.decode import decode
 from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.quantise import quantise
-from evogs_codec.encoding.settings import PRESETS, Settings
+from evogs_codec.encoding.settings import PRESETS, FixedSteps, Settings
 from evogs_codec.encoding.write import write
 from evogs_codec.format.directory import read_directory
 from evogs_codec.model.channels import n_channels
@@ -30,7 +31,7 @@ def errors_by_level(
     """[level][channel] largest error, in grid units, after every few levels of each tile."""
     n_levels = max([tile.n_levels for tile in tiles] + [1])
     data = write(quantise(tiles, n_levels, settings), effort=1)
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     out = []
     states = [exact_states(tile) for tile in tiles]
     for level in range(n_levels):
@@ -136,6 +137,7 @@ def test_the_grid_is_as_fine_as_24_bits_allow(tree):
 # --- the closed loop --------------------------------------------------------------------------
 
 TRAINED = replace(PRESETS["trained"], effort=1)
+STEPS = cast(FixedSteps, TRAINED.accuracy)
 
 
 def errors_in_steps(tree: EvolutionTree, settings: Settings) -> list[float]:
@@ -183,7 +185,7 @@ def test_a_refine_mends_whatever_64_generations_of_splits_left():
 def test_errors_grow_no_faster_than_by_half_a_step_a_split_along_a_chain(alpha):
     # No psi serves both children; what is left over must not be multiplied from split to split.
     # An alpha up to half an entry of the table off costs C2 this once, in steps of positions.
-    off = 0.3 * 2.0 ** -(TRAINED.alpha_bits + 1) / TRAINED.steps[0]
+    off = 0.3 * 2.0 ** -(TRAINED.alpha_bits + 1) / STEPS.steps[0]
     tree = chain(0, 64, Kind.SPLIT, psi=lambda k: 0.3 * np.cos(k), alpha=lambda k: alpha, level=1)
     errors = errors_in_steps(tree, TRAINED)
     for generation, error in zip(range(0, 65, 8), errors, strict=True):

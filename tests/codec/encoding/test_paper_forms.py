@@ -1,6 +1,7 @@
 """The constructions of the paper and of the layered methods, and what each of them costs."""
 
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from conformance.decoders import oracle
 from evogs_codec.decoding.cut import Cut
 from evogs_codec.decoding.decode import decode
 from evogs_codec.encoding.encode import encode
-from evogs_codec.encoding.settings import PRESETS
+from evogs_codec.encoding.settings import PRESETS, FixedSteps
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.format.packet_header import read_packet_header
 from evogs_codec.format.planes import ABSENT
@@ -19,6 +20,7 @@ from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
 NEAR_LOSSLESS = replace(PRESETS["near-lossless"], effort=1)
 TRAINED = replace(PRESETS["trained"], effort=1)
+STEPS = cast(FixedSteps, TRAINED.accuracy)
 ROTATION, OPACITY = GROUP_CHANNELS[1], GROUP_CHANNELS[3]
 # Lists of a core packet (spec 5.9).
 GAPS, KINDS, ALPHAS, PSI, ADDS = 0, 1, range(2, 7), range(7, 21), range(21, 35)
@@ -59,7 +61,7 @@ def independent_children(parents, first, second):
 
 def assert_leaves(data: bytes, expected: SplatParams, level: int | None = None) -> None:
     """The leaves at a level, in any order, are the expected ones within 1.01 grid units."""
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     cut = Cut.full(directory) if level is None else Cut.of_level(directory, level)
     decoded = decode(data, cut)
     assert decoded.dump() == oracle.decode(data, cut=cut.steps.tolist()).dump()
@@ -81,7 +83,7 @@ def assert_leaves(data: bytes, expected: SplatParams, level: int | None = None) 
 
 def lists_of(data: bytes, level: int, component: int = 0) -> list[set[int]]:
     """Per packet of a level and component the lists of integers that it stores."""
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     rows = directory.packets
     core = [p for p in range(len(rows)) if rows["component"][p] == 0]
     out = []
@@ -119,7 +121,7 @@ def test_independent_children_are_a_split_with_alpha_0_and_a_refine(spread):
     split, refine = lists_of(data, 1)
     assert not split & set(ALPHAS)  # one alpha for all: a table of an entry, nothing per record
     assert refine <= {GAPS, *PSI}
-    assert read_directory(memoryview(data)).alpha_table(1, 0).entries == (0,)
+    assert read_directory(data).alpha_table(1, 0).entries == (0,)
 
 
 def test_independent_children_are_also_adds_and_a_drop_of_the_parent():
@@ -139,7 +141,7 @@ def test_a_symmetric_tree_stores_no_alpha():
         ),
     )
     data = encode(tree, NEAR_LOSSLESS)
-    assert b"ALFA" not in data[: read_directory(memoryview(data)).data_offset]
+    assert b"ALFA" not in data[: read_directory(data).data_offset]
     for level in (0, 1, 2):
         assert_leaves(data, tree.leaves(level), level)
         assert not any(lists & set(ALPHAS) for lists in lists_of(data, level))
@@ -159,7 +161,7 @@ def test_an_asymmetric_tree_stores_an_index_per_split_and_group_where_alphas_dif
     data = encode(tree, NEAR_LOSSLESS)
     (lists,) = lists_of(data, 1)
     assert lists & set(ALPHAS) == {ALPHAS[0]}  # scales share one alpha: a table of an entry
-    assert set(read_directory(memoryview(data)).alpha) == {(1, 0), (1, 2)}
+    assert set(read_directory(data).alpha) == {(1, 0), (1, 2)}
     assert_leaves(data, tree.leaves())
 
 
@@ -241,14 +243,14 @@ def test_groups_and_sh_bands_whose_psi_are_0_cost_nothing():
     assert core == set(PSI) - rotation
     assert lists_of(data, 1, component=1) == [set()]
     assert len(lists_of(data, 1, component=2)[0]) == 15
-    assert (1, 1) not in read_directory(memoryview(data)).alpha
+    assert (1, 1) not in read_directory(data).alpha
     assert_leaves(data, tree.leaves())
 
 
 def test_levels_without_records_have_no_packets():
     tree = EvolutionTree(0, (Step.of_adds(0, splats(3)), Step.of_adds(5, splats(2, seed=1))))
     data = encode(tree, NEAR_LOSSLESS)
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     assert (directory.n_levels, len(directory.packets)) == (6, 2)
     for level in range(6):
         assert_leaves(data, tree.leaves(level), level)
@@ -320,7 +322,7 @@ def check_many_roots(n: int) -> None:
     assert decoded.n_leaves == n
     got = np.sort(decoded.leaves().means, axis=0)
     expected = np.sort(tree.leaves().means, axis=0)
-    assert np.abs(got - expected).max() <= TRAINED.steps[0]  # adds have steps half as large
+    assert np.abs(got - expected).max() <= STEPS.steps[0]  # adds have steps half as large
     assert len(data) < 16 * n
 
 

@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 
 pytest.importorskip("numba", reason="the rasterizer is compiled")
 from conformance.decoders import oracle
-from evogs_codec import PRESETS, InputError, decode, lift
+from evogs_codec import PRESETS, decode, lift
 from evogs_codec.cli.commands import main
-from evogs_codec.cli.rendering import RINGS, around, pictures
 from evogs_codec.encoding import polish, targets
 from evogs_codec.encoding.polish import polished
 from evogs_codec.encoding.targets import TargetEncoder, _Coder
@@ -21,8 +20,9 @@ from evogs_codec.encoding.write import write
 from evogs_codec.io.ply import write_ply
 from evogs_codec.model.arithmetic import RangeError
 from evogs_codec.model.channels import n_channels
-from evogs_codec.render import save_cameras
+from evogs_codec.render import cameras_around, save_cameras
 from evogs_codec.render.demo_scene import make_scene
+from evogs_codec.render.viewpoints import RINGS
 from evogs_codec.render.views import Views, view_of
 from tests.support.coded_strategies import coded_trees
 
@@ -34,8 +34,12 @@ def scene():
     """A lifted tree of 1,500 splats and views of its leaves; descent goes by others."""
     tree = lift(make_scene(1500), 3)
     leaves = tree.leaves()
-    others = [c for n, h, r in RINGS for c in around(leaves, "z", 96, n=n, elevation=h, distance=r)]
-    return tree, Views(leaves, around(leaves, "z", 96)[::3], others=others)
+    others = [
+        c
+        for n, h, r in RINGS
+        for c in cameras_around(leaves, "z", 96, n=n, elevation=h, distance=r)
+    ]
+    return tree, Views(leaves, cameras_around(leaves, "z", 96)[::3], others=others)
 
 
 def psnr(data):
@@ -121,21 +125,24 @@ def test_where_polishing_misses_a_target_the_plain_stream_meets_it(monkeypatch):
 
 def test_it_needs_pictures_and_other_views():
     tree, views = scene()
-    with pytest.raises(ValueError, match="needs pictures"):
+    with pytest.raises(ValueError, match="needs views"):
         TargetEncoder(tree, PRESETS["scene"], polish=2).at_bytes(12_000)
     with pytest.raises(ValueError, match="no other views"):
         Views(views.scene, views.cameras).loss_gradient(views.scene, 0)
 
 
-def test_views_of_a_file_judge_or_are_descended_by(tmp_path):
+def test_views_of_a_file_judge_or_are_descended_by(tmp_path, capsys):
     views = scene()[1]
-    save_cameras(tmp_path / "many.json", views.cameras[:6])
-    save_cameras(tmp_path / "one.json", views.cameras[:1])
-    found = pictures(views.scene, tmp_path / "many.json", "z", polish=True)
-    assert found is not None
+    found = Views.of(views.scene, views.cameras[:6], descent=True)
     assert (len(found.cameras), len(found.others)) == (2, 4)
-    with pytest.raises(InputError, match="expected at least 2"):
-        pictures(views.scene, tmp_path / "one.json", "z", polish=True)
+    with pytest.raises(ValueError, match="expected at least 2"):
+        Views.of(views.scene, views.cameras[:1], descent=True)
+    save_cameras(tmp_path / "one.json", views.cameras[:1])
+    write_ply(tmp_path / "scene.ply", make_scene(50))
+    paths = [str(tmp_path / name) for name in ("scene.ply", "x.evogs")]
+    options = ["--target-psnr", "40", "--polish", "--camera", str(tmp_path / "one.json")]
+    assert main(["encode", *paths, *options]) == 1
+    assert "one.json: 1 camera, expected at least 2" in capsys.readouterr().err
 
 
 @pytest.mark.thorough

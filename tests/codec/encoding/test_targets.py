@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from conformance.decoders import oracle
 from evogs_codec import PRESETS, Cut, EvolutionTree, InputError, decode, encode, lift
 from evogs_codec.cli.commands import main
-from evogs_codec.cli.rendering import around
 from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.rate_distortion import cheapest
 from evogs_codec.encoding.sensitivity import Importance
@@ -24,6 +23,7 @@ from evogs_codec.io.tree_npz import write_tree
 from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS
 from evogs_codec.model.splats import SplatParams
 from evogs_codec.model.tree import Step
+from evogs_codec.render import cameras_around
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.views import Views
 
@@ -32,7 +32,7 @@ from evogs_codec.render.views import Views
 def scene():
     """A lifted tree of 1,500 splats and views of its leaves."""
     tree = lift(make_scene(1500), 3)
-    return tree, Views(tree.leaves(), around(tree.leaves(), "z", 96)[::3])
+    return tree, Views(tree.leaves(), cameras_around(tree.leaves(), "z", 96)[::3])
 
 
 def aim(**more):
@@ -66,7 +66,7 @@ def test_a_tree_is_encoded_as_near_to_it_as_pictures_tell(tmp_path):
     tree = scene()[0]
     write_tree(tmp_path / "in.tree.npz", tree)
     assert main(["encode", str(tmp_path / "in.tree.npz"), str(tmp_path / "out.evogs")]) == 0
-    views = Views(tree.leaves(), around(tree.leaves(), "z", 400))
+    views = Views(tree.leaves(), cameras_around(tree.leaves(), "z", 400))
     found = decode((tmp_path / "out.evogs").read_bytes()).leaves(sh_degree=tree.sh_degree)
     assert views.psnr(found) == pytest.approx(TREE_PSNR, abs=0.2)
 
@@ -145,7 +145,7 @@ def test_a_tree_of_which_pictures_show_nothing_is_encoded_all_the_same(tmp_path,
     for options in ([], ["--preset", "trained"]):
         name = str(tmp_path / f"{len(options)}.evogs")
         assert main(["encode", str(tmp_path / "in.tree.npz"), name, *options]) == 0
-        warned = "encoded with --preset trained instead" in capsys.readouterr().err
+        warned = "encoded with the preset trained instead" in capsys.readouterr().err
         assert warned == (not options)
     assert (tmp_path / "0.evogs").read_bytes() == (tmp_path / "2.evogs").read_bytes()
 
@@ -153,7 +153,7 @@ def test_a_tree_of_which_pictures_show_nothing_is_encoded_all_the_same(tmp_path,
 def test_a_tile_may_end_before_the_last_level():
     tree = lift(make_scene(5).take(np.arange(1)), 5)
     assert tree.n_levels > arrange(tree, 1)[0].n_levels
-    views = Views(tree.leaves(), around(tree.leaves(), "z", 96))
+    views = Views(tree.leaves(), cameras_around(tree.leaves(), "z", 96))
     data = TargetEncoder(tree, PRESETS["trained"], views).at_psnr(50)
     assert views.psnr(decode(data).leaves(sh_degree=tree.sh_degree)) == pytest.approx(50, abs=0.2)
 
@@ -168,7 +168,7 @@ def test_every_level_gains_by_aiming_not_the_last_alone():
     plain = encode(tree, PRESETS["scene"])
     aimed = aim().at_bytes(len(plain))
     for level in range(tree.n_levels):
-        views = Views(tree.leaves(level), around(tree.leaves(), "z", 96)[::3])
+        views = Views(tree.leaves(level), cameras_around(tree.leaves(), "z", 96)[::3])
         found = [
             views.psnr(decode(data, partial(Cut.of_level, level=level)).leaves())
             for data in (plain, aimed)
@@ -215,7 +215,7 @@ def test_targets_that_cannot_be_met_are_refused():
         aim().at_bytes(100)
     with pytest.raises(InputError, match="position: an error of 1e-12 cannot be kept"):
         TargetEncoder(scene()[0], PRESETS["scene"]).within({"position": 1e-12})
-    with pytest.raises(ValueError, match="needs pictures"):
+    with pytest.raises(ValueError, match="needs views"):
         TargetEncoder(scene()[0], PRESETS["scene"]).at_psnr(40)
 
 
@@ -352,7 +352,7 @@ def scattered(n, *, log_scale=-4.0, centre=0.0, extent=1.0, seed=8):
 
 def test_splats_too_small_to_show_keep_their_scales_at_a_target():
     splats = scattered(600, log_scale=-11.0)
-    views = Views(splats, around(splats, up="z", size=64)[::8])
+    views = Views(splats, cameras_around(splats, up="z", size=64)[::8])
     data = TargetEncoder(lift(splats, 5), PRESETS["scene"], views).at_psnr(40)
     scales = decode(data).leaves().log_scales
     assert scales.max() < splats.log_scales.max() + 3

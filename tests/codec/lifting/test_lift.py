@@ -259,9 +259,9 @@ def test_a_large_scene_is_lifted_in_parts(monkeypatch):
     splats = surface(1000)
     whole = lift(splats, 4)
     monkeypatch.setattr(lift_module, "PART", 300)
-    seen: list[float] = []
-    lifted = lift_with_order(splats, 4, progress=seen.append)
-    assert seen == [0.25, 0.5, 0.75, 1.0]
+    seen: list[tuple[str, float]] = []
+    lifted = lift_with_order(splats, 4, progress=lambda *step: seen.append(step))
+    assert seen == [("lift", part) for part in (0.25, 0.5, 0.75, 1.0)]
     assert sorted(lifted.leaf_of) == list(range(1000))
     leaves = lifted.tree.leaves()
     np.testing.assert_allclose(leaves.means, splats.means[lifted.leaf_of], atol=1e-5)
@@ -328,7 +328,7 @@ def slots_at(tree, level):
 
 def test_progress_rises_to_one():
     shares: list[float] = []
-    lift(surface(500), 4, progress=shares.append)
+    lift(surface(500), 4, progress=lambda _, part: shares.append(part))
     assert shares == sorted(shares)
     assert shares[-1] == 1
 

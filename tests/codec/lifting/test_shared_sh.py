@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from conformance.decoders import oracle
 from evogs_codec import PRESETS, EvolutionTree, choose_cut, decode, encode, extract, read_directory
-from evogs_codec.cli.rendering import around
 from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.packet_order import packet_order, palette_packets
 from evogs_codec.encoding.quantise import quantise
@@ -21,6 +20,7 @@ from evogs_codec.lifting.shared_sh import shared_sh, with_palette
 from evogs_codec.model.components import PALETTE, PICKS
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.tree import Palette, Step
+from evogs_codec.render import cameras_around
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.views import Views
 from tests.support.shared_scenes import shared_scene, shared_tree
@@ -146,7 +146,7 @@ def test_a_stream_has_the_sh_of_every_level(scene, preset, n_tiles):
     """The oracle decodes what was written, and errors are those of the steps."""
     _, _, tree = scene
     data = encode(tree, PRESETS[preset], n_tiles=n_tiles)
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     assert directory.has_palette
     assert directory.sh_degree == 2
     decoded = decode(data, verify=True)
@@ -206,14 +206,14 @@ def test_entries_that_nothing_picks_are_left_out_and_coarse_ones_come_first():
 def test_entries_come_with_the_level_that_first_picks_them(scene, n_tiles):
     _, _, tree = scene
     data = encode(tree, PRESETS["scene"], n_tiles=n_tiles)
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     rows = directory.packets[directory.palette_packets]
     assert rows["level"].tolist() == sorted(set(rows["level"].tolist()))
     assert rows["level"][-1] == tree.n_levels - 1
     for level in range(tree.n_levels):
         cut = choose_cut(directory, level=level)
         smaller = extract(data, cut)
-        found = read_directory(memoryview(smaller))
+        found = read_directory(smaller)
         assert found.n_entries == rows["n_adds"][rows["level"] <= level].sum()
         assert oracle.decode(smaller).dump() == decode(data, cut).dump()
     assert rows["n_adds"][0] < rows["n_adds"].sum()
@@ -268,7 +268,7 @@ def test_a_step_without_picks_takes_no_bytes():
     ]
     palette = Palette(2, np.zeros((24, 0), np.float32))
     data = encode(EvolutionTree(0, tuple(steps), palette=palette), PRESETS["scene"])
-    rows = read_directory(memoryview(data)).packets
+    rows = read_directory(data).packets
     assert not rows["size"][rows["component"] == PICKS].any()
     assert not np.any(rows["component"] == PALETTE)
     assert not decode(data).leaves(sh_degree=2).sh[:, 1:].any()
@@ -280,13 +280,13 @@ def test_a_step_without_picks_takes_no_bytes():
 @pytest.mark.thorough
 def test_a_psnr_is_met_with_entries_as_coarse_as_pictures_allow(scene):
     _, _, tree = scene
-    views = Views(tree.leaves(), around(tree.leaves(), "z", 96)[::4])
+    views = Views(tree.leaves(), cameras_around(tree.leaves(), "z", 96)[::4])
     steps, sizes = [], []
     for decibels in (38, 50):
         data = TargetEncoder(tree, PRESETS["scene"], views).at_psnr(decibels)
         found = views.psnr(decode(data).leaves(sh_degree=2))
         assert found == pytest.approx(decibels, abs=0.2)
-        directory = read_directory(memoryview(data))
+        directory = read_directory(data)
         steps.append(directory.quantisers[0][5].step * 2.0 ** -directory.grid_exponents[4])
         sizes.append(len(data))
     assert steps[0] > 2 * steps[1]
@@ -303,7 +303,7 @@ def test_errors_of_sh_are_kept(scene):
 @pytest.mark.thorough
 def test_polishing_leaves_the_palette_alone(scene):
     _, _, tree = scene
-    cameras = around(tree.leaves(), "z", 96)
+    cameras = cameras_around(tree.leaves(), "z", 96)
     views = Views(tree.leaves(), cameras[::4], others=cameras[1::4])
     data = TargetEncoder(tree, PRESETS["scene"], views, polish=40).at_psnr(38)
     assert views.psnr(decode(data).leaves(sh_degree=2)) == pytest.approx(38, abs=0.2)

@@ -9,8 +9,9 @@ import numpy as np
 
 from evogs_codec import EvolutionTree, Settings, decode
 from evogs_codec.encoding.arrange import arrange
-from evogs_codec.encoding.grids import AccuracyWarning, Ranges, wanted_steps
+from evogs_codec.encoding.grids import AccuracyWarning
 from evogs_codec.encoding.quantise import quantise
+from evogs_codec.encoding.ranges import Ranges
 from evogs_codec.encoding.write import write
 from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS
 from evogs_codec.model.coded_tree import CodedTree
@@ -60,18 +61,20 @@ def measure(tree: EvolutionTree, settings: Settings, *, n_tiles: int = 1) -> Mea
         live = decoded.tiles[number].live[: found.shape[1]]
         bound: F64 = (
             promise.near_lossless(own)
-            if settings.near_lossless
+            if settings.is_near_lossless
             else promise.closed_loop(own, coded, tile)
         )
         for g, channels in enumerate(GROUP_CHANNELS):
             parts[g] = max(parts[g], (found / bound)[channels][:, live].max(initial=0))
             sizes[g] = max(sizes[g], found[channels][:, live].max(initial=0) * units[g])
     steps = units * [min(row[g].step for row in coded.quantisers) for g in range(len(GROUPS))]
-    asked = wanted_steps(settings, Ranges.of(tiles, n_levels), n_levels)[:, : len(GROUPS)].min(0)
+    asked = settings.accuracy.wanted_steps(Ranges.of(tiles, n_levels), n_levels)[
+        :, : len(GROUPS)
+    ].min(0)
     warned = tuple(str(w.message) for w in caught if w.category is AccuracyWarning)
     for g, name in enumerate(GROUPS):
         is_said = any(text.startswith(name) for text in warned)
-        if not settings.near_lossless and steps[g] > SAME_STEP * asked[g] and not is_said:
+        if not settings.is_near_lossless and steps[g] > SAME_STEP * asked[g] and not is_said:
             parts[g] = np.inf
     worst = int(np.argmax(parts))
     return Measured(

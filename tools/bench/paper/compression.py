@@ -15,9 +15,10 @@ from evogs_codec import (
     extract,
     read_directory,
 )
-from evogs_codec.cli.rendering import SIZE, around
 from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
 from evogs_codec.encoding.settings import TREE_PSNR
+from evogs_codec.render import cameras_around
+from evogs_codec.render.viewpoints import SIZE
 from evogs_codec.render.views import Views
 from tools.bench.paper.measured import Bench
 from tools.bench.paper.report import Rows, Section, Table, pivot
@@ -108,9 +109,9 @@ def aimed(bench: Bench, run: Run) -> list[dict[str, Any]]:
     tree = run.tree()
     leaves = tree.leaves()
     if tree.quanta:
-        few = Views(leaves, around(leaves, "z", SIZE, n=ORDERING_VIEWS))
-        return _levels(bench, encode(tree, pictures=few))
-    aim = TargetEncoder(tree, PRESETS["trained"], Views(leaves, around(leaves, "z", SIZE)))
+        few = Views(leaves, cameras_around(leaves, "z", SIZE, n=ORDERING_VIEWS))
+        return _levels(bench, encode(tree, views=few))
+    aim = TargetEncoder(tree, PRESETS["trained"], Views(leaves, cameras_around(leaves, "z", SIZE)))
     try:
         return _levels(bench, aim.at_psnr(TREE_PSNR))
     except InputError:
@@ -118,7 +119,7 @@ def aimed(bench: Bench, run: Run) -> list[dict[str, Any]]:
 
 
 def _levels(bench: Bench, data: bytes) -> list[dict[str, Any]]:
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     found = []
     for level in range(len(bench.views.pyramid)):
         cut = Cut.of_level(directory, min(level, directory.n_levels - 1))

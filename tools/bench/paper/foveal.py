@@ -44,8 +44,9 @@ def section(bench: Bench) -> Section:
 
 def foveal(views: Views, run: Run) -> list[dict[str, Any]]:
     """Bytes, splats and dB inside and outside, of the rest, of the mixture, and of all."""
-    data = encode(run.tree(), n_tiles=N_TILES)
-    directory = read_directory(memoryview(data))
+    tree = run.tree()
+    data = encode(tree, None if tree.quanta else PRESETS["trained"], n_tiles=N_TILES)
+    directory = read_directory(data)
     last = directory.n_levels - 1
     low, high = (Cut.of_level(directory, level) for level in (PERIPHERY, last))
     fovea, inside = _fovea(decode(data, high), views)

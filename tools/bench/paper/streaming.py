@@ -19,11 +19,12 @@ from evogs_codec import (
     extract,
     read_directory,
 )
-from evogs_codec.cli.rendering import SIZE, around
 from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
 from evogs_codec.model.splats import I64
 from evogs_codec.model.tree import Slots
+from evogs_codec.render import cameras_around
+from evogs_codec.render.viewpoints import SIZE
 from evogs_codec.render.views import Views
 from tools.bench.paper import plots
 from tools.bench.paper.measured import Bench
@@ -198,14 +199,14 @@ def _ends(records: Records, sequence: I64) -> tuple[list[int], list[int]]:
 def _coded_cuts(tree: EvolutionTree, order: str, coding: str) -> Iterator[Cut]:
     """Bytes and leaves at each cut of a stream of a preset, first packets at least."""
     leaves = tree.leaves()
-    pictures = Views(leaves, around(leaves, "z", SIZE, n=ORDERING_VIEWS))
+    pictures = Views(leaves, cameras_around(leaves, "z", SIZE, n=ORDERING_VIEWS))
     if order != "packets":
         arranged, records, sequence = _in_order(tree, order)
         arranged, _ = reordered(arranged, records, sequence, _ends(records, sequence)[0])
         tree = replace(arranged, quanta=tree.quanta)
     settings = None if coding == "trained" and tree.quanta else PRESETS[coding]
-    data = encode(tree, settings, pictures=pictures)
-    directory = read_directory(memoryview(data))
+    data = encode(tree, settings, views=pictures)
+    directory = read_directory(data)
     for k in range(1, N_CUTS + 1):
         try:
             cut = choose_cut(directory, max_bytes=len(data) * k // N_CUTS)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from evogs_codec import Cut, Directory, InputError, decode_leaves, encode, extract, read_directory
+from evogs_codec.encoding.settings import RangeBits
 from evogs_codec.encoding.targets import TargetEncoder
 from tools.bench.measure import least
 from tools.bench.subjects import Subject
@@ -79,14 +80,16 @@ def _points(subject: Subject) -> Iterator[Point]:
     for factor in FINER:
         yield Point("steps", f"--finer {factor:g}", encode(tree, settings.finer(factor)))
     for bits in BITS:
-        yield Point("bits", f"--bits {bits}", encode(tree, replace(settings, range_bits=bits)))
+        yield Point(
+            "bits", f"--bits {bits}", encode(tree, replace(settings, accuracy=RangeBits(bits)))
+        )
     aim = TargetEncoder(tree, settings, subject.views)
     for decibels in TARGETS:
         try:
             yield Point("target", f"--target-psnr {decibels}", aim.at_psnr(decibels))
         except InputError:  # beyond what steps can do
             continue
-    for axis, setting, cut in _cuts(read_directory(memoryview(whole))):
+    for axis, setting, cut in _cuts(read_directory(whole)):
         yield Point(axis, setting, extract(whole, cut))
 
 

@@ -70,7 +70,7 @@ def pieces(data: bytes, size: int, order: str) -> Iterator[tuple[int, int]]:
     elif order == "interleaved":
         starts = starts[::2] + starts[1::2]
     elif order == "late":  # the first byte of the first packet comes last
-        directory = read_directory(memoryview(data))
+        directory = read_directory(data)
         yield 0, directory.data_offset
         starts = list(range(directory.data_offset + 1, len(data), size))
         yield from ((at, at + size) for at in starts)
@@ -83,7 +83,7 @@ def pieces(data: bytes, size: int, order: str) -> Iterator[tuple[int, int]]:
 def feed_all_but_one(stream: Path, folder: Path) -> None:
     """All packets at once but the last, and `leaves` of the others."""
     data = stream.read_bytes()
-    directory = read_directory(memoryview(data))
+    directory = read_directory(data)
     decoder = Decoder()
     last = int(directory.offsets[-1]) if len(directory.packets) else len(data)
     decoder.feed(data[:last], 0)

@@ -131,7 +131,7 @@ def _costliest(
 def _model(data: bytes, command: str) -> int:
     """Bytes that a command may take: the state by spec 8.3, and the float view."""
     try:
-        directory = read_directory(memoryview(data))
+        directory = read_directory(data)
     except StreamError:
         return memory.bound(data)
     rows = directory.packets

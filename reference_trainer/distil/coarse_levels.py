@@ -13,11 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import count
 
 import numpy as np
 
 from evogs_codec import EvolutionTree, SplatParams
+from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.lifting.parents import MENDED, Moments, line_parents, median_mass, merged, moments
 from evogs_codec.model.channels import GROUP_CHANNELS
 from evogs_codec.model.splats import F64, I64
@@ -33,8 +35,6 @@ RATE, LAST_RATE = 0.03, 0.003  # of a log-scale, at the first and the last itera
 BETA1, BETA2, EPS = 0.9, 0.99, 1e-15
 WHITE = (1.0, 1.0, 1.0)
 SCALE = GROUP_CHANNELS[2]
-
-Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def distil(
         held_out: a level that does not gain in these views keeps its parents.
         iterations: of each level, a picture each.
         background: behind the splats.
-        progress: called with the share of the work done, 0 to 1.
+        progress: called with the stage "refine" and the part that is done.
 
     Raises:
         ValueError: the tree is not lifted, there are no cameras, or less than 2 iterations.
@@ -94,7 +94,7 @@ def distil(
     levels, generations = levels_of(tree)
     if not generations:
         return Distilled(tree, ())
-    report: Progress = progress or (lambda _: None)
+    report = partial(progress or no_progress, "refine")
     views, judge = (Views(tree.leaves(), part, background) for part in (cameras, held_out))
     n_done = count(1)
     descent = _Descent(
