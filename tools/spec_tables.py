@@ -2,7 +2,8 @@
 
 Writes the tables between the `<!-- table NAME -->` and `<!-- end NAME -->` marks of
 `spec/evogs.md` from the declarations of `evogs_codec.format.layout` and from `spec/*.csv`, the
-worked example (`tools/example.py`) there and as `spec/example.evogs`, and the modules of
+worked examples (`tools/example.py`, `tools/example_2.py`) there and as `spec/example.evogs` and
+`spec/example-2.evogs`, and the modules of
 `evogs_codec/_generated/` from the CSV files. `--check` writes nothing and fails if anything would
 change.
 """
@@ -128,7 +129,7 @@ def markdown(header: list[str], body: list[list[str]]) -> str:
 def spec_tables() -> dict[str, str]:
     """Name of a mark in the spec: the table that belongs there."""
     from evogs_codec.format import layout  # after faults.py and limits.py exist
-    from tools import example
+    from tools import example, example_2
 
     tables = {
         name: markdown(
@@ -159,6 +160,7 @@ def spec_tables() -> dict[str, str]:
             ],
         )
     tables["example"] = example.annex(example.stream())
+    tables["example2"] = example_2.annex(example_2.stream())
     return tables
 
 
@@ -192,9 +194,10 @@ def main() -> int:
     put(ROOT / "evogs_codec" / "_generated" / "faults.py", faults_module())
     put(ROOT / "evogs_codec" / "_generated" / "limits.py", limits_module())
     put(ROOT / "evogs_codec" / "_generated" / "registry.py", registry_module())
-    from tools import example
+    from tools import example, example_2
 
     put(SPEC / "example.evogs", example.stream())
+    put(SPEC / "example-2.evogs", example_2.stream())
     spec = SPEC / "evogs.md"
     put(spec, fill(spec.read_text(encoding="utf-8"), spec_tables()))
     for path in stale:
