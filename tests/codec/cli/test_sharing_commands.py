@@ -26,7 +26,7 @@ OPTIONS = [
 
 @pytest.fixture(autouse=True)
 def small_views(monkeypatch):
-    monkeypatch.setattr("evogs_codec.cli.rendering.SIZE", 100)
+    monkeypatch.setattr("evogs_codec.render.viewpoints.SIZE", 100)
 
 
 @pytest.mark.parametrize("option", OPTIONS, ids=lambda option: " ".join(option))
