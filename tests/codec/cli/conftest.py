@@ -5,4 +5,4 @@ import pytest
 
 @pytest.fixture(autouse=True)
 def small_views(monkeypatch):
-    monkeypatch.setattr("evogs_codec.cli.rendering.SIZE", 100)
+    monkeypatch.setattr("evogs_codec.render.viewpoints.SIZE", 100)
