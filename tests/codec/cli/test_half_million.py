@@ -81,10 +81,10 @@ def cuts(directory, size):
         corners = rng.uniform(-1, 1, (2, 3))
         box = tuple(np.concatenate([corners.min(0), corners.max(0)]))
         yield choose_cut(directory, box=box), box
-    full = Cut.full(directory).steps
+    full = Cut.full(directory)
     for _ in range(200):
-        steps = rng.integers(0, full + 1)
-        yield Cut(np.minimum(steps, steps[:, :1])), None
+        steps = rng.integers(0, full.steps + 1)
+        yield Cut(np.minimum(steps, steps[:, :1]), full.palette), None
 
 
 def test_an_extracted_stream_decodes_to_the_integers_of_the_cut(data):
