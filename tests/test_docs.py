@@ -54,7 +54,7 @@ def test_the_commands_and_the_python_of_the_readme_run(tmp_path, monkeypatch, ca
     assert len([line for line in program.splitlines() if line]) == 6
     exec(compile(program, "README.md", "exec"), {})
     assert "splats" in capsys.readouterr().out
-    assert (tmp_path / "coarse.ply").is_file()
+    assert (tmp_path / "prefix.ply").is_file()
 
 
 def test_the_readme_is_short_and_begins_with_its_two_commands():

@@ -1,1 +1,1 @@
-"""Tools around the codec: scenes, tables, figures, benchmarks, the viewer."""
+"""Tools around the codec: benchmarks, generated tables, photographs of the shipped scene."""

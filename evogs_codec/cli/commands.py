@@ -32,7 +32,7 @@ from evogs_codec.decoding.decode import Decoded, decode, decode_leaves, replay
 from evogs_codec.editing.byte_stats import bytes_by_group
 from evogs_codec.editing.extract import choose_cut, extract
 from evogs_codec.editing.omissions import omissions
-from evogs_codec.errors import InputError, StreamError
+from evogs_codec.errors import Fault, InputError, StreamError
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.io.files import check_target, write_atomic
 from evogs_codec.io.json_files import read_limits
@@ -67,7 +67,10 @@ def run(args: argparse.Namespace) -> int:
             sys.stdout.flush()
             return code
     except StreamError as error:
-        return _fail(args, error)
+        could_be_partial = error.fault is Fault.E_TRUNCATED and not getattr(args, "partial", True)
+        return _fail(
+            args, f"{error}; --partial decodes what is there" if could_be_partial else error
+        )
     except InputError as error:
         complain(error)
         return 1
@@ -212,7 +215,8 @@ def run_validate(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({"valid": True, "splats": decoded.n_leaves, "digests": n_digests}))
     else:
-        print(f"{shown(args.input)}: valid, {decoded.n_leaves:,} splats, {n_digests} digests match")
+        checked = f"{n_digests} digests match" if n_digests else "it has no digests to check"
+        print(f"{shown(args.input)}: valid, {decoded.n_leaves:,} splats, {checked}")
     return 0
 
 

@@ -1,7 +1,7 @@
 """Pictures of a scene: by which an encoder judges accuracy, and what levels and SH bands gain.
 
 How much a coarse level errs in pictures depends on how large splats are in them and on what lies
-beside what: estimates (`hints`) are right within a level, but five times off between scenes.
+beside what: estimates (`packet_gains`) are right within a level, but five times off between scenes.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Encoding to a target: a PSNR, a number of bytes, or a largest error.
 
 What is searched for is one number. With views it is the price of a bit, from which follow all
-steps and roundings (`importance`); without, the factor of the steps of the settings.
+steps and roundings (`sensitivity`); without, the factor of the steps of the settings.
 """
 
 from __future__ import annotations

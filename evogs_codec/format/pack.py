@@ -1,4 +1,4 @@
-"""Packing: the bytes of a packet from its records; the inverse of `packets` (spec 5.9, 7.1).
+"""Packing: the bytes of a packet from its records; the inverse of `unpack` (spec 5.9, 7.1).
 
 Letters: C channels of the component, R records that name a slot, P of them with psi, S splits,
 A adds.

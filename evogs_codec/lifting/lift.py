@@ -1,7 +1,8 @@
 """Lifting: a tree under an existing splat set, without photographs or training.
 
 Neighbours are paired, each pair gets a parent on the line through it, and the parents are paired
-again, a round per level. Three passes (the geometry of each is in `axes`, `pairing`, `merging`):
+again, a round per level. Three passes (the geometry of each is in `orientations`, `pairing` and
+`parents`):
 
 1. up: who pairs with whom, each node written in the way that suits it and its own subtree;
 2. down: the ways of writing made consistent, so that every leaf resembles its relatives;

@@ -190,7 +190,7 @@ def _rotation_bits(p: F32, q: F32) -> F32:
     y = p[0] * q[2] - p[2] * q[0] - p[3] * q[1] + p[1] * q[3]
     z = p[0] * q[3] - p[3] * q[0] - p[1] * q[2] + p[2] * q[1]
     a, b, c, d = np.sort(np.abs(np.stack([w, x, y, z])), axis=0)
-    # The turns of the cube are multiples of 90 degrees about axes, edges and corners (`axes`).
+    # The turns of the cube are about axes, edges and corners (`orientations`).
     best = np.maximum(d, np.maximum((c + d) * np.float32(0.5**0.5), (a + b + c + d) / 2))
     g = np.sqrt(np.maximum(1 / (best * best) - 1, 0) / 3)
     out: F32 = 3 * np.log2(1 + g / np.float32(2 * STEP_ROTATION))

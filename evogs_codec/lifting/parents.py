@@ -11,7 +11,7 @@ lies beyond the larger child: alpha < 0. C2 is the larger of the two, so that al
 The line cannot enlarge children that are alike. Where that would be seen, the parent has the shape
 that the moments ask for, on no line, and a refine puts C2 right after the split (`MENDED`).
 
-Letters: n Gaussians or pairs, D channels (`splats`) with rotations as (1, g) (`axes`).
+Letters: n Gaussians or pairs, D channels (`splats`) with rotations as (1, g) (`orientations`).
 """
 
 from __future__ import annotations

@@ -1,14 +1,14 @@
-"""The hot loops of decoding, compiled: the integers of `refine` and `planes`, no temporaries.
+"""The hot loops of decoding, compiled: the integers of `arithmetic` and `planes`, no temporaries.
 
 Optional: without numba the codec uses numpy. A test holds the two to identical integers and faults.
 Channels do not know each other: all packets are applied to one (or to the three of an SH
 coefficient) before the next, so that its slots stay in cache; of a packet `CHUNK` records at a
-time, so that what lies between planes and slots stays in the nearest one. Like `kernel_headers` it
+time, so that what lies between planes and slots stays in the nearest one. Like `headers` it
 knows no faults: where a rule is broken it gives up, and the numpy code finds out which. Sums fit
 int32 by the bounds of spec 7.3; products are bounded before they are made.
 
 Over 400 lines: it is one loop over channels, packets and records, read from the top down; what it
-does with single values is in `kernel_values`.
+does with single values is in `values`.
 
 Letters: P records with psi, S splits, A adds, all of one step; C channels that are turned together,
 1 or 3.

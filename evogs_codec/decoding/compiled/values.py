@@ -1,6 +1,6 @@
 """Values, compiled: lists to integers to grid units, grid units to floats (spec 7.1, 7.3, 7.6).
 
-The innermost loops of `kernels`. Each is written so that it becomes vector code: int32 throughout,
+The innermost loops of `channels`. Each is written so that it becomes vector code: int32 throughout,
 a loop for each way of packing.
 """
 
