@@ -1,7 +1,8 @@
 """The compiled way to apply the packets of a tile: all of them in a few calls, or not at all.
 
 `headers` and `channels` need numba, which is an extra, and take time to load. They do what
-`unpack`, `frames` and `tile_state` do, without knowing faults: where they give up, those find out why.
+`unpack`, `frames` and `tile_state` do, without knowing faults: where they give up, those find out
+why.
 """
 
 from __future__ import annotations
