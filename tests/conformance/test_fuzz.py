@@ -51,6 +51,7 @@ def greedy(data: bytes, run: Run) -> Outcome:
     return by_codec(data, run) if floats else Outcome(1)
 
 
+@pytest.mark.thorough
 def test_random_streams_are_legal_and_use_what_the_text_leaves_free() -> None:
     kinds = Counter[str]()
     for seed in range(150):
@@ -244,6 +245,7 @@ def test_the_command_prints_what_it_found(capsys: pytest.CaptureFixture[str]) ->
     assert "0 findings" in capsys.readouterr().out
 
 
+@pytest.mark.thorough
 def test_costly_streams_are_what_the_oracle_takes_them_for() -> None:
     verdicts = Counter[str]()
     for seed in range(40):

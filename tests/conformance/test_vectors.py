@@ -210,6 +210,7 @@ def fresh(folder: Path, seed: int, count: int) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
+@pytest.mark.thorough
 def test_fresh_vectors_are_a_suite_that_follows_from_the_seed(tmp_path):
     files, again, other = (fresh(tmp_path / str(k), 5 + (k == 2), 12) for k in range(3))
     assert files == again != other

@@ -49,7 +49,9 @@ def projected_or_none(splats, i, camera, options):
         return None
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize(
+    "dtype", [np.float32, pytest.param(np.float64, marks=pytest.mark.thorough)]
+)
 @pytest.mark.parametrize("look", LOOKS)
 @pytest.mark.parametrize(
     ("n", "width", "height", "size"), [(1500, 64, 59, 0.05), (250, 150, 130, 0.2)]

@@ -68,6 +68,7 @@ def test_a_photograph_that_is_too_large_is_refused_by_its_header(tmp_path, side,
     assert said == f"{path}: {words}, a photograph has at most {MAX_PIXELS:,}: make it smaller"
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not STATUS.exists(), reason="the system does not say how much was used")
 def test_a_large_photograph_takes_little_memory_beyond_its_bytes(tmp_path):
     folder = folder_of(tmp_path, "blender", n=2, centred=True)

@@ -56,7 +56,9 @@ def test_every_prefix_with_header_and_chunks_gives_the_scene_of_its_complete_pac
 # --- flips ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("small", SMALL)
+@pytest.mark.parametrize(
+    "small", [SMALL[0], *(pytest.param(small, marks=pytest.mark.thorough) for small in SMALL[1:])]
+)
 def test_every_single_bit_flip_is_refused(small):
     data = damage.stream(**small)
     for bit in range(8 * len(data)):
