@@ -104,7 +104,7 @@ def test_random_streams_have_palettes_of_every_kind() -> None:
         kinds["core before the palette"] += any(
             p.component == 0 and q.component == PALETTE for p, q in pairwise(rows)
         )
-        kinds["digests of the palette"] += any(key[1] == 2 for key in scene.digests)
+        kinds["digests of the palette"] += any(key[1] == PALETTE for key in scene.digests)
         shown = [
             [tile.channels[c][u] for c in range(14, len(tile.x))]
             for tile in tiles
@@ -161,7 +161,7 @@ def test_damage_reaches_palettes_and_picks() -> None:
 def palette_falls(data: bytes) -> bool:
     """A row of the palette has a lower level than the one before it."""
     rows = Parts.of(data).table()
-    levels = [rows[at + 5] for at in range(0, len(rows), 36) if rows[at + 4] == 2]
+    levels = [rows[at + 5] for at in range(0, len(rows), 36) if rows[at + 4] == PALETTE]
     return levels != sorted(levels)
 
 

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from evogs_codec import EvolutionTree, SceneInfo, encode, read_ply, write_ply
+from evogs_codec import PRESETS, EvolutionTree, SceneInfo, encode, read_ply, write_ply
 from evogs_codec.common.printable import MAX_LINE, MAX_NAME, shown
 from evogs_codec.render.demo_scene import make_scene
 from tests.codec.io.test_ply import columns_of, ply_bytes, scene_of
@@ -18,7 +18,8 @@ IN_ASCII = "\x1b[2J\x07\x7f"
 
 
 def stream_of(text):
-    return encode(EvolutionTree.of_splats(make_scene(5)), info=SceneInfo(text=text))
+    tree = EvolutionTree.of_splats(make_scene(5))
+    return encode(tree, PRESETS["trained"], info=SceneInfo(text=text))
 
 
 def plain(text):

@@ -412,7 +412,7 @@ def test_header_reading_writes_no_more_frames_than_there_is_room_for():
     kernels = pytest.importorskip(
         "evogs_codec.decoding.compiled.channels", reason="numba is an extra"
     )
-    data = encode(EvolutionTree.of_splats(make_scene(50)))
+    data = encode(EvolutionTree.of_splats(make_scene(50)), PRESETS["trained"])
     directory = read_directory(data)
     row = directory.packets[:1]
     counts = np.array([[int(row["n_adds"][0]), 0, 0, 0]])

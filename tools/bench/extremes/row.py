@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from evogs_codec import InputError
+import evogs_codec
 
 __all__ = ["Row", "attempted", "outcome"]
 
@@ -54,8 +54,9 @@ class Row:
 
 
 def _public_name(error: Exception) -> str:
-    """What a caller of the codec knows the error by."""
-    return "InputError" if isinstance(error, InputError) else type(error).__name__
+    """What a caller of the codec knows the error by: the nearest class that the package exports."""
+    names = (kind.__name__ for kind in type(error).__mro__)
+    return next((name for name in names if name in evogs_codec.__all__), type(error).__name__)
 
 
 def outcome(run: Callable[[], str]) -> str:
