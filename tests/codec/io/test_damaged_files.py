@@ -1,13 +1,14 @@
 """Damaged files of every kind that commands read: right data or InputError, nothing else.
 
-A few hundred of each in the quick tests, from a seed that each run draws; the slow ones take as
-many as were promised.
+Some hundred of each in the first ring, from a seed that `make test-all` draws; the slow tests take
+as many as were promised.
 """
 
 import random
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from evogs_codec import InputError, read_ply, read_tree
 from evogs_codec._generated.limits import LIMITS
@@ -32,8 +33,9 @@ PLYS = [
 
 @pytest.fixture
 def random_():
-    """Random numbers whose seed is shown where a test fails."""
-    seed = random.SystemRandom().randrange(1 << 32)
+    """Random numbers whose seed is shown where a test fails; always the same in `make test`."""
+    is_seeded = settings.default.derandomize
+    seed = 1 if is_seeded else random.SystemRandom().randrange(1 << 32)
     print(f"seed {seed}")
     return random.Random(seed)
 
@@ -89,12 +91,13 @@ def check_plys(tmp_path, n, random_):
         splats for _, splats in outcomes(tmp_path / "s.ply", PLYS, damages, read_ply, n, random_)
     ]
     assert all(splats.sh_degree in range(4) for splats in found if splats is not None)
-    assert n / 4 < found.count(None) < n
+    assert found.count(None) > n / 2  # about 96 of 100
 
 
 def check_cameras(tmp_path, n, random_):
     path = tmp_path / "cameras.json"
     save_cameras(path, orbit(3, radius=2, width=8, height=6, fov_x=0.8))
+    assert len(load_cameras(path)) == 3  # where there is no damage
     damages = [
         damage.flipped,
         damage.cut_short,
@@ -107,7 +110,7 @@ def check_cameras(tmp_path, n, random_):
         for camera in cameras or []:
             assert np.isfinite([camera.fx, camera.fy, camera.cx, camera.cy]).all()
             assert np.abs(camera.rotation @ camera.rotation.T - np.eye(3)).max() < 1e-3
-    assert n / 2 < found.count(None) < n
+    assert found.count(None) > n / 2  # about 94 of 100
 
 
 def check_limits(tmp_path, n, random_):
