@@ -55,7 +55,7 @@ def targets(n: int) -> Iterator[Row]:
     beyond = outcome(
         partial(_aimed, TargetEncoder(lift(plain(n), 4), PRESETS["scene"]), too_little)
     )
-    part = 0.0 if "`InputError`" in beyond else np.inf
+    part = 0.0 if "`TargetMissedError`" in beyond else np.inf
     yield Row("1e-13 of every group, which binary32 has not", "refused", beyond, part, "")
 
 
