@@ -34,7 +34,7 @@ PLYS = [
 @pytest.fixture
 def random_():
     """Random numbers whose seed is shown where a test fails; always the same in `make test`."""
-    is_seeded = settings.default.derandomize
+    is_seeded = settings().derandomize
     seed = 1 if is_seeded else random.SystemRandom().randrange(1 << 32)
     print(f"seed {seed}")
     return random.Random(seed)
