@@ -86,12 +86,16 @@ def bytes_of(tree):
 
 
 def check_plys(tmp_path, n, random_):
+    for original in PLYS:
+        (tmp_path / "s.ply").write_bytes(original)
+        assert len(read_ply(tmp_path / "s.ply")) in (2, 3)  # where there is no damage
     damages = [damage.flipped, damage.cut_short, *[damage.with_edited_ply_header] * 3]
     found = [
         splats for _, splats in outcomes(tmp_path / "s.ply", PLYS, damages, read_ply, n, random_)
     ]
     assert all(splats.sh_degree in range(4) for splats in found if splats is not None)
-    assert found.count(None) > n / 2  # about 96 of 100
+    assert n / 2 < found.count(None)  # about 96 of 100: of few files all may be refused
+    assert found.count(None) < n or n <= 100
 
 
 def check_cameras(tmp_path, n, random_):
@@ -110,7 +114,8 @@ def check_cameras(tmp_path, n, random_):
         for camera in cameras or []:
             assert np.isfinite([camera.fx, camera.fy, camera.cx, camera.cy]).all()
             assert np.abs(camera.rotation @ camera.rotation.T - np.eye(3)).max() < 1e-3
-    assert found.count(None) > n / 2  # about 94 of 100
+    assert n / 2 < found.count(None)  # about 94 of 100: of few files all may be refused
+    assert found.count(None) < n or n <= 100
 
 
 def check_limits(tmp_path, n, random_):
