@@ -52,7 +52,7 @@ def encoded(tmp_path, capsys, splats, option):
 
 
 def test_bytes_are_met_where_nothing_draws(tmp_path, monkeypatch):
-    monkeypatch.setattr("evogs_codec.scene.find_spec", lambda _: None)
+    monkeypatch.setattr("evogs_codec.scene.request.find_spec", lambda _: None)
     write_ply(tmp_path / "a.ply", shared_scene(400, 50))
     out = tmp_path / "a.evogs"
     main(["encode", str(tmp_path / "a.ply"), str(out), "--target-bytes", "9000"])

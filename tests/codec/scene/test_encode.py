@@ -186,7 +186,7 @@ def test_what_cannot_be_done_is_said_with_what_to_call(call, error, words):
 
 
 def test_without_numba_views_are_asked_for_and_estimates_order_packets(monkeypatch):
-    monkeypatch.setattr("evogs_codec.scene.find_spec", lambda _: None)
+    monkeypatch.setattr("evogs_codec.scene.request.find_spec", lambda _: None)
     with pytest.raises(InputError, match=r"a target PSNR needs rendered views: numba is missing"):
         encode_scene(small(), target_psnr=40)
     assert encode_scene(small(), effort=1) == encode_scene(small(), effort=1, cameras=())

@@ -1,0 +1,131 @@
+"""The best stream of the trees that a scene may be encoded as: plainly, or to a target."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from evogs_codec.encoding.encode import encode
+from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
+from evogs_codec.encoding.settings import TREE_PSNR
+from evogs_codec.encoding.targets import TargetEncoder, TargetMissedError
+from evogs_codec.errors import InputError
+from evogs_codec.model.tree import EvolutionTree
+from evogs_codec.scene.request import Request
+
+__all__ = ["FoundStream", "at_tree_psnr", "best_stream"]
+
+
+@dataclass(frozen=True, eq=False)
+class FoundStream:
+    """A stream and the tree that it is of; the larger `merit` is the better."""
+
+    data: bytes
+    tree: EvolutionTree
+    merit: float
+
+
+def best_stream(
+    trees: Sequence[EvolutionTree], request: Request, leaf_error: tuple[float, ...]
+) -> FoundStream:
+    """The best stream of trees with the same leaves, at the target if there is one."""
+    tree = trees[-1]
+    whole = TargetEncoder(
+        tree,
+        request.settings,
+        leaf_error=leaf_error,
+        n_tiles=request.n_tiles,
+        info=request.info,
+        progress=request.progress,
+    )
+    if request.errors:
+        return _best(trees, whole, lambda aim: aim.within(request.errors))
+    if request.is_plain:
+        views = request.views(tree.leaves(), ORDERING_VIEWS) if tree.n_leaves else None
+
+        def plainly(aim: TargetEncoder) -> bytes:
+            return encode(
+                aim.tree,
+                request.settings,
+                n_tiles=request.n_tiles,
+                info=request.info,
+                views=views,
+                progress=request.progress,
+            )
+
+        return _best(trees, whole, plainly)
+    if not tree.n_leaves:
+        raise InputError("a scene without splats has nothing to aim at")
+    views = request.views(tree.leaves(), descent=request.polish > 0)
+    if views is None and (request.polish or request.target_psnr is not None):
+        what = "polishing" if request.polish else "a target PSNR"
+        raise InputError(f"{what} needs rendered views: {request.why_no_views}")
+    if request.polish and not any(
+        step.level == tree.n_levels - 1 > 0 and step.psi.any() for step in tree.steps
+    ):
+        warnings.warn("polishing changes nothing: the last level refines nothing", stacklevel=3)
+    aim = replace(whole, views=views, polish=request.polish)
+    if request.target_bytes is not None:
+        most = request.target_bytes
+        return _best(trees, aim, lambda one: one.at_bytes(most), by_psnr=True)
+    target = request.target_psnr
+    assert target is not None, "there is a target"
+    return _best(trees, aim, lambda one: one.at_psnr(target))
+
+
+def _best(
+    trees: Sequence[EvolutionTree],
+    aim: TargetEncoder,
+    make: Callable[[TargetEncoder], bytes],
+    *,
+    by_psnr: bool = False,
+) -> FoundStream:
+    """The smallest of the streams that meet a target, or that with the highest PSNR.
+
+    Without views to tell the PSNR, the first that meets it.
+
+    Raises:
+        TargetMissedError: of the tree that comes nearest, if none meets it.
+    """
+    found: list[FoundStream] = []
+    missed: list[TargetMissedError] = []
+    for tree in trees:
+        one = replace(aim, tree=tree)
+        try:
+            data = make(one)
+        except TargetMissedError as error:
+            missed.append(error)
+            continue
+        if not by_psnr:
+            found.append(FoundStream(data, tree, -len(data)))
+        elif len(trees) == 1 or one.views is None:
+            return FoundStream(data, tree, math.inf)
+        else:
+            found.append(FoundStream(data, tree, one.psnr(data)))
+    if not found:
+        raise min(missed, key=lambda error: error.by)
+    return max(found, key=lambda one: one.merit)
+
+
+def at_tree_psnr(tree: EvolutionTree, request: Request) -> bytes | None:
+    """At `TREE_PSNR`; None if nothing can be rendered, or if views show too little of the tree."""
+    views = request.views(tree.leaves())
+    instead = "encoded with the preset trained instead"
+    if views is None:
+        warnings.warn(f"{request.why_no_views}; {instead}", stacklevel=3)
+        return None
+    aim = TargetEncoder(
+        tree,
+        request.settings,
+        views,
+        n_tiles=request.n_tiles,
+        info=request.info,
+        progress=request.progress,
+    )
+    try:
+        return aim.at_psnr(TREE_PSNR)
+    except InputError as error:  # of a few splats, or none that is seen
+        warnings.warn(f"{error}; {instead}", stacklevel=3)
+        return None

@@ -1,0 +1,235 @@
+"""A whole encode in one call: what `evogs encode` does, as functions.
+
+splats -> lift -> with a palette, or without -> to an accuracy or a target -> the smallest stream
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal
+
+from evogs_codec.common.progress import Progress
+from evogs_codec.encoding.arrange import leaf_order
+from evogs_codec.encoding.encode import expect_tree
+from evogs_codec.encoding.settings import Settings
+from evogs_codec.lifting.lift import Lifted, lift_with_order, off_of
+from evogs_codec.lifting.shared_sh import with_palette
+from evogs_codec.model.channels import GROUPS
+from evogs_codec.model.scene_info import SceneInfo
+from evogs_codec.model.splats import I64, SplatParams
+from evogs_codec.model.tree import EvolutionTree
+from evogs_codec.scene.choose import at_tree_psnr, best_stream
+from evogs_codec.scene.request import N_LEVELS, MaxError, Request, SceneOptions, TreeOptions
+
+if TYPE_CHECKING:
+    from typing import Unpack
+
+    from evogs_codec.render import Camera
+
+__all__ = [
+    "EncodedScene",
+    "encode_scene",
+    "encode_scene_with_order",
+    "encode_tree",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class EncodedScene:
+    """A stream, and where its splats come from.
+
+    Attributes:
+        data: the stream.
+        tree: what was encoded, with a palette where that is smaller.
+        n_tiles: as it was asked for.
+        leaf_of: (N,) the index of the input splat that each leaf of `tree` is.
+    """
+
+    data: bytes
+    tree: EvolutionTree
+    n_tiles: int | None
+    leaf_of: I64
+
+    @cached_property
+    def leaf_order(self) -> I64:
+        """(N,) the index of the input splat that each splat of `decode(data).leaves()` is."""
+        return self.leaf_of[leaf_order(self.tree, self.n_tiles)]
+
+    def __repr__(self) -> str:
+        return f"EncodedScene({len(self.data)} bytes, {len(self.leaf_of)} splats)"
+
+
+def encode_scene(
+    splats: SplatParams,
+    *,
+    levels: int = N_LEVELS,
+    preset: str | Settings | None = None,
+    palette: Literal["auto", "never"] = "auto",
+    target_psnr: float | None = None,
+    target_bytes: int | None = None,
+    max_error: MaxError | None = None,
+    polish: int = 0,
+    improve: Callable[[EvolutionTree], EvolutionTree] | None = None,
+    cameras: Sequence[Camera] | None = None,
+    up: str = "z",
+    n_tiles: int | None = None,
+    effort: int | None = None,
+    info: SceneInfo | None = None,
+    progress: Progress | None = None,
+) -> bytes:
+    """The stream of splats, as `evogs encode scene.ply` makes it.
+
+    Args:
+        splats: N splats, all finite (`drop_non_finite`).
+        levels: of the tree that is built under them, 1 to 64.
+        preset: a name in `PRESETS` or settings; "scene" by default. No target goes with it.
+        palette: "auto" stores SH above band 0 once where splats share them, if that is smaller;
+            "never" stores them splat by splat.
+        target_psnr: dB of rendered views against the splats; the smallest stream that has it.
+        target_bytes: the best stream of at most this many bytes.
+        max_error: no number of a splat is further off: one for all groups, in the units of each
+            group, or one per name of a group (position, rotation, scale, opacity, sh).
+        polish: with `target_psnr` or `target_bytes`, iterations of gradient descent that move the
+            integers of the last level.
+        improve: is given the lifted tree and returns one with better coarse levels, for instance
+            by `reference_trainer.distil`; its leaves and their order must stay.
+        cameras: of the views; by default 24 around the splats. With `polish` every 5th judges. An
+            empty sequence: nothing is rendered, and estimates put packets in order.
+        up: axis that is up in the default views: x, y or z, perhaps with a minus.
+        n_tiles: tiles wanted; by default 1 below about 200,000 splats.
+        effort: Zstandard level, 1..22; by default that of the settings, 19.
+        info: metadata; its text gets a `generator` if it has none.
+        progress: called with a stage and the part of it that is done.
+
+    Raises:
+        TypeError: `splats` are none.
+        TargetMissedError: no stream meets the target.
+        NotRepresentableError: values too large for any grid of the format.
+        InputError: a target needs views and there are none: numba is missing, or all splats are.
+        ValueError: an option is out of range or does not go with another.
+    """
+    return encode_scene_with_order(
+        splats,
+        levels=levels,
+        preset=preset,
+        palette=palette,
+        target_psnr=target_psnr,
+        target_bytes=target_bytes,
+        max_error=max_error,
+        polish=polish,
+        improve=improve,
+        cameras=cameras,
+        up=up,
+        n_tiles=n_tiles,
+        effort=effort,
+        info=info,
+        progress=progress,
+    ).data
+
+
+def encode_scene_with_order(splats: SplatParams, **options: Unpack[SceneOptions]) -> EncodedScene:
+    """`encode_scene`, with the order of the splats in the stream.
+
+    Args:
+        splats: N splats, all finite.
+        options: as of `encode_scene`, which says what is raised.
+    """
+    _expect_splats(splats)
+    levels, palette = options.pop("levels", N_LEVELS), options.pop("palette", "auto")
+    improve = options.pop("improve", None)
+    if palette not in ("auto", "never"):
+        raise ValueError(f"palette is {palette!r}, expected 'auto' or 'never'")
+    request = Request.of("scene", options)
+    lifted = lift_with_order(splats, levels, progress=request.progress)
+    if improve is not None:
+        lifted = _improved(lifted, improve)
+    shared = with_palette(lifted, splats) if palette == "auto" else None
+    leaf_error = (0.0,) * len(GROUPS)
+    if request.errors:
+        leaf_error = off_of(shared or lifted.tree, splats, lifted.leaf_of)
+    # The tree without a palette may be smaller: of few splats, or where a target leaves SH few
+    # bits.
+    trees = [shared, lifted.tree] if shared else [lifted.tree]
+    found = best_stream(trees, request, leaf_error)
+    return EncodedScene(found.data, found.tree, request.n_tiles, lifted.leaf_of)
+
+
+def encode_tree(
+    tree: EvolutionTree,
+    *,
+    preset: str | Settings | None = None,
+    target_psnr: float | None = None,
+    target_bytes: int | None = None,
+    max_error: MaxError | None = None,
+    polish: int = 0,
+    cameras: Sequence[Camera] | None = None,
+    up: str = "z",
+    n_tiles: int | None = None,
+    effort: int | None = None,
+    info: SceneInfo | None = None,
+    progress: Progress | None = None,
+) -> bytes:
+    """The stream of a tree, as `evogs encode tree.npz` makes it.
+
+    Without a preset and without a target, a tree that was trained in integers keeps them. Another
+    tree is encoded to 52 dB against itself over rendered views; where nothing can be rendered, or
+    views show too little, with the preset `trained` and a warning.
+
+    Args:
+        tree: any tree.
+        preset: a name in `PRESETS` or settings. No target goes with it.
+        target_psnr: dB of rendered views against the leaves of the tree.
+        target_bytes: the best stream of at most this many bytes.
+        max_error: no number of a leaf is further off, as of `encode_scene`.
+        polish: iterations of gradient descent, as of `encode_scene`.
+        cameras: of the views, as of `encode_scene`.
+        up: axis that is up in the default views.
+        n_tiles: tiles wanted; by default 1 below about 200,000 leaves.
+        effort: Zstandard level, 1..22; by default that of the settings, 19.
+        info: metadata; its text gets a `generator` if it has none.
+        progress: called with a stage and the part of it that is done.
+
+    Raises:
+        TypeError: `tree` is none.
+        TargetMissedError, NotRepresentableError, InputError, ValueError: as `encode_scene`.
+    """
+    expect_tree(tree)
+    options: TreeOptions = {
+        "preset": preset,
+        "target_psnr": target_psnr,
+        "target_bytes": target_bytes,
+        "max_error": max_error,
+        "polish": polish,
+        "cameras": cameras,
+        "up": up,
+        "n_tiles": n_tiles,
+        "effort": effort,
+        "info": info,
+        "progress": progress,
+    }
+    request = Request.of("trained", options)
+    if preset is None and request.is_plain:
+        if tree.quanta:
+            own = Settings.of_quanta(tree.quanta)
+            request = replace(request, settings=replace(own, effort=request.settings.effort))
+        elif tree.n_leaves:
+            nearest = at_tree_psnr(tree, request)
+            if nearest is not None:
+                return nearest
+    return best_stream([tree], request, (0.0,) * len(GROUPS)).data
+
+
+def _expect_splats(splats: object) -> None:
+    if not isinstance(splats, SplatParams):
+        other = "encode_tree takes trees" if isinstance(splats, EvolutionTree) else "see read_ply"
+        raise TypeError(f"expected SplatParams, not {type(splats).__name__}: {other}")
+
+
+def _improved(lifted: Lifted, improve: Callable[[EvolutionTree], EvolutionTree]) -> Lifted:
+    tree = improve(lifted.tree)
+    if tree.n_leaves != lifted.tree.n_leaves:
+        said = f"{tree.n_leaves} leaves came back of {lifted.tree.n_leaves}"
+        raise ValueError(f"improve must keep the leaves: {said}")
+    return replace(lifted, tree=tree)

@@ -1,0 +1,146 @@
+"""The options of a whole encode: their types, and how they are checked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Literal, TypeAlias, TypedDict
+
+from evogs_codec.common.progress import Progress, no_progress
+from evogs_codec.common.version import __version__
+from evogs_codec.encoding.settings import PRESETS, Settings
+from evogs_codec.model.channels import GROUPS
+from evogs_codec.model.scene_info import SceneInfo
+from evogs_codec.model.splats import SplatParams
+from evogs_codec.model.tree import EvolutionTree
+
+if TYPE_CHECKING:
+    from evogs_codec.render import Camera, Views
+
+__all__ = ["N_LEVELS", "MaxError", "Request", "SceneOptions", "TreeOptions"]
+
+N_LEVELS = 5  # of a lifted scene
+NO_NUMBA = "numba is missing: pip install -e '.[render]'"
+
+MaxError: TypeAlias = "float | Mapping[str, float]"
+
+
+class TreeOptions(TypedDict, total=False):
+    """The options of `encode_tree`."""
+
+    preset: str | Settings | None
+    target_psnr: float | None
+    target_bytes: int | None
+    max_error: MaxError | None
+    polish: int
+    cameras: Sequence[Camera] | None
+    up: str
+    n_tiles: int | None
+    effort: int | None
+    info: SceneInfo | None
+    progress: Progress | None
+
+
+class SceneOptions(TreeOptions, total=False):
+    """The options of `encode_scene`."""
+
+    levels: int
+    palette: Literal["auto", "never"]
+    improve: Callable[[EvolutionTree], EvolutionTree] | None
+
+
+@dataclass(frozen=True)
+class Request:
+    """The options of an encode, checked."""
+
+    settings: Settings
+    target_psnr: float | None
+    target_bytes: int | None
+    errors: Mapping[str, float]
+    polish: int
+    cameras: Sequence[Camera] | None
+    up: str
+    n_tiles: int | None
+    info: SceneInfo
+    progress: Progress
+
+    @staticmethod
+    def of(default: str, options: TreeOptions) -> Request:
+        """From the options that a caller gave; `default` is the name of a preset."""
+        unknown = sorted(set(options) - set(TreeOptions.__annotations__))
+        if unknown:
+            raise TypeError(f"no such option: {', '.join(unknown)}")
+        preset, polish = options.get("preset"), options.get("polish", 0)
+        psnr, n_bytes = options.get("target_psnr"), options.get("target_bytes")
+        errors = _errors_of(options.get("max_error"))
+        n_targets = (psnr is not None) + (n_bytes is not None) + bool(errors)
+        if n_targets > 1:
+            raise ValueError("target_psnr, target_bytes and max_error exclude each other")
+        if n_targets and preset is not None:
+            raise ValueError("a preset does not go with a target: the target decides the steps")
+        if polish and (n_targets == 0 or errors):
+            raise ValueError("polish needs target_psnr or target_bytes")
+        settings = _settings_of(default if preset is None else preset)
+        effort, n_tiles = options.get("effort"), options.get("n_tiles")
+        if effort is not None and not 1 <= effort <= 22:
+            raise ValueError(f"effort is {effort}, expected 1..22")
+        if n_tiles is not None and n_tiles < 1:
+            raise ValueError(f"n_tiles is {n_tiles}, expected at least 1")
+        return Request(
+            settings=settings if effort is None else replace(settings, effort=effort),
+            target_psnr=psnr,
+            target_bytes=n_bytes,
+            errors=errors,
+            polish=polish,
+            cameras=options.get("cameras"),
+            up=options.get("up", "z"),
+            n_tiles=n_tiles,
+            info=_with_generator(options.get("info") or SceneInfo()),
+            progress=options.get("progress") or no_progress,
+        )
+
+    @property
+    def is_plain(self) -> bool:
+        """There is no target."""
+        return self.target_psnr is None and self.target_bytes is None and not self.errors
+
+    @property
+    def why_no_views(self) -> str:
+        """Why `views` has none; empty if it has some."""
+        if self.cameras is not None and not len(self.cameras):
+            return "there are no cameras"
+        return NO_NUMBA if find_spec("numba") is None else ""
+
+    def views(
+        self, scene: SplatParams, n_views: int | None = None, *, descent: bool = False
+    ) -> Views | None:
+        """Of the scene; None where nothing can be rendered, or is to be."""
+        if self.why_no_views:
+            return None
+        from evogs_codec.render import Views
+
+        return Views.of(scene, self.cameras, up=self.up, n_views=n_views, descent=descent)
+
+
+def _settings_of(preset: str | Settings) -> Settings:
+    if isinstance(preset, Settings):
+        return preset
+    if preset not in PRESETS:
+        raise ValueError(f"preset is {preset!r}, expected Settings or one of {', '.join(PRESETS)}")
+    return PRESETS[preset]
+
+
+def _errors_of(max_error: MaxError | None) -> dict[str, float]:
+    if max_error is None:
+        return {}
+    if not isinstance(max_error, Mapping):
+        return dict.fromkeys(GROUPS, float(max_error))
+    unknown = sorted(set(max_error) - set(GROUPS))
+    if unknown or not max_error:
+        raise ValueError(f"max_error is of {unknown or 'no group'}, expected {', '.join(GROUPS)}")
+    return dict(max_error)
+
+
+def _with_generator(info: SceneInfo) -> SceneInfo:
+    return replace(info, text={**info.text, "generator": f"evogs {__version__}"} | dict(info.text))
