@@ -19,6 +19,23 @@ def oracle_verdict(data):
         return error.code, error.offset
 
 
+def fault_of(function, *args, **options):
+    """(code, offset) that the codec reports, or None."""
+    try:
+        function(*args, **options)
+    except StreamError as error:
+        return error.fault.name, error.offset
+    return None
+
+
+def oracle_fault(function, *args, **options):
+    try:
+        function(*args, **options)
+    except oracle.Reject as fault:
+        return fault.code, fault.offset
+    return None
+
+
 def feed(data):
     """Give a `Decoder` everything at once."""
     decoder = Decoder()

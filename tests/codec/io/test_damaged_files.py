@@ -16,9 +16,8 @@ from evogs_codec.io.json_files import read_limits
 from evogs_codec.render import load_cameras, save_cameras
 from evogs_codec.render.camera import orbit
 from tests.codec.io.test_ply import FORMATS, columns_of, ply_bytes, scene_of
-from tests.codec.io.test_tree_npz import RECORDS, file_of, npz_bytes
-from tests.codec.io.test_tree_npz import REFINE as REFINE
 from tests.support import damaged_files as damage
+from tests.support.tree_files import RECORDS, REFINE, file_of, npz_bytes
 
 LEVELS = (RECORDS, [(0, REFINE, 0, 1, 0)])
 ARRAYS = file_of([1, 2, 3], *LEVELS, degree=1) | {"quanta": np.full((4, 6), 0.25)}

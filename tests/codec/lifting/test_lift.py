@@ -11,56 +11,13 @@ import scipy
 from evogs_codec.lifting import lift as lift_module
 from evogs_codec.lifting.concat import joined
 from evogs_codec.lifting.lift import lift, lift_with_order
-from evogs_codec.lifting.orientations import (
-    COMPOSE,
-    MAX_G,
-    N_TURNS,
-    TURNS,
-    largest_w,
-    matrices,
-    multiply,
-    turned,
-)
+from evogs_codec.lifting.orientations import MAX_G, largest_w, turned
 from evogs_codec.lifting.pairing import morton_order
 from evogs_codec.lifting.parents import ALPHAS_OPACITY, ALPHAS_SCALE, MENDED
 from evogs_codec.model.splats import F64, SplatParams
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
 from evogs_codec.render.demo_scene import make_scene
-
-
-def surface(n: int, sh_degree: int = 1, seed: int = 0) -> SplatParams:
-    """Flat splats that lie in a sphere of radius 1, turned at random in it, as large as spaced."""
-    rng = np.random.default_rng(seed)
-    normals = rng.normal(size=(n, 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    # The turn of z to the normal is (1 + n_z, z x normal); before it, a turn about z.
-    tilt = np.stack([1 + normals[:, 2], -normals[:, 1], normals[:, 0], np.zeros(n)])
-    about = rng.uniform(0, np.pi, n)
-    spin = np.stack([np.cos(about), np.zeros(n), np.zeros(n), np.sin(about)])
-    spacing = np.log(2 / np.sqrt(max(n, 1)))
-    k = (sh_degree + 1) ** 2
-    return SplatParams(
-        normals.astype(np.float32),
-        (multiply(tilt, spin) * rng.uniform(0.5, 2, n)).T.astype(np.float32),
-        (spacing + rng.normal(size=(n, 3)) * 0.4 - [0, 0, 1.5]).astype(np.float32),
-        (rng.normal(size=n) * 2).astype(np.float32),
-        (rng.normal(size=(n, k, 3)) * 0.3).astype(np.float32),
-    )
-
-
-def covariances(splats: SplatParams) -> F64:
-    """(N, 3, 3) float64, a zero quaternion meaning identity: an oracle apart from `axes`."""
-    q = splats.quats.astype(np.float64)
-    q[(q == 0).all(1)] = [1, 0, 0, 0]
-    w, x, y, z = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    root = np.array(rows).transpose(2, 0, 1) * np.exp(splats.log_scales.astype(np.float64))[:, None]
-    out: F64 = root @ root.transpose(0, 2, 1)
-    return out
+from tests.support.lifted_scenes import assert_leaves_are, covariances, surface, with_channels
 
 
 def masses(splats: SplatParams) -> F64:
@@ -70,28 +27,6 @@ def masses(splats: SplatParams) -> F64:
     opacity = 1 / (1 + np.exp(-splats.opacity_logits.astype(np.float64)))
     out: F64 = opacity * np.sqrt(a * b + a * c + b * c)
     return out
-
-
-def assert_leaves_are(splats: SplatParams, n_levels: int = 5) -> None:
-    """The leaves of the lifted tree are the same Gaussians up to rounding to float32."""
-    lifted = lift_with_order(splats, n_levels)
-    leaves = lifted.tree.leaves()
-    assert lifted.tree.n_levels == n_levels
-    assert sorted(lifted.leaf_of) == list(range(len(splats)))
-    source = splats.take(lifted.leaf_of)
-    if not len(splats):
-        return
-    # Each generation rounds once, relative to the largest number of its channel.
-    for name, ulps in (("means", 16), ("opacity_logits", 64), ("sh", 16)):
-        given, got = getattr(source, name), getattr(leaves, name)
-        tolerance = ulps * 2.0**-23 * max(1e-30, float(np.abs(given).max()))
-        np.testing.assert_allclose(got, given, rtol=0, atol=tolerance, err_msg=name)
-    given, got = covariances(source), covariances(leaves)
-    size = np.trace(given, axis1=1, axis2=2)
-    assert (np.abs(got - given).max((1, 2)) / size).max() < 2e-4
-    np.testing.assert_allclose(
-        np.sort(leaves.log_scales, 1), np.sort(source.log_scales, 1), atol=1e-4, rtol=1e-5
-    )
 
 
 @pytest.mark.parametrize("sh_degree", [0, 1, 2, 3])
@@ -331,119 +266,6 @@ def test_progress_rises_to_one():
     lift(surface(500), 4, progress=lambda _, part: shares.append(part))
     assert shares == sorted(shares)
     assert shares[-1] == 1
-
-
-def with_channels(splats: SplatParams, **changed: object) -> SplatParams:
-    """`splats` with some attributes replaced; scalars and rows are repeated for every splat."""
-    arrays = {name: getattr(splats, name) for name in vars(splats)}
-    for name, value in changed.items():
-        arrays[name] = np.broadcast_to(np.asarray(value, np.float32), arrays[name].shape)
-    return SplatParams(**arrays)
-
-
-ODD: dict[str, dict[str, object]] = {
-    "all_at_one_point": {"means": [1.0, 2.0, 3.0]},
-    "zero_quaternions": {"quats": 0.0},
-    "huge_quaternions": {"quats": [1e38, -1e38, 1e37, 3e38]},
-    "tiny_quaternions": {"quats": [1e-44, 0.0, 1e-44, 0.0]},
-    "half_turns": {"quats": [0.0, 1.0, 1.0, 0.0]},
-    "isotropic": {"log_scales": -3.0},
-    "points": {"log_scales": -30.0},
-    "needles": {"log_scales": [-30.0, -30.0, 20.0]},
-    "transparent": {"opacity_logits": -40.0},
-    "opaque": {"opacity_logits": 40.0},
-    "grey": {"sh": 0.0},
-}
-
-
-@pytest.mark.parametrize("name", ODD)
-def test_odd_scenes_are_lifted(name):
-    assert_leaves_are(with_channels(surface(1500), **ODD[name]), 4)
-
-
-def test_identical_splats_are_lifted_and_halve():
-    splats = surface(1).take(np.zeros(4096, np.int64))
-    assert_leaves_are(splats)
-    tree = lift(splats)
-    assert len(tree.leaves(0)) < 270
-    assert np.abs(tree.steps[1].psi).max() == 0
-
-
-def test_scenes_that_mix_extremes_are_lifted():
-    rng = np.random.default_rng(1)
-    n = 1500
-    splats = with_channels(
-        surface(n),
-        means=rng.uniform(-1e6, 1e6, (n, 3)),
-        log_scales=rng.uniform(-30, 20, (n, 3)),
-        opacity_logits=rng.choice([-40.0, 40.0], n),
-    )
-    assert_leaves_are(splats)
-
-
-def test_the_largest_float32_numbers_are_lifted():
-    rng = np.random.default_rng(2)
-    n = 300
-    sign = rng.choice([-3e38, 3e38], (n, 3))
-    splats = with_channels(
-        surface(n, 0),
-        means=sign,
-        log_scales=sign[::-1],
-        opacity_logits=sign[:, 0],
-        sh=sign[:, None],
-    )
-    tree = lift(splats)
-    assert len(tree.leaves()) == n
-
-
-def test_a_splat_far_away_does_not_spoil_the_others():
-    means = surface(2000).means.copy()
-    means[7] = 1e6
-    tree = lift(with_channels(surface(2000), means=means), 2)
-    # In a spoilt search everything looks coincident, and pairs are far apart.
-    assert np.median(np.linalg.norm(tree.steps[1].psi[:3], axis=0)) < 0.05
-
-
-def test_numbers_that_are_not_finite_are_refused_with_their_count():
-    sh = surface(50).sh.copy()
-    sh[[3, 9], 0, 0] = np.nan, np.inf
-    with pytest.raises(ValueError, match="2 of 50 splats"):
-        lift(with_channels(surface(50), sh=sh))
-
-
-def test_no_levels_are_refused():
-    with pytest.raises(ValueError, match="n_levels is 0"):
-        lift(surface(5), 0)
-
-
-def test_turns_leave_the_covariance_as_it_is():
-    rng = np.random.default_rng(3)
-    quats = rng.normal(size=(4, N_TURNS))
-    quats /= np.linalg.norm(quats, axis=0)
-    log_scales = rng.normal(size=(3, N_TURNS))
-    _, g, scales = turned(quats, log_scales, np.arange(N_TURNS, dtype=np.uint8))
-
-    def covariance(g, s):
-        root = matrices(g) * np.exp(s)
-        return np.einsum("ikn,jkn->ijn", root, root)
-
-    np.testing.assert_allclose(
-        covariance(g, scales), covariance(quats[1:] / quats[0], log_scales), atol=1e-9
-    )
-
-
-def test_composed_turns_are_one_turn_after_the_other():
-    for j in range(N_TURNS):
-        both = multiply(TURNS[j][:, None], TURNS.T)
-        agreement = np.abs((TURNS[COMPOSE[j]].T * both).sum(axis=0))
-        np.testing.assert_allclose(agreement, 1)
-
-
-def test_the_largest_w_is_at_least_085():
-    quats = np.random.default_rng(4).normal(size=(4, 20_000))
-    quats /= np.linalg.norm(quats, axis=0)
-    w, _, _ = turned(quats, np.zeros((3, 20_000)), largest_w(quats))
-    assert np.abs(w).min() > 0.85
 
 
 def test_adds_and_splits_are_as_many_as_leaves_so_levels_are_free_of_extra_records():
