@@ -86,7 +86,7 @@ def chunks_of(data):
     return found
 
 
-def repaired(data):
+def repaired(data: bytes) -> bytes:
     """`data` with every CRC-32 right, as far as its structure can be made out."""
     out = bytearray(data)
     if len(out) < HEADER_SIZE:

@@ -2,7 +2,6 @@
 
 import random
 import struct
-import zlib
 from functools import cache
 
 import numpy as np
@@ -20,6 +19,7 @@ from evogs_codec.errors import StreamError
 from evogs_codec.format.directory import read_directory
 from evogs_codec.model.channels import n_channels
 from evogs_codec.model.tree import EvolutionTree, Step
+from tests.support import damage
 from tests.support.pieces import overlapping_ranges, random_cut
 from tests.support.verdicts import fault_of, oracle_fault
 
@@ -57,39 +57,12 @@ def feed_all(data: bytes, pieces: list[tuple[int, int]]) -> None:
     decoder.close()
 
 
-def mended(data: bytes) -> bytes:
-    """The stream with the CRC-32 of the header and of every chunk and packet made right."""
-    out = bytearray(data)
-    chunks_size, at = struct.unpack_from("<I", out, 32)[0], 64
-    end = min(64 + chunks_size, len(out))
-    table = None
-    while at + 12 <= end:
-        size = struct.unpack_from("<I", out, at + 4)[0]
-        if out[at : at + 4] == b"PACK":
-            table = (at + 12, size)
-        at += 12 + size
-    if table is not None and table[0] + table[1] <= len(out):
-        start = 64 + chunks_size
-        for row in range(table[0], table[0] + table[1] - 35, 36):
-            size = struct.unpack_from("<I", out, row + 8)[0]
-            struct.pack_into("<I", out, row + 32, zlib.crc32(out[start : start + size]))
-            start += size
-    at = 64
-    while at + 12 <= end:
-        size = struct.unpack_from("<I", out, at + 4)[0]
-        crc = zlib.crc32(out[at : at + 8] + out[at + 12 : at + 12 + size])
-        struct.pack_into("<I", out, at + 8, crc)
-        at += 12 + size
-    struct.pack_into("<I", out, 60, zlib.crc32(out[:60]))
-    return bytes(out)
-
-
 def with_wrong_digests(data: bytes) -> bytes:
     directory = read_directory(data)
     at = directory.digests_offset + 12
     size = struct.unpack_from("<I", data, directory.digests_offset + 4)[0]
     rows = bytes(b ^ (k % 41 == 40) for k, b in enumerate(data[at : at + size]))
-    return mended(data[:at] + rows + data[at + size :])
+    return damage.repaired(data[:at] + rows + data[at + size :])
 
 
 def damaged(data: bytes, rng: random.Random) -> bytes:
@@ -109,7 +82,7 @@ def damaged(data: bytes, rng: random.Random) -> bytes:
     if kind == "swap":
         a = rng.randrange(len(data) - 8)
         out[a : a + 8] = reversed(out[a : a + 8])
-    return bytes(out) if rng.random() < 0.3 else mended(bytes(out))
+    return bytes(out) if rng.random() < 0.3 else damage.repaired(bytes(out))
 
 
 @budget(max_examples=200)
@@ -149,7 +122,7 @@ def test_a_cut_of_a_damaged_stream_is_judged_as_the_oracle_judges_it(which, seed
     data = bytearray(good)
     for _ in range(3):
         data[rng.randrange(start, len(data))] ^= 1 << rng.randrange(8)
-    data = bytearray(mended(bytes(data)) if rng.random() < 0.7 else data)
+    data = bytearray(damage.repaired(bytes(data)) if rng.random() < 0.7 else data)
     steps = cut.steps.tolist()
     assert fault_of(decode, bytes(data), cut) == oracle_fault(oracle.decode, bytes(data), cut=steps)
 
