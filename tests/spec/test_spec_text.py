@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import settings as budget
 
 from conformance.decoders import oracle
+from conformance.decoders.cleanroom import decoder as cleanroom
 from conformance.generator.builder import DROP, RED, REFINE, SPLIT, Packet, Stream, Tile, X, build
 from conformance.generator.random_streams import random_stream
 from evogs_codec.decoding.decode import decode
@@ -132,11 +133,12 @@ def test_the_tables_are_those_of_the_declarations_and_the_csv_files():
     assert result.returncode == 0, result.stdout + result.stderr
 
 
-def test_the_limits_of_the_oracle_are_those_of_the_csv_file():
+@pytest.mark.parametrize("decoder", [oracle, cleanroom])
+def test_the_limits_of_the_other_decoders_are_those_of_the_csv_file(decoder):
     with (ROOT / "spec" / "limits.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     limits = {r["name"]: tuple(int(r[f"tier_{k}"]) for k in (1, 2, 3)) for r in rows}
-    assert limits == oracle.LIMITS
+    assert limits == decoder.LIMITS
 
 
 # --- RoundShift -----------------------------------------------------------------------------------
