@@ -17,8 +17,16 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 from evogs_codec.cli import options
-from evogs_codec.cli.make import run_encode, run_lift
+from evogs_codec.cli.encode_and_lift import run_encode, run_lift
 from evogs_codec.cli.reports import comments_of, info_of, print_info
+from evogs_codec.cli.streams import (
+    limits_of,
+    part_there,
+    read_bytes,
+    read_stream,
+    said_of_levels,
+    said_of_part,
+)
 from evogs_codec.cli.terminal import (
     complain,
     escape_what_cannot_be_encoded,
@@ -28,14 +36,14 @@ from evogs_codec.cli.terminal import (
 from evogs_codec.common.printable import shown
 from evogs_codec.common.version import __version__
 from evogs_codec.decoding.cut import Cut, tiles_meeting, tiles_within
-from evogs_codec.decoding.decode import Decoded, decode, decode_leaves, replay
-from evogs_codec.editing.byte_stats import bytes_by_group
+from evogs_codec.decoding.decode import decode, decode_leaves
+from evogs_codec.editing.byte_stats import bytes_by_group, levels
 from evogs_codec.editing.extract import choose_cut, extract
 from evogs_codec.editing.omissions import omissions
+from evogs_codec.editing.presence import level_presence
 from evogs_codec.errors import Fault, InputError, StreamError
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.io.files import check_target, write_atomic
-from evogs_codec.io.json_files import read_limits
 from evogs_codec.io.ply import write_ply
 
 __all__ = ["main", "parse", "run"]
@@ -68,9 +76,7 @@ def run(args: argparse.Namespace) -> int:
             return code
     except StreamError as error:
         could_be_partial = error.fault is Fault.E_TRUNCATED and not getattr(args, "partial", True)
-        return _fail(
-            args, f"{error}; --partial decodes what is there" if could_be_partial else error
-        )
+        return _fail(args, f"{error}; --partial takes what is there" if could_be_partial else error)
     except InputError as error:
         complain(error)
         return 1
@@ -126,7 +132,7 @@ def _check_output(args: argparse.Namespace) -> None:
             for name, value in vars(args).items()
             if name != "output" and isinstance(value, Path)
         ]
-        kind, force = getattr(args, "makes", None), getattr(args, "force", False)
+        kind, force = getattr(args, "output_kind", None), getattr(args, "force", False)
         check_target(args.output, kind, sources=sources, force=force)
 
 
@@ -142,42 +148,27 @@ def _fail(args: argparse.Namespace, message: object, *, path: object = None) -> 
 
 def run_decode(args: argparse.Namespace) -> None:
     """`evogs decode`."""
-    data = _read(args.input)
-    directory = read_directory(data, _limits(args))
-    degree = args.sh_degree
-    if degree is not None:
-        degree = min(degree, directory.sh_degree)
+    data, directory = read_stream(args.input, limits_of(args))
+    cut, part = _cut(directory, args), ""
     if args.partial:
-        splats = _decode_partial(directory, data, args).leaves(sh_degree=degree)
-    else:
-        with progress_bar() as progress:
-            splats = decode_leaves(
-                data,
-                _cut(directory, args),
-                sh_degree=degree,
-                directory=directory,
-                verify=args.verify,
-                progress=progress,
-            )
+        cut = part_there(directory, len(data), cut, args.input)
+        part = f", from {said_of_part(directory, len(data))}"
+    with progress_bar() as progress:
+        splats = decode_leaves(
+            data,
+            cut,
+            sh_degree=_sh_degree(directory, args),
+            directory=directory,
+            verify=args.verify,
+            progress=progress,
+        )
     write_ply(args.output, splats, comments=comments_of(directory))
-    print(f"{shown(args.output)}: {len(splats):,} splats, SH degree {splats.sh_degree}")
-
-
-def _decode_partial(directory: Directory, data: memoryview, args: argparse.Namespace) -> Decoded:
-    ends = directory.offsets + directory.packets["size"]
-    there = Cut.of_complete(directory, ends <= len(data))
-    asked = _cut(directory, args)
-    decoded = replay(directory, data, there.intersection(asked), verify=args.verify)
-    if len(data) < directory.size:
-        part = 100 * len(data) / directory.size
-        complain(f"{args.input}: {part:.1f} % of the file is there")
-    return decoded
+    print(f"{shown(args.output)}: {len(splats):,} splats, SH degree {splats.sh_degree}{part}")
 
 
 def run_info(args: argparse.Namespace) -> None:
     """`evogs info`."""
-    data = _read(args.input)
-    directory = read_directory(data, _limits(args))
+    data, directory = read_stream(args.input, limits_of(args))
     whole = len(data) >= directory.size
     groups = bytes_by_group(directory, data) if whole else {}
     left_out = omissions(directory, data) if whole else []
@@ -191,7 +182,7 @@ def run_info(args: argparse.Namespace) -> None:
 def run_validate(args: argparse.Namespace) -> int:
     """`evogs validate`."""
     try:
-        data, limits = _read(args.input), _limits(args)
+        data, limits = read_bytes(args.input), limits_of(args)
         with progress_bar() as progress:
             decoded = decode(
                 data,
@@ -222,14 +213,22 @@ def run_validate(args: argparse.Namespace) -> int:
 
 def run_extract(args: argparse.Namespace) -> None:
     """`evogs extract`."""
-    data = _read(args.input)
-    directory = read_directory(data, _limits(args))
+    data, directory = read_stream(args.input, limits_of(args))
     if directory.has_palette and 0 < (args.sh_degree or 0) < directory.sh_degree:
         said = "the entries of a palette have all SH bands: only --sh-degree 0 leaves packets out"
         warnings.warn(said, stacklevel=1)
-    smaller = extract(data, _cut(directory, args), box=args.box, directory=directory)
+    cut = _cut(directory, args)
+    smaller = extract(data, cut, box=args.box, directory=directory)
     write_atomic(args.output, smaller)
-    print(f"{shown(args.output)}: {len(smaller):,} bytes of {directory.size:,}")
+    # Levels are counted against all levels of the tiles and SH bands that were asked for.
+    whole = choose_cut(directory, sh_degree=_sh_degree(directory, args), box=args.box)
+    kept = said_of_levels(level_presence(directory, cut, whole))
+    n_kept, n_splats = (levels(of)[-1].n_leaves for of in (read_directory(smaller), directory))
+    print(
+        f"{shown(args.output)}: {kept}, {n_kept:,} of {n_splats:,} splats,"
+        f" SH degree {cut.sh_degree(directory)} of {directory.sh_degree},"
+        f" {len(smaller):,} of {directory.size:,} bytes"
+    )
 
 
 def run_bench(args: argparse.Namespace) -> None:
@@ -244,23 +243,21 @@ def run_bench(args: argparse.Namespace) -> None:
 # --- parts of commands ---------------------------------------------------------------------------
 
 
-def _read(path: Path) -> memoryview:
-    return memoryview(path.read_bytes())
-
-
-def _limits(args: argparse.Namespace) -> dict[str, int] | None:
-    return None if args.limits is None else read_limits(args.limits)
-
-
 def _cut(directory: Directory, args: argparse.Namespace) -> Cut:
-    degree = args.sh_degree
-    if degree is not None:
-        degree = min(degree, directory.sh_degree)
     if args.box:
         _warn_of_box(directory, args.box)
     return choose_cut(
-        directory, level=args.level, sh_degree=degree, box=args.box, max_bytes=args.max_bytes
+        directory,
+        level=args.level,
+        sh_degree=_sh_degree(directory, args),
+        box=args.box,
+        max_bytes=args.max_bytes,
     )
+
+
+def _sh_degree(directory: Directory, args: argparse.Namespace) -> int | None:
+    """That of the options, which may be above that of the stream."""
+    return None if args.sh_degree is None else min(args.sh_degree, directory.sh_degree)
 
 
 def _warn_of_box(directory: Directory, box: Sequence[float]) -> None:

@@ -12,6 +12,7 @@ from evogs_codec._generated import registry
 from evogs_codec._generated.limits import LIMITS
 from evogs_codec.encoding.settings import PRESETS, TREE_PSNR
 from evogs_codec.io import files
+from evogs_codec.lifting.lift import N_LEVELS
 from evogs_codec.model.channels import GROUPS
 
 __all__ = [
@@ -22,10 +23,10 @@ __all__ = [
     "add_lift",
     "add_limits",
     "add_output",
+    "add_partial",
     "add_validate",
 ]
 
-DEFAULT_LEVELS = 5
 DEFAULT_ITERATIONS = 200
 
 # What argparse is not to take for an option, as it does before Python 3.14 with -1e3, and always
@@ -183,9 +184,7 @@ def add_decode(commands: Commands, run: Run) -> None:
     add_output(parser, "OUT.ply", files.SCENE)
     _add_cut_options(parser)
     add_limits(parser)
-    parser.add_argument(
-        "--partial", action="store_true", help="decode as much as an incomplete file has"
-    )
+    add_partial(parser)
     parser.add_argument(
         "--verify", action="store_true", help="check the SHA-256 digests of the stream"
     )
@@ -219,7 +218,8 @@ def add_info(commands: Commands, run: Run) -> None:
     parser.description = (
         "Show what a stream contains: header, levels, bytes per group.\n\n"
         "to move: estimated RMS distance of the splats from their final positions, scene units\n"
-        "over order-0: how far the bytes exceed the order-0 entropy of the integers"
+        "over order-0: how far the bytes exceed the order-0 entropy of the integers\n\n"
+        "Of a file whose end is missing, each level is marked present, in part or missing."
     )
     parser.add_argument("input", type=Path, metavar="IN.evogs")
     add_limits(parser)
@@ -247,7 +247,8 @@ def add_extract(commands: Commands, run: Run) -> None:
         commands,
         "extract",
         run,
-        "Make a smaller stream from some of the packets, without decoding them.",
+        "Make a smaller stream from some of the packets, without decoding them, and print what"
+        " it keeps.",
         "  evogs extract scene.evogs small.evogs --level 2\n"
         "  evogs extract scene.evogs small.evogs --max-bytes 500000\n"
         "  evogs extract scene.evogs corner.evogs --box 0 0 0 1 1 1 --sh-degree 0",
@@ -266,7 +267,7 @@ def add_output(parser: argparse.ArgumentParser, metavar: str, kind: files.FileKi
         action="store_true",
         help=f"replace {metavar} even if it is a file of another kind",
     )
-    parser.set_defaults(makes=kind)
+    parser.set_defaults(output_kind=kind)
 
 
 def add_limits(parser: argparse.ArgumentParser) -> None:
@@ -280,13 +281,22 @@ def add_limits(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_partial(parser: argparse.ArgumentParser) -> None:
+    """Take what is there of a file whose end is missing."""
+    parser.add_argument(
+        "--partial",
+        action="store_true",
+        help="take what is there of a stream whose end is missing, and print how much that is",
+    )
+
+
 def _add_lift_options(parser: argparse.ArgumentParser, uses: str) -> None:
     parser.add_argument(
         "--levels",
         type=_number(int, 1, 64),
-        default=DEFAULT_LEVELS,
+        default=N_LEVELS,
         metavar="N",
-        help=f"number of levels to build from a .ply (default: {DEFAULT_LEVELS})",
+        help=f"number of levels to build from a .ply (default: {N_LEVELS})",
     )
     parser.add_argument(
         "--drop-invalid", action="store_true", help="drop splats that have a NaN or an infinity"

@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from tqdm import tqdm
 
-from evogs_codec.cli.options import add_limits, add_output
+from evogs_codec.cli.options import add_limits, add_output, add_partial
+from evogs_codec.cli.streams import limits_of, part_there, read_stream, said_of_part
 from evogs_codec.common.printable import shown
 from evogs_codec.decoding.cut import Cut, tiles_meeting
 from evogs_codec.decoding.decode import decode
 from evogs_codec.editing.extract import extract
-from evogs_codec.errors import InputError
-from evogs_codec.format.directory import read_directory
+from evogs_codec.editing.presence import level_presence
+from evogs_codec.errors import Fault, InputError, StreamError
 from evogs_codec.io.files import PICTURE
-from evogs_codec.io.json_files import read_limits
 from evogs_codec.io.ply import read_ply
 from evogs_codec.model.splats import SplatParams
 
@@ -50,6 +50,7 @@ def register(commands: Commands) -> None:
         "  evogs render scene.evogs scene.png\n"
         "  evogs render scene.evogs sheet.png --sheet\n"
         "  evogs render scene.evogs mixed.png --box 0 0 0 1 1 1 --level 4 --outside 1\n"
+        "  evogs render download.evogs.part so-far.png --partial\n"
         "  evogs render scene.ply view.png --camera cameras.json --view 3 --size 800",
     )
     _add(
@@ -57,7 +58,8 @@ def register(commands: Commands) -> None:
         "psnr",
         run_psnr,
         "Measure the PSNR of one scene against another, over 24 views around the second.",
-        "  evogs psnr scene.evogs scene.ply\n  evogs psnr scene.evogs scene.ply --level 2",
+        "  evogs psnr scene.evogs scene.ply\n  evogs psnr scene.evogs scene.ply --level 2\n"
+        "  evogs psnr download.evogs.part scene.ply --partial",
     )
 
 
@@ -67,33 +69,39 @@ def run_render(args: argparse.Namespace) -> None:
     from evogs_codec.render import render
     from evogs_codec.render.png import write_png
 
-    limits = None if args.limits is None else read_limits(args.limits)
     if args.sheet:
-        _render_sheet(args, limits)
+        _render_sheet(args)
         return
     if args.reference is not None:
         raise ValueError("--reference needs --sheet; `evogs psnr` compares two files")
-    scene = _load(args.input, limits, level=args.level, box=args.box, outside=args.outside)
+    scene, part = _load_input(args)
     cameras = _cameras(args, scene)
     if not 0 <= args.view < len(cameras):
         raise ValueError(f"view {args.view} is not one of 0..{len(cameras) - 1}")
     write_png(args.output, render(scene, cameras[args.view], BACKGROUNDS[args.background]))
-    print(f"{shown(args.output)}: {len(scene):,} splats, 1 view")
+    print(f"{shown(args.output)}: {len(scene):,} splats, 1 view{part}")
 
 
-def _render_sheet(args: argparse.Namespace, limits: dict[str, int] | None) -> None:
+def _render_sheet(args: argparse.Namespace) -> None:
     """A row for each level, and one for the reference if there is one."""
     from evogs_codec.render import render
     from evogs_codec.render.png import contact_sheet, write_png
 
-    data = args.input.read_bytes()
-    directory = read_directory(data, limits)
-    cuts = [Cut.of_level(directory, level) for level in range(directory.n_levels)]
-    scenes = [decode(data, cut, limits=limits).leaves() for cut in cuts]
-    n_bytes = [len(extract(data, cut)) for cut in cuts]
-    names = [f"level {level}" for level in range(len(cuts))]
+    limits = limits_of(args)
+    data, directory = read_stream(args.input, limits)
+    numbers, part = list(range(directory.n_levels)), ""
+    cuts = [Cut.of_level(directory, level) for level in numbers]
+    if args.partial:
+        cuts = [part_there(directory, len(data), cut, args.input) for cut in cuts]
+        there = level_presence(directory, Cut.of_prefix(directory, len(data)))
+        numbers = [level for level in numbers if there[level].state != "missing"]
+        cuts = [cuts[level] for level in numbers]
+        part = f", from {said_of_part(directory, len(data))}"
+    scenes = [decode(data, cut, directory=directory).leaves() for cut in cuts]
+    n_bytes = [len(extract(data, cut, directory=directory)) for cut in cuts]
+    names = [f"level {level}" for level in numbers]
     if args.reference is not None:
-        scenes.append(_load(args.reference, limits))
+        scenes.append(_load_reference(args.reference, limits))
         n_bytes.append(args.reference.stat().st_size)
         names.append("reference")
     cameras = _cameras(args, scenes[len(cuts) - 1])
@@ -110,7 +118,8 @@ def _render_sheet(args: argparse.Namespace, limits: dict[str, int] | None) -> No
     for number, row in enumerate(rows[:-1]):
         labels[number] += f", {_mean_psnr(row, rows[-1]):.1f} dB"
     write_png(args.output, contact_sheet(rows, labels=labels))
-    print(f"{shown(args.output)}: {len(scenes[len(cuts) - 1]):,} splats, {len(chosen)} views")
+    n_splats = len(scenes[len(cuts) - 1])
+    print(f"{shown(args.output)}: {n_splats:,} splats, {len(chosen)} views{part}")
 
 
 def _mean_psnr(views: list[Real], others: list[Real]) -> float:
@@ -124,16 +133,15 @@ def run_psnr(args: argparse.Namespace) -> None:
     _need_numba()
     from evogs_codec.render import psnr, render
 
-    limits = None if args.limits is None else read_limits(args.limits)
-    scene = _load(args.input, limits, level=args.level)
-    reference = _load(args.reference, limits)
+    scene, part = _load_input(args)
+    reference = _load_reference(args.reference, limits_of(args))
     background = BACKGROUNDS[args.background]
     found = [
         psnr(render(scene, camera, background), render(reference, camera, background))
         for camera in _with_bar(_cameras(args, reference), "psnr")
     ]
     mean, least = float(np.mean(found)), min(found)
-    print(f"{mean:.2f} dB on average, {least:.2f} dB at least, over {len(found)} views")
+    print(f"{mean:.2f} dB on average, {least:.2f} dB at least, over {len(found)} views{part}")
 
 
 def _with_bar(items: list[Item], what: str) -> Iterator[Item]:
@@ -147,31 +155,54 @@ def _need_numba() -> None:
         raise InputError("pictures need numba: pip install -e '.[render]'")
 
 
-def _load(
-    path: Path,
-    limits: dict[str, int] | None,
-    *,
-    level: int | None = None,
-    box: list[float] | None = None,
-    outside: int | None = None,
-) -> SplatParams:
-    """The splats of a .ply, or of a cut of a stream: one level inside a box, another outside."""
-    with path.open("rb") as file:
-        if file.read(3) == b"ply":
-            splats = read_ply(path)
-            n_bad = len(splats) - int(np.count_nonzero(splats.finite()))
-            if n_bad:
-                text = f"{path}: {n_bad:,} splats with NaN or infinite numbers are not drawn"
-                warnings.warn(text, stacklevel=1)
-            return splats
-    data = path.read_bytes()
-    directory = read_directory(data, limits)
-    cut = Cut.full(directory) if level is None else Cut.of_level(directory, level)
-    if box is not None:
-        far = Cut.of_level(directory, 0 if outside is None else outside)
-        near = tiles_meeting(directory, box)[:, None]
+def _load_input(args: argparse.Namespace) -> tuple[SplatParams, str]:
+    """The splats of a .ply, or of a cut of a stream; and what is there of it, if `--partial`.
+
+    The cut is one level, or one inside a box and another outside.
+    """
+    if _is_ply(args.input):
+        return _load_ply(args.input), ""
+    data, directory = read_stream(args.input, limits_of(args))
+    cut = Cut.full(directory) if args.level is None else Cut.of_level(directory, args.level)
+    if getattr(args, "box", None) is not None:
+        far = Cut.of_level(directory, 0 if args.outside is None else args.outside)
+        near = tiles_meeting(directory, args.box)[:, None]
         cut = Cut(np.where(near, cut.steps, far.steps), cut.palette)
-    return decode(data, cut, directory=directory).leaves()
+    part = ""
+    if args.partial:
+        cut = part_there(directory, len(data), cut, args.input)
+        part = f", from {said_of_part(directory, len(data))}"
+    return decode(data, cut, directory=directory).leaves(), part
+
+
+def _load_reference(path: Path, limits: dict[str, int] | None) -> SplatParams:
+    """The splats of a .ply, or of a whole stream.
+
+    Raises:
+        InputError: the file cannot be used; the message names it, and not the input.
+    """
+    if _is_ply(path):
+        return _load_ply(path)
+    data, directory = read_stream(path, limits)
+    try:
+        return decode(data, directory=directory).leaves()
+    except StreamError as error:
+        cut_short = "; the reference must be whole" if error.fault is Fault.E_TRUNCATED else ""
+        raise InputError(f"{path}: {error}{cut_short}") from error
+
+
+def _is_ply(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(3) == b"ply"
+
+
+def _load_ply(path: Path) -> SplatParams:
+    splats = read_ply(path)
+    n_bad = len(splats) - int(np.count_nonzero(splats.finite()))
+    if n_bad:
+        text = f"{path}: {n_bad:,} splats with NaN or infinite numbers are not drawn"
+        warnings.warn(text, stacklevel=1)
+    return splats
 
 
 def _cameras(args: argparse.Namespace, scene: SplatParams) -> list[Camera]:
@@ -263,3 +294,4 @@ def _add(
         help="colour behind the splats (default: white)",
     )
     add_limits(parser)
+    add_partial(parser)

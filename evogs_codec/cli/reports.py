@@ -8,8 +8,10 @@ from typing import Any
 
 from evogs_codec._generated import registry
 from evogs_codec.common.printable import shown
+from evogs_codec.decoding.cut import Cut
 from evogs_codec.editing.byte_stats import GroupBytes, levels
 from evogs_codec.editing.omissions import Omission
+from evogs_codec.editing.presence import LevelPresence, level_presence
 from evogs_codec.format.directory import Directory
 
 __all__ = ["comments_of", "info_of", "level_figures", "print_info", "print_levels"]
@@ -38,7 +40,7 @@ def info_of(
     left_out: Sequence[Omission] = (),
 ) -> dict[str, Any]:
     """What `evogs info` says of a stream of which `size` bytes are there."""
-    scene = directory.info
+    scene, presence = directory.info, presence_of(directory, size)
     return {
         "tier": directory.tier,
         "sh_degree": directory.sh_degree,
@@ -58,7 +60,10 @@ def info_of(
             "antialiased": scene.antialiased,
             **scene.text,
         },
-        "levels": level_figures(directory),
+        "levels": [
+            figures | {"presence": there.state, "has_all_splats": there.has_all_splats}
+            for figures, there in zip(level_figures(directory), presence, strict=True)
+        ],
         "groups": {name: asdict(part) for name, part in groups.items()},
         "left_out": [asdict(omission) for omission in left_out],
         "digests": len(directory.digests),
@@ -76,7 +81,9 @@ def print_info(directory: Directory, info: dict[str, Any], groups: dict[str, Gro
     present = info["bytes_present"]
     if present < directory.size:
         print(f"{'truncated':>18}  {present:,} of {directory.size:,} bytes are there")
-    print_levels(directory)
+    print_levels(directory, presence_of(directory, present) if present < directory.size else None)
+    if not groups:
+        return
     n = max(info["levels"][-1]["n_leaves"], 1)
     print(f"\n{'part':>15} {'bytes':>12} {'a splat':>8} {'share':>7} {'over order-0':>13}")
     for name, part in groups.items():
@@ -98,15 +105,28 @@ def print_omissions(left_out: list[dict[str, Any]]) -> None:
         print(f"{row['part']:>18} {levels:>12} {change:>9}  {row['reason']}")
 
 
-def print_levels(directory: Directory) -> None:
-    """A row per level: splats, bytes, how far splats are from where they end."""
+def presence_of(directory: Directory, n_bytes: int) -> list[LevelPresence]:
+    """Which levels the first `n_bytes` of the file have."""
+    return level_presence(directory, Cut.of_prefix(directory, n_bytes))
+
+
+def print_levels(directory: Directory, presence: Sequence[LevelPresence] | None = None) -> None:
+    """A row per level: splats, bytes, how far splats are from where they end.
+
+    Of a truncated file, also whether the level is there.
+    """
     print(f"\n{'level':>6} {'splats':>10} {'bytes':>12} {'so far':>12} {'':>7} {'to move':>9}")
     so_far = directory.data_offset
     for level in levels(directory):
         so_far += level.n_bytes
         part = 100 * so_far / directory.size
-        bar = "#" * round(part / 5)
+        there = "#" * round(part / 5) if presence is None else _said(presence[level.level])
         print(
             f"{level.level:>6} {level.n_leaves:>10,} {level.n_bytes:>12,} {so_far:>12,}"
-            f" {part:>5.1f} % {level.error:>9.3g}  {bar}"
+            f" {part:>5.1f} % {level.error:>9.3g}  {there}"
         )
+
+
+def _said(presence: LevelPresence) -> str:
+    lacks_sh = presence.state == "in part" and presence.has_all_splats
+    return f"{presence.state}{': all splats, not all SH' if lacks_sh else ''}"

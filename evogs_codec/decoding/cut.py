@@ -80,6 +80,12 @@ class Cut:
         return Cut(directory.chain_lengths(rows), n_palette)
 
     @staticmethod
+    def of_prefix(directory: Directory, n_bytes: int) -> Cut:
+        """The largest cut of packets that end within the first `n_bytes` bytes of the file."""
+        ends = directory.offsets + directory.packets["size"]
+        return Cut.of_complete(directory, ends <= n_bytes)
+
+    @staticmethod
     def of_complete(directory: Directory, complete: npt.NDArray[np.bool_]) -> Cut:
         """The largest cut of complete packets; one of size 0 is always complete (R-6.4-4)."""
         rows, steps = directory.packets, directory.chain_lengths()
@@ -102,6 +108,12 @@ class Cut:
         same_shape = self.steps.shape == other.steps.shape
         is_within = same_shape and bool((other.steps <= self.steps).all())
         return is_within and other.palette <= self.palette
+
+    def sh_degree(self, directory: Directory) -> int:
+        """Highest SH band with a step in the cut; picks are of all bands."""
+        components = directory.components
+        applied = np.flatnonzero((self.steps > 0).any(0)).tolist()
+        return max((components.highest_band(components.of_tiles[k]) for k in applied), default=0)
 
     def with_sh_degree(self, degree: int) -> Cut:
         """The same without the SH bands above `degree`; of a palette all, or nothing for 0."""

@@ -46,7 +46,7 @@ class Decoded:
     @property
     def sh_degree(self) -> int:
         """Highest SH band with a step in the cut; the float view stops there."""
-        return _degree_of(self.directory, self.cut)
+        return self.cut.sh_degree(self.directory)
 
     def leaves(self, *, sh_degree: int | None = None) -> SplatParams:
         """Float view (spec 7.6) of the live splats, tile by tile, in slot order.
@@ -126,8 +126,7 @@ def decode_prefix(data: Source, *, limits: Mapping[str, int] | None = None) -> D
     """
     view = bytes_of(data)
     directory = read_directory(view, limits)
-    ends = directory.offsets + directory.packets["size"]
-    return replay(directory, view, Cut.of_complete(directory, ends <= len(view)))
+    return replay(directory, view, Cut.of_prefix(directory, len(view)))
 
 
 def decode_leaves(
@@ -163,12 +162,13 @@ def decode_leaves(
     packets = cut.packets(directory)
     packets[directory.palette_packets] = False
     rows = directory.packets[packets]
-    if len(rows) and int((directory.offsets[packets] + rows["size"]).max()) > len(view):
+    ends = (directory.offsets[packets] + rows["size"])[rows["size"] > 0]
+    if int(ends.max(initial=0)) > len(view):
         # A table may promise any number of splats: this finds the fault before it pays for them.
         replay(directory, view, cut)
     born = rows["n_adds"].astype(np.int64) + rows["n_splits"] - rows["n_drops"]
     n_live = np.bincount(rows["tile"], born, len(directory.tiles)).astype(np.int64)
-    degree = _degree_of(directory, cut) if sh_degree is None else sh_degree
+    degree = cut.sh_degree(directory) if sh_degree is None else sh_degree
     leaves = FloatView(directory, n_live, degree)
     report = _of_stage(progress)
     replay_tiles(directory, view, cut, leaves.write, verify=verify, progress=report)
@@ -205,10 +205,3 @@ def _chosen(directory: Directory, cut: object, level: int | None) -> Cut:
 
 def _of_stage(progress: Progress | None) -> Callable[[float], None] | None:
     return None if progress is None else partial(progress, "decode")
-
-
-def _degree_of(directory: Directory, cut: Cut) -> int:
-    """Highest SH band with a step in the cut; picks are of all bands."""
-    components = directory.components
-    applied = np.flatnonzero((cut.steps > 0).any(0)).tolist()
-    return max((components.highest_band(components.of_tiles[k]) for k in applied), default=0)

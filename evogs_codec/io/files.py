@@ -17,12 +17,14 @@ from evogs_codec.errors import InputError
 from evogs_codec.format.layout import SIGNATURE
 
 __all__ = [
+    "KIND_BYTES",
     "PICTURE",
     "SCENE",
     "STREAM",
     "TREE",
     "FileKind",
     "check_target",
+    "kind_of",
     "same_file",
     "write_atomic",
 ]
@@ -65,6 +67,17 @@ STREAM = FileKind("EvoGS stream", (SIGNATURE,))
 SCENE = FileKind(".ply", (b"ply\n", b"ply\r"))
 TREE = FileKind(".tree.npz", (b"PK\x03\x04",), frozenset({"format.npy", "means.npy"}))
 PICTURE = FileKind("PNG", (b"\x89PNG\r\n\x1a\n",))
+KINDS = (STREAM, SCENE, TREE, PICTURE)
+KIND_BYTES = 8  # of a file, that tell its kind
+
+
+def kind_of(data: bytes | memoryview) -> FileKind | None:
+    """The kind of a file whose first `KIND_BYTES` bytes, or more, are `data`; None if of no kind.
+
+    Every zip counts as a `.tree.npz`: its members are not looked at.
+    """
+    start = bytes(data[:KIND_BYTES])
+    return next((kind for kind in KINDS if start.startswith(kind.begins)), None)
 
 
 def check_target(
@@ -90,7 +103,7 @@ def check_target(
     target = _resolved(path)
     try:
         mode = target.stat().st_mode
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         _check_folder(target.parent, path)
         return
     if stat.S_ISDIR(mode):
@@ -153,12 +166,15 @@ def _resolved(path: str | os.PathLike[str]) -> Path:
 
 
 def _check_folder(folder: Path, path: str | os.PathLike[str]) -> None:
+    nearest = next(at for at in (folder, *folder.parents) if at.exists())
+    if not nearest.is_dir():
+        said = f"{nearest.name} is a file, not a folder: name another output"
+        raise NotADirectoryError(errno.ENOTDIR, said, str(path))
     if not folder.exists():
-        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
-    if not folder.is_dir():
-        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(path))
+        raise FileNotFoundError(errno.ENOENT, "its folder does not exist: make it first", str(path))
     if not os.access(folder, os.W_OK):
-        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+        said = "its folder may not be written to: name another output"
+        raise PermissionError(errno.EACCES, said, str(path))
 
 
 def _replace(target: Path, data: bytes | Callable[[BinaryIO], object]) -> None:

@@ -31,8 +31,9 @@ from evogs_codec.lifting.parents import MENDED, N_SHAPE, line_parents, median_ma
 from evogs_codec.model.splats import F32, F64, I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree, Step, alpha_channels
 
-__all__ = ["Lifted", "lift", "lift_with_order"]
+__all__ = ["N_LEVELS", "Lifted", "largest_leaf_errors", "lift", "lift_with_order"]
 
+N_LEVELS = 5  # of a tree, if nothing else is asked for
 N_PRICED = 14  # channels that decide who pairs: all but the higher SH bands
 MIN_W = 0.8  # of a unit quaternion; below, a node is written anew
 PART = 1 << 19  # splats that are lifted together at most
@@ -68,7 +69,7 @@ class _Round:
 
 
 def lift(
-    splats: SplatParams, n_levels: int = 5, *, progress: Progress | None = None
+    splats: SplatParams, n_levels: int = N_LEVELS, *, progress: Progress | None = None
 ) -> EvolutionTree:
     """A tree of `n_levels` levels, each of about half the splats of the next, the last `splats`.
 
@@ -83,10 +84,18 @@ def lift(
     return lift_with_order(splats, n_levels, progress=progress).tree
 
 
-def off_of(tree: EvolutionTree, splats: SplatParams, leaf_of: I64) -> tuple[float, ...]:
-    """(5,) per group, how far the leaves of a lifted tree are from its splats: psi are float32.
+def largest_leaf_errors(
+    tree: EvolutionTree, splats: SplatParams, leaf_of: I64
+) -> tuple[float, ...]:
+    """(5,) largest error per group of the leaves of a lifted tree: its psi are float32.
 
-    A leaf is written like its relatives: log-scales are compared in order, and rotations are not.
+    A leaf may have its axes in another order than its splat. So log-scales are compared in order
+    of size, and the error of rotations is taken to be 0.
+
+    Args:
+        tree: of N leaves.
+        splats: N splats that were lifted.
+        leaf_of: (N,) the index of the splat that each leaf is.
     """
     leaves, right = tree.leaves(), splats.take(leaf_of)
 
@@ -103,7 +112,7 @@ def off_of(tree: EvolutionTree, splats: SplatParams, leaf_of: I64) -> tuple[floa
 
 
 def lift_with_order(
-    splats: SplatParams, n_levels: int = 5, *, progress: Progress | None = None
+    splats: SplatParams, n_levels: int = N_LEVELS, *, progress: Progress | None = None
 ) -> Lifted:
     """`lift`, and which splat each leaf is."""
     if n_levels < 1:

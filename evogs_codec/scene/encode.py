@@ -14,14 +14,14 @@ from evogs_codec.common.progress import Progress
 from evogs_codec.encoding.arrange import leaf_order
 from evogs_codec.encoding.encode import expect_tree
 from evogs_codec.encoding.settings import Settings
-from evogs_codec.lifting.lift import Lifted, lift_with_order, off_of
+from evogs_codec.lifting.lift import N_LEVELS, Lifted, largest_leaf_errors, lift_with_order
 from evogs_codec.lifting.shared_sh import with_palette
 from evogs_codec.model.channels import GROUPS
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.choose import at_tree_psnr, best_stream
-from evogs_codec.scene.request import N_LEVELS, MaxError, Request, SceneOptions, TreeOptions
+from evogs_codec.scene.request import MaxError, Request, SceneOptions, TreeOptions
 
 if TYPE_CHECKING:
     from typing import Unpack
@@ -148,7 +148,7 @@ def encode_scene_with_order(splats: SplatParams, **options: Unpack[SceneOptions]
     shared = with_palette(lifted, splats) if palette == "auto" else None
     leaf_error = (0.0,) * len(GROUPS)
     if request.errors:
-        leaf_error = off_of(shared or lifted.tree, splats, lifted.leaf_of)
+        leaf_error = largest_leaf_errors(shared or lifted.tree, splats, lifted.leaf_of)
     # The tree without a palette may be smaller: of few splats, or where a target leaves SH few
     # bits.
     trees = [shared, lifted.tree] if shared else [lifted.tree]

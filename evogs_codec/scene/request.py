@@ -18,9 +18,8 @@ from evogs_codec.model.tree import EvolutionTree
 if TYPE_CHECKING:
     from evogs_codec.render import Camera, Views
 
-__all__ = ["N_LEVELS", "MaxError", "Request", "SceneOptions", "TreeOptions"]
+__all__ = ["MaxError", "Request", "SceneOptions", "TreeOptions"]
 
-N_LEVELS = 5  # of a lifted scene
 NO_NUMBA = "numba is missing: pip install -e '.[render]'"
 
 MaxError: TypeAlias = "float | Mapping[str, float]"

@@ -192,7 +192,7 @@ def evogs(monkeypatch, *arguments, refiners=()):
     def entries(group):
         return [SimpleNamespace(load=lambda r=r: r) for r in refiners if group == "evogs.refiners"]
 
-    monkeypatch.setattr("evogs_codec.cli.make.entry_points", entries)
+    monkeypatch.setattr("evogs_codec.cli.encode_and_lift.entry_points", entries)
     return commands.main([str(argument) for argument in arguments])
 
 

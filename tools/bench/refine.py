@@ -20,7 +20,8 @@ from evogs_codec import (
     read_directory,
     read_ply,
 )
-from evogs_codec.cli.options import DEFAULT_ITERATIONS, DEFAULT_LEVELS
+from evogs_codec.cli.options import DEFAULT_ITERATIONS
+from evogs_codec.lifting.lift import N_LEVELS
 from evogs_codec.render import cameras_around
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.viewpoints import SIZE
@@ -48,7 +49,7 @@ def refined(ply: Path | None, up: str) -> Rows:
 
 
 def _rows(name: str, scene: SplatParams, up: str) -> Rows:
-    lifted = lift(scene, DEFAULT_LEVELS)
+    lifted = lift(scene, N_LEVELS)
     start = time.process_time()
     better = refine(lifted, None, up, DEFAULT_ITERATIONS, lambda *_: None)
     seconds = time.process_time() - start

@@ -39,11 +39,48 @@ def test_what_is_no_scene_is_refused_in_one_line(command, name, refused, tmp_pat
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("command", ["decode", "info", "validate", "extract"])
-def test_what_is_no_stream_is_refused_in_one_line(command, refused, made, tmp_path):
-    out = [tmp_path / "out"] if command in ("decode", "extract") else []
-    refused(command, made / "scene.ply", *out, words=["scene.ply", "E_SIGNATURE", "spec 5.1"])
+NO_STREAM = {
+    "scene.ply": "is a .ply scene, not a stream: `evogs encode",
+    "x.tree.npz": "is a zip (.npz), not a stream: `evogs encode",
+    "zeros": "has only zeros, as of an interrupted copy or download",
+    "picture": "is a PNG, not a stream",
+    "text": "is not an EvoGS stream: give a file that `evogs encode` made",
+}
+
+
+@pytest.mark.parametrize("name", NO_STREAM)
+@pytest.mark.parametrize("command", ["decode", "info", "extract", "render", "sheet"])
+def test_what_is_no_stream_is_refused_and_the_line_says_what_to_give(
+    command, name, refused, made, tmp_path
+):
+    if command == "render" and name == "scene.ply":
+        pytest.skip("a .ply is rendered")
+    path = made / name
+    if not path.exists():
+        contents = {"zeros": bytes(5000), "picture": b"\x89PNG\r\n\x1a\n", "text": b"hello"}
+        path = tmp_path / name
+        path.write_bytes(contents[name])
+    target = [] if command == "info" else [tmp_path / "out"]
+    options = ["render", path, *target, "--sheet"] if command == "sheet" else [command, path]
+    options += target if command not in ("sheet", "info") else []
+    said = refused(*options, words=[path, NO_STREAM[name]])
+    assert "E_SIGNATURE" not in said
     assert not (tmp_path / "out").exists()
+
+
+def test_validate_says_the_fault_of_what_is_no_stream(refused, made):
+    refused("validate", made / "scene.ply", words=["scene.ply", "E_SIGNATURE", "spec 5.1"])
+
+
+@pytest.mark.parametrize("command", ["encode", "lift"])
+def test_a_stream_is_not_encoded_again(command, refused, made, tmp_path):
+    words = [made / "scene.evogs", "is an EvoGS stream already", "evogs extract", "evogs decode"]
+    refused(command, made / "scene.evogs", tmp_path / "out", words=words)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_tree_is_not_lifted(refused, made, tmp_path):
+    refused("lift", made / "x.tree.npz", tmp_path / "out", words=["not a scene", ".ply"])
 
 
 def test_a_scene_that_is_cut_short_is_refused(refused, made, tmp_path):
@@ -67,9 +104,9 @@ def test_a_download_that_was_cut_short_is_named_as_such_and_still_shows(
     assert (code, report["valid"], report["fault"]) == (1, False, "E_TRUNCATED")
     assert report["section"] == "6.2"
     assert 64 < report["offset"] <= len(data) // 2
-    code, _, err = evogs("decode", path, tmp_path / "part.ply", "--partial")
+    code, out, _ = evogs("decode", path, tmp_path / "part.ply", "--partial")
     assert code == 0
-    assert "50.0 %" in err
+    assert "50.0 %" in out
     assert 0 < len(read_ply(tmp_path / "part.ply")) <= 3000
     code, out, _ = evogs("info", path)
     assert code == 0
@@ -96,15 +133,20 @@ def test_an_output_that_cannot_be_written_is_named_and_nothing_is_left(
 ):
     source = made / ("scene.ply" if command in ("encode", "lift") else "scene.evogs")
     (tmp_path / "file").write_bytes(b"")
-    for target in (tmp_path / "no" / "out", tmp_path / "file" / "out", tmp_path):
-        refused(command, source, target, words=[target])
+    for target, said in (
+        (tmp_path / "no" / "out", "its folder does not exist"),
+        (tmp_path / "file" / "out", "file is a file, not a folder"),
+        (tmp_path / "file" / "no" / "out", "file is a file, not a folder"),
+        (tmp_path, "directory"),
+    ):
+        refused(command, source, target, words=[target, said])
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file"]
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write")
 def test_a_read_only_folder_is_named(refused, made, tmp_path):
     tmp_path.chmod(0o500)
-    refused("extract", made / "scene.evogs", tmp_path / "out", words=[tmp_path / "out"])
+    refused("extract", made / "scene.evogs", tmp_path / "out", words=["out: its folder may not be"])
     tmp_path.chmod(0o700)
 
 
@@ -145,7 +187,7 @@ def test_a_bug_is_not_dressed_up_as_a_bad_file(made, monkeypatch):
     def bug(*_, **__):
         raise IndexError("a bug")
 
-    monkeypatch.setattr(commands, "read_directory", bug)
+    monkeypatch.setattr(commands, "read_stream", bug)
     with pytest.raises(IndexError):
         main(["info", str(made / "scene.evogs")])
 
@@ -234,7 +276,7 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_work(tmp_path, m
     def never(*_, **__):
         raise AssertionError("the work began")
 
-    monkeypatch.setattr("evogs_codec.cli.make.read_ply", never)
+    monkeypatch.setattr("evogs_codec.cli.encode_and_lift.read_ply", never)
     scene = tmp_path / "scene.ply"
     scene.write_bytes(b"ply\n")
     assert main(["encode", str(scene), str(tmp_path / "no folder" / "x.evogs")]) == 1

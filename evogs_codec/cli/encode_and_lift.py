@@ -1,4 +1,4 @@
-"""The commands that make streams and trees: `evogs encode` and `evogs lift`."""
+"""`evogs encode` and `evogs lift`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from evogs_codec.common.progress import Progress
 from evogs_codec.encoding.settings import PRESETS, RangeBits, Settings
 from evogs_codec.errors import InputError
 from evogs_codec.format.directory import Directory, read_directory
-from evogs_codec.io.files import write_atomic
+from evogs_codec.io.files import KIND_BYTES, STREAM, kind_of, write_atomic
 from evogs_codec.io.ply import drop_non_finite, read_ply
 from evogs_codec.io.tree_npz import read_tree, write_tree
 from evogs_codec.lifting.lift import lift
@@ -37,7 +37,7 @@ __all__ = ["run_encode", "run_lift"]
 
 def run_encode(args: argparse.Namespace) -> None:
     """`evogs encode`."""
-    is_scene = _is_ply(args.input)
+    is_scene = _is_scene(args.input)
     _check(args, is_scene=is_scene)
     preset = _preset(args, "scene" if is_scene else "trained")
     with progress_bar() as progress:
@@ -76,6 +76,8 @@ def _print_figures(args: argparse.Namespace, directory: Directory, size: int) ->
 
 def run_lift(args: argparse.Namespace) -> None:
     """`evogs lift`."""
+    if not _is_scene(args.input):
+        raise InputError(f"{args.input}: is a zip (.npz), not a scene: give a 3DGS .ply")
     with progress_bar() as progress:
         splats = _read_splats(args.input, drop_invalid=args.drop_invalid)
         tree = lift(splats, args.levels, progress=progress)
@@ -88,10 +90,20 @@ def run_lift(args: argparse.Namespace) -> None:
 # --- what is encoded ------------------------------------------------------------------------------
 
 
-def _is_ply(path: Path) -> bool:
-    """Not a `.tree.npz`, judged by the file's first bytes."""
+def _is_scene(path: Path) -> bool:
+    """Whether to read a `.ply`, and not a `.tree.npz`: judged by the first bytes of the file.
+
+    Raises:
+        InputError: the file is a stream.
+    """
     with path.open("rb") as file:
-        return file.read(2) != b"PK"
+        start = file.read(KIND_BYTES)
+    if kind_of(start) is STREAM:
+        raise InputError(
+            f"{path}: is an EvoGS stream already: `evogs extract` makes a smaller one;"
+            f" to encode it again, decode it first: `evogs decode {path} OUT.ply`"
+        )
+    return not start.startswith(b"PK")
 
 
 def _read_splats(path: Path, *, drop_invalid: bool) -> SplatParams:

@@ -1,0 +1,123 @@
+"""The streams that commands read: what to do where a file is none, or its end is missing."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from evogs_codec.decoding.cut import Cut
+from evogs_codec.editing.presence import LevelPresence, bytes_for_first_splats, level_presence
+from evogs_codec.errors import Fault, InputError, StreamError
+from evogs_codec.format.directory import HEADER_SIZE, Directory, read_directory, read_header
+from evogs_codec.io.files import PICTURE, SCENE, TREE, kind_of
+from evogs_codec.io.json_files import read_limits
+
+__all__ = [
+    "directory_of",
+    "limits_of",
+    "part_there",
+    "read_bytes",
+    "read_stream",
+    "said_of_levels",
+    "said_of_part",
+]
+
+
+def limits_of(args: argparse.Namespace) -> dict[str, int] | None:
+    """What `--limits` asks for."""
+    return None if args.limits is None else read_limits(args.limits)
+
+
+def read_bytes(path: Path) -> memoryview:
+    """The bytes of a file.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    return memoryview(path.read_bytes())
+
+
+def read_stream(path: Path, limits: dict[str, int] | None) -> tuple[memoryview, Directory]:
+    """The bytes of a stream, perhaps without its end, and its directory.
+
+    Raises:
+        InputError, OSError, StreamError: as `directory_of`, or the file cannot be read.
+    """
+    data = read_bytes(path)
+    return data, directory_of(data, path, limits)
+
+
+def directory_of(data: memoryview, path: Path, limits: dict[str, int] | None) -> Directory:
+    """The directory of a stream, of which at least so much must be there.
+
+    Raises:
+        InputError: the file is no stream, or its directory is cut short: what to do is said.
+        StreamError: header or chunks are not legal, or over the limits.
+    """
+    try:
+        return read_directory(data, limits)
+    except StreamError as error:
+        if error.fault is Fault.E_SIGNATURE:
+            raise InputError(f"{path}: {_said_of_no_stream(data, path)}") from error
+        if error.fault is Fault.E_TRUNCATED:
+            raise InputError(f"{path}: {error}; {_said_of_directory(data)}") from error
+        raise
+
+
+def _said_of_directory(data: memoryview) -> str:
+    """How much of a file is needed to read its directory."""
+    if len(data) < HEADER_SIZE:
+        return f"get at least the header of {HEADER_SIZE} bytes and the directory behind it"
+    n_bytes = HEADER_SIZE + read_header(data)["chunks_size"]
+    return f"get at least the header and the directory, {n_bytes:,} bytes"
+
+
+def _said_of_no_stream(data: memoryview, path: Path) -> str:
+    """What the file is instead, and what to give."""
+    kind = kind_of(data)
+    if kind is SCENE:
+        return f"is a .ply scene, not a stream: `evogs encode {path} OUT.evogs` makes one"
+    if kind is TREE:
+        return f"is a zip (.npz), not a stream: `evogs encode {path} OUT.evogs` encodes a tree"
+    if kind is PICTURE:
+        return "is a PNG, not a stream: give a file that `evogs encode` made"
+    if not any(data):
+        return "has only zeros, as of an interrupted copy or download: get the stream again"
+    return "is not an EvoGS stream: give a file that `evogs encode` made"
+
+
+# --- of a part ------------------------------------------------------------------------------------
+
+
+def part_there(directory: Directory, n_bytes: int, asked: Cut, path: Path) -> Cut:
+    """What `--partial` takes: of the cut `asked`, the packets in the first `n_bytes` of the file.
+
+    Raises:
+        InputError: the cut asked for has splats, and none is there yet.
+    """
+    needed = bytes_for_first_splats(directory, asked)
+    if needed is not None and n_bytes < needed:
+        raise InputError(
+            f"{path}: no splat is there yet, get more of the file: the first splats need"
+            f" {needed:,} of its {directory.size:,} bytes, and {n_bytes:,} are there"
+        )
+    return Cut.of_prefix(directory, n_bytes).intersection(asked)
+
+
+def said_of_part(directory: Directory, n_bytes: int) -> str:
+    """How many bytes of a file and what levels are there."""
+    there = min(n_bytes, directory.size)
+    levels = said_of_levels(level_presence(directory, Cut.of_prefix(directory, n_bytes)))
+    share = 100 * there / directory.size
+    return f"{there:,} of {directory.size:,} bytes ({share:.1f} %) with {levels}"
+
+
+def said_of_levels(levels: list[LevelPresence]) -> str:
+    """How many levels have all splats, which have some, and whether SH are missing."""
+    n_whole = sum(level.has_all_splats for level in levels)
+    said = f"{n_whole} of {len(levels)} levels"
+    some = [str(k) for k, level in enumerate(levels) if k >= n_whole and level.state == "in part"]
+    if some:
+        said += f", part of level{'s' if len(some) > 1 else ''} {', '.join(some)}"
+    lacks_sh = any(level.state != "present" for level in levels[:n_whole])
+    return said + (" (SH in part)" if lacks_sh else "")
