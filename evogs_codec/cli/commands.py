@@ -20,12 +20,12 @@ from evogs_codec.cli import options
 from evogs_codec.cli.encode_and_lift import run_encode, run_lift
 from evogs_codec.cli.reports import comments_of, info_of, print_info
 from evogs_codec.cli.streams import (
+    describe_levels,
+    describe_part,
     limits_of,
     part_there,
     read_bytes,
     read_stream,
-    said_of_levels,
-    said_of_part,
 )
 from evogs_codec.cli.terminal import (
     complain,
@@ -152,7 +152,7 @@ def run_decode(args: argparse.Namespace) -> None:
     cut, part = _cut(directory, args), ""
     if args.partial:
         cut = part_there(directory, len(data), cut, args.input)
-        part = f", from {said_of_part(directory, len(data))}"
+        part = f", from {describe_part(directory, len(data))}"
     with progress_bar() as progress:
         splats = decode_leaves(
             data,
@@ -222,7 +222,7 @@ def run_extract(args: argparse.Namespace) -> None:
     write_atomic(args.output, smaller)
     # Levels are counted against all levels of the tiles and SH bands that were asked for.
     whole = choose_cut(directory, sh_degree=_sh_degree(directory, args), box=args.box)
-    kept = said_of_levels(level_presence(directory, cut, whole))
+    kept = describe_levels(level_presence(directory, cut, whole))
     n_kept, n_splats = (levels(of)[-1].n_leaves for of in (read_directory(smaller), directory))
     print(
         f"{shown(args.output)}: {kept}, {n_kept:,} of {n_splats:,} splats,"

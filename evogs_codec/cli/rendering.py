@@ -17,7 +17,7 @@ import numpy as np
 from tqdm import tqdm
 
 from evogs_codec.cli.options import add_limits, add_output, add_partial
-from evogs_codec.cli.streams import limits_of, part_there, read_stream, said_of_part
+from evogs_codec.cli.streams import describe_part, limits_of, part_there, read_stream
 from evogs_codec.common.printable import shown
 from evogs_codec.decoding.cut import Cut, tiles_meeting
 from evogs_codec.decoding.decode import decode
@@ -96,7 +96,7 @@ def _render_sheet(args: argparse.Namespace) -> None:
         there = level_presence(directory, Cut.of_prefix(directory, len(data)))
         numbers = [level for level in numbers if there[level].state != "missing"]
         cuts = [cuts[level] for level in numbers]
-        part = f", from {said_of_part(directory, len(data))}"
+        part = f", from {describe_part(directory, len(data))}"
     scenes = [decode(data, cut, directory=directory).leaves() for cut in cuts]
     n_bytes = [len(extract(data, cut, directory=directory)) for cut in cuts]
     names = [f"level {level}" for level in numbers]
@@ -171,7 +171,7 @@ def _load_input(args: argparse.Namespace) -> tuple[SplatParams, str]:
     part = ""
     if args.partial:
         cut = part_there(directory, len(data), cut, args.input)
-        part = f", from {said_of_part(directory, len(data))}"
+        part = f", from {describe_part(directory, len(data))}"
     return decode(data, cut, directory=directory).leaves(), part
 
 

@@ -120,13 +120,13 @@ def print_levels(directory: Directory, presence: Sequence[LevelPresence] | None 
     for level in levels(directory):
         so_far += level.n_bytes
         part = 100 * so_far / directory.size
-        there = "#" * round(part / 5) if presence is None else _said(presence[level.level])
+        there = "#" * round(part / 5) if presence is None else _presence_text(presence[level.level])
         print(
             f"{level.level:>6} {level.n_leaves:>10,} {level.n_bytes:>12,} {so_far:>12,}"
             f" {part:>5.1f} % {level.error:>9.3g}  {there}"
         )
 
 
-def _said(presence: LevelPresence) -> str:
+def _presence_text(presence: LevelPresence) -> str:
     lacks_sh = presence.state == "in part" and presence.has_all_splats
     return f"{presence.state}{': all splats, not all SH' if lacks_sh else ''}"

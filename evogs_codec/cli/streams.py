@@ -13,13 +13,12 @@ from evogs_codec.io.files import PICTURE, SCENE, TREE, kind_of
 from evogs_codec.io.json_files import read_limits
 
 __all__ = [
-    "directory_of",
+    "describe_levels",
+    "describe_part",
     "limits_of",
     "part_there",
     "read_bytes",
     "read_stream",
-    "said_of_levels",
-    "said_of_part",
 ]
 
 
@@ -41,13 +40,13 @@ def read_stream(path: Path, limits: dict[str, int] | None) -> tuple[memoryview, 
     """The bytes of a stream, perhaps without its end, and its directory.
 
     Raises:
-        InputError, OSError, StreamError: as `directory_of`, or the file cannot be read.
+        InputError, OSError, StreamError: as `_read_directory`, or the file cannot be read.
     """
     data = read_bytes(path)
-    return data, directory_of(data, path, limits)
+    return data, _read_directory(data, path, limits)
 
 
-def directory_of(data: memoryview, path: Path, limits: dict[str, int] | None) -> Directory:
+def _read_directory(data: memoryview, path: Path, limits: dict[str, int] | None) -> Directory:
     """The directory of a stream, of which at least so much must be there.
 
     Raises:
@@ -58,13 +57,13 @@ def directory_of(data: memoryview, path: Path, limits: dict[str, int] | None) ->
         return read_directory(data, limits)
     except StreamError as error:
         if error.fault is Fault.E_SIGNATURE:
-            raise InputError(f"{path}: {_said_of_no_stream(data, path)}") from error
+            raise InputError(f"{path}: {_hint_for_other_file(data, path)}") from error
         if error.fault is Fault.E_TRUNCATED:
-            raise InputError(f"{path}: {error}; {_said_of_directory(data)}") from error
+            raise InputError(f"{path}: {error}; {_hint_for_short_file(data)}") from error
         raise
 
 
-def _said_of_directory(data: memoryview) -> str:
+def _hint_for_short_file(data: memoryview) -> str:
     """How much of a file is needed to read its directory."""
     if len(data) < HEADER_SIZE:
         return f"get at least the header of {HEADER_SIZE} bytes and the directory behind it"
@@ -72,7 +71,7 @@ def _said_of_directory(data: memoryview) -> str:
     return f"get at least the header and the directory, {n_bytes:,} bytes"
 
 
-def _said_of_no_stream(data: memoryview, path: Path) -> str:
+def _hint_for_other_file(data: memoryview, path: Path) -> str:
     """What the file is instead, and what to give."""
     kind = kind_of(data)
     if kind is SCENE:
@@ -104,15 +103,15 @@ def part_there(directory: Directory, n_bytes: int, asked: Cut, path: Path) -> Cu
     return Cut.of_prefix(directory, n_bytes).intersection(asked)
 
 
-def said_of_part(directory: Directory, n_bytes: int) -> str:
+def describe_part(directory: Directory, n_bytes: int) -> str:
     """How many bytes of a file and what levels are there."""
     there = min(n_bytes, directory.size)
-    levels = said_of_levels(level_presence(directory, Cut.of_prefix(directory, n_bytes)))
+    levels = describe_levels(level_presence(directory, Cut.of_prefix(directory, n_bytes)))
     share = 100 * there / directory.size
     return f"{there:,} of {directory.size:,} bytes ({share:.1f} %) with {levels}"
 
 
-def said_of_levels(levels: list[LevelPresence]) -> str:
+def describe_levels(levels: list[LevelPresence]) -> str:
     """How many levels have all splats, which have some, and whether SH are missing."""
     n_whole = sum(level.has_all_splats for level in levels)
     said = f"{n_whole} of {len(levels)} levels"

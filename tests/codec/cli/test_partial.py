@@ -10,7 +10,8 @@ from evogs_codec import decode_prefix, read_directory, read_ply
 from evogs_codec.render import cameras_around, render
 from evogs_codec.render.png import write_png
 
-SIZE = ["--size", 16]
+PIXELS = 16
+SIZE = ["--size", PIXELS]
 
 
 @pytest.fixture
@@ -50,7 +51,7 @@ def test_a_part_is_rendered_as_its_splats_are(half, evogs, made, tmp_path):
     code, out, err = evogs("render", half, tmp_path / "half.png", "--partial", *SIZE)
     assert (code, err) == (0, "")
     splats = decode_prefix(half).leaves()
-    white = render(splats, cameras_around(splats, "z", SIZE[1])[0], (1.0, 1.0, 1.0))
+    white = render(splats, cameras_around(splats, "z", PIXELS)[0], (1.0, 1.0, 1.0))
     write_png(tmp_path / "expected.png", white)
     assert (tmp_path / "half.png").read_bytes() == (tmp_path / "expected.png").read_bytes()
     assert out.endswith(f"{len(splats):,} splats, 1 view, {said_of(half, made)}\n")
@@ -58,10 +59,12 @@ def test_a_part_is_rendered_as_its_splats_are(half, evogs, made, tmp_path):
 
 def test_a_sheet_of_a_part_has_the_levels_that_are_there(half, evogs, made, tmp_path, monkeypatch):
     rows = []
-    monkeypatch.setattr(
-        "evogs_codec.render.png.contact_sheet",
-        lambda pictures, labels: rows.extend(labels) or np.zeros((2, 2, 3)),
-    )
+
+    def contact_sheet(_pictures, labels):
+        rows.extend(labels)
+        return np.zeros((2, 2, 3))
+
+    monkeypatch.setattr("evogs_codec.render.png.contact_sheet", contact_sheet)
     sheet = ["render", half, tmp_path / "sheet.png", "--sheet", "--partial", *SIZE]
     code, out, _ = evogs(*sheet, "--reference", made / "scene.ply")
     assert (code, [row.split(":")[0] for row in rows]) == (
