@@ -17,7 +17,7 @@ from evogs_codec.cli.reports import level_figures, print_levels
 from evogs_codec.cli.terminal import progress_bar
 from evogs_codec.common.printable import shown
 from evogs_codec.common.progress import Progress
-from evogs_codec.encoding.settings import PRESETS, RangeBits, Settings
+from evogs_codec.encoding.settings import PRESETS, SCENE_PRESET, TREE_PRESET, RangeBits, Settings
 from evogs_codec.errors import InputError
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.io.files import KIND_BYTES, STREAM, kind_of, write_atomic
@@ -39,7 +39,7 @@ def run_encode(args: argparse.Namespace) -> None:
     """`evogs encode`."""
     is_scene = _is_scene(args.input)
     _check(args, is_scene=is_scene)
-    preset = _preset(args, "scene" if is_scene else "trained")
+    preset = _preset(args, SCENE_PRESET if is_scene else TREE_PRESET)
     with progress_bar() as progress:
         if is_scene:
             data = encode_scene(

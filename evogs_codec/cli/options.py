@@ -147,7 +147,6 @@ def add_encode(commands: Commands, run: Run) -> None:
     parser.add_argument(
         "--effort",
         type=_number(int, 1, 22),
-        default=19,
         metavar="Z",
         help="compression level of Zstandard, 1..22 (default: 19)",
     )

@@ -19,6 +19,8 @@ __all__ = [
     "ALPHA_BITS",
     "N_ALPHA",
     "PRESETS",
+    "SCENE_PRESET",
+    "TREE_PRESET",
     "TREE_PSNR",
     "Accuracy",
     "FixedSteps",
@@ -189,6 +191,8 @@ _SCENE = Settings(
     )
 )
 _TRAINED = Settings(FixedSteps(steps=(0.0005, 0.02, 0.06, 0.12, 0.03, 0.03, 0.03, 0.03), adds=0.5))
+
+SCENE_PRESET, TREE_PRESET = "scene", "trained"  # where neither a preset nor a target is given
 
 PRESETS = {
     # Accuracy of SPZ version 4, position relative to the extent: for lifted scenes.

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from evogs_codec.encoding.encode import encode
 from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
-from evogs_codec.encoding.settings import TREE_PSNR
+from evogs_codec.encoding.settings import TREE_PRESET, TREE_PSNR
 from evogs_codec.encoding.targets import TargetEncoder, TargetMissedError
 from evogs_codec.errors import InputError
 from evogs_codec.model.tree import EvolutionTree
@@ -112,7 +112,7 @@ def _best(
 def at_tree_psnr(tree: EvolutionTree, request: Request) -> bytes | None:
     """At `TREE_PSNR`; None if nothing can be rendered, or if views show too little of the tree."""
     views = request.views(tree.leaves())
-    instead = "encoded with the preset trained instead"
+    instead = f"encoded with the preset {TREE_PRESET} instead"
     if views is None:
         warnings.warn(f"{request.why_no_views}; {instead}", stacklevel=3)
         return None

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal
 from evogs_codec.common.progress import Progress
 from evogs_codec.encoding.arrange import leaf_order
 from evogs_codec.encoding.encode import expect_tree
-from evogs_codec.encoding.settings import Settings
+from evogs_codec.encoding.settings import SCENE_PRESET, TREE_PRESET, Settings
 from evogs_codec.lifting.lift import N_LEVELS, Lifted, largest_leaf_errors, lift_with_order
 from evogs_codec.lifting.shared_sh import with_palette
 from evogs_codec.model.channels import GROUPS
@@ -141,7 +141,7 @@ def encode_scene_with_order(splats: SplatParams, **options: Unpack[SceneOptions]
     improve = options.pop("improve", None)
     if palette not in ("auto", "never"):
         raise ValueError(f"palette is {palette!r}, expected 'auto' or 'never'")
-    request = Request.of("scene", options)
+    request = Request.of(SCENE_PRESET, options)
     lifted = lift_with_order(splats, levels, progress=request.progress)
     if improve is not None:
         lifted = _improved(lifted, improve)
@@ -209,7 +209,7 @@ def encode_tree(
         "info": info,
         "progress": progress,
     }
-    request = Request.of("trained", options)
+    request = Request.of(TREE_PRESET, options)
     if preset is None and request.is_plain:
         if tree.quanta:
             own = Settings.of_quanta(tree.quanta)
