@@ -52,7 +52,7 @@ def require(condition: bool, code: str, detail: str) -> None:
 
 REFINE, SPLIT, DROP = range(3)  # 3.3
 N_GROUPS = 5  # 3.1: position, rotation, scale, opacity, SH
-PICKS, PALETTE = 4, 5  # 3.7: components; 3.5: 0 is core, 1 to 3 are SH bands
+PICKS, PALETTE = 4, 5  # 12: components; 3.5: 0 is core, 1 to 3 are SH bands
 OF_CHANGED = 4  # 5.9: flag of a packet of picks
 N_CORE = 14  # 7.4: the first channel above SH band 0
 LIMITS = {  # 8.2: tiers 1, 2, 3
@@ -123,17 +123,17 @@ class Header:
 
     @property
     def has_palette(self) -> bool:
-        """3.7."""
+        """12."""
         return self.flags >> 8 & 1 == 1
 
     @property
     def components(self) -> tuple[int, ...]:
-        """3.5, 3.7: the numbers of the components that the stream may have."""
+        """3.5, 12: the numbers of the components that the stream may have."""
         return (0, PICKS, PALETTE) if self.has_palette else tuple(range(self.sh_degree + 1))
 
     @property
     def above_core(self) -> range:
-        """3.7: the channels of picks and of entries."""
+        """12: the channels of picks and of entries."""
         return range(N_CORE, 11 + 3 * (self.sh_degree + 1) ** 2)
 
 
@@ -154,7 +154,7 @@ class Packet:
     crc: int
     step: int = 0
     start: int = 0
-    label: int = 0  # 3.7: of picks, that of the step (3.4)
+    label: int = 0  # 12: of picks, that of the step (3.4)
 
     @property
     def n_psi(self) -> int:
@@ -210,7 +210,7 @@ class Scene:
     faults: list[Reject] = field(default_factory=list)  # 6.4: those found, in the order of 6.1
 
     def palette_up_to(self, level: int) -> list[Packet]:
-        """3.7: packets of the palette that picks of a step with this label require."""
+        """12: packets of the palette that picks of a step with this label require."""
         return [p for p in self.palette_packets if p.level <= level]
 
     def dump(self) -> bytes:
@@ -987,7 +987,7 @@ def decode_what_came(
     for p in scene.packets:
         steps = scene.tiles[p.tile].cut
         required = p.step == steps[p.component] and (p.component == 0 or p.step < steps[0])  # 3.5
-        if p.component == PALETTE:  # 3.7
+        if p.component == PALETTE:  # 12
             required = p.step == steps[PALETTE]
         elif p.component == PICKS:
             required &= scene.tiles[0].cut[PALETTE] >= len(scene.palette_up_to(p.label))
