@@ -23,7 +23,7 @@ CODES = """TRUNCATED SIGNATURE VERSION CRC RESERVED HEADER TIER CHUNK UNSUPPORTE
 CHAIN COUNT AMPLIFICATION META TRAILING PACKET FRAME ZSTD SLOT KIND INDEX RANGE DIGEST LIMIT"""
 
 
-class Reject(Exception):  # noqa: N818 - the name of the pseudo-code (7.3)
+class FaultError(Exception):
     """The stream is refused: code, offset of the structure at fault, requirement."""
 
     def __init__(self, code: str, detail: str, offset: int = -1) -> None:
@@ -37,7 +37,7 @@ def structure_at(offset: int) -> Iterator[None]:
     """Faults found inside belong to the structure that begins at `offset`."""
     try:
         yield
-    except Reject as fault:
+    except FaultError as fault:
         fault.offset = offset if fault.offset < 0 else fault.offset
         raise
 
@@ -45,7 +45,7 @@ def structure_at(offset: int) -> Iterator[None]:
 def require(condition: bool, code: str, detail: str) -> None:
     """Refuse the stream unless the condition holds."""
     if not condition:
-        raise Reject(code, detail)
+        raise FaultError(code, detail)
 
 
 # ---- 3 Model, 8.2 limits ----
@@ -207,7 +207,7 @@ class Scene:
     palette_packets: list[Packet] = field(default_factory=list)
     digests: dict[tuple[int, int, int], bytes] = field(default_factory=dict)
     metadata: dict[str, str] = field(default_factory=dict)
-    faults: list[Reject] = field(default_factory=list)  # 6.4: those found, in the order of 6.1
+    faults: list[FaultError] = field(default_factory=list)  # 6.4: those found, in the order of 6.1
 
     def palette_up_to(self, level: int) -> list[Packet]:
         """12: packets of the palette that picks of a step with this label require."""
@@ -445,7 +445,7 @@ def read_metadata(scene: Scene, body: bytes) -> None:
         try:
             scene.metadata[key.decode("ascii")] = value.decode("utf-8")
         except UnicodeDecodeError:
-            raise Reject("E_META", "R-5.8-4") from None
+            raise FaultError("E_META", "R-5.8-4") from None
         at, before = at + key_size + value_size, key
 
 
@@ -608,7 +608,7 @@ def read_frame(frame: bytes, content_size: int) -> bytes:
         # As a stream: in one call libzstd takes blocks that regenerate more than 128 KiB.
         content = zstandard.ZstdDecompressor().decompressobj().decompress(frame)
     except zstandard.ZstdError:
-        raise Reject("E_ZSTD", "R-5.10-6") from None
+        raise FaultError("E_ZSTD", "R-5.10-6") from None
     require(len(content) == content_size, "E_ZSTD", "R-5.10-6")
     return content
 
@@ -738,7 +738,7 @@ def apply_whole(scene: Scene, packet: Packet, body: bytes) -> None:
     )
     try:
         apply_packet(scene, packet, body)
-    except Reject:
+    except FaultError:
         scene.tiles[packet.tile], scene.palette = before, palette
         raise
 
@@ -996,13 +996,13 @@ def decode_what_came(
         try:
             with structure_at(p.start):
                 apply_whole(scene, p, data[p.start : p.start + p.size])
-        except Reject as fault:
+        except FaultError as fault:
             scene.faults.append(fault)
             continue
         if check_digests and digest_differs(scene, p):
             wrong.add((p.tile, p.component, p.step))
     try:
         finish(scene, pieces, wrong)
-    except Reject as fault:
+    except FaultError as fault:
         scene.faults.append(fault)
     return scene

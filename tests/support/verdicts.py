@@ -15,7 +15,7 @@ def verdict(data):
 def oracle_verdict(data):
     try:
         return oracle.decode(data, check_digests=True).dump()
-    except oracle.Reject as error:
+    except oracle.FaultError as error:
         return error.code, error.offset
 
 

@@ -234,7 +234,7 @@ def fault_of(function, *args, **options):
 def oracle_fault(function, *args, **options):
     try:
         function(*args, **options)
-    except oracle.Reject as fault:
+    except oracle.FaultError as fault:
         return fault.code, fault.offset
     return None
 

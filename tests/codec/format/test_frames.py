@@ -18,7 +18,7 @@ def fault(data, size):
     """Code of the fault, which the oracle must find too."""
     with pytest.raises(StreamError) as caught:
         decompress(memoryview(data), size, OFFSET)
-    with pytest.raises(oracle.Reject) as found:
+    with pytest.raises(oracle.FaultError) as found:
         oracle.read_frame(data, size)
     assert found.value.code == caught.value.fault.name
     assert caught.value.offset == OFFSET
