@@ -204,10 +204,7 @@ class _TileBuilder:
         splits = (np.cumsum(is_split) - 1)[rows[is_split[rows]]]
         changed = (np.cumsum(has_psi) - 1)[rows[has_psi[rows]]]
         born = np.concatenate([splits, source.alpha.shape[1] + adds])
-        n_changed = len(source.picks) - source.n_new
-        picked = source.picks[:0]
-        if n_changed >= 0:  # there is a palette
-            picked = source.picks[np.concatenate([changed[:n_changed], n_changed + born])]
+        picks, changed_picks = source.picks, source.changed_picks
         self.steps.append(
             Step(
                 level=source.level,
@@ -216,7 +213,8 @@ class _TileBuilder:
                 psi=source.psi[:, changed],
                 alpha=source.alpha[:, splits],
                 adds=source.adds[:, adds],
-                picks=picked,
+                picks=picks[born] if len(picks) else picks,
+                changed_picks=changed_picks[changed] if len(changed_picks) else changed_picks,
             )
         )
         new = n_before + born
