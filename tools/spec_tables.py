@@ -57,11 +57,6 @@ def faults_module() -> str:
         "    def section(self) -> str:",
         '        """Section of `spec/evogs.md` with the rule."""',
         "        return self.value[0]",
-        "",
-        "    @property",
-        "    def meaning(self) -> str:",
-        '        """The rule that is broken, in a line."""',
-        "        return self.value[1]",
     ]
     return "\n".join(lines) + "\n"
 

@@ -23,7 +23,7 @@ CODES = """TRUNCATED SIGNATURE VERSION CRC RESERVED HEADER TIER CHUNK UNSUPPORTE
 CHAIN COUNT AMPLIFICATION META TRAILING PACKET FRAME ZSTD SLOT KIND INDEX RANGE DIGEST LIMIT"""
 
 
-class Reject(Exception):  # noqa: N818 - the name of the pseudo-code (7.3)
+class FaultError(Exception):
     """The stream is refused: code, offset of the structure at fault, requirement."""
 
     def __init__(self, code: str, detail: str, offset: int = -1) -> None:
@@ -37,7 +37,7 @@ def structure_at(offset: int) -> Iterator[None]:
     """Faults found inside belong to the structure that begins at `offset`."""
     try:
         yield
-    except Reject as fault:
+    except FaultError as fault:
         fault.offset = offset if fault.offset < 0 else fault.offset
         raise
 
@@ -45,14 +45,14 @@ def structure_at(offset: int) -> Iterator[None]:
 def require(condition: bool, code: str, detail: str) -> None:
     """Refuse the stream unless the condition holds."""
     if not condition:
-        raise Reject(code, detail)
+        raise FaultError(code, detail)
 
 
 # ---- 3 Model, 8.2 limits ----
 
 REFINE, SPLIT, DROP = range(3)  # 3.3
 N_GROUPS = 5  # 3.1: position, rotation, scale, opacity, SH
-PICKS, PALETTE = 4, 5  # 3.7: components; 3.5: 0 is core, 1 to 3 are SH bands
+PICKS, PALETTE = 4, 5  # 12: components; 3.5: 0 is core, 1 to 3 are SH bands
 OF_CHANGED = 4  # 5.9: flag of a packet of picks
 N_CORE = 14  # 7.4: the first channel above SH band 0
 LIMITS = {  # 8.2: tiers 1, 2, 3
@@ -123,17 +123,17 @@ class Header:
 
     @property
     def has_palette(self) -> bool:
-        """3.7."""
+        """12."""
         return self.flags >> 8 & 1 == 1
 
     @property
     def components(self) -> tuple[int, ...]:
-        """3.5, 3.7: the numbers of the components that the stream may have."""
+        """3.5, 12: the numbers of the components that the stream may have."""
         return (0, PICKS, PALETTE) if self.has_palette else tuple(range(self.sh_degree + 1))
 
     @property
     def above_core(self) -> range:
-        """3.7: the channels of picks and of entries."""
+        """12: the channels of picks and of entries."""
         return range(N_CORE, 11 + 3 * (self.sh_degree + 1) ** 2)
 
 
@@ -154,7 +154,7 @@ class Packet:
     crc: int
     step: int = 0
     start: int = 0
-    label: int = 0  # 3.7: of picks, that of the step (3.4)
+    label: int = 0  # 12: of picks, that of the step (3.4)
 
     @property
     def n_psi(self) -> int:
@@ -207,10 +207,10 @@ class Scene:
     palette_packets: list[Packet] = field(default_factory=list)
     digests: dict[tuple[int, int, int], bytes] = field(default_factory=dict)
     metadata: dict[str, str] = field(default_factory=dict)
-    faults: list[Reject] = field(default_factory=list)  # 6.4: those found, in the order of 6.1
+    faults: list[FaultError] = field(default_factory=list)  # 6.4: those found, in the order of 6.1
 
     def palette_up_to(self, level: int) -> list[Packet]:
-        """3.7: packets of the palette that picks of a step with this label require."""
+        """12: packets of the palette that picks of a step with this label require."""
         return [p for p in self.palette_packets if p.level <= level]
 
     def dump(self) -> bytes:
@@ -445,7 +445,7 @@ def read_metadata(scene: Scene, body: bytes) -> None:
         try:
             scene.metadata[key.decode("ascii")] = value.decode("utf-8")
         except UnicodeDecodeError:
-            raise Reject("E_META", "R-5.8-4") from None
+            raise FaultError("E_META", "R-5.8-4") from None
         at, before = at + key_size + value_size, key
 
 
@@ -608,7 +608,7 @@ def read_frame(frame: bytes, content_size: int) -> bytes:
         # As a stream: in one call libzstd takes blocks that regenerate more than 128 KiB.
         content = zstandard.ZstdDecompressor().decompressobj().decompress(frame)
     except zstandard.ZstdError:
-        raise Reject("E_ZSTD", "R-5.10-6") from None
+        raise FaultError("E_ZSTD", "R-5.10-6") from None
     require(len(content) == content_size, "E_ZSTD", "R-5.10-6")
     return content
 
@@ -738,7 +738,7 @@ def apply_whole(scene: Scene, packet: Packet, body: bytes) -> None:
     )
     try:
         apply_packet(scene, packet, body)
-    except Reject:
+    except FaultError:
         scene.tiles[packet.tile], scene.palette = before, palette
         raise
 
@@ -987,7 +987,7 @@ def decode_what_came(
     for p in scene.packets:
         steps = scene.tiles[p.tile].cut
         required = p.step == steps[p.component] and (p.component == 0 or p.step < steps[0])  # 3.5
-        if p.component == PALETTE:  # 3.7
+        if p.component == PALETTE:  # 12
             required = p.step == steps[PALETTE]
         elif p.component == PICKS:
             required &= scene.tiles[0].cut[PALETTE] >= len(scene.palette_up_to(p.label))
@@ -996,13 +996,13 @@ def decode_what_came(
         try:
             with structure_at(p.start):
                 apply_whole(scene, p, data[p.start : p.start + p.size])
-        except Reject as fault:
+        except FaultError as fault:
             scene.faults.append(fault)
             continue
         if check_digests and digest_differs(scene, p):
             wrong.add((p.tile, p.component, p.step))
     try:
         finish(scene, pieces, wrong)
-    except Reject as fault:
+    except FaultError as fault:
         scene.faults.append(fault)
     return scene

@@ -66,7 +66,7 @@ def by_oracle(data: bytes, run: Run, module: ModuleType = oracle) -> Outcome:
     """The outcome by the oracle, or by a mutant of it.
 
     Raises:
-        Exception: a mutant may raise anything else than its `Reject`.
+        Exception: a mutant may raise anything else than its `FaultError`.
     """
     decoder: Any = module
     limits = dict(run.limits or {})
@@ -76,7 +76,7 @@ def by_oracle(data: bytes, run: Run, module: ModuleType = oracle) -> Outcome:
             return Outcome(ACCEPTED, dump=scene.dump())
         arrival = [(0, len(data))] if run.arrival is None else list(run.arrival)
         scene = decoder.decode_what_came(data, arrival, check_digests=run.verify, limits=limits)
-    except decoder.Reject as fault:
+    except decoder.FaultError as fault:
         return refused(run, fault.code, fault.offset)
     if scene.faults:
         first, dump = scene.faults[0], scene.dump() if run.dump_on_fault else None

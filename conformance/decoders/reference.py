@@ -40,6 +40,10 @@ CAPABILITIES = {
 }
 
 
+class _LevelError(Exception):
+    """The caller asks for a level that the stream does not have (spec 3.6)."""
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
     parser = argparse.ArgumentParser(description="The reference decoder, under test.")
@@ -107,7 +111,11 @@ def answer(source: Path, target: Path, run: Run) -> Outcome:
     if same_file(source, target):
         print(f"{shown(target)}: is the stream; name another file", file=sys.stderr)
         return Outcome(USAGE)
-    outcome = by_codec(source.read_bytes(), run)
+    try:
+        outcome = by_codec(source.read_bytes(), run)
+    except _LevelError as error:
+        print(error, file=sys.stderr)
+        return Outcome(USAGE)
     if outcome.dump is not None:
         target.write_bytes(outcome.dump)
     return outcome
@@ -214,7 +222,12 @@ def _json(path: str | Path | None) -> Any:  # noqa: ANN401 - limits, or ranges
 
 
 def _cut(level: int | None, directory: Directory) -> Cut:
-    return Cut.full(directory) if level is None else Cut.of_level(directory, level)
+    if level is None:
+        return Cut.full(directory)
+    try:
+        return Cut.of_level(directory, level)
+    except ValueError as error:
+        raise _LevelError(str(error)) from None
 
 
 if __name__ == "__main__":

@@ -107,7 +107,7 @@ def _built(stream: Stream) -> bytes:
         data = build(stream)
         if stream.digests:
             oracle.read_tables(data, {})
-    except (KeyError, oracle.Reject):
+    except (KeyError, oracle.FaultError):
         data = build(replace(stream, digests=None))
     return data
 
@@ -375,7 +375,7 @@ def _tight(stream: Stream) -> list[Tile]:
 
     try:
         oracle.decode(build(replace(stream, digests=None)), trace=note)
-    except oracle.Reject:
+    except oracle.FaultError:
         return list(stream.tiles)
     return [
         replace(

@@ -69,11 +69,6 @@ class Cut:
         return Cut(steps, int(np.count_nonzero(of_palette <= level)))
 
     @staticmethod
-    def of_packets(directory: Directory, n_packets: int) -> Cut:
-        """The first `n_packets` packets of the file."""
-        return Cut.of_rows(directory, np.arange(min(n_packets, len(directory.packets))))
-
-    @staticmethod
     def of_rows(directory: Directory, rows: I64) -> Cut:
         """These rows of the packet table, of which none lacks one that it requires."""
         n_palette = int(np.isin(directory.palette_packets, rows).sum())

@@ -1,4 +1,4 @@
-"""The palette of a stream: SH above band 0 that tiles share, and the picks among them (spec 3.7).
+"""The palette of a stream: SH above band 0 that tiles share, and the picks among them (spec 12).
 
 Letters: C channels above core, E entries, n picks.
 """

@@ -91,7 +91,7 @@ def _step(directory: Directory, data: memoryview, packets: list[int]) -> CodedSt
     d = directory.components.n_stored
     psi = np.zeros((d, counts.n_psi), np.int32)
     adds = np.zeros((d, counts.n_adds), np.int32)
-    picks = np.empty(0, np.int32)
+    picks = changed_picks = np.empty(0, np.int32)
     parts: list[Packet] = []
     for component, packet in zip(directory.components.of_tiles, packets, strict=True):
         offset = int(directory.offsets[packet])
@@ -99,8 +99,9 @@ def _step(directory: Directory, data: memoryview, packets: list[int]) -> CodedSt
         if component == PICKS:
             n_entries = int(directory.entries_required[packet])
             changed, new = unpack_picks(body, counts, n_entries, offset)
-            chosen = [new] if changed is None else [changed, new]
-            picks = np.concatenate(chosen).astype(np.int32)
+            picks = new.astype(np.int32)
+            if changed is not None:
+                changed_picks = changed.astype(np.int32)
             continue
         part = unpack(body, component, counts, offset)
         psi[component_slice(component)] = part.psi.all()
@@ -121,6 +122,7 @@ def _step(directory: Directory, data: memoryview, packets: list[int]) -> CodedSt
         adds=adds,
         error=() if set(errors) == {UNKNOWN_ERROR} else errors,
         picks=picks,
+        changed_picks=changed_picks,
     )
 
 

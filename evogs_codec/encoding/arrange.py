@@ -16,10 +16,10 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from evogs_codec.common.morton import every_third_bit
+from evogs_codec.common.morton import morton_order
 from evogs_codec.encoding.tiling import tiles_of_slots
 from evogs_codec.encoding.visibility import changes, ranks, visibility
-from evogs_codec.model.splats import F32, F64, I32, I64
+from evogs_codec.model.splats import F64, I32, I64
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
 __all__ = ["arrange", "default_tiles", "leaf_order"]
@@ -91,20 +91,6 @@ def _builders(tree: EvolutionTree, n_tiles: int) -> list[_TileBuilder]:
         for builder in builders:
             builder.take(group, n_before, change, shown)
     return builders
-
-
-def morton(positions: F32 | F64) -> npt.NDArray[np.uint64]:
-    """(n,) Morton codes of (3, n) positions, 21 bits an axis of their bounding box."""
-    p = np.asarray(positions, np.float64)
-    if not p.shape[1]:
-        return np.empty(0, np.uint64)
-    low = p.min(1, keepdims=True)
-    extent = float((p.max(1, keepdims=True) - low).max())
-    cells = ((p - low) * ((2**21 - 1) / extent if extent > 0 else 0.0)).astype(np.uint64)
-    code = np.zeros(p.shape[1], np.uint64)
-    for axis in range(3):
-        code |= every_third_bit(cells[axis]) << np.uint64(axis)
-    return code
 
 
 def _groups(steps: Sequence[Step]) -> Iterator[list[Step]]:
@@ -179,7 +165,7 @@ class _TileBuilder:
         rows = rows[np.argsort(self.name[main.slots[rows]], kind="stable")]
         n_splits = main.alpha.shape[1]
         adds = np.flatnonzero(own[n_before + n_splits : n_before + main.n_new])
-        adds = adds[np.argsort(morton(main.adds[0:3, adds]), kind="stable")]
+        adds = adds[morton_order(main.adds[0:3, adds])]
         seen = visibility(main.adds[:, adds])
         row_bins = _bins(ranks(change[rows], shown[rows], RUN), least)
         add_bins = _bins(ranks(seen, seen, 1), least)
@@ -204,10 +190,7 @@ class _TileBuilder:
         splits = (np.cumsum(is_split) - 1)[rows[is_split[rows]]]
         changed = (np.cumsum(has_psi) - 1)[rows[has_psi[rows]]]
         born = np.concatenate([splits, source.alpha.shape[1] + adds])
-        n_changed = len(source.picks) - source.n_new
-        picked = source.picks[:0]
-        if n_changed >= 0:  # there is a palette
-            picked = source.picks[np.concatenate([changed[:n_changed], n_changed + born])]
+        picks, changed_picks = source.picks, source.changed_picks
         self.steps.append(
             Step(
                 level=source.level,
@@ -216,7 +199,8 @@ class _TileBuilder:
                 psi=source.psi[:, changed],
                 alpha=source.alpha[:, splits],
                 adds=source.adds[:, adds],
-                picks=picked,
+                picks=picks[born] if len(picks) else picks,
+                changed_picks=changed_picks[changed] if len(changed_picks) else changed_picks,
             )
         )
         new = n_before + born

@@ -55,7 +55,7 @@ def packet_order(tree: CodedTree, sizes: Mapping[PacketId, int]) -> list[PacketI
 
 
 def palette_packets(tree: CodedTree) -> list[PacketId]:
-    """Packets of the palette (spec 3.7), as if they were of tile 0."""
+    """Packets of the palette (spec 12), as if they were of tile 0."""
     return [PacketId(0, PALETTE, k) for k in range(len(tree.palette_levels))]
 
 

@@ -1,4 +1,4 @@
-"""The entries of a palette in integers, in an order in which they take few bytes (spec 3.7).
+"""The entries of a palette in integers, in an order in which they take few bytes (spec 12).
 
 Letters: C SH channels above band 0, n entries.
 """
@@ -40,8 +40,15 @@ class CodedEntries:
 
     def renumbered(self, tile: CodedTile) -> CodedTile:
         """The tile with picks in the numbers that entries have now."""
-        steps = tuple(replace(step, picks=self.number[step.picks]) for step in tile.steps)
-        return replace(tile, steps=steps)
+        steps = (
+            replace(
+                step,
+                picks=self.number[step.picks],
+                changed_picks=self.number[step.changed_picks],
+            )
+            for step in tile.steps
+        )
+        return replace(tile, steps=tuple(steps))
 
 
 def quantised_entries(palette: Palette, grid: Grid, weights: F32 | None, price: float) -> I32:
@@ -82,6 +89,7 @@ def _first_levels(tiles: Sequence[CodedTile], n: int) -> I64:
     for tile in tiles:
         for step in tile.steps:
             np.minimum.at(first, step.picks, step.level)
+            np.minimum.at(first, step.changed_picks, step.level)
     return first[1:]
 
 

@@ -207,7 +207,16 @@ class _TileCoder:
             self._keep_products(group, part, psi, indices, plan, table, quantisers)
         adds = self._code_adds(step, new_adds)
         self._apply(plan, step.level, psi, indices, adds)
-        coded = CodedStep(step.level, step.slots, step.kinds, indices, psi, adds, picks=step.picks)
+        coded = CodedStep(
+            step.level,
+            step.slots,
+            step.kinds,
+            indices,
+            psi,
+            adds,
+            picks=step.picks,
+            changed_picks=step.changed_picks,
+        )
         self.tracker.note(self.x, self.n, step)
         return coded, plan
 

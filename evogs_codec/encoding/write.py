@@ -103,7 +103,7 @@ def _body(tree: CodedTree, packet: PacketId, effort: int) -> bytes:
         return pack_entries(tree.entries[:, of_level], effort=effort)
     step = tree.tiles[tile].steps[number]
     if component == PICKS:
-        return pack_picks(step.picks, step.n_new, effort=effort)
+        return pack_picks(step.picks, step.changed_picks, effort=effort)
     part = component_slice(component)
     alpha = [
         step.alpha[group] if len(tree.alpha_table(step.level, group).entries) > 1 else None

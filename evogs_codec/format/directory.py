@@ -52,7 +52,7 @@ class Directory:
 
     Attributes:
         sh_degree, n_levels, tier, grid_exponents: of the header.
-        components: which components the stream has (spec 3.5, 3.7).
+        components: which components the stream has (spec 3.5, 12).
         info: metadata.
         quantisers: [0] of adds, [1 + level] of psi; one per class each.
         alpha: tables by (level, group); `alpha_table` gives the default.
@@ -95,7 +95,7 @@ class Directory:
 
     @property
     def has_palette(self) -> bool:
-        """SH above band 0 are entries of a palette (spec 3.7)."""
+        """SH above band 0 are entries of a palette (spec 12)."""
         return self.components.has_palette
 
     @cached_property

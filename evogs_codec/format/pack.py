@@ -91,12 +91,19 @@ def pack(
     return body
 
 
-def pack_picks(picks: I32, n_new: int, *, effort: int) -> bytes:
-    """The bytes of a packet of picks (spec 3.7), (n,), `n_new` of them of new slots."""
-    coding = choose_coding(picks)[0]
-    if coding == ABSENT and len(picks) == n_new:
+def pack_picks(picks: I32, changed: I32, *, effort: int) -> bytes:
+    """The bytes of a packet of picks (spec 12.4).
+
+    Args:
+        picks: (n_new,) of the new slots.
+        changed: (P,) of the slots that are refined or split, or (0,): they keep theirs.
+        effort: the Zstandard level, 1..22.
+    """
+    stored = np.concatenate([changed, picks])
+    coding = choose_coding(stored)[0]
+    if coding == ABSENT and not len(changed):
         return b""
-    return _join(0 if len(picks) == n_new else FLAG_OF_CHANGED, [(coding, picks)], effort)
+    return _join(FLAG_OF_CHANGED if len(changed) else 0, [(coding, stored)], effort)
 
 
 def pack_entries(entries: I32, *, effort: int) -> bytes:

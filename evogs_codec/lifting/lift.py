@@ -22,11 +22,12 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.common.morton import morton_order
 from evogs_codec.common.parallel import parallel_map
 from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.lifting.concat import joined
 from evogs_codec.lifting.orientations import COMPOSE, largest_w, nearest_turns, turned
-from evogs_codec.lifting.pairing import features, match, morton_order
+from evogs_codec.lifting.pairing import features, match
 from evogs_codec.lifting.parents import MENDED, N_SHAPE, line_parents, median_mass, merged, moments
 from evogs_codec.model.splats import F32, F64, I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree, Step, alpha_channels
@@ -123,7 +124,7 @@ def lift_with_order(
     report = partial(progress or no_progress, "lift")
     if len(splats) <= PART:
         return _lift(splats, n_levels, report)
-    order = morton_order(splats.means.astype(np.float64))
+    order = morton_order(splats.means.T)
     parts = np.array_split(order, -(-len(splats) // PART))
     lifted = []
     for one in parallel_map(lambda rows: _lift(splats.take(rows), n_levels, lambda _: None), parts):
@@ -150,7 +151,7 @@ def _lift(splats: SplatParams, n_levels: int, report: Callable[[float], None]) -
     report(0.85)
     values, alphas = _raise_parents(x, rounds)
     report(0.95)
-    roots = roots[morton_order(values[0:3, roots].T)]
+    roots = roots[morton_order(values[0:3, roots])]
     lifted = _grow(values, alphas, rounds, roots, splats.sh_degree)
     report(1.0)
     return lifted

@@ -17,13 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from evogs_codec.common.morton import every_third_bit
 from evogs_codec.common.parallel import parallel_map
 from evogs_codec.lifting.orientations import STEP_ROTATION, STEP_SCALE
 from evogs_codec.lifting.parents import TINY, Moments, merged, sizes
 from evogs_codec.model.splats import F32, F64, I64
 
-__all__ = ["Features", "features", "match", "morton_order"]
+__all__ = ["Features", "features", "match"]
 
 STEP_POSITION = 0.2  # in units of the median splat
 STEP_OPACITY = 0.125
@@ -194,20 +193,6 @@ def _rotation_bits(p: F32, q: F32) -> F32:
     best = np.maximum(d, np.maximum((c + d) * np.float32(0.5**0.5), (a + b + c + d) / 2))
     g = np.sqrt(np.maximum(1 / (best * best) - 1, 0) / 3)
     out: F32 = 3 * np.log2(1 + g / np.float32(2 * STEP_ROTATION))
-    return out
-
-
-def morton_order(points: F64) -> I64:
-    """(n,) the points (n, 3) along the Z curve of their bounding cube, 21 bits per axis."""
-    if not len(points):
-        return np.empty(0, np.int64)
-    low = points.min(axis=0)
-    extent = max(float((points - low).max()), TINY)
-    cells = ((points - low) / extent * (2**21 - 1)).astype(np.uint64)
-    code = np.zeros(len(points), np.uint64)
-    for axis in range(3):
-        code |= every_third_bit(cells[:, axis]) << np.uint64(axis)
-    out: I64 = np.argsort(code, kind="stable")
     return out
 
 

@@ -1,4 +1,4 @@
-"""SH that many splats share, and trees that say so with a palette (spec 3.7).
+"""SH that many splats share, and trees that say so with a palette (spec 12).
 
 Scenes that went through a codec with a palette of SH have a few ten thousand vectors of them for
 hundreds of thousands of splats. As psi they would all differ.
@@ -87,7 +87,8 @@ def with_palette(lifted: Lifted, splats: SplatParams) -> EvolutionTree | None:
                 step,
                 psi=step.psi[:N_CORE],
                 adds=step.adds[:N_CORE],
-                picks=now[len(changed) :] if keeps else now,
+                picks=now[len(changed) :],
+                changed_picks=now[:0] if keeps else now[: len(changed)],
             )
         )
         n += step.n_new

@@ -38,7 +38,7 @@ class CodedStep:
         error: estimates for the packet entries (spec 5.6), by column of `Components`.
         gain: mean squared error of pictures that the packet of each column takes off; for the
             order of packets, no part of the stream.
-        picks: int32 as of `tree.Step`, where there is a palette.
+        picks, changed_picks: int32 as of `tree.Step`, where there is a palette.
     """
 
     level: int
@@ -50,6 +50,7 @@ class CodedStep:
     error: tuple[int, ...] = ()
     gain: tuple[float, ...] = ()
     picks: I32 = field(default_factory=lambda: np.empty(0, np.int32))
+    changed_picks: I32 = field(default_factory=lambda: np.empty(0, np.int32))
 
     @property
     def n_new(self) -> int:
@@ -71,7 +72,7 @@ class CodedTile:
 class CodedTree:
     """All that a stream says of a scene, but for the bytes it says it in.
 
-    Where there is a palette (spec 3.7), `entries` (C, n) int32 are its q, `entry_levels` (n,) the
+    Where there is a palette (spec 12), `entries` (C, n) int32 are its q, `entry_levels` (n,) the
     levels of their packets, never falling; psi and adds have the channels of core alone.
     """
 
@@ -91,7 +92,7 @@ class CodedTree:
 
     @property
     def components(self) -> Components:
-        """Those of the stream (spec 3.5, 3.7)."""
+        """Those of the stream (spec 3.5, 12)."""
         return Components(self.sh_degree, self.entries is not None)
 
     @property

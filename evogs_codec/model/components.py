@@ -1,4 +1,4 @@
-"""The components of a stream: the channels of each, and what its packets require (spec 3.5, 3.7).
+"""The components of a stream: the channels of each, and what its packets require (spec 3.5, 12).
 
 A component has the same number in every stream. What a tile has per component (steps of a cut,
 errors of a step) stands in the order of `Components.of_tiles`: in the *column* of the component.

@@ -38,7 +38,7 @@ class Kind(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Palette:
-    """SH above band 0 that splats share (spec 3.7).
+    """SH above band 0 that splats share (spec 12).
 
     Attributes:
         degree: 1..3.
@@ -71,8 +71,8 @@ class Step:
         psi: (D, P) float32, a column per refine or split, in slot order.
         alpha: (5, S) float32, a column per split, rows in group order.
         adds: (D, A) float32, a column per add.
-        picks: int32 of a tree with a palette: (P,) of the refined splats and the C1s, or of none of
-            them if they keep theirs; then (n_new,) of each C2 and each add.
+        picks: of a tree with a palette, (n_new,) int32 of each C2, then of each add; else (0,).
+        changed_picks: (P,) int32 of the refined splats and the C1s; (0,) if they keep theirs.
     """
 
     level: int
@@ -82,6 +82,7 @@ class Step:
     alpha: F32
     adds: F32
     picks: I32 = field(default_factory=_no_picks)
+    changed_picks: I32 = field(default_factory=_no_picks)
 
     @property
     def n_adds(self) -> int:
@@ -141,7 +142,7 @@ class Picking(Protocol):
     @property
     def picks(self) -> I32: ...
     @property
-    def n_new(self) -> int: ...
+    def changed_picks(self) -> I32: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +218,7 @@ class EvolutionTree:
 
     @property
     def components(self) -> Components:
-        """Those of a stream of the tree (spec 3.5, 3.7)."""
+        """Those of a stream of the tree (spec 3.5, 12)."""
         return Components(self.shown_degree, self.palette is not None)
 
     @property
@@ -269,11 +270,9 @@ class EvolutionTree:
 
 def take_picks(step: Picking, picks: I32, n: int) -> None:
     """Give slots the picks of a step, in place; n slots were there before."""
-    n_changed = len(step.picks) - step.n_new
-    if n_changed > 0:
-        picks[step.slots[step.kinds != Kind.DROP]] = step.picks[:n_changed]
-    new = step.picks[max(n_changed, 0) :]
-    picks[n : n + len(new)] = new
+    if len(step.changed_picks):
+        picks[step.slots[step.kinds != Kind.DROP]] = step.changed_picks
+    picks[n : n + len(step.picks)] = step.picks
 
 
 def alpha_channels(alpha: F32 | F64, d: int) -> F64:
@@ -330,13 +329,14 @@ def _check_step(step: Step, k: int, live: npt.NDArray[np.bool_], level: int, d: 
 
 
 def _check_picks(step: Step, k: int, palette: Palette) -> None:
-    if step.picks.shape not in ((step.n_new,), (step.psi.shape[1] + step.n_new,)):
+    n_psi, n_entries = step.psi.shape[1], palette.entries.shape[1]
+    if step.picks.shape != (step.n_new,):
         raise ValueError(f"step {k}: {len(step.picks)} picks of {step.n_new} new slots")
-    if (
-        step.picks.size
-        and not 0 <= step.picks.min() <= step.picks.max() <= palette.entries.shape[1]
-    ):
-        raise ValueError(f"step {k}: picks must be in 0..{palette.entries.shape[1]}")
+    if step.changed_picks.shape not in ((0,), (n_psi,)):
+        raise ValueError(f"step {k}: {len(step.changed_picks)} changed picks of {n_psi} slots")
+    for picks in (step.picks, step.changed_picks):
+        if picks.size and not 0 <= picks.min() <= picks.max() <= n_entries:
+            raise ValueError(f"step {k}: picks must be in 0..{n_entries}")
 
 
 def _check_numbers(array: F32, shape: tuple[int, ...], name: str) -> None:

@@ -105,6 +105,37 @@ def test_a_batch_answers_each_line_in_turn(tmp_path):
     assert not (tmp_path / "c").exists()
 
 
+@pytest.mark.parametrize("mode", reference.MODES)
+@pytest.mark.parametrize("level", [2, 64, -1])
+def test_a_level_that_the_stream_does_not_have_is_a_mistake_of_the_caller(tmp_path, mode, level):
+    broken = EXAMPLE[:460] + b"\xff" + EXAMPLE[461:]  # in a packet: it is not examined
+    for data in (EXAMPLE, broken):
+        assert ask(tmp_path, data, mode=mode, level=level) == (2, None, None, None)
+    broken = EXAMPLE[:100] + b"\xff" + EXAMPLE[101:]  # in a chunk: it is examined first
+    assert ask(tmp_path, broken, mode=mode, level=level)[:2] == (1, "E_CRC")
+
+
+def test_a_mistake_of_the_caller_is_said_on_standard_error_and_ends_no_batch(tmp_path):
+    assert call(tmp_path, "--level", "2") == (2, "", None)
+    assert call(tmp_path, "--level", "2", data=EXAMPLE[:300], mode="progressive") == (3, "", None)
+    requests = [
+        {"id": k, "in": str(tmp_path / "in"), "out": str(tmp_path / "a"), "mode": mode, "level": 2}
+        for k, mode in enumerate(["file", "progressive"])
+    ]
+    (tmp_path / "in").write_bytes(EXAMPLE)
+    done = subprocess.run(
+        [*COMMAND, "--batch"],
+        input="".join(json.dumps(request) + "\n" for request in requests),
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        check=True,
+    )
+    answers = [json.loads(line) for line in done.stdout.splitlines()]
+    assert answers == [{"id": 0, "exit": 2}, {"id": 1, "exit": 2}]
+    assert done.stderr.splitlines() == ["level 2 is not one of 0..1"] * 2
+
+
 def test_missing_bytes_are_no_fault_of_a_progressive_decoder(tmp_path):
     assert ask(tmp_path, EXAMPLE[:370]) == (3, None, None, None)
     nothing = oracle.decode_prefix(EXAMPLE[:371]).dump()

@@ -150,7 +150,7 @@ def test_damage_reaches_palettes_and_picks() -> None:
             data = tampered(Random(f"{number}/{seed}"), base)
             try:
                 oracle.decode(data)
-            except oracle.Reject as fault:
+            except oracle.FaultError as fault:
                 found[fault.detail] += 1
                 n_falling += fault.detail == "R-5.6-3" and palette_falls(data)
     wanted = {"R-5.1-9", "R-5.6-1", "R-5.6-2", "R-5.6-4", "R-5.6-5", "R-5.6-10", "R-7.2-4"}

@@ -108,7 +108,7 @@ def test_exceptions_and_endless_loops_are_crashes(monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(trial, "SECONDS", 0.05)
     for decode in (wrong, endless):
-        module = SimpleNamespace(decode=decode, Reject=oracle.Reject)
+        module = SimpleNamespace(decode=decode, FaultError=oracle.FaultError)
         assert outcome(module, EXAMPLE, Run()) == CRASH  # type: ignore[arg-type]
 
 

@@ -42,7 +42,7 @@ def start_of(data: bytes) -> int:
 
 
 def fault(data: bytes, **options) -> tuple[str, str, int]:
-    with pytest.raises(oracle.Reject) as caught:
+    with pytest.raises(oracle.FaultError) as caught:
         oracle.decode(data, **options)
     return caught.value.code, caught.value.detail, caught.value.offset
 
@@ -240,7 +240,7 @@ def test_picks_of_no_bytes_wait_for_the_palette_too() -> None:
 def test_a_wrong_packet_of_picks_is_not_examined_while_the_palette_is_not_there() -> None:
     data = build(stream(ENTRIES, ADDS, replace(PICKS, picks=[9, 9, 9])))
     assert narrow(oracle.decode_pieces(data, pieces(data, 0)).tiles[0].cut) == [1, 0, 0]
-    with pytest.raises(oracle.Reject) as caught:
+    with pytest.raises(oracle.FaultError) as caught:
         oracle.decode_pieces(data, pieces(data))
     assert caught.value.code == "E_INDEX"
 

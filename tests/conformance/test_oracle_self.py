@@ -128,7 +128,7 @@ ROWS: list[Row] = [
 
 
 def fault(data: bytes, **options: Any) -> tuple[str, int]:
-    with pytest.raises(oracle.Reject) as caught:
+    with pytest.raises(oracle.FaultError) as caught:
         oracle.decode(data, **options)
     return caught.value.code, caught.value.offset
 
@@ -231,7 +231,7 @@ def test_every_prefix_after_the_chunks_decodes_to_its_complete_packets() -> None
     ordered = sorted(set(cuts))
     assert cuts == sorted(cuts)
     assert ordered == [(0, 0), (1, 0), (1, 1), (2, 1), (2, 2), (3, 3)]
-    with pytest.raises(oracle.Reject) as caught:
+    with pytest.raises(oracle.FaultError) as caught:
         oracle.decode_prefix(data[: start - 1])
     assert (caught.value.code, caught.value.offset) == ("E_TRUNCATED", 64)
 

@@ -122,8 +122,8 @@ def feed(data: bytes, order: list[int]) -> tuple[oracle.Scene, SimpleNamespace]:
         p = row.packet
         try:
             oracle.apply_whole(scene, p, data[p.start : p.start + p.size])
-        except oracle.Reject as fault:
-            raise SPEC.Reject(fault.code, p.start) from fault
+        except oracle.FaultError as fault:
+            raise SPEC.FaultError(fault.code, p.start) from fault
 
     decoder = SPEC.Progressive(rows_of(scene), apply)
     for number in order:

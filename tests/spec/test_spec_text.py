@@ -285,10 +285,10 @@ def test_changed_slots_have_the_picks_worked_out_by_hand():
     ids=["new slot", "new slot after changed ones", "changed slot", "entry of a higher level"],
 )
 def test_a_pick_past_the_entries_it_may_name_is_refused_by_the_pseudo_code(data):
-    with pytest.raises(oracle.Reject) as caught:
+    with pytest.raises(oracle.FaultError) as caught:
         decode_with_pseudo_code(data)
     assert caught.value.code == "E_INDEX"
-    with pytest.raises(oracle.Reject) as caught:
+    with pytest.raises(oracle.FaultError) as caught:
         oracle.decode(data)
     assert caught.value.code == "E_INDEX"
 
@@ -305,7 +305,7 @@ def test_a_pick_past_the_entries_it_may_name_is_refused_by_the_pseudo_code(data)
     ],
 )
 def test_the_pseudo_code_refuses_what_leaves_its_range(function, arguments):
-    with pytest.raises(oracle.Reject) as caught:
+    with pytest.raises(oracle.FaultError) as caught:
         getattr(pseudo_code(), function)(*arguments)
     assert caught.value.code == "E_RANGE"
 

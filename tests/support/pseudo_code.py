@@ -20,15 +20,15 @@ def pseudo_code() -> ModuleType:
     blocks = re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
     assert len(blocks) >= 9
     module = ModuleType("spec_pseudo_code")
-    module.__dict__["Reject"] = _Reject
+    module.__dict__["FaultError"] = _FaultError
     module.__dict__["group_of"] = oracle.group_of
     for block in blocks:
         exec(block, module.__dict__)
     return module
 
 
-class _Reject(oracle.Reject):
-    """`Reject` of the text, which says no more than the code."""
+class _FaultError(oracle.FaultError):
+    """`FaultError` of the text, which says no more than the code."""
 
     def __init__(self, code: str, offset: int = -1) -> None:
         super().__init__(code, "pseudo-code", offset)

@@ -15,7 +15,7 @@ def verdict(data):
 def oracle_verdict(data):
     try:
         return oracle.decode(data, check_digests=True).dump()
-    except oracle.Reject as error:
+    except oracle.FaultError as error:
         return error.code, error.offset
 
 
@@ -31,7 +31,7 @@ def fault_of(function, *args, **options):
 def oracle_fault(function, *args, **options):
     try:
         function(*args, **options)
-    except oracle.Reject as fault:
+    except oracle.FaultError as fault:
         return fault.code, fault.offset
     return None
 

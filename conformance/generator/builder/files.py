@@ -122,7 +122,7 @@ def _digests(
         found[tile, component, step] = hashlib.sha256(state).digest()
 
     if None in (stream.digests or {}).values():
-        with suppress(oracle.Reject):
+        with suppress(oracle.FaultError):
             oracle.decode(_file(replace(stream, header={}), chunks, data), trace=note)
     return found
 

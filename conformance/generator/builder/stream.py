@@ -12,7 +12,7 @@ from conformance.generator.builder.frames import FrameStyle, raw
 __all__ = ["DROP", "MAX_X", "REFINE", "SPLIT", "Chunk", "Packet", "Stream", "Tile", "Values"]
 
 REFINE, SPLIT, DROP = range(3)
-PICKS, PALETTE = 4, 5  # components (spec 3.7); 0 is core, 1 to 3 are SH bands
+PICKS, PALETTE = 4, 5  # components (spec 12); 0 is core, 1 to 3 are SH bands
 X, Y, Z, W, OPACITY, RED, GREEN, BLUE = 0, 1, 2, 3, 10, 11, 12, 13  # channels of core
 MAX_X = (1 << 30) - 1
 

@@ -35,6 +35,7 @@ from conformance.generator.cases import (
     real,
     shapes,
     zstd,
+    zstd_libraries,
 )
 
 __all__ = ["FAMILIES"]
@@ -47,6 +48,7 @@ FAMILIES: tuple[ModuleType, ...] = (
     numeric_ranges,
     shapes,
     zstd,
+    zstd_libraries,
     extension,
     metamorphic,
     progressive,

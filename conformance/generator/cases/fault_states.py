@@ -279,7 +279,7 @@ def of_picks() -> Iterator[Case]:
     )
     above = "picks of label 0 are of entries of level 1, which are there"
     yield from Scene("picks", "a packet of picks", 4, 3, levels).refused(
-        [Fault("of-a-higher-level", "R-7.2-4 3.7", "E_INDEX", above)]
+        [Fault("of-a-higher-level", "R-7.2-4 12", "E_INDEX", above)]
     )
 
 

@@ -59,7 +59,7 @@ def degrees() -> Iterator[Case]:
         yield case(
             f"degree-{degree}",
             with_palette(*packets, degree=degree),
-            "R-4.1-2 R-5.1-9 R-5.6-1 R-7.2-4 3.7 5.9 7.4",
+            "R-4.1-2 R-5.1-9 R-5.6-1 R-7.2-4 12 5.9 7.4",
             f"four entries of degree {degree}; picks of three adds, of a second child, of an add",
             "numbers entries from 0, or fills the channels of band 1 only",
         )
@@ -124,7 +124,7 @@ def slots() -> Iterator[Case]:
         ),
     ]
     for name, packets, tests, faulty in rows:
-        yield case(name, with_palette(*packets, n_levels=1), "R-7.2-4 3.3 3.4 3.7", tests, faulty)
+        yield case(name, with_palette(*packets, n_levels=1), "R-7.2-4 3.3 3.4 12", tests, faulty)
     cores = (ADD, replace(ADD, tile=1, adds=numbers(2, seed=5)))
     yield case(
         "two-tiles-share-it",
@@ -138,7 +138,7 @@ def slots() -> Iterator[Case]:
             picks(1, 2, tile=1),
             n_tiles=2,
         ),
-        "R-5.6-10 R-7.2-4 3.7",
+        "R-5.6-10 R-7.2-4 12",
         "two tiles pick entries of one palette, which stands before the core of tile 0",
         "keeps a palette per tile, or gives it to tile 0 only",
     )
@@ -147,7 +147,7 @@ def slots() -> Iterator[Case]:
         with_palette(
             entries(2), replace(ADD, tile=1), picks(2, 0, 1, tile=1), n_levels=1, n_tiles=2
         ),
-        "R-5.6-10 R-5.6-6 3.7",
+        "R-5.6-10 R-5.6-6 12",
         "tile 0 has the rows of the palette and nothing else: it has no slots",
         "makes slots of the entries, or wants core before the palette",
         runs=(FILE, PROGRESSIVE),
@@ -189,7 +189,7 @@ def stored_picks() -> Iterator[Case]:
         (
             "picks-without-entries",
             [ADD, picks(), GROW, replace(picks(), is_explicit=True)],
-            "R-7.2-4 3.7",
+            "R-7.2-4 12",
             "the palette has no packets, and all picks are 0",
             "wants an entry, or reads entry 0 of none",
         ),
@@ -244,7 +244,7 @@ def stored_entries() -> Iterator[Case]:
             "entries-in-three-packets",
             [entries(2), ADD, entries(1, seed=1), GROW, entries(2, seed=2), picks(1, 3, 5),
              picks(2, 4)],
-            "R-5.6-10 R-7.2-4 3.7 7.4",
+            "R-5.6-10 R-7.2-4 12 7.4",
             "entries of three packets, numbered through; core packets stand between them",
             "begins anew with each packet, or keeps the last one only",
         ),
@@ -309,7 +309,7 @@ def stored_entries() -> Iterator[Case]:
         (
             "entries-of-a-scene-without-splats",
             [entries(3)],
-            "R-5.6-2 R-5.6-6 3.7",
+            "R-5.6-2 R-5.6-6 12",
             "three entries and nothing else",
             "makes three slots, or wants core before the palette",
         ),

@@ -40,7 +40,7 @@ def layouts() -> Iterator[Case]:
     yield case(
         "levels-of-two-tiles",
         SCENE,
-        "R-5.6-3 R-5.6-4 R-5.6-10 R-7.2-4 3.6 3.7",
+        "R-5.6-3 R-5.6-4 R-5.6-10 R-7.2-4 3.6 12",
         "entries of levels 0, 1 and 2, each behind picks of lower labels of two tiles",
         "wants the whole palette before any picks, or all of its rows of level 0",
     )
@@ -71,7 +71,7 @@ def layouts() -> Iterator[Case]:
             "levels-of-several-packets",
             [entries(1), ADD, picks(1, 0, 1), entries(1, seed=3, level=1), GROW,
              entries(2, seed=4, level=1), picks(4, 2)],
-            "R-5.6-3 R-7.2-4 3.7",
+            "R-5.6-3 R-7.2-4 12",
             "two packets of the palette with level 1, and picks of both",
             "wants levels that rise, or a packet for each",
         ),
@@ -92,21 +92,21 @@ def layouts() -> Iterator[Case]:
         (
             "levels-behind-late-picks",
             [ADD, LOW, GROW, picks(2, 0, 1), HIGH, picks(3, 4)],
-            "R-5.6-10 3.7",
+            "R-5.6-10 12",
             "entries of level 1 behind a step of that label and the picks of the one before it",
             "takes the label of picks from the last step of core before them",
         ),
         (
             "levels-of-picks-below",
             [ADD, LOW, HIGH, picks(2, 0, 1), GROW, picks(1, 2)],
-            "R-7.2-4 3.7",
+            "R-7.2-4 12",
             "picks of label 1 are of entries of level 0",
             "numbers the entries of each level from 1",
         ),
         (
             "levels-of-changed-picks",
             [ADD, LOW, picks(2, 0, 1), HIGH, GROW, anew([3, 4], [2, 3])],
-            "R-7.2-4 3.7 5.9",
+            "R-7.2-4 12 5.9",
             "new picks of slots that a step of label 1 refines or splits, of entries of level 1",
             "holds picks of changed slots against the entries of before",
         ),
@@ -201,7 +201,7 @@ def digests() -> Iterator[Case]:
     yield case(
         "levels-with-digests",
         replace(SCENE, digests=right),
-        "R-5.7-3 R-5.7-4 3.7 7.7",
+        "R-5.7-3 R-5.7-4 12 7.7",
         "digests after each packet: those of the palette hold the entries of the levels so far",
         "digests all entries, or those of the packet, of the level, or that picks may be of",
         runs=runs,

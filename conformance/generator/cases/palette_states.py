@@ -172,7 +172,7 @@ def digests() -> Iterator[Case]:
     yield case(
         "digests-of-the-palette",
         replace(SCENE, digests=dict.fromkeys(of_palette)),
-        "R-5.7-1 R-5.7-2 R-5.7-3 R-5.7-4 3.7 7.7",
+        "R-5.7-1 R-5.7-2 R-5.7-3 R-5.7-4 12 7.7",
         "digests of the palette after each of its packets",
         "hashes the entries of the packet, the slots of tile 0, or entry by entry",
         runs=(FILE, VERIFY, Run(verify=True, level=0)),
@@ -269,12 +269,12 @@ def arrivals() -> Iterator[Case]:
         ),
     ]
     for name, runs, tests, faulty in rows:
-        yield case(name, data, "R-6.4-1 R-6.4-2 3.7 6.4", tests, faulty, runs=runs)
+        yield case(name, data, "R-6.4-1 R-6.4-2 12 6.4", tests, faulty, runs=runs)
     ends = [end for _, end in places(data).packets]
     yield case(
         "boundaries-of-packets",
         data,
-        "R-6.4-1 R-6.4-3 3.7 6.4",
+        "R-6.4-1 R-6.4-3 12 6.4",
         "the file up to the end of each packet, and to the byte before",
         "shows a packet that lacks a byte, or waits for one more",
         runs=tuple(came((0, size)) for end in ends for size in (end - 1, end)),
@@ -324,7 +324,7 @@ def faults() -> Iterator[Case]:
         yield case(
             f"fault-{name}",
             bytes_,
-            "R-6.4-4 R-6.3-1 3.7 6.4",
+            "R-6.4-4 R-6.3-1 12 6.4",
             tests,
             "reports what came first, what it did not examine, or nothing",
             code,

@@ -65,11 +65,11 @@ def arrivals() -> Iterator[Case]:
         ),
     ]
     for name, runs, tests, faulty in rows:
-        yield case(name, data, "R-6.4-1 R-6.4-2 3.7 6.4", tests, faulty, runs=runs)
+        yield case(name, data, "R-6.4-1 R-6.4-2 12 6.4", tests, faulty, runs=runs)
     yield case(
         "levels-boundaries",
         data,
-        "R-6.4-1 R-6.4-3 3.7 6.4",
+        "R-6.4-1 R-6.4-3 12 6.4",
         "the file up to the end of each packet",
         "waits for entries of higher levels, or for core",
         runs=tuple(came((0, end)) for _, end in places(data).packets),
@@ -78,7 +78,7 @@ def arrivals() -> Iterator[Case]:
     yield case(
         "levels-of-late-picks-without-level-1",
         build(behind),
-        "R-6.4-1 3.7 6.4",
+        "R-6.4-1 12 6.4",
         "picks of level 0 stand behind core of label 1, and entries of level 1 are missing",
         "takes the label of picks from the last step of core before them",
         runs=(without(4, stream=behind), without(4, 5, stream=behind)),
@@ -134,7 +134,7 @@ def faults() -> Iterator[Case]:
         yield case(
             f"levels-fault-{name}",
             bytes_,
-            "R-6.4-4 R-6.3-1 3.7 6.4",
+            "R-6.4-4 R-6.3-1 12 6.4",
             tests,
             "examines picks before the entries that they require, or after all of the palette",
             code,

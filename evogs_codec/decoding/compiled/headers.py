@@ -14,7 +14,15 @@ import numpy as np
 from evogs_codec.format.frames import MAX_BLOCK, MAX_CONTENT
 from evogs_codec.model.splats import I64, U8
 
-__all__ = ["MAX_LISTS", "N_CORE", "N_SIDES", "Headers", "bits_are_plain", "read_headers"]
+__all__ = [
+    "MAX_LISTS",
+    "N_CORE",
+    "N_SIDES",
+    "Headers",
+    "bits_are_plain",
+    "is_frame",
+    "read_headers",
+]
 
 _jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
 N_SIDES = 7  # lists of core before psi: gaps, kinds, alpha of each group
@@ -117,7 +125,7 @@ def read_headers(
             if n_of_frame == 0 or plane + n_of_frame > n_planes or body + size > end:
                 return -1
             content = plane_sizes[plane : plane + n_of_frame].sum()
-            if not _is_frame(data[body : body + size], content):
+            if not is_frame(data[body : body + size], content):
                 return -1
             frames[n_read, 0], frames[n_read, 1], frames[n_read, 2] = body, size, content
             n_read += 1
@@ -147,8 +155,8 @@ def _lengths(component: int, counts: I64) -> tuple[I64, int]:
 
 
 @_jit
-def _is_frame(frame: U8, content: int) -> bool:
-    """R-5.10-1 to R-5.10-5."""
+def is_frame(frame: U8, content: int) -> bool:
+    """`frames.check_frame` again, since numba compiles neither slices of bytes nor its errors."""
     if len(frame) < 5 or _u32(frame, 0) != 0xFD2FB528 or frame[4] & 63 != 32:
         return False
     n_size = 1 << (frame[4] >> 6)

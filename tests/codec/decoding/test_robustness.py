@@ -45,11 +45,11 @@ def test_every_prefix_with_header_and_chunks_gives_the_scene_of_its_complete_pac
     for n in range(directory.data_offset, len(data) + 1):
         n_whole = int(np.searchsorted(ends, n, side="right"))
         if n_whole not in known:
-            known[n_whole] = decode(data, Cut.of_packets(directory, n_whole)).dump()
+            known[n_whole] = decode(data, Cut.of_rows(directory, np.arange(n_whole))).dump()
             assert decode_prefix(data[:n]).dump() == known[n_whole]
         else:  # decoding again for each byte would only repeat the packets: the cut decides
             there = Cut.of_complete(directory, ends <= n)
-            assert (there.steps == Cut.of_packets(directory, n_whole).steps).all()
+            assert (there.steps == Cut.of_rows(directory, np.arange(n_whole)).steps).all()
     assert len(known) > 2
 
 

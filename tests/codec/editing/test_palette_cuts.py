@@ -62,7 +62,7 @@ def test_directories_say_what_packets_require_of_the_palette():
 def test_cuts_take_the_palette_where_picks_need_it():
     full = Cut.full(DIRECTORY)
     assert full.palette == 4
-    prefixes = [Cut.of_packets(DIRECTORY, n).palette for n in (2, 3, 4, 5, 9, 10, 17)]
+    prefixes = [Cut.of_rows(DIRECTORY, np.arange(n)).palette for n in (2, 3, 4, 5, 9, 10, 17)]
     assert prefixes == [0, 1, 1, 2, 2, 3, 4]
     assert [Cut.of_level(DIRECTORY, level).palette for level in range(3)] == [2, 3, 4]
     plain = full.with_sh_degree(0)

@@ -5,6 +5,7 @@ import pytest
 import zstandard
 
 from conformance.decoders import oracle
+from evogs_codec.decoding.compiled.headers import is_frame
 from evogs_codec.errors import Fault, StreamError
 from evogs_codec.format.frames import MAX_CONTENT, check_frame, compress, decompress, store
 from tests.support.damage import frame
@@ -14,11 +15,17 @@ KIB, MIB = 1 << 10, 1 << 20
 OFFSET = 1234
 
 
+def is_in_subset(data, size):
+    """What the compiled check of headers says of a frame."""
+    return is_frame(np.frombuffer(data, np.uint8), size)
+
+
 def fault(data, size):
-    """Code of the fault, which the oracle must find too."""
+    """Code of the fault, which the oracle and the compiled check must find too."""
     with pytest.raises(StreamError) as caught:
         decompress(memoryview(data), size, OFFSET)
-    with pytest.raises(oracle.Reject) as found:
+    assert is_in_subset(data, size) == (caught.value.fault is Fault.E_ZSTD)
+    with pytest.raises(oracle.FaultError) as found:
         oracle.read_frame(data, size)
     assert found.value.code == caught.value.fault.name
     assert caught.value.offset == OFFSET
@@ -29,6 +36,7 @@ def fault(data, size):
 def content_of(data, size):
     content = decompress(memoryview(data), size, OFFSET)
     assert oracle.read_frame(data, size) == content
+    assert is_in_subset(data, size)
     return content
 
 
@@ -183,6 +191,7 @@ def test_damaged_content_is_refused_or_has_the_right_size():
         except StreamError as error:
             found = error.fault
         assert found in (600, Fault.E_FRAME, Fault.E_ZSTD)
+        assert is_in_subset(bytes(damaged), 600) == (found is not Fault.E_FRAME)
 
 
 # --- writing -------------------------------------------------------------------------------------

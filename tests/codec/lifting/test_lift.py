@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import scipy
 
+from evogs_codec.common.morton import morton_order
 from evogs_codec.lifting import lift as lift_module
 from evogs_codec.lifting.concat import joined
 from evogs_codec.lifting.lift import lift, lift_with_order
 from evogs_codec.lifting.orientations import MAX_G, largest_w, turned
-from evogs_codec.lifting.pairing import morton_order
 from evogs_codec.lifting.parents import ALPHAS_OPACITY, ALPHAS_SCALE, MENDED
 from evogs_codec.model.splats import F64, SplatParams
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
@@ -187,7 +187,7 @@ def test_two_lifts_of_one_scene_are_the_same():
 
 def test_roots_are_in_morton_order():
     roots = lift(surface(3000), 4).leaves(0).means.astype(np.float64)
-    np.testing.assert_array_equal(morton_order(roots), np.arange(len(roots)))
+    np.testing.assert_array_equal(morton_order(roots.T), np.arange(len(roots)))
 
 
 def test_a_large_scene_is_lifted_in_parts(monkeypatch):

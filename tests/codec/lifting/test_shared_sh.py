@@ -119,6 +119,13 @@ def test_picks_are_checked():
         EvolutionTree(0, (step,), palette=palette)
     with pytest.raises(ValueError, match=r"picks must be in 0\.\.2"):
         EvolutionTree(0, (replace(step, picks=np.array([1, 3], np.int32)),), palette=palette)
+    picks = np.array([1, 2], np.int32)
+    with pytest.raises(ValueError, match="2 changed picks of 0 slots"):
+        EvolutionTree(0, (replace(step, picks=picks, changed_picks=picks),), palette=palette)
+    first = replace(step, picks=picks)
+    refined = Step.of_refines(1, np.array([0, 1]), np.zeros((14, 2)))
+    with pytest.raises(ValueError, match=r"step 1: picks must be in 0\.\.2"):
+        EvolutionTree(0, (first, replace(refined, changed_picks=picks + 1)), palette=palette)
 
 
 def test_a_tree_of_one_level_has_no_coarse_entries():
