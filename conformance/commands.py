@@ -27,7 +27,8 @@ def register(commands: Commands) -> None:
 
 
 def _add_decoder(commands: Commands) -> None:
-    from conformance.decoders.reference import add_options, run_command
+    from conformance.decoders.contract import add_options
+    from conformance.decoders.reference import run_command
 
     parser: argparse.ArgumentParser = commands.add_parser(
         "decoder",

@@ -11,33 +11,20 @@ import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from conformance.decoders.contract import CAPABILITIES, add_options, run_of_request
 from conformance.decoders.outcomes import ACCEPTED, INCOMPLETE, Outcome, Run, refused
 from evogs_codec import Cut, Decoder, Directory, Fault, StreamError, decode, read_directory
 from evogs_codec.common.printable import shown
 from evogs_codec.io.files import same_file
 
-__all__ = ["add_options", "by_codec", "main", "run_command"]
+__all__ = ["by_codec", "main", "run_command"]
 
 USAGE = 2
-MODES = ["file", "progressive"]
-CAPABILITIES = {
-    "name": "evogs_codec",
-    "version": "1.0-draft 2",
-    "modes": MODES,
-    "codes": True,
-    "verify": True,
-    "limits": True,
-    "arrival": True,
-    "dump_on_fault": True,
-    "batch": True,
-    "max_tier": 3,
-    "max_sh_degree": 3,
-}
+NAME = {"name": "evogs_codec"}
 
 
 class _LevelError(Exception):
@@ -51,24 +38,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return run_command(parser.parse_args(arguments))
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """The options of the contract."""
-    parser.add_argument("--in", dest="source", type=Path, metavar="FILE")
-    parser.add_argument("--out", dest="target", type=Path, metavar="OUT")
-    parser.add_argument("--mode", choices=MODES, default="file")
-    parser.add_argument("--level", type=int, metavar="K", help="cut by level K")
-    parser.add_argument("--limits", type=Path, metavar="FILE.json", help="limits by name")
-    parser.add_argument("--verify", action="store_true", help="check digests")
-    parser.add_argument("--arrival", type=Path, metavar="FILE.json", help="[[offset, size], ...]")
-    parser.add_argument("--dump-on-fault", action="store_true", help="OUT has a dump then too")
-    parser.add_argument("--capabilities", action="store_true", help="print them and end")
-    parser.add_argument("--batch", action="store_true", help="a JSON request per line of input")
-
-
 def run_command(args: argparse.Namespace) -> int:
     """What the options ask for; returns the exit code."""
     if args.capabilities:
-        print(json.dumps(CAPABILITIES))
+        print(json.dumps(NAME | CAPABILITIES))
         return 0
     if args.batch:
         serve()
@@ -76,15 +49,7 @@ def run_command(args: argparse.Namespace) -> int:
     if args.source is None or args.target is None:
         print("evogs conformance decoder: --in and --out are required", file=sys.stderr)
         return USAGE
-    run = Run(
-        args.mode,
-        args.level,
-        _json(args.limits),
-        args.verify,
-        _ranges(args.arrival),
-        args.dump_on_fault,
-    )
-    outcome = answer(args.source, args.target, run)
+    outcome = answer(args.source, args.target, run_of_request(vars(args)))
     if outcome.code is not None:
         print(json.dumps(outcome.fault()))
     return outcome.exit
@@ -94,15 +59,7 @@ def serve() -> None:
     """The batch protocol on standard input and output."""
     for line in sys.stdin:
         entry = json.loads(line)
-        run = Run(
-            entry["mode"],
-            entry.get("level"),
-            _json(entry.get("limits")),
-            entry.get("verify", False),
-            _ranges(entry.get("arrival")),
-            entry.get("dump_on_fault", False),
-        )
-        outcome = answer(Path(entry["in"]), Path(entry["out"]), run)
+        outcome = answer(Path(entry["in"]), Path(entry["out"]), run_of_request(entry))
         print(json.dumps({"id": entry["id"], "exit": outcome.exit} | outcome.fault()), flush=True)
 
 
@@ -210,15 +167,6 @@ def _trailing(data: bytes, run: Run, directory: Directory) -> StreamError | None
     if max(ends, default=0) <= directory.size:
         return None
     return StreamError(Fault.E_TRAILING, "bytes follow the last packet", directory.size)
-
-
-def _ranges(path: str | Path | None) -> tuple[tuple[int, int], ...] | None:
-    ranges = _json(path)
-    return None if ranges is None else tuple((at, size) for at, size in ranges)
-
-
-def _json(path: str | Path | None) -> Any:  # noqa: ANN401 - limits, or ranges
-    return None if path is None else json.loads(Path(path).read_bytes())
 
 
 def _cut(level: int | None, directory: Directory) -> Cut:

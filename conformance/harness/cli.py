@@ -143,8 +143,18 @@ def _add_explain(commands: Commands) -> None:
     parser.add_argument(
         "id", metavar="ID", help="a vector, or a case: every-prefix-of-core-two-tiles@371"
     )
+    _add_vectors(parser)
+
+
+def _add_vectors(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--vectors", type=Path, default=VECTORS, metavar="DIR", help="folder of the vectors"
+    )
+
+
+def _add_jobs(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
     )
 
 
@@ -157,12 +167,8 @@ def _add_selftest(commands: Commands) -> None:
     )
     parser.set_defaults(run=run_selftest)
     parser.add_argument("names", nargs="*", metavar="NAME", help="test only these decoders")
-    parser.add_argument(
-        "--vectors", type=Path, default=VECTORS, metavar="DIR", help="folder of the vectors"
-    )
-    parser.add_argument(
-        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
-    )
+    _add_vectors(parser)
+    _add_jobs(parser)
 
 
 def _add_run(commands: Commands) -> None:
@@ -174,9 +180,7 @@ def _add_run(commands: Commands) -> None:
     )
     parser.set_defaults(run=run_run)
     parser.add_argument("--decoder", required=True, metavar='"CMD"', help="command of the decoder")
-    parser.add_argument(
-        "--vectors", type=Path, default=VECTORS, metavar="DIR", help="folder of the vectors"
-    )
+    _add_vectors(parser)
     parser.add_argument(
         "--family", action="append", default=[], metavar="F", help="run only this family"
     )
@@ -192,9 +196,7 @@ def _add_run(commands: Commands) -> None:
     parser.add_argument(
         "--seed", type=int, metavar="S", help="seed of fresh vectors (default: random, reported)"
     )
-    parser.add_argument(
-        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
-    )
+    _add_jobs(parser)
     parser.add_argument("--no-batch", action="store_true", help="start a process for each run")
     parser.add_argument(
         "--timeout", type=float, default=20.0, metavar="S", help="seconds per run (default: 20)"

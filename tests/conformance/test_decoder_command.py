@@ -9,6 +9,7 @@ import pytest
 
 from conformance.commands import register
 from conformance.decoders import oracle, reference
+from conformance.decoders.contract import CAPABILITIES, MODES
 from conformance.decoders.outcomes import Run
 from tests.conformance.tiny import EXAMPLE, ROOT
 
@@ -64,7 +65,7 @@ def test_the_commands_register_with_the_command_line(made_suite, capsys):
     register(parser.add_subparsers())
     args = parser.parse_args(["conformance", "decoder", "--capabilities"])
     assert args.run(args) == 0
-    assert json.loads(capsys.readouterr().out) == reference.CAPABILITIES
+    assert json.loads(capsys.readouterr().out) == reference.NAME | CAPABILITIES
     args = parser.parse_args(["conformance", "decoder", "--mode", "file"])
     assert args.run(args) == 2
     options = ["explain", "core-example", "--vectors", str(made_suite)]
@@ -77,7 +78,7 @@ def test_capabilities_say_that_it_does_everything():
     done = subprocess.run(
         [*COMMAND, "--capabilities"], capture_output=True, text=True, cwd=ROOT, check=True
     )
-    assert json.loads(done.stdout) == reference.CAPABILITIES
+    assert json.loads(done.stdout) == reference.NAME | CAPABILITIES
 
 
 def test_a_batch_answers_each_line_in_turn(tmp_path):
@@ -105,7 +106,7 @@ def test_a_batch_answers_each_line_in_turn(tmp_path):
     assert not (tmp_path / "c").exists()
 
 
-@pytest.mark.parametrize("mode", reference.MODES)
+@pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("level", [2, 64, -1])
 def test_a_level_that_the_stream_does_not_have_is_a_mistake_of_the_caller(tmp_path, mode, level):
     broken = EXAMPLE[:460] + b"\xff" + EXAMPLE[461:]  # in a packet: it is not examined
