@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """A decoder of EvoGS 1.0 streams, written from the text of the specification alone.
 
-It was written from an earlier version of the text and then brought to this one, as palettes (3.7)
+It was written from an earlier version of the text and then brought to this one, as palettes (12)
 were later; nothing else that reads or writes such streams was seen. It follows the text: header and
 chunks (5.1 to 5.8), packets and frames (5.9, 5.10), steps (7), cuts and progressive decoding (6),
 the dump (7.7), the command. It decodes what came when no more comes: of 6.4 it needs only the end.
@@ -77,7 +77,7 @@ TileRow = tuple[int, ...]  # origin, box_min, box_max
 class Row(NamedTuple):
     """A row of the packet table; level and counts are those of the core row of the step.
 
-    A row of entries belongs to no step of a tile (3.7): level and counts are its own.
+    A row of entries belongs to no step of a tile (12): level and counts are its own.
     """
 
     tile: int
@@ -224,7 +224,7 @@ def read_pack(body: memoryview, stream: Stream) -> None:
     slots = [0] * (stream.n_tiles + 1)  # the last are entries, bounded like those of a tile (8.2)
     stream.n_entries = [0] * stream.n_levels
     all_slots, start = 0, 64 + stream.chunks_size
-    picked = -1  # the highest label of the picks so far, which require entries up to it (3.7)
+    picked = -1  # the highest label of the picks so far, which require entries up to it (12)
     held = dict.fromkeys(range(1, 1 + stream.sh_degree), "band")
     held = {0: "core", **({4: "picks", 5: "entries"} if stream.palette else held)}
     for entry in struct.iter_unpack("<IBBHIIIIIII", body):
@@ -588,7 +588,7 @@ def apply_packet(data: memoryview, row: Row, stream: Stream, tile: Tile) -> None
         tile.steps[row.step] = read_records(lists, row, stream, tile)
     step = tile.steps[row.step]
     if row.holds == "picks":
-        n_entries = sum(stream.n_entries[: row.level + 1])  # of the packets that it requires (3.7)
+        n_entries = sum(stream.n_entries[: row.level + 1])  # of the packets that it requires (12)
         apply_picks(lists[0].integers(), flags & 4 > 0, n_entries, step, stream, tile)
         return
     n = len(tile.x[row.component])
@@ -626,7 +626,7 @@ def choose(source: Source, stream: Stream, level: int | None, progressive: bool)
         tile, component, step = row[:3]
         ready = step == 0 or (tile, component, step - 1) in taken
         ready = ready and (row.holds in ("core", "entries") or (tile, 0, step) in taken)
-        ready = ready and (row.holds != "picks" or row.level < lacking)  # 3.7, R-5.6-10
+        ready = ready and (row.holds != "picks" or row.level < lacking)  # 12, R-5.6-10
         ready = ready and (row.size == 0 or row.start not in faulty)
         if not progressive or (ready and source.has(row.start, row.size)):  # R-6.4-1, R-6.4-3
             taken.add(row[:3])
