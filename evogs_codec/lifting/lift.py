@@ -20,13 +20,20 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
 from evogs_codec.common.morton import morton_order
 from evogs_codec.common.parallel import parallel_map
 from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.lifting.concat import joined
-from evogs_codec.lifting.orientations import COMPOSE, largest_w, nearest_turns, turned
+from evogs_codec.lifting.orientations import (
+    COMPOSE,
+    Round,
+    consistent_turns,
+    largest_w,
+    nearest_turns,
+    unit_quats,
+    write_shape,
+)
 from evogs_codec.lifting.pairing import features, match
 from evogs_codec.lifting.parents import MENDED, N_SHAPE, line_parents, median_mass, merged, moments
 from evogs_codec.model.splats import F32, F64, I64, SplatParams
@@ -36,7 +43,6 @@ __all__ = ["N_LEVELS", "Lifted", "largest_leaf_errors", "lift", "lift_with_order
 
 N_LEVELS = 5  # of a tree, if nothing else is asked for
 N_PRICED = 14  # channels that decide who pairs: all but the higher SH bands
-MIN_W = 0.8  # of a unit quaternion; below, a node is written anew
 PART = 1 << 19  # splats that are lifted together at most
 
 
@@ -51,22 +57,6 @@ class Lifted:
 
     tree: EvolutionTree
     leaf_of: I64
-
-
-@dataclass(frozen=True, eq=False)
-class _Round:
-    """R merges: nodes c1 and c2 become the node `parent`, all (R,).
-
-    Attributes:
-        turn_c2: (R,) turn that writes c2 like c1.
-        turn_parent: (R,) turn of the parent after it was formed from the two.
-    """
-
-    c1: I64
-    c2: I64
-    parent: I64
-    turn_c2: npt.NDArray[np.uint8]
-    turn_parent: npt.NDArray[np.uint8]
 
 
 def lift(
@@ -140,14 +130,14 @@ def lift_with_order(
 def _lift(splats: SplatParams, n_levels: int, report: Callable[[float], None]) -> Lifted:
     """`lift_with_order` of splats that are finite."""
     x = splats.channels().astype(np.float64)
-    quats = _unit(x[3:7])
+    quats = unit_quats(x[3:7])
     log_scales = x[7:10].copy()
     own_turn = largest_w(quats)
-    _write(x, quats, log_scales, own_turn)
+    write_shape(x, quats, log_scales, own_turn)
 
     rounds, shapes, roots = _pair_up(x, n_levels - 1, report)
-    turns = _agree(rounds, shapes)[: len(splats)]
-    _write(x, quats, log_scales, COMPOSE[own_turn, turns])
+    turns = consistent_turns(rounds, shapes)[: len(splats)]
+    write_shape(x, quats, log_scales, COMPOSE[own_turn, turns])
     report(0.85)
     values, alphas = _raise_parents(x, rounds)
     report(0.95)
@@ -157,22 +147,9 @@ def _lift(splats: SplatParams, n_levels: int, report: Callable[[float], None]) -
     return lifted
 
 
-def _unit(quats: F64) -> F64:
-    """Unit quaternions (4, n); zero means identity."""
-    norm = np.linalg.norm(quats, axis=0)
-    identity = np.array([[1.0], [0.0], [0.0], [0.0]])
-    return np.where(norm > 0, quats / np.where(norm > 0, norm, 1), identity)
-
-
-def _write(x: F64, quats: F64, log_scales: F64, turn: npt.NDArray[np.uint8]) -> None:
-    """Write the shape of `x` (D, n) in place: w = 1, g and log-scales of the turned Gaussians."""
-    _, x[4:7], x[7:10] = turned(quats, log_scales, turn)
-    x[3] = 1
-
-
 def _pair_up(
     x: F64, n_rounds: int, report: Callable[[float], None]
-) -> tuple[list[_Round], F64, I64]:
+) -> tuple[list[Round], F64, I64]:
     """Pass 1 over the leaves (D, N).
 
     Returns:
@@ -186,7 +163,7 @@ def _pair_up(
     nodes = np.arange(n)
     unit = float(np.exp(np.clip(np.median(x[7:10].mean(axis=0)), -40, 40))) if n else 1.0
     shapes = [now[:N_SHAPE]]
-    rounds: list[_Round] = []
+    rounds: list[Round] = []
     total = n
     for k in range(n_rounds):
         i, j = match(features(now, mass, unit)) if len(nodes) > 1 else (nodes[:0], nodes[:0])
@@ -194,18 +171,18 @@ def _pair_up(
         c1, c2 = np.where(larger, j, i), np.where(larger, i, j)
 
         right = now[:, c2]
-        quats, log_scales = _unit(right[3:7]), right[7:10].copy()
+        quats, log_scales = unit_quats(right[3:7]), right[7:10].copy()
         turn_c2 = nearest_turns(now[4:7, c1], now[7:10, c1], quats, log_scales)
-        _write(right, quats, log_scales, turn_c2)
+        write_shape(right, quats, log_scales, turn_c2)
         mass_parents = merged(mass.take(c1), mass.take(c2))
         parents, _ = line_parents(now[:, c1], right, mass_parents, unit_mass)
-        quats, log_scales = _unit(parents[3:7]), parents[7:10].copy()
+        quats, log_scales = unit_quats(parents[3:7]), parents[7:10].copy()
         turn_parent = largest_w(quats)
-        _write(parents, quats, log_scales, turn_parent)
+        write_shape(parents, quats, log_scales, turn_parent)
 
         ids = total + np.arange(len(c1))
         total += len(c1)
-        rounds.append(_Round(nodes[c1], nodes[c2], ids, turn_c2, turn_parent))
+        rounds.append(Round(nodes[c1], nodes[c2], ids, turn_c2, turn_parent))
         shapes.append(parents[:N_SHAPE])
         alone = np.ones(len(nodes), bool)
         alone[c1] = alone[c2] = False
@@ -218,32 +195,7 @@ def _pair_up(
     return rounds, np.concatenate(shapes, axis=1), nodes
 
 
-def _agree(rounds: list[_Round], shapes: F64) -> npt.NDArray[np.uint8]:
-    """Pass 2: (T,) turn of each node, on top of how pass 1 wrote it; none for roots.
-
-    Turning a parent turns its children with it. g is a projective coordinate, so a line stays a
-    line, but a child may come to lie far out, where g is coarse: it is then written anew, like the
-    relative next to it.
-    """
-    turn = np.zeros(shapes.shape[1], np.uint8)
-    written = shapes[4:10].copy()
-    for r in reversed(rounds):
-        of_c1 = COMPOSE[r.turn_parent, turn[r.parent]]
-        of_c2 = COMPOSE[r.turn_c2, of_c1]
-        for child, of_child, relative in ((r.c1, of_c1, r.parent), (r.c2, of_c2, r.c1)):
-            quats, log_scales = _unit(shapes[3:7, child]), shapes[7:10, child]
-            w, g, turned_scales = turned(quats, log_scales, of_child)
-            far = np.flatnonzero(np.abs(w) < MIN_W)
-            beside = written[:, relative[far]]
-            new = nearest_turns(beside[:3], beside[3:], quats[:, far], log_scales[:, far])
-            of_child[far] = new
-            _, g[:, far], turned_scales[:, far] = turned(quats[:, far], log_scales[:, far], new)
-            turn[child] = of_child
-            written[:3, child], written[3:, child] = g, turned_scales
-    return turn
-
-
-def _raise_parents(x: F64, rounds: list[_Round]) -> tuple[F64, list[F64]]:
+def _raise_parents(x: F64, rounds: list[Round]) -> tuple[F64, list[F64]]:
     """Pass 3: channels (D, T) of all nodes, and alpha (5, R) of each round."""
     values = np.concatenate([x, *(np.empty((len(x), len(r.parent))) for r in rounds)], axis=1)
     mass = moments(x)
@@ -260,7 +212,7 @@ def _raise_parents(x: F64, rounds: list[_Round]) -> tuple[F64, list[F64]]:
 
 
 def _grow(
-    values: F64, alphas: list[F64], rounds: list[_Round], roots: I64, sh_degree: int
+    values: F64, alphas: list[F64], rounds: list[Round], roots: I64, sh_degree: int
 ) -> Lifted:
     """The tree of the nodes (D, T), roots in the order given."""
     steps = [Step.of_adds(0, values[:, roots].astype(np.float32))]

@@ -7,11 +7,12 @@ pays to write neighbours alike. Rotations are written g = (x, y, z) / w: scaled 
 w channel of a tree is constant and costs nothing. Of the 24 one always has |g| <= 0.61.
 
 Letters: n Gaussians, channel-major arrays; k in 0..23 an element of the cube's group, 0 the
-identity.
+identity; D channels, R merges, T nodes of a tree that is lifted.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -27,11 +28,15 @@ __all__ = [
     "STEP_ROTATION",
     "STEP_SCALE",
     "TURNS",
+    "Round",
+    "consistent_turns",
     "largest_w",
     "matrices",
     "multiply",
     "nearest_turns",
     "turned",
+    "unit_quats",
+    "write_shape",
 ]
 
 # Steps of a good coarse quantiser: what a difference is counted in.
@@ -39,6 +44,23 @@ STEP_ROTATION = 0.003
 STEP_SCALE = 0.0624
 MAX_G = 0.85  # no turn may move |g| beyond: far from 0 the same rotation takes more steps of g
 PRICE_OF_G = 3.0  # exponent of 1 + |g|**2, for the same reason
+MIN_W = 0.8  # of a unit quaternion; below, `consistent_turns` writes a node anew
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """R merges: nodes c1 and c2 become the node `parent`, all (R,).
+
+    Attributes:
+        turn_c2: (R,) turn that writes c2 like c1.
+        turn_parent: (R,) turn of the parent after it was formed from the two.
+    """
+
+    c1: I64
+    c2: I64
+    parent: I64
+    turn_c2: npt.NDArray[np.uint8]
+    turn_parent: npt.NDArray[np.uint8]
 
 
 def multiply(p: F64, q: F64) -> F64:
@@ -106,6 +128,13 @@ PERMUTE = _permutations(TURNS)
 COMPOSE = _composition(TURNS)
 
 
+def unit_quats(quats: F64) -> F64:
+    """(4, n) quaternions of norm 1; zero becomes the identity."""
+    norm = np.linalg.norm(quats, axis=0)
+    identity = np.array([[1.0], [0.0], [0.0], [0.0]])
+    return np.where(norm > 0, quats / np.where(norm > 0, norm, 1), identity)
+
+
 def largest_w(quats: F64) -> npt.NDArray[np.uint8]:
     """(n,) the turn k after which |w| of the unit quaternions (4, n) is largest, at least 0.85."""
     # w of q b is q . conj(b).
@@ -132,6 +161,12 @@ def turned(quats: F64, log_scales: F64, turn: npt.NDArray[np.uint8]) -> tuple[F6
     with np.errstate(divide="ignore", invalid="ignore"):
         g = q[1:] / w
     return w, g, np.take_along_axis(log_scales, PERMUTE[turn].T, axis=0)
+
+
+def write_shape(x: F64, quats: F64, log_scales: F64, turn: npt.NDArray[np.uint8]) -> None:
+    """Write the shape of `x` (D, n) in place: w = 1, g and log-scales of the turned Gaussians."""
+    _, x[4:7], x[7:10] = turned(quats, log_scales, turn)
+    x[3] = 1
 
 
 def nearest_turns(
@@ -175,3 +210,32 @@ def nearest_turns(
         best[better] = cost[better]
         out[better] = k
     return out
+
+
+def consistent_turns(rounds: list[Round], shapes: F64) -> npt.NDArray[np.uint8]:
+    """Pass 2 of lifting: (T,) turn of each node, on top of how pass 1 wrote it; none for roots.
+
+    Turning a parent turns its children with it. g is a projective coordinate, so a line stays a
+    line, but a child may come to lie far out, where g is coarse: it is then written anew, like the
+    relative next to it.
+
+    Args:
+        rounds: of pass 1, from the leaves up.
+        shapes: (10, T) geometry of all nodes, as pass 1 wrote it.
+    """
+    turn = np.zeros(shapes.shape[1], np.uint8)
+    written = shapes[4:10].copy()
+    for r in reversed(rounds):
+        of_c1 = COMPOSE[r.turn_parent, turn[r.parent]]
+        of_c2 = COMPOSE[r.turn_c2, of_c1]
+        for child, of_child, relative in ((r.c1, of_c1, r.parent), (r.c2, of_c2, r.c1)):
+            quats, log_scales = unit_quats(shapes[3:7, child]), shapes[7:10, child]
+            w, g, turned_scales = turned(quats, log_scales, of_child)
+            far = np.flatnonzero(np.abs(w) < MIN_W)
+            beside = written[:, relative[far]]
+            new = nearest_turns(beside[:3], beside[3:], quats[:, far], log_scales[:, far])
+            of_child[far] = new
+            _, g[:, far], turned_scales[:, far] = turned(quats[:, far], log_scales[:, far], new)
+            turn[child] = of_child
+            written[:3, child], written[3:, child] = g, turned_scales
+    return turn
