@@ -24,17 +24,20 @@ def is_there(path: Path, what: str = "file") -> bool:
     Raises:
         InputError: a folder, a pipe or a device is there, or the path cannot be looked at.
     """
-    name = shown(path, MAX_PATH)
+
+    def refusal(why: str) -> InputError:
+        return InputError(f"{shown(path, MAX_PATH)}: {why}")
+
     try:
         mode = path.stat().st_mode
     except (FileNotFoundError, NotADirectoryError):
         return False
     except OSError as error:
-        raise InputError(f"{name}: cannot be read: {error.strerror or error}") from error
+        raise refusal(f"cannot be read: {error.strerror or error}") from error
     except ValueError as error:  # a zero byte, or half a character
-        raise InputError(f"{name}: no {what} that can be read: {shown(error)}") from error
+        raise refusal(f"no {what} that can be read: {shown(error)}") from error
     if not stat.S_ISREG(mode):
-        raise InputError(f"{name}: no {what} that can be read: it is not a file")
+        raise refusal(f"no {what} that can be read: it is not a file")
     return True
 
 

@@ -34,9 +34,8 @@ from evogs_codec.model.tree import Kind, Step
 from evogs_codec.render.views import DRAWN, Views
 from reference_trainer.methods.base import Done, Setting
 from reference_trainer.models.adam import Variable, splat_variables
-from reference_trainer.models.blocks import Block, Collinear, Refined
+from reference_trainer.models.blocks import Block, Collinear, Refined, evolve, evolve_plain
 from reference_trainer.models.densify import ScreenGradients
-from reference_trainer.models.frontier import evolve, evolve_plain
 from reference_trainer.models.saved import Arrays, taken_number
 from reference_trainer.models.tensors import SplatTensors
 

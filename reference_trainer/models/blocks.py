@@ -3,13 +3,14 @@
 A `Collinear` block is the paper's C1 = P + psi, C2 = P - alpha * psi, with alpha learned (option
 D) or one (option C). A `Free` block has two independent children: C1 = P + psi, C2 = P + psi'
 (option B), or without P (option A). C1 takes the slot of P, C2 the next free one. A `Refined`
-block has one child, C = P + psi.
+block has one child, C = P + psi. `evolve` makes the leaves of all blocks of a level.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -22,10 +23,12 @@ from reference_trainer.models.adam import GROUPS, Variable, splat_variables
 from reference_trainer.models.saved import Arrays, taken, taken_number
 from reference_trainer.models.tensors import SplatTensors
 
-__all__ = ["Block", "Collinear", "Free", "Refined", "restored"]
+__all__ = ["Block", "Collinear", "Free", "Refined", "evolve", "evolve_plain", "restored"]
 
 Array = npt.NDArray[Any]
 I64 = npt.NDArray[np.int64]
+Context: TypeAlias = Any  # torch gives it no type
+Argument: TypeAlias = Any
 KINDS = ("learned", "fixed", "residuals", "children", "refined")  # their places are in checkpoints
 
 
@@ -267,6 +270,55 @@ class Refined:
     def arrays(self, prefix: str) -> Arrays:
         """For a checkpoint."""
         return _saved(prefix, self, self.variables)
+
+
+def evolve(base: SplatTensors, blocks: list[Block], live: I64) -> SplatTensors:
+    """The leaves in slots `live`, by compiled loops, differentiable in the blocks' tensors."""
+    tensors = [tensor for block in blocks for tensor in block.tensors()]
+    return SplatTensors(*_Evolve.apply(base, blocks, live, *tensors))  # type: ignore[no-untyped-call]
+
+
+def evolve_plain(base: SplatTensors, blocks: list[Block], live: I64) -> SplatTensors:
+    """`evolve` in torch's own operations."""
+    rows = torch.from_numpy(live).to(base.means.device)
+    out = []
+    for group, constants in enumerate(base):
+        values = constants.reshape(len(constants), -1)
+        for block in blocks:
+            values = block.evolve_plain(group, values)
+        out.append(values[rows].reshape(len(live), *constants.shape[1:]))
+    return SplatTensors(*out)
+
+
+class _Evolve(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Context, *args: Argument) -> tuple[Tensor, ...]:
+        base, blocks, live, *_ = args
+        n_slots = len(base.means) + sum(block.n_new for block in blocks)
+        ctx.blocks, ctx.live, ctx.n_slots = blocks, live, n_slots
+        out = []
+        for group, constants in enumerate(base):
+            x = constants.numpy().reshape(len(constants), -1)
+            values = np.empty((n_slots, x.shape[1]), x.dtype)
+            values[: len(x)] = x
+            for block in blocks:
+                block.evolve(group, values)
+            leaves = values if len(live) == n_slots else values[live]
+            out.append(torch.from_numpy(leaves).reshape(len(live), *constants.shape[1:]))
+        return tuple(out)
+
+    @staticmethod
+    def backward(ctx: Context, *grads: Tensor) -> tuple[Tensor | None, ...]:
+        found: list[list[Tensor]] = [
+            [torch.empty_like(tensor) for tensor in block.tensors()] for block in ctx.blocks
+        ]
+        for group, grad in enumerate(grads):
+            flat = grad.reshape(len(grad), math.prod(grad.shape[1:])).numpy()
+            g = np.zeros((ctx.n_slots, flat.shape[1]), flat.dtype)
+            g[ctx.live] = flat
+            for block, outs in zip(reversed(ctx.blocks), reversed(found), strict=True):
+                block.pull_back(group, g, [x.numpy() for x in outs])
+        return (None, None, None, *(x for outs in found for x in outs))
 
 
 def restored(arrays: Arrays, prefix: str, base: SplatTensors, n_slots: int) -> Block:

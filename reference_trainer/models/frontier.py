@@ -8,26 +8,29 @@ children were split again. Letters: S slots, N live leaves.
 from __future__ import annotations
 
 import math
-from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import torch
-from torch import Tensor
 
 from evogs_codec import InputError, SplatParams
 from reference_trainer.config import FrontierGrowth
 from reference_trainer.models.adam import Variable
-from reference_trainer.models.blocks import Block, Collinear, Free, Refined, restored
+from reference_trainer.models.blocks import (
+    Block,
+    Collinear,
+    Free,
+    Refined,
+    evolve,
+    evolve_plain,
+    restored,
+)
 from reference_trainer.models.densify import ScreenGradients, largest, useless
 from reference_trainer.models.saved import Arrays, taken, taken_number
 from reference_trainer.models.split import moment_matched, symmetric
 from reference_trainer.models.tensors import SplatTensors
 
-__all__ = ["OPTIONS", "Frontier", "evolve", "evolve_plain"]
-
-Context: TypeAlias = Any  # torch gives it no type
-Argument: TypeAlias = Any
+__all__ = ["OPTIONS", "Frontier"]
 
 # The paper's design space (its section 3.1).
 OPTIONS = {"A": "independent children", "B": "residuals", "C": "symmetric", "D": "asymmetric"}
@@ -152,54 +155,3 @@ def _children(
     if option == "A":
         x, other = p + x, p + other
     return SplatParams.from_channels(x), SplatParams.from_channels(other), option == "B"
-
-
-def evolve(base: SplatTensors, blocks: list[Block], live: npt.NDArray[np.int64]) -> SplatTensors:
-    """The leaves in slots `live`, by compiled loops, differentiable in the blocks' tensors."""
-    tensors = [tensor for block in blocks for tensor in block.tensors()]
-    return SplatTensors(*_Evolve.apply(base, blocks, live, *tensors))  # type: ignore[no-untyped-call]
-
-
-def evolve_plain(
-    base: SplatTensors, blocks: list[Block], live: npt.NDArray[np.int64]
-) -> SplatTensors:
-    """`evolve` in torch's own operations."""
-    rows = torch.from_numpy(live).to(base.means.device)
-    out = []
-    for group, constants in enumerate(base):
-        values = constants.reshape(len(constants), -1)
-        for block in blocks:
-            values = block.evolve_plain(group, values)
-        out.append(values[rows].reshape(len(live), *constants.shape[1:]))
-    return SplatTensors(*out)
-
-
-class _Evolve(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx: Context, *args: Argument) -> tuple[Tensor, ...]:
-        base, blocks, live, *_ = args
-        n_slots = len(base.means) + sum(block.n_new for block in blocks)
-        ctx.blocks, ctx.live, ctx.n_slots = blocks, live, n_slots
-        out = []
-        for group, constants in enumerate(base):
-            x = constants.numpy().reshape(len(constants), -1)
-            values = np.empty((n_slots, x.shape[1]), x.dtype)
-            values[: len(x)] = x
-            for block in blocks:
-                block.evolve(group, values)
-            leaves = values if len(live) == n_slots else values[live]
-            out.append(torch.from_numpy(leaves).reshape(len(live), *constants.shape[1:]))
-        return tuple(out)
-
-    @staticmethod
-    def backward(ctx: Context, *grads: Tensor) -> tuple[Tensor | None, ...]:
-        found: list[list[Tensor]] = [
-            [torch.empty_like(tensor) for tensor in block.tensors()] for block in ctx.blocks
-        ]
-        for group, grad in enumerate(grads):
-            flat = grad.reshape(len(grad), math.prod(grad.shape[1:])).numpy()
-            g = np.zeros((ctx.n_slots, flat.shape[1]), flat.dtype)
-            g[ctx.live] = flat
-            for block, outs in zip(reversed(ctx.blocks), reversed(found), strict=True):
-                block.pull_back(group, g, [x.numpy() for x in outs])
-        return (None, None, None, *(x for outs in found for x in outs))

@@ -11,8 +11,9 @@ from evogs_codec.model.tree import Kind
 from evogs_codec.render import orbit, psnr, render
 from reference_trainer.config import FrontierGrowth
 from reference_trainer.export import frontier_steps, roots
+from reference_trainer.models.blocks import evolve, evolve_plain
 from reference_trainer.models.densify import ScreenGradients
-from reference_trainer.models.frontier import OPTIONS, Frontier, evolve, evolve_plain
+from reference_trainer.models.frontier import OPTIONS, Frontier
 from reference_trainer.models.tensors import SplatTensors
 from tests.trainer import tiny
 
