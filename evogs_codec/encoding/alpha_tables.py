@@ -94,7 +94,7 @@ def _lloyd(values: F64, weights: F64, n: int) -> F64:
 
 def nearest(table: AlphaTable, alpha: F64) -> U8:
     """(S,) index of the entry nearest to each alpha."""
-    values = table.values()
+    values = table.values
     order = np.argsort(values)
     middles = (values[order][1:] + values[order][:-1]) / 2
     return order[np.searchsorted(middles, alpha)].astype(np.uint8)
@@ -109,7 +109,7 @@ def serving_second(u: F64, v: F64, table: AlphaTable) -> U8:
         table: the alphas.
     """
     uu, uv, vv = (u * u).sum(0), (u * v).sum(0), (v * v).sum(0)
-    cost = [vv + 2 * a * uv + a * a * uu for a in table.values()]
+    cost = [vv + 2 * a * uv + a * a * uu for a in table.values]
     indices: U8 = np.argmin(cost, axis=0).astype(np.uint8)
     return indices
 
@@ -142,7 +142,7 @@ def cheapest_alphas(
         bit: cost of a bit of an index.
         passes: the first knows no bits, each other those of an order-0 code for the one before.
     """
-    values = table.values()
+    values = table.values
     bits = np.zeros(len(values))
     index = np.zeros(n_splits, np.uint8)
     for _ in range(passes):

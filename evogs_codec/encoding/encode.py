@@ -50,13 +50,7 @@ def encode(
     report = progress or no_progress
     report("arrange", 0.0)
     tiles = arrange(tree, n_tiles or default_tiles(tree.n_leaves))
-    coded = quantise(
-        tiles,
-        max(tree.n_levels, 1),
-        settings,
-        info=info,
-        progress=lambda part: report("quantise", part),
-    )
+    coded = quantise(tiles, max(tree.n_levels, 1), settings, info=info, progress=report)
     if views is not None and tree.n_leaves:
         report("draw", 0.0)
         coded = MeasuredGains.of(tree, views).rescale(coded)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -98,9 +99,10 @@ class Grid:
             classes=classes,
         )
 
-    def channel_quantisers(self, row: int) -> list[Quantiser]:
-        """The quantiser of each channel: row 0 of adds, 1 + level of psi."""
-        return [self.quantisers[row][kind] for kind in self.classes]
+    @cached_property
+    def channel_quantisers(self) -> tuple[tuple[Quantiser, ...], ...]:
+        """The quantisers of each channel: row 0 of adds, 1 + level of psi."""
+        return tuple(tuple(row[kind] for kind in self.classes) for row in self.quantisers)
 
 
 class TooFineError(EvogsError):

@@ -102,7 +102,7 @@ class _Tile:
             adds = step.adds * self._units(0) + origin
             self.x[:, n + plan.n_splits : plan.n_after] = adds * scale
             self.live[plan.drops] = False
-            tables = [tree.alpha_table(level, group).values() for group in range(N_GROUPS)]
+            tables = [tree.alpha_table(level, group).values for group in range(N_GROUPS)]
             alpha = [table[row] for table, row in zip(tables, step.alpha, strict=True)]
             sizes = self._units(1 + level) * scale
             self.moving.append(_Moving.of(step, plan, sizes, np.stack(alpha)))

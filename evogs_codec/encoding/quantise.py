@@ -9,12 +9,13 @@ units unless a name says otherwise.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.encoding.alpha_tables import alpha_tables, nearest, serving_both, serving_second
 from evogs_codec.encoding.grids import (
     Grid,
@@ -60,7 +61,7 @@ def quantise(
     entry_weights: F32 | None = None,
     price: float = 1.0,
     info: SceneInfo | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> CodedTree:
     """The coded tree of arranged tiles.
 
@@ -73,7 +74,7 @@ def quantise(
         entry_weights: (degree, n) likewise of the entries of a palette, per SH band.
         price: mean squared error that a bit is worth.
         info: metadata.
-        progress: called with the part that is done.
+        progress: called with the stage "quantise" and the part of it that is done.
 
     Raises:
         NotRepresentableError: values too large for any grid.
@@ -82,7 +83,7 @@ def quantise(
     ranges = Ranges.of(tiles, n_levels)
     steps = settings.accuracy.wanted_steps(ranges, n_levels)
     exponents = grid_exponents(settings, ranges, steps)
-    report = progress or (lambda _: None)
+    report = progress or no_progress
     while True:
         grid = Grid.of(sh_degree, n_levels, exponents, steps, settings)
         alpha = alpha_tables(tiles, settings)
@@ -91,7 +92,7 @@ def quantise(
             if palette is not None:
                 q = quantised_entries(palette, grid, entry_weights, price)
             for k, tile in enumerate(tiles):
-                report(k / len(tiles))
+                report("quantise", k / len(tiles))
                 own = None if weights is None else weights[k]
                 coded.append(_TileCoder(tile, grid, alpha, settings, own, price).code())
         except TooFineError as error:
@@ -176,7 +177,7 @@ class _TileCoder:
         aim = self.target if self.settings.closed_loop and not is_kept else None
         indices = np.zeros((N_GROUPS, plan.n_splits), np.uint8)
         psi = np.zeros(step.psi.shape, np.int32)
-        quantisers = grid.channel_quantisers(1 + step.level)
+        quantisers = grid.channel_quantisers[1 + step.level]
         for group, part in enumerate(GROUP_CHANNELS):
             table = self.alpha.get((step.level, group), SYMMETRIC)
             step_sizes = np.array([[q.step] for q in quantisers[part]], np.float64)
@@ -227,7 +228,7 @@ class _TileCoder:
         if self.settings.is_near_lossless:
             return serving_second(u, v, table), u
         indices = serving_both(u, v, table)
-        return indices, _joint(u, v, table.values()[indices], bounded)
+        return indices, _joint(u, v, table.values[indices], bounded)
 
     def _weights(self, number: int, part: slice, step_sizes: F64) -> ErrorWeights | None:
         """What errors of a group are worth in this step, if that is known."""
@@ -280,7 +281,7 @@ class _TileCoder:
                 raise TooFineError(group)
 
     def _code_adds(self, step: Step, new: slice) -> I32:
-        quantisers = self.grid.channel_quantisers(0)
+        quantisers = self.grid.channel_quantisers[0]
         if not step.n_adds:
             return np.zeros((len(quantisers), 0), np.int32)
         steps = np.array([[q.step] for q in quantisers], np.float64)
@@ -292,8 +293,8 @@ class _TileCoder:
 
     def _apply(self, plan: StepPlan, level: int, psi: I32, indices: U8, adds: I32) -> None:
         """Do to `x` what a decoder does."""
-        of_psi = self.grid.channel_quantisers(1 + level)
-        of_adds = self.grid.channel_quantisers(0)
+        of_psi = self.grid.channel_quantisers[1 + level]
+        of_adds = self.grid.channel_quantisers[0]
         for channel, kind in enumerate(self.grid.classes):
             group = group_of_class(kind)
             table = self.alpha.get((level, group), SYMMETRIC)

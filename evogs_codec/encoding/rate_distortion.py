@@ -39,7 +39,7 @@ class ErrorWeights:
         """Indices (S,) of alphas and Delta (C, S), for children at P + u and P + v, in steps."""
         first, second = self.targets[:, splits], self.new[:, : u.shape[1]]
         indices = _alphas(u, v, first, second, table)
-        alpha = table.values()[indices]
+        alpha = table.values[indices]
         both = np.maximum(first + alpha * alpha * second, TINY)
         return indices, (first * u - alpha * second * v) / both
 
@@ -47,7 +47,7 @@ class ErrorWeights:
         self, u: F64, table: AlphaTable, indices: U8, splits: slice | npt.NDArray[Any]
     ) -> F64:
         """(C, P) integers for Delta `u`: an error of it is one of C1, and alpha times one of C2."""
-        alpha = table.values()[indices]
+        alpha = table.values[indices]
         both = self.targets.copy()
         both[:, splits] += np.square(alpha) * self.new[:, : len(alpha)]
         return cheapest(u, both)

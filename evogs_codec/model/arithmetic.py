@@ -9,11 +9,12 @@ Arrays are int32: every bound is checked before the product it protects is made.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from evogs_codec.model.splats import I32, I64
+from evogs_codec.model.splats import F64, I32, I64
 from evogs_codec.model.tree import Kind
 
 __all__ = ["MAX_DELTA", "MAX_PRODUCT", "MAX_X", "AlphaTable", "Quantiser", "StepPlan"]
@@ -63,9 +64,12 @@ class AlphaTable:
     shift: int
     entries: tuple[int, ...]
 
-    def values(self) -> npt.NDArray[np.float64]:
-        """The alphas, float64 and exact."""
-        return np.array(self.entries, np.float64) / (1 << self.shift)
+    @cached_property
+    def values(self) -> F64:
+        """The alphas, exact; not to be written to."""
+        values = np.array(self.entries, np.float64) / (1 << self.shift)
+        values.setflags(write=False)
+        return values
 
 
 SYMMETRIC = AlphaTable(0, (1,))  # a level and group without a table

@@ -231,7 +231,7 @@ def _in_floats(coded: CodedTree, steps: Sequence[Step]) -> list[Step]:
     origin[0:3] = np.array(tile.origin) * 2.0 ** -coded.grid_exponents[0]
     out = []
     for own, step in zip(tile.steps, steps, strict=True):
-        tables = [coded.alpha_table(own.level, group).values() for group in range(len(own.alpha))]
+        tables = [coded.alpha_table(own.level, group).values for group in range(len(own.alpha))]
         alpha = [values[index] for values, index in zip(tables, own.alpha, strict=True)]
         psi = own.psi * sizes[1 + own.level][:, None]
         adds = own.adds * sizes[0][:, None] + origin[:, None]

@@ -53,11 +53,11 @@ def closed_loop(tree: EvolutionTree, coded: CodedTree, tile: CodedTile) -> F64:
             if not is_split.any():
                 continue
             table = coded.alpha_table(step.level, group)
-            alpha = table.values()[record.alpha[group]]
+            alpha = table.values[record.alpha[group]]
             wanted = step.alpha[group].astype(np.float64)
             of_splits, e = psi[:, is_split], inherited[:, is_split]
             one, two = _split(e, np.abs(alpha - wanted) * of_splits, alpha, s[part], group == 0)
-            cap = _of_best_alpha(e, of_splits, wanted, table.values(), s[part])
+            cap = _of_best_alpha(e, of_splits, wanted, table.values, s[part])
             first[part][:, is_split] = np.minimum(one, cap) + s[part] / 2
             second[part] = np.minimum(two, cap) + np.abs(alpha) * s[part] / 2 + 0.5
         bound[:, targets] = first
