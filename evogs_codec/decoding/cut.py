@@ -50,7 +50,7 @@ class Cut:
     @staticmethod
     def full(directory: Directory) -> Cut:
         """All steps in the file."""
-        return Cut(directory.chain_lengths(), len(directory.palette_packets))
+        return Cut(directory.chain_lengths, len(directory.palette_packets))
 
     @staticmethod
     def of_level(directory: Directory, level: int) -> Cut:
@@ -64,7 +64,7 @@ class Cut:
         packets = directory.packets
         in_level = (packets["component"] == 0) & (packets["level"] <= level)
         core = np.bincount(packets["tile"][in_level], minlength=len(directory.tiles))
-        steps = np.minimum(directory.chain_lengths(), core[:, None])
+        steps = np.minimum(directory.chain_lengths, core[:, None])
         of_palette = packets["level"][directory.palette_packets]
         return Cut(steps, int(np.count_nonzero(of_palette <= level)))
 
@@ -72,7 +72,7 @@ class Cut:
     def of_rows(directory: Directory, rows: I64) -> Cut:
         """These rows of the packet table, of which none lacks one that it requires."""
         n_palette = int(np.isin(directory.palette_packets, rows).sum())
-        return Cut(directory.chain_lengths(rows), n_palette)
+        return Cut(directory.packets_per_chain(rows), n_palette)
 
     @staticmethod
     def of_prefix(directory: Directory, n_bytes: int) -> Cut:
@@ -83,7 +83,7 @@ class Cut:
     @staticmethod
     def of_complete(directory: Directory, complete: npt.NDArray[np.bool_]) -> Cut:
         """The largest cut of complete packets; one of size 0 is always complete (R-6.4-4)."""
-        rows, steps = directory.packets, directory.chain_lengths()
+        rows, steps = directory.packets, directory.chain_lengths.copy()
         is_missing = ~complete & (rows["size"] > 0)
         palette = directory.palette_packets
         n_palette = int(np.argmax(np.append(is_missing[palette], True)))
@@ -131,7 +131,7 @@ class Cut:
         if self.steps.shape != (len(directory.tiles), len(directory.components.of_tiles)):
             raise ValueError(f"the cut has shape {self.steps.shape}")
         palette = directory.palette_packets
-        if (self.steps > directory.chain_lengths()).any() or self.palette > len(palette):
+        if (self.steps > directory.chain_lengths).any() or self.palette > len(palette):
             raise ValueError("the cut asks for steps that are not in the file")
         selected = np.zeros(len(directory.packets), bool)
         selected[palette[: self.palette]] = True

@@ -286,7 +286,7 @@ class Decoder:
                     break
                 if packet not in self._whole or not self._try(packet, state):
                     break
-                ready.append(StepReady(tile, component, step, state.level(step)))
+                ready.append(StepReady(tile, component, step, int(directory.labels[packet])))
         return ready
 
     def _try(self, packet: int, state: TileState | PaletteState) -> bool:

@@ -20,8 +20,8 @@ from evogs_codec.format.directory import Directory
 from evogs_codec.format.packet_header import Counts
 from evogs_codec.format.unpack import Deltas, Packet, Values, check_kinds, unpack
 from evogs_codec.model.arithmetic import MAX_X, AlphaTable, RangeError, StepPlan, apply_channel
-from evogs_codec.model.channels import N_GROUPS, SH_GROUP, channel_class, group_of_class
-from evogs_codec.model.components import CORE, PICKS, component_slice
+from evogs_codec.model.channels import SH_GROUP
+from evogs_codec.model.components import CORE, PICKS, component_classes, component_slice
 from evogs_codec.model.splats import I32
 
 __all__ = ["TileState"]
@@ -75,24 +75,19 @@ class TileState:
         """Slots made so far, empty ones included."""
         return self._n_after[-1] if self._n_after else 0
 
-    def level(self, step: int) -> int:
-        """Label of a core step."""
-        return self._levels[step]
-
     def band_slots(self, component: int) -> int:
         """Slots of a component: as many as core had after the component's last step."""
         n = self.n_applied[component]
         return self._n_after[n - 1] if n else 0
 
-    def set_applied(self, n_applied: dict[int, int], n_after: list[int], levels: list[int]) -> None:
+    def set_applied(self, n_applied: dict[int, int], n_after: list[int]) -> None:
         """Say that the slots were changed by others, and will not be by `apply` any more.
 
         Args:
             n_applied: steps of each component.
             n_after: slots after each core step.
-            levels: label of each core step.
         """
-        self.n_applied, self._n_after, self._levels = n_applied, n_after, levels
+        self.n_applied, self._n_after = n_applied, n_after
 
     def apply(self, packet: int, body: memoryview) -> None:
         """Apply the next packet of a chain, whose CRC-32 is right.
@@ -126,11 +121,11 @@ class TileState:
         check_kinds(packet.kinds, counts, offset)
         plan = StepPlan.of(slots, packet.kinds, n_before, packet.adds.n)
         self._reserve(plan.n_after)
-        tables = [self.directory.alpha_table(level, group) for group in range(N_GROUPS)]
+        tables = self.directory.alpha_tables[level]
         for table, indices in zip(tables, packet.alpha, strict=True):
             if indices is not None and int(indices.max()) >= len(table.entries):  # R-7.2-3
                 raise StreamError(Fault.E_INDEX, "an alpha index is past its table", offset)
-        self._apply_channels(0, plan, level, packet.psi, packet.adds, packet.alpha, tables)
+        self._apply_channels(CORE, plan, level, packet.psi, packet.adds, packet.alpha)
         new = slice(n_before, plan.n_after)
         self.live[new] = True
         if plan.n_splits:
@@ -159,10 +154,8 @@ class TileState:
         step = self.n_applied[component]
         plan, level = self._plans[step], self._levels[step]
         packet = unpack(body, component, self._counts[step], offset)
-        table = self.directory.alpha_table(level, SH_GROUP)
         alpha = (None,) * SH_GROUP + (self._sh_alpha[step],)
-        tables = [table] * N_GROUPS
-        self._apply_channels(component, plan, level, packet.psi, packet.adds, alpha, tables)
+        self._apply_channels(component, plan, level, packet.psi, packet.adds, alpha)
 
     def _apply_picks(self, body: memoryview, n_entries: int, offset: int) -> None:
         plan = self._plans[self.n_applied[PICKS]]
@@ -181,19 +174,18 @@ class TileState:
         psi: Values,
         adds: Values,
         alpha: tuple[npt.NDArray[np.integer] | None, ...],
-        tables: list[AlphaTable],
     ) -> None:
         """Spec 7.4 for the channels of a component; on an error slots are as before."""
-        part = component_slice(component)
-        kinds = [channel_class(channel) for channel in range(part.start, part.stop)]
+        part, classes = component_slice(component), component_classes(component)
+        tables = self.directory.alpha_tables[level]
         of_psi, of_adds = self.directory.quantisers[1 + level], self.directory.quantisers[0]
         alphas = [_alpha_of(table, indices) for table, indices in zip(tables, alpha, strict=True)]
         rows = self.x[part]
         psi_deltas, add_deltas = Deltas(psi), Deltas(adds)
         n_written = 0
         try:
-            for channel, (x, kind) in enumerate(zip(rows, kinds, strict=True)):
-                a, shift = alphas[group_of_class(kind)]
+            for channel, (x, (kind, group)) in enumerate(zip(rows, classes, strict=True)):
+                a, shift = alphas[group]
                 delta = psi_deltas.delta(channel, of_psi[kind])
                 new = add_deltas.delta(channel, of_adds[kind])
                 low, high = self._range(part.start + channel)
@@ -201,7 +193,7 @@ class TileState:
                 n_written += 1
         except (RangeError, StreamError):
             undo = Deltas(psi)
-            for channel, kind in enumerate(kinds[:n_written]):
+            for channel, (kind, _) in enumerate(classes[:n_written]):
                 delta = undo.delta(channel, of_psi[kind])
                 if delta is not None:
                     rows[channel, plan.targets] -= delta

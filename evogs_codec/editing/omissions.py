@@ -53,7 +53,7 @@ def omissions(directory: Directory, data: memoryview) -> list[Omission]:
 
 def _cut_off(directory: Directory) -> Iterator[Omission]:
     """Steps after the last of the core, and steps that SH bands do not have."""
-    rows, chains = directory.packets, directory.chain_lengths()
+    rows, chains = directory.packets, directory.chain_lengths
     core = rows["component"] == 0
     for column, component in enumerate(directory.components.of_tiles):
         missing = core & (directory.steps >= chains[rows["tile"], column])

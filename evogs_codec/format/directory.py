@@ -55,7 +55,7 @@ class Directory:
         components: which components the stream has (spec 3.5, 12).
         info: metadata.
         quantisers: [0] of adds, [1 + level] of psi; one per class each.
-        alpha: tables by (level, group); `alpha_table` gives the default.
+        alpha: tables by (level, group), as stored; `alpha_tables` has all.
         tiles: rows of the tile table.
         packets: rows of the packet table.
         steps: (n_packets,) step of each packet.
@@ -103,6 +103,13 @@ class Directory:
         """(n_packets,) column of the component of each packet; -1 of those of the palette."""
         columns: I64 = self.components.columns[self.packets["component"]]
         return columns
+
+    @cached_property
+    def chain_lengths(self) -> I64:
+        """(n_tiles, columns) packets of each chain; not to be written to."""
+        lengths = self.packets_per_chain(slice(None))
+        lengths.setflags(write=False)
+        return lengths
 
     @cached_property
     def palette_packets(self) -> I64:
@@ -155,6 +162,14 @@ class Directory:
         return np.array(units, np.int64)
 
     @cached_property
+    def alpha_tables(self) -> tuple[tuple[AlphaTable, ...], ...]:
+        """The table of each group, for each level (spec 5.4): symmetric where none is stored."""
+        return tuple(
+            tuple(self.alpha.get((level, group), SYMMETRIC) for group in range(N_GROUPS))
+            for level in range(self.n_levels)
+        )
+
+    @cached_property
     def alpha_entries(self) -> tuple[I32, I64]:
         """The entries of all alpha tables, one after the other, and where those of each are.
 
@@ -163,15 +178,11 @@ class Directory:
         entries: list[int] = []
         places = np.empty((self.n_levels, N_GROUPS, 4), np.int64)
         for level, group in np.ndindex(self.n_levels, N_GROUPS):
-            table = self.alpha_table(level, group)
+            table = self.alpha_tables[level][group]
             largest = max(map(abs, table.entries))
             places[level, group] = len(entries), len(table.entries), table.shift, largest
             entries += table.entries
         return np.array(entries, np.int32), places
-
-    def alpha_table(self, level: int, group: int) -> AlphaTable:
-        """The table of a level and group (spec 5.4)."""
-        return self.alpha.get((level, group), SYMMETRIC)
 
     def counts(self, packet: int) -> Counts:
         """Record counts of a packet entry."""
@@ -180,8 +191,8 @@ class Directory:
             int(row["n_adds"]), int(row["n_splits"]), int(row["n_refines"]), int(row["n_drops"])
         )
 
-    def chain_lengths(self, packets: slice | I64 = slice(None)) -> I64:
-        """(n_tiles, columns) how many of these packets, by default all, each chain has.
+    def packets_per_chain(self, packets: slice | I64) -> I64:
+        """(n_tiles, columns) how many of these packets each chain has.
 
         The chain of the palette is not among them: it belongs to no tile.
         """

@@ -12,7 +12,7 @@ from evogs_codec.errors import Fault, StreamError
 from evogs_codec.format import layout
 from evogs_codec.format.planes import ABSENT, CODINGS, Coding
 from evogs_codec.model.channels import N_GROUPS
-from evogs_codec.model.components import component_channels
+from evogs_codec.model.components import component_channels, sh_channels
 
 __all__ = [
     "FLAG_PALETTE",
@@ -67,6 +67,8 @@ class PacketHeader:
         frames: (planes, bytes) of each frame.
         size: bytes before the first frame.
         first: index of the coding of the first channel, of psi where there is psi.
+        n_channels: C; with picks 0.
+        first_sh: the first channel of an SH triple.
     """
 
     flags: int
@@ -76,12 +78,14 @@ class PacketHeader:
     frames: tuple[tuple[int, int], ...]
     size: int
     first: int
+    n_channels: int
+    first_sh: int
 
     @property
     def plane_sizes(self) -> list[int]:
         """Bytes of each plane, in order."""
         pairs = zip(self.codings, self.lengths, strict=True)
-        return [size for coding, n in pairs for size in coding.plane_sizes(n)]
+        return [size for c, n in pairs if c is not ABSENT for size in c.plane_sizes(n)]
 
     @property
     def starts(self) -> list[int]:
@@ -104,14 +108,18 @@ def value_counts(component: int, counts: Counts) -> tuple[int, ...]:
 def read_packet_header(
     body: memoryview, component: int, counts: Counts, offset: int
 ) -> PacketHeader:
-    """The header of a packet of core or a band, of size above 0, checked (spec 5.9).
+    """The header of a packet of core or a band, checked (spec 5.9); of size 0, it codes no values.
 
     Raises:
         StreamError: E_PACKET or E_RESERVED at `offset`.
     """
     lengths, n_channels = value_counts(component, counts), component_channels(component)
-    first_add = len(lengths) - n_channels
-    return read_list_header(body, lengths, first_add, first_add - n_channels, offset)
+    first_add, first_sh = len(lengths) - n_channels, sh_channels(component).start
+    first = first_add - n_channels
+    if len(body) == 0:
+        n = len(lengths)
+        return PacketHeader(0, bytes(n), (ABSENT,) * n, lengths, (), 0, first, n_channels, first_sh)
+    return read_list_header(body, lengths, first_add, first, offset, first_sh=first_sh)
 
 
 def read_list_header(
@@ -121,6 +129,7 @@ def read_list_header(
     first: int,
     offset: int,
     flags_known: int = FLAG_PSI_YCOCG | FLAG_ADDS_YCOCG,
+    first_sh: int = 0,
 ) -> PacketHeader:
     """The header of a packet with lists of these lengths, of which those from one on may be deltas.
 
@@ -159,4 +168,6 @@ def read_list_header(
         frames=tuple(zip(frames_["n_planes"].tolist(), frames_["size"].tolist(), strict=True)),
         size=at + n_frames * entry,
         first=first,
+        n_channels=len(lengths) - first_delta,
+        first_sh=first_sh,
     )

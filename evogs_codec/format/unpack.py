@@ -36,7 +36,6 @@ from evogs_codec.format.planes import (
 )
 from evogs_codec.model.arithmetic import Quantiser
 from evogs_codec.model.channels import N_GROUPS
-from evogs_codec.model.components import component_channels, sh_channels
 from evogs_codec.model.splats import I32, I64, U8
 from evogs_codec.model.tree import Kind
 
@@ -69,8 +68,6 @@ def unpack(body: memoryview, component: int, counts: Counts, offset: int) -> Pac
     Raises:
         StreamError: with the faults of spec 5.9, 5.10 and 7.2 that need no slots.
     """
-    if len(body) == 0:
-        return _empty_packet(component, counts, offset)
     head = read_packet_header(body, component, counts, offset)
     data = read_planes(body, head, offset)
     check_bits(data, head, offset)
@@ -87,20 +84,19 @@ def unpack(body: memoryview, component: int, counts: Counts, offset: int) -> Pac
         slots = np.cumsum(gaps, dtype=np.int64) + np.arange(counts.n_records)
         kinds = _kinds(sides[1], counts)
         alpha = tuple(sides[2:])
-    n_channels = component_channels(component)
     psi, adds = (
         Values(
             n,
-            np.frombuffer(head.coding_bytes, np.uint8, n_channels, at),
+            np.frombuffer(head.coding_bytes, np.uint8, head.n_channels, at),
             data,
-            np.array(starts[at : at + n_channels], np.int64),
+            np.array(starts[at : at + head.n_channels], np.int64),
             bool(head.flags & flag),
-            sh_channels(component).start,
+            head.first_sh,
             offset,
         )
         for n, at, flag in (
             (counts.n_psi, head.first, FLAG_PSI_YCOCG),
-            (counts.n_adds, head.first + n_channels, FLAG_ADDS_YCOCG),
+            (counts.n_adds, head.first + head.n_channels, FLAG_ADDS_YCOCG),
         )
     )
     return Packet(slots, kinds, alpha, psi, adds)
@@ -151,23 +147,6 @@ def check_kinds(kinds: Stored, counts: Counts, offset: int) -> None:
         counted = [counts.n_refines, counts.n_splits, counts.n_drops]
         if int(kinds.max()) > Kind.DROP or np.bincount(kinds, minlength=3).tolist() != counted:
             raise StreamError(Fault.E_KIND, "the kinds contradict the counts", offset)
-
-
-def _empty_packet(component: int, counts: Counts, offset: int) -> Packet:
-    n_channels = component_channels(component)
-
-    def zero(n: int) -> Values:
-        none = np.zeros(n_channels, np.uint8)
-        starts = np.zeros(n_channels, np.int64)
-        return Values(n, none, none[:0], starts, False, sh_channels(component).start, offset)
-
-    return Packet(
-        np.empty(0, np.int64),
-        np.empty(0, np.uint8),
-        (None,) * N_GROUPS,
-        zero(counts.n_psi),
-        zero(counts.n_adds),
-    )
 
 
 @dataclass(frozen=True, eq=False)

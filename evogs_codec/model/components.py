@@ -16,12 +16,18 @@ A stream has core, and either the bands up to its SH degree, or picks and a pale
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
-import numpy.typing as npt
 
-from evogs_codec.model.channels import CORE_SH, N_CORE, N_GEOMETRY, n_channels
+from evogs_codec.model.channels import (
+    CORE_SH,
+    N_CORE,
+    N_GEOMETRY,
+    channel_class,
+    group_of_class,
+    n_channels,
+)
 from evogs_codec.model.splats import I64
 
 __all__ = [
@@ -30,8 +36,8 @@ __all__ = [
     "PICKS",
     "Components",
     "component_channels",
+    "component_classes",
     "component_slice",
-    "has_counts",
     "sh_channels",
 ]
 
@@ -99,11 +105,6 @@ class Components:
         return self.sh_degree if component == PICKS else component
 
 
-def has_counts(component: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
-    """Where rows of the packet table have a level and counts of their own."""
-    return np.isin(component, (CORE, PALETTE))
-
-
 def component_channels(component: int) -> int:
     """Channels of core, 14, or of band b, 3 (2 b + 1) (spec 3.5)."""
     return N_CORE if component == CORE else 3 * (2 * component + 1)
@@ -114,6 +115,14 @@ def component_slice(component: int) -> slice:
     if component == CORE:
         return slice(0, N_CORE)
     return slice(N_GEOMETRY + 3 * component**2, N_GEOMETRY + 3 * (component + 1) ** 2)
+
+
+@cache
+def component_classes(component: int) -> tuple[tuple[int, int], ...]:
+    """Quantiser class, and its group, of each channel of core or of an SH band (spec 3.2)."""
+    part = component_slice(component)
+    classes = [channel_class(channel) for channel in range(part.start, part.stop)]
+    return tuple((kind, group_of_class(kind)) for kind in classes)
 
 
 def sh_channels(component: int) -> slice:

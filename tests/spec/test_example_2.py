@@ -58,7 +58,7 @@ def test_it_has_tiles_a_palette_late_picks_a_packet_of_size_0_and_frames_of_both
     assert len(directory.tiles) == 2
     assert np.count_nonzero(packets["component"] == PALETTE) == 2
     assert packets["size"][packets["component"] == PICKS].min() == 0
-    assert (directory.chain_lengths() == [[2, 1], [1, 1]]).all()  # of core and picks
+    assert (directory.chain_lengths == [[2, 1], [1, 1]]).all()  # of core and picks
     kinds, n_frames = set(re.findall(r"block header \| (\S+),", ANNEX)), DATA[617]
     assert kinds == {"raw", "RLE"}
     assert n_frames == 3

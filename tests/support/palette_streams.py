@@ -119,7 +119,7 @@ def oracle_dump(data, cut):
 
 def random_cut(rng, directory):
     """Any valid cut: of the palette what picks require, or more."""
-    steps = rng.integers(0, directory.chain_lengths() + 1)
+    steps = rng.integers(0, directory.chain_lengths + 1)
     steps = np.minimum(steps, steps[:, :1])
     if rng.random() < 0.3:
         steps[:, COLUMN_OF_PICKS] = 0

@@ -21,7 +21,7 @@ def overlapping_ranges(rng: random.Random, size: int) -> list[tuple[int, int]]:
 def random_cut(data: bytes, rng: random.Random) -> Cut:
     """Any valid cut: tiles differ, bands come late or never."""
     directory = read_directory(data)
-    steps = directory.chain_lengths()
+    steps = directory.chain_lengths.copy()
     for row in steps:
         row[0] = rng.randint(0, int(row[0]))
         for component in range(1, len(row)):

@@ -93,7 +93,7 @@ def apply_compiled(
     except StreamError:
         return False
     applied = {c: int(np.count_nonzero(components == c)) for c in directory.components.of_tiles}
-    state.set_applied(applied, plans.places[1:, 0].tolist(), levels[components == 0].tolist())
+    state.set_applied(applied, plans.places[1:, 0].tolist())
     return True
 
 

@@ -185,20 +185,20 @@ def test_feeding_pieces_is_linear_whatever_waits(late):
     assert_linear(work, 150)
 
 
-def test_alpha_tables_are_looked_up_once_and_not_for_each_tile(monkeypatch):
+@pytest.mark.parametrize("name", ["alpha_tables", "alpha_entries"])
+def test_alpha_tables_are_looked_up_once_and_not_for_each_tile(name, monkeypatch):
     pytest.importorskip("evogs_codec.decoding.compiled.channels", reason="numba is an extra")
-    n_calls, alpha_table = 0, Directory.alpha_table
+    n_calls, made = 0, vars(Directory)[name].func
 
-    def counted(*args):
+    def counted(directory):
         nonlocal n_calls
         n_calls += 1
-        return alpha_table(*args)
+        return made(directory)
 
-    monkeypatch.setattr(Directory, "alpha_table", counted)
+    monkeypatch.setattr(vars(Directory)[name], "func", counted)
     monkeypatch.setattr(dispatch, "MIN_COMPILED", 0)
-    data = many_tiles(20)
-    decode(data)
-    assert n_calls == 64 * 5
+    decode(many_tiles(20))
+    assert n_calls == 1
 
 
 def test_single_bytes_in_the_worst_order_take_linear_calls_and_memory():

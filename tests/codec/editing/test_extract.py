@@ -18,7 +18,7 @@ TIGHT_BOX = (-0.2, -0.2, -0.2, 0.2, 0.2, 0.2)
 
 def random_cut(rng):
     """Any valid cut: core steps per tile, bands with at most as many."""
-    most = DIRECTORY.chain_lengths()
+    most = DIRECTORY.chain_lengths
     steps = rng.integers(0, most + 1)
     return Cut(np.minimum(steps, steps[:, :1]))
 
@@ -90,7 +90,7 @@ def test_a_byte_budget_gives_the_longest_prefix_that_fits(options):
     order = np.flatnonzero(choose_cut(DIRECTORY, **options).packets(DIRECTORY))
     sizes = []
     for n in range(1, len(order) + 1):
-        selected = np.zeros_like(DIRECTORY.chain_lengths())
+        selected = np.zeros_like(DIRECTORY.chain_lengths)
         for packet in order[:n]:
             row = DIRECTORY.packets[packet]
             selected[row["tile"], row["component"]] += 1
@@ -185,11 +185,11 @@ def test_a_box_that_meets_nothing_leaves_a_valid_stream_without_tiles():
 
 
 def test_a_tile_without_packets_stays_unless_a_box_leaves_it_out():
-    steps = DIRECTORY.chain_lengths().copy()
+    steps = DIRECTORY.chain_lengths.copy()
     steps[1:3] = 0
     smaller = read_directory(extract(DATA, Cut(steps)))
     assert (smaller.tiles == DIRECTORY.tiles).all()
-    assert (smaller.chain_lengths() == steps).all()
+    assert (smaller.chain_lengths == steps).all()
 
 
 def test_a_cut_of_tiles_outside_the_box_is_a_mistake_of_the_caller():

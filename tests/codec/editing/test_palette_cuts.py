@@ -43,7 +43,7 @@ def test_directories_tell_the_palette_from_tiles():
     assert DIRECTORY.has_palette
     assert (DIRECTORY.components.numbers, DIRECTORY.n_entries) == ((0, 4, 5), 7)
     assert DIRECTORY.palette_packets.tolist() == [2, 4, 9, 16]
-    assert DIRECTORY.chain_lengths().tolist() == [[3, 2], [3, 3], [3, 3]]
+    assert DIRECTORY.chain_lengths.tolist() == [[3, 2], [3, 3], [3, 3]]
 
 
 def test_directories_say_what_packets_require_of_the_palette():
@@ -86,7 +86,7 @@ def test_picks_are_not_there_before_the_entries_that_they_require(late, n_palett
 
 @pytest.mark.parametrize("n_picks", [0, 1, 2, 3])
 def test_a_cut_with_less_of_the_palette_than_picks_require_is_a_mistake_of_the_caller(n_picks):
-    steps = np.minimum(DIRECTORY.chain_lengths(), [[3, 0], [3, n_picks], [3, 0]])
+    steps = np.minimum(DIRECTORY.chain_lengths, [[3, 0], [3, n_picks], [3, 0]])
     least = (0, 2, 3, 4)[n_picks]
     for palette in range(6):
         cut = Cut(steps, palette)
@@ -201,7 +201,7 @@ def test_a_region_without_tiles_has_no_palette_either():
     found = read_directory(smaller)
     assert found.has_palette
     assert (len(found.tiles), len(found.packets)) == (0, 0)
-    palette_alone = Cut(0 * DIRECTORY.chain_lengths(), 3)
+    palette_alone = Cut(0 * DIRECTORY.chain_lengths, 3)
     assert extract(DATA, palette_alone, box=box) == smaller
 
 
@@ -215,7 +215,7 @@ def test_without_sh_there_is_no_palette_but_the_stream_stays_one():
 
 
 def test_a_palette_that_nothing_picks_of_follows_the_levels_all_the_same():
-    steps = DIRECTORY.chain_lengths()
+    steps = DIRECTORY.chain_lengths.copy()
     steps[:, 1] = 0
     unpicked = extract(DATA, Cut(steps, 4))
     directory = read_directory(unpicked)
@@ -233,7 +233,7 @@ def test_a_level_has_the_entries_of_its_level_and_below(level, n_entries):
 
 
 def test_parts_have_the_entries_of_their_level_whatever_they_pick():
-    steps = np.minimum(DIRECTORY.chain_lengths(), [[3, 1], [3, 0], [3, 2]])
+    steps = np.minimum(DIRECTORY.chain_lengths, [[3, 1], [3, 0], [3, 2]])
     few = extract(DATA, Cut(steps, 4))
     directory = read_directory(few)
     for options, box, n_packets in (

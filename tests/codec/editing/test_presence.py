@@ -72,5 +72,5 @@ def test_the_first_splats_are_there_with_so_many_bytes_and_not_with_one_less(nam
 
 def test_a_cut_without_splats_needs_no_bytes():
     directory = read_directory(STREAMS["tiles"])
-    nothing = Cut(np.zeros_like(directory.chain_lengths()))
+    nothing = Cut(np.zeros_like(directory.chain_lengths))
     assert bytes_for_first_splats(directory, nothing) is None

@@ -121,7 +121,7 @@ def test_independent_children_are_a_split_with_alpha_0_and_a_refine(spread):
     split, refine = lists_of(data, 1)
     assert not split & set(ALPHAS)  # one alpha for all: a table of an entry, nothing per record
     assert refine <= {GAPS, *PSI}
-    assert read_directory(data).alpha_table(1, 0).entries == (0,)
+    assert read_directory(data).alpha_tables[1][0].entries == (0,)
 
 
 def test_independent_children_are_also_adds_and_a_drop_of_the_parent():
