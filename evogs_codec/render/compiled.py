@@ -64,7 +64,10 @@ def row_kernel(function: Function) -> Function:
 
 
 def n_threads() -> int:
-    """Threads that a parallel kernel runs on."""
+    """Threads that a parallel kernel runs on.
+
+    Kernels get the number as an argument: numba cannot cache a kernel that asks for it.
+    """
     return int(numba.get_num_threads())
 
 
