@@ -20,6 +20,7 @@ from evogs_codec import (
 )
 from evogs_codec.encoding.settings import TREE_PSNR
 from evogs_codec.encoding.targets import TargetEncoder
+from evogs_codec.lifting.lift import N_LEVELS
 from evogs_codec.render import cameras_around, psnr, render
 from evogs_codec.render.views import Views
 from tools.bench.free_parents import free_levels
@@ -29,7 +30,6 @@ __all__ = ["levels", "photographs"]
 
 Rows = list[dict[str, object]]
 WHITE = (1.0, 1.0, 1.0)
-N_LEVELS = 5
 TARGET = 50.5  # dB against the tree's own pictures: about 0.1 dB against photographs
 PYRAMID = (8, 4, 2, 1)  # pixels of a photograph, to a side, in one of each level
 

@@ -23,7 +23,7 @@ from evogs_codec import (
     with_palette,
 )
 from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
-from evogs_codec.lifting.lift import Lifted
+from evogs_codec.lifting.lift import N_LEVELS, Lifted
 from evogs_codec.render import Camera, camera_rings, cameras_around, psnr, render
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.views import Views
@@ -31,7 +31,6 @@ from tools.bench.photographs import held_out
 
 __all__ = ["SIZE", "WHITE", "Gauge", "Subject", "subjects"]
 
-N_LEVELS = 5
 SIZE = 400  # pixels to a side of a picture
 WHITE = (1.0, 1.0, 1.0)
 
