@@ -6,6 +6,7 @@ Letters: C channels of the component, R records that name a slot, P of them with
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import accumulate
 
 from evogs_codec.errors import Fault, StreamError
@@ -87,7 +88,7 @@ class PacketHeader:
         pairs = zip(self.codings, self.lengths, strict=True)
         return [size for c, n in pairs if c is not ABSENT for size in c.plane_sizes(n)]
 
-    @property
+    @cached_property
     def starts(self) -> list[int]:
         """Where the planes of each list begin, in the planes of the packet."""
         pairs = zip(self.codings, self.lengths, strict=True)
