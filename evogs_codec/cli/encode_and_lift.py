@@ -145,6 +145,8 @@ def _check(args: argparse.Namespace, *, is_scene: bool) -> None:
         raise InputError("--finer does not go with a target: the target decides how fine steps are")
     if args.polish and not (args.target_psnr or args.target_bytes):
         raise InputError("--polish needs --target-psnr or --target-bytes")
+    if args.layers > 1 and not (args.target_psnr or args.target_bytes):
+        raise InputError("--layers needs --target-psnr or --target-bytes")
     if args.finer and (args.bits or args.near_lossless or args.preset == "paper"):
         raise InputError("--finer divides steps: for finer ranges --bits, for more --max-error")
     if args.refine and not is_scene:
@@ -172,6 +174,7 @@ def _options(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         "target_psnr": args.target_psnr,
         "target_bytes": args.target_bytes,
         "max_error": errors or None,
+        "layers": args.layers,
         "polish": args.polish or 0,
         "cameras": _cameras(args),
         "up": args.up,

@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 
 from evogs_codec._generated import registry
 from evogs_codec._generated.limits import LIMITS
+from evogs_codec.encoding.layers import MAX_LAYERS
 from evogs_codec.encoding.settings import PRESETS, TREE_PSNR
 from evogs_codec.io import files
 from evogs_codec.lifting.lift import N_LEVELS
@@ -117,6 +118,16 @@ def add_encode(commands: Commands, run: Run) -> None:
         metavar="E",
         help="bound the error of every number by E, in the units of the input; GROUP=E bounds one"
         f" group: {', '.join(GROUPS)}",
+    )
+    parser.add_argument(
+        "--layers",
+        type=_number(int, 1, MAX_LAYERS),
+        default=1,
+        metavar="N",
+        help="N layers of precision: all splats come at coarse steps first, then are refined, so"
+        " that every prefix of the file looks nearly as good as a file made for its size; needs"
+        " --target-psnr or --target-bytes (default: 1; 2 or 3 are enough; without SH bands each"
+        " layer after the first takes 9 %% more bytes)",
     )
     _add_descent(
         parser,

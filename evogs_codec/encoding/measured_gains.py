@@ -69,14 +69,16 @@ class MeasuredGains:
         """
         if not self.levels.sum() > 0:
             return tree
+        n_levels = len(self.levels)  # those beyond are layers, whose gains are measured already
         estimated = np.zeros((tree.n_levels, len(tree.components.of_tiles)))
         for share, tile in zip(leaf_shares(tree), tree.tiles, strict=True):
             for step in tile.steps:
                 estimated[step.level] += share * np.array(step.gain)
-        factors = np.zeros_like(estimated)
-        factors[:, 0] = np.maximum(self.levels, LEAST) / np.maximum(estimated[:, 0], LEAST)
+        factors = np.ones_like(estimated)
+        estimated = estimated[:n_levels]
+        factors[:n_levels, 0] = np.maximum(self.levels, LEAST) / np.maximum(estimated[:, 0], LEAST)
         of_bands = np.maximum(estimated[:, 1:].sum(0), LEAST)
-        factors[:, 1:] = np.maximum(self.bands, LEAST) / of_bands
+        factors[:n_levels, 1:] = np.maximum(self.bands, LEAST) / of_bands
         tiles = []
         for tile in tree.tiles:
             steps = [

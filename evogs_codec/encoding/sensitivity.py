@@ -59,10 +59,12 @@ class Importance:
         means: (1 + n_levels, K) mean over the numbers of the adds, then of psi of each level.
         entries: (degree, n) of the numbers of the entries of a palette, per SH band; None without.
             Their means stand in `means`, after those of the classes of core.
+        leaves: per tile (K, N) of the leaves of the last level, each on its own.
     """
 
     weights: tuple[tuple[StepWeights, ...], ...]
     means: F64
+    leaves: tuple[F32, ...]
     entries: F32 | None = None
 
     @staticmethod
@@ -82,19 +84,22 @@ class Importance:
         )
         means = _means(tiles, weights, n_levels)
         if tiles[0].palette is None:
-            return Importance(weights, means)
+            return Importance(weights, means, tuple(cuts[-1]))
         entries = _of_entries(tiles, shares, cuts)
         of_bands = np.broadcast_to(entries.mean(1), (1 + n_levels, len(entries)))
-        return Importance(weights, np.concatenate([means, of_bands], axis=1), entries)
+        means = np.concatenate([means, of_bands], axis=1)
+        return Importance(weights, means, tuple(cuts[-1]), entries)
 
     def steps(self, price: float, extent: float) -> F64:
         """(1 + n_levels, K) steps at which a bit more saves `price` of mean squared error.
 
         With step s and weight w an error costs w s^2 / 12, a quarter of that with another bit.
         """
-        found = np.sqrt(PER_BIT * price / np.maximum(self.means, 1e-300))
-        steps: F64 = np.minimum(found, self._largest(extent))
-        return steps
+        return self._steps(self.means, price, extent)
+
+    def steps_of_leaves(self, price: float, extent: float) -> F64:
+        """(K,) likewise, of psi that change one leaf each."""
+        return self._steps(self._means_of_leaves(), price, extent)
 
     def raised(self, price: float, extent: float) -> tuple[tuple[StepWeights, ...], ...]:
         """The weights, and more where the largest step is taken.
@@ -102,8 +107,7 @@ class Importance:
         Pictures that hardly show an error say nothing of one that is many steps large. What would
         have asked for that step is added, as far as splats that no view shows have it elsewhere.
         """
-        asking = PER_BIT * price / np.square(self._largest(extent))
-        lack = ((1 - SEEN) * np.maximum(asking - self.means, 0))[1:, :, None].astype(np.float32)
+        lack = self._lack(self.means, price, extent)[1:, :, None]
         if not lack.any():
             return self.weights
         return tuple(
@@ -117,6 +121,27 @@ class Importance:
             )
             for steps in self.weights
         )
+
+    def raised_leaves(self, price: float, extent: float) -> list[F32]:
+        """Per tile (K, N) likewise, of leaves."""
+        lack = self._lack(self._means_of_leaves(), price, extent)[:, None]
+        return [weights + lack for weights in self.leaves]
+
+    def _means_of_leaves(self) -> F64:
+        """(K,)."""
+        together: F64 = np.concatenate(self.leaves, axis=1).mean(axis=1, dtype=np.float64)
+        return together
+
+    def _steps(self, means: F64, price: float, extent: float) -> F64:
+        found = np.sqrt(PER_BIT * price / np.maximum(means, 1e-300))
+        steps: F64 = np.minimum(found, self._largest(extent))
+        return steps
+
+    def _lack(self, means: F64, price: float, extent: float) -> F32:
+        """What `raised` adds to weights with these means."""
+        asking = PER_BIT * price / np.square(self._largest(extent))
+        lack: F32 = ((1 - SEEN) * np.maximum(asking - means, 0)).astype(np.float32)
+        return lack
 
     def _largest(self, extent: float) -> F64:
         """(K,) steps."""

@@ -18,6 +18,7 @@ from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.decoding.decode import decode
 from evogs_codec.encoding.arrange import arrange, default_tiles
 from evogs_codec.encoding.grids import AccuracyWarning
+from evogs_codec.encoding.layers import Layered
 from evogs_codec.encoding.measured_gains import MeasuredGains, Pictures
 from evogs_codec.encoding.polish import polished
 from evogs_codec.encoding.quantise import quantise
@@ -65,6 +66,7 @@ class TargetEncoder:
         settings: what is kept of them: the effort, and the steps where there are no views.
         views: of the tree's leaves, or None.
         polish: iterations of `polished`, where views decide; 0 for none.
+        layers: of precision (`layers`), where views decide.
         leaf_error: (5,) per group, the largest distance of the tree's leaves from the splats that
             they stand for: `within` adds it to the error of the stream.
         n_tiles, info, progress: as of `encode`.
@@ -74,6 +76,7 @@ class TargetEncoder:
     settings: Settings
     views: Pictures | None = None
     polish: int = 0
+    layers: int = 1
     leaf_error: tuple[float, ...] = (0.0,) * len(GROUPS)
     n_tiles: int | None = None
     info: SceneInfo | None = None
@@ -208,27 +211,31 @@ class _Coder:
         report = aim.progress or no_progress
         report("arrange", 0.0)
         self.tiles = arrange(aim.tree, aim.n_tiles or default_tiles(aim.tree.n_leaves))
-        self.importance = self.shown = None
+        self.importance = self.shown = self.layered = None
         if aim.views is not None:
             report("draw", 0.0)
             drawn = aim.views.sensitivity
             self.importance = Importance.of(self.tiles, self.n_levels, drawn)
             self.shown = MeasuredGains.of(aim.tree, aim.views)
+            if aim.layers > 1 and aim.tree.n_leaves:
+                self.layered = Layered.of(self.tiles, self.n_levels, self.importance, aim.layers)
         self.ranges = Ranges.of(self.tiles, self.n_levels)
 
     def coded(self, at: float) -> CodedTree:
         """At a price of a bit, or at a factor of the steps."""
         if self.importance is None:
             return self.quantised(self.aim.settings.finer(1 / at))
-        table = self.importance.steps(at, self.ranges.extent)
+        source = self.layered or self.importance
         settings = replace(
             self.aim.settings,
-            accuracy=StepTable.of(table),
+            accuracy=StepTable.of(source.steps(at, self.ranges.extent)),
             n_alpha=N_ALPHA,
             alpha_bits=ALPHA_BITS,
         )
-        weights = self.importance.raised(at, self.ranges.extent)
-        return self.quantised(settings, weights, at)
+        if self.layered is not None:
+            weights = self.layered.weights(at, self.ranges.extent)
+            return self.layered.with_gains(self.quantised(settings, weights, at))
+        return self.quantised(settings, self.importance.raised(at, self.ranges.extent), at)
 
     def polished(self, price: float) -> CodedTree:
         """At a price of a bit, the integers of the last level moved by pictures."""
@@ -249,8 +256,8 @@ class _Coder:
             # Of a search: whoever asks for a target is told whether it was met.
             warnings.simplefilter("ignore", AccuracyWarning)
             coded = quantise(
-                self.tiles,
-                self.n_levels,
+                self.layered.tiles if self.layered else self.tiles,
+                self.layered.n_levels if self.layered else self.n_levels,
                 settings,
                 weights=weights,
                 entry_weights=self.importance.entries if weights and self.importance else None,

@@ -59,14 +59,15 @@ def best_stream(
     if not tree.n_leaves:
         raise InputError("a scene without splats has nothing to aim at")
     views = request.views(tree.leaves(), descent=request.polish > 0)
-    if views is None and (request.polish or request.target_psnr is not None):
-        what = "polishing" if request.polish else "a target PSNR"
+    if views is None and (request.polish or request.layers > 1 or request.target_psnr is not None):
+        by_bytes = "polishing" if request.polish else "several layers"
+        what = by_bytes if request.target_psnr is None else "a target PSNR"
         raise InputError(f"{what} needs rendered views: {request.why_no_views}")
     if request.polish and not any(
         step.level == tree.n_levels - 1 > 0 and step.psi.any() for step in tree.steps
     ):
         warnings.warn("polishing changes nothing: the last level refines nothing", stacklevel=3)
-    aim = replace(whole, views=views, polish=request.polish)
+    aim = replace(whole, views=views, polish=request.polish, layers=request.layers)
     if request.target_bytes is not None:
         most = request.target_bytes
         return _best(trees, aim, lambda one: one.at_bytes(most), by_psnr=True)

@@ -70,6 +70,7 @@ def encode_scene(
     target_psnr: float | None = None,
     target_bytes: int | None = None,
     max_error: MaxError | None = None,
+    layers: int = 1,
     polish: int = 0,
     improve: Callable[[EvolutionTree], EvolutionTree] | None = None,
     cameras: Sequence[Camera] | None = None,
@@ -91,6 +92,9 @@ def encode_scene(
         target_bytes: the best stream of at most this many bytes.
         max_error: no number of a splat is further off: one for all groups, in the units of each
             group, or one per name of a group (position, rotation, scale, opacity, sh).
+        layers: with `target_psnr` or `target_bytes`, layers of precision, 1 to 8: all splats come
+            at coarse steps first, then refinements of them. Prefixes look better; splats without
+            SH bands take more bytes.
         polish: with `target_psnr` or `target_bytes`, iterations of gradient descent that move the
             integers of the last level.
         improve: is given the lifted tree and returns one with better coarse levels, for instance
@@ -118,6 +122,7 @@ def encode_scene(
         target_psnr=target_psnr,
         target_bytes=target_bytes,
         max_error=max_error,
+        layers=layers,
         polish=polish,
         improve=improve,
         cameras=cameras,
@@ -163,6 +168,7 @@ def encode_tree(
     target_psnr: float | None = None,
     target_bytes: int | None = None,
     max_error: MaxError | None = None,
+    layers: int = 1,
     polish: int = 0,
     cameras: Sequence[Camera] | None = None,
     up: str = "z",
@@ -183,6 +189,7 @@ def encode_tree(
         target_psnr: dB of rendered views against the leaves of the tree.
         target_bytes: the best stream of at most this many bytes.
         max_error: no number of a leaf is further off, as of `encode_scene`.
+        layers: of precision, as of `encode_scene`.
         polish: iterations of gradient descent, as of `encode_scene`.
         cameras: of the views, as of `encode_scene`.
         up: axis that is up in the default views.
@@ -201,6 +208,7 @@ def encode_tree(
         "target_psnr": target_psnr,
         "target_bytes": target_bytes,
         "max_error": max_error,
+        "layers": layers,
         "polish": polish,
         "cameras": cameras,
         "up": up,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, TypedDict
 
 from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.common.version import __version__
+from evogs_codec.encoding.layers import MAX_LAYERS
 from evogs_codec.encoding.settings import PRESETS, Settings
 from evogs_codec.model.channels import GROUPS
 from evogs_codec.model.scene_info import SceneInfo
@@ -32,6 +33,7 @@ class TreeOptions(TypedDict, total=False):
     target_psnr: float | None
     target_bytes: int | None
     max_error: MaxError | None
+    layers: int
     polish: int
     cameras: Sequence[Camera] | None
     up: str
@@ -57,6 +59,7 @@ class Request:
     target_psnr: float | None
     target_bytes: int | None
     errors: Mapping[str, float]
+    layers: int
     polish: int
     cameras: Sequence[Camera] | None
     up: str
@@ -71,6 +74,7 @@ class Request:
         if unknown:
             raise TypeError(f"no such option: {', '.join(unknown)}")
         preset, polish = options.get("preset"), options.get("polish", 0)
+        layers = options.get("layers", 1)
         psnr, n_bytes = options.get("target_psnr"), options.get("target_bytes")
         errors = _errors_of(options.get("max_error"))
         n_targets = (psnr is not None) + (n_bytes is not None) + bool(errors)
@@ -80,6 +84,10 @@ class Request:
             raise ValueError("a preset does not go with a target: the target decides the steps")
         if polish and (n_targets == 0 or errors):
             raise ValueError("polish needs target_psnr or target_bytes")
+        if not 1 <= layers <= MAX_LAYERS:
+            raise ValueError(f"layers is {layers}, expected 1..{MAX_LAYERS}")
+        if layers > 1 and (n_targets == 0 or errors):
+            raise ValueError("layers need target_psnr or target_bytes")
         settings = _settings_of(default if preset is None else preset)
         effort, n_tiles = options.get("effort"), options.get("n_tiles")
         if effort is not None and not 1 <= effort <= 22:
@@ -91,6 +99,7 @@ class Request:
             target_psnr=psnr,
             target_bytes=n_bytes,
             errors=errors,
+            layers=layers,
             polish=polish,
             cameras=options.get("cameras"),
             up=options.get("up", "z"),

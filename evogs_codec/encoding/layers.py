@@ -1,0 +1,164 @@
+"""Layers of precision: all splats come at coarse steps first, then refinements of the leaves.
+
+A level cannot look much more like the scene than its splats allow, however exact they are, so bits
+are better spent on the splats of the next level until all are there. Each layer after the first is
+a level of its own (spec 3.4) whose steps refine every leaf and split none.
+
+Letters: K classes (spec 3.2), N leaves of a tile, B components.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from evogs_codec.encoding.packet_order import leaf_shares
+from evogs_codec.encoding.sensitivity import Importance, StepWeights
+from evogs_codec.model.channels import channel_class, group_of_class, n_channels
+from evogs_codec.model.coded_tree import CodedStep, CodedTree
+from evogs_codec.model.components import PICKS, component_slice
+from evogs_codec.model.splats import F32, F64, I64
+from evogs_codec.model.tree import EvolutionTree, Step
+
+__all__ = ["MAX_LAYERS", "Layered"]
+
+MAX_LAYERS = 8
+RATIO = 32.0  # of the price of a bit, from a layer to the next: about 15 dB
+PARTS, LEAST = 8, 1024  # steps of a layer of a tile at most, and leaves of each at least
+RUN = 64  # leaves in neighbouring slots that are in the same step: their slots take no bytes
+
+
+@dataclass(frozen=True, eq=False)
+class Layered:
+    """A tree whose leaves are refined in layers.
+
+    Attributes:
+        tiles: arranged, with the steps of the layers, whose psi are 0: a closed loop gives them
+            what earlier layers left.
+        n_levels: with those of the layers.
+        n_coarse: levels of the first layer.
+        importance: of the tree without layers.
+        leaves: (n_parts,) per tile, rows of the tile's leaves that each step of a layer refines.
+    """
+
+    tiles: Sequence[EvolutionTree]
+    n_levels: int
+    n_coarse: int
+    importance: Importance
+    leaves: Sequence[Sequence[I64]]
+
+    @staticmethod
+    def of(
+        tiles: Sequence[EvolutionTree], n_levels: int, importance: Importance, n_layers: int
+    ) -> Layered:
+        """`n_layers` layers, at least 1; those after the first refine the most important first."""
+        parts = [_parts(weights) for weights in importance.leaves]
+        return Layered(
+            [
+                _with_layers(tile, rows, range(n_levels, n_levels + n_layers - 1))
+                for tile, rows in zip(tiles, parts, strict=True)
+            ],
+            n_levels + n_layers - 1,
+            n_levels,
+            importance,
+            parts,
+        )
+
+    def prices(self, price: float) -> list[float]:
+        """Of a bit, per layer; the last has `price`."""
+        n_layers = 1 + self.n_levels - self.n_coarse
+        return [price * RATIO**k for k in reversed(range(n_layers))]
+
+    def steps(self, price: float, extent: float) -> F64:
+        """(1 + n_levels, K) steps of adds, then of psi per level, in scene units.
+
+        Those of a layer divide those of the last level by an odd number: then what the coarser step
+        leaves is a whole number of the finer ones.
+        """
+        first, *others = self.prices(price)
+        table = self.importance.steps(first, extent)
+        rows = [table]
+        for other in others:
+            wanted = self.importance.steps_of_leaves(other, extent)
+            odd = 2 * np.rint((table[-1] / wanted - 1) / 2) + 1
+            rows.append((table[-1] / np.maximum(odd, 1))[None])
+        return np.concatenate(rows)
+
+    def weights(self, price: float, extent: float) -> list[list[StepWeights]]:
+        """What errors are worth at this price, per step of each tile: less in coarse layers."""
+        parts = [price / other for other in self.prices(price)]
+        first, *others = [np.float32(part) for part in parts]
+        coarse = self.importance.raised(price / parts[0], extent)
+        leaves = [self.importance.raised_leaves(price / part, extent) for part in parts[1:]]
+        found = []
+        for number, rows in enumerate(self.leaves):
+            own = [StepWeights(w.level, w.targets * first, w.new * first) for w in coarse[number]]
+            for k, (other, weights) in enumerate(zip(others, leaves, strict=True)):
+                less = weights[number] * other
+                own += [StepWeights(self.n_coarse + k, less[:, part], less[:, :0]) for part in rows]
+            found.append(own)
+        return found
+
+    def with_gains(self, tree: CodedTree) -> CodedTree:
+        """The coded tree with gains of the layers: what they change, by its importance."""
+        tiles = []
+        shares = leaf_shares(tree)
+        for number, (tile, rows) in enumerate(zip(tree.tiles, self.leaves, strict=True)):
+            weights = self.importance.leaves[number] / max(shares[number], 1e-300)
+            n_first = sum(step.level < self.n_coarse for step in tile.steps)
+            steps = list(tile.steps[:n_first])
+            for k, step in enumerate(tile.steps[n_first:]):
+                part = rows[k % len(rows)]
+                steps.append(replace(step, gain=self._gains(tree, step, weights[:, part])))
+            tiles.append(replace(tile, steps=tuple(steps)))
+        return replace(tree, tiles=tuple(tiles))
+
+    def _gains(self, tree: CodedTree, step: CodedStep, weights: F32) -> tuple[float, ...]:
+        """(B,) mean squared error that a step of a layer takes off, per component."""
+        of_channels = np.zeros(len(step.psi))
+        for c, psi in enumerate(step.psi):
+            kind = channel_class(c)
+            unit = (
+                tree.quantisers[1 + step.level][kind].step
+                * 2.0 ** -(tree.grid_exponents[group_of_class(kind)])
+            )
+            of_channels[c] = weights[kind] @ np.square(psi * unit)
+        return tuple(
+            0.0 if component == PICKS else float(of_channels[component_slice(component)].sum())
+            for component in tree.components.of_tiles
+        )
+
+
+def _parts(weights: F32) -> list[I64]:
+    """Rows of leaves with weights (K, N) for each step of a layer, the most important first."""
+    n = weights.shape[1]
+    means = np.maximum(weights.mean(axis=1, keepdims=True), np.float32(1e-30)) if n else weights
+    starts = np.arange(0, n, RUN)
+    if not len(starts):
+        return [np.empty(0, np.int64)]
+    of_runs = np.add.reduceat((weights / means).mean(axis=0), starts)
+    of_runs /= np.diff(np.append(starts, n))
+    order = np.argsort(-of_runs, kind="stable")
+    n_parts = min(PARTS, max(1, n // LEAST))
+    parts = []
+    for runs in np.array_split(order, n_parts):
+        rows = (starts[np.sort(runs)][:, None] + np.arange(RUN)).ravel()
+        parts.append(rows[rows < n])
+    return parts
+
+
+def _with_layers(tile: EvolutionTree, rows: Sequence[I64], levels: range) -> EvolutionTree:
+    """The tile, with steps that refine these rows of its leaves at each of the levels."""
+    live = np.zeros(0, bool)
+    for state in tile.states():
+        live = state.live
+    slots = np.flatnonzero(live)
+    d = n_channels(tile.sh_degree)
+    steps = [
+        Step.of_refines(level, slots[part], np.zeros((d, len(part))))
+        for level in levels
+        for part in rows
+    ]
+    return replace(tile, steps=(*tile.steps, *steps))
