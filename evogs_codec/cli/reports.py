@@ -111,18 +111,20 @@ def presence_of(directory: Directory, n_bytes: int) -> list[LevelPresence]:
 
 
 def print_levels(directory: Directory, presence: Sequence[LevelPresence] | None = None) -> None:
-    """A row per level: splats, bytes, how far splats are from where they end.
+    """A row per level: what it adds, splats, bytes, how far splats are from where they end.
 
     Of a truncated file, also whether the level is there.
     """
-    print(f"\n{'level':>6} {'splats':>10} {'bytes':>12} {'so far':>12} {'':>7} {'to move':>9}")
+    head = f"{'level':>6}  {'adds':<9} {'splats':>10} {'bytes':>12} {'so far':>12}"
+    print(f"\n{head} {'':>7} {'to move':>9}")
     so_far = directory.data_offset
     for level in levels(directory):
         so_far += level.n_bytes
         part = 100 * so_far / directory.size
         there = "#" * round(part / 5) if presence is None else _presence_text(presence[level.level])
         print(
-            f"{level.level:>6} {level.n_leaves:>10,} {level.n_bytes:>12,} {so_far:>12,}"
+            f"{level.level:>6}  {level.adds:<9} {level.n_leaves:>10,} {level.n_bytes:>12,}"
+            f" {so_far:>12,}"
             f" {part:>5.1f} % {level.error:>9.3g}  {there}"
         )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -24,9 +25,14 @@ __all__ = ["LevelStats", "bytes_by_group", "levels"]
 
 @dataclass(frozen=True)
 class LevelStats:
-    """A level: splats drawn at it, records and bytes it takes beyond the level below."""
+    """A level: splats drawn at it, records and bytes it takes beyond the level below.
+
+    `adds` says what it adds: detail, if the splats are others than those of the level below;
+    precision, if it only refines them; nothing, if it has no records.
+    """
 
     level: int
+    adds: Literal["detail", "precision", "nothing"]
     n_leaves: int
     n_steps: int
     n_adds: int
@@ -43,11 +49,13 @@ def levels(directory: Directory) -> list[LevelStats]:
     core = np.flatnonzero(rows["component"] == 0)
     counts = {name: _sums(label[core], rows[name][core], directory.n_levels) for name in _COUNTS}
     live = np.cumsum(counts["n_adds"] + counts["n_splits"] - counts["n_drops"])
+    detail, refines = counts["n_adds"] + counts["n_splits"] + counts["n_drops"], counts["n_refines"]
     n_steps = np.bincount(label[core], minlength=directory.n_levels)
     n_bytes = _sums(label, rows["size"], directory.n_levels)
     return [
         LevelStats(
             level=level,
+            adds="detail" if detail[level] else "precision" if refines[level] else "nothing",
             n_leaves=int(live[level]),
             n_steps=int(n_steps[level]),
             n_bytes=int(n_bytes[level]),
