@@ -251,7 +251,7 @@ def _cut(directory: Directory, args: argparse.Namespace) -> Cut:
         level=args.level,
         sh_degree=_sh_degree(directory, args),
         box=args.box,
-        max_bytes=args.max_bytes,
+        max_bytes=args.max_bytes and args.max_bytes.of(directory.size),
     )
 
 

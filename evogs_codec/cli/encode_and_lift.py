@@ -172,7 +172,7 @@ def _options(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         errors |= given
     return {
         "target_psnr": args.target_psnr,
-        "target_bytes": args.target_bytes,
+        "target_bytes": _target_bytes(args),
         "max_error": errors or None,
         "layers": args.layers,
         "polish": args.polish or 0,
@@ -183,6 +183,15 @@ def _options(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         "info": _scene_info(args),
         "progress": progress,
     }
+
+
+def _target_bytes(args: argparse.Namespace) -> int | None:
+    if args.target_bytes is None:
+        return None
+    n_bytes: int = args.target_bytes.of(args.input.stat().st_size)
+    if n_bytes < 1:
+        raise InputError("--target-bytes: a stream has at least one byte")
+    return n_bytes
 
 
 def _cameras(args: argparse.Namespace) -> list[Camera] | None:

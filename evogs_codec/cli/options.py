@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 
 from evogs_codec._generated import registry
 from evogs_codec._generated.limits import LIMITS
+from evogs_codec.cli.sizes import parse_size
 from evogs_codec.encoding.layers import MAX_LAYERS
 from evogs_codec.encoding.settings import PRESETS, TREE_PSNR
 from evogs_codec.io import files
@@ -107,9 +108,10 @@ def add_encode(commands: Commands, run: Run) -> None:
     )
     accuracy.add_argument(
         "--target-bytes",
-        type=_number(int, 1, 1 << 62),
-        metavar="N",
-        help="make the stream of at most N bytes that has the highest PSNR over rendered views",
+        type=parse_size,
+        metavar="SIZE",
+        help="make the stream of at most this size that has the highest PSNR over rendered views:"
+        " bytes, or 5MB, 4.5MiB, or 20%% of IN",
     )
     accuracy.add_argument(
         "--max-error",
@@ -355,9 +357,10 @@ def _add_cut_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--max-bytes",
-        type=_number(int, 0, 1 << 62),
-        metavar="N",
-        help="take the longest prefix that fits in a file of N bytes",
+        type=parse_size,
+        metavar="SIZE",
+        help="take the longest prefix that fits in a file of this size: bytes, or 5MB, 4.5MiB, or"
+        " 20%% of IN",
     )
     parser.add_argument(
         "--box",
