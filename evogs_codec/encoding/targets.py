@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
@@ -143,6 +143,18 @@ class TargetEncoder:
             said = f"{n_bytes:,} bytes cannot be met: {len(plain.what):,} is nearest"
             raise TargetMissedError(said, abs(len(plain.what) - n_bytes))
         return met[0] if len(met) == 1 else max(met, key=self.psnr)
+
+    def at_prices(self, prices: Iterable[float]) -> Iterator[bytes]:
+        """A stream for each price of a bit, a mean squared error of the views; not polished.
+
+        Raises:
+            ValueError: there are no views.
+        """
+        if self.views is None:
+            raise ValueError("a price of a bit needs views")
+        coder = _Coder(self)
+        for price in prices:
+            yield self._with_digests(coder.coded(price))
 
     def within(self, errors: Mapping[str, float]) -> bytes:
         """The stream no number of whose leaves is further off than its group allows.

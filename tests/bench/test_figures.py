@@ -214,7 +214,13 @@ def test_a_table_that_has_a_picture_shows_it(tmp_path):
     page.write(tmp_path, "all", {"surface": ("Surface", "", ROWS)}, keep_others=False)
     assert "![Surface](figures/surface.png)" in (tmp_path / "figures.md").read_text()
     assert (tmp_path / "figures" / "surface.png").read_bytes().startswith(b"\x89PNG")
-    assert set(plots.PLOTS) <= {"surface", "surface-effort", "surface-iterations", "prefix"}
+    assert set(plots.PLOTS) <= {
+        "surface",
+        "surface-effort",
+        "surface-iterations",
+        "prefix",
+        "loss-curves",
+    }
 
 
 def test_contenders_in_processes_of_their_own_take_turns(tmp_path):

@@ -3,6 +3,6 @@
 __all__ = ["PARTS"]
 
 PARTS = (
-    "raster", "scene", "rate", "sog", "levels", "refine", "tree", "surface", "prefix", "first",
-    "decimate", "scale", "worst", "extremes",
+    "raster", "scene", "rate", "sog", "levels", "refine", "tree", "surface", "prefix", "loss",
+    "first", "decimate", "scale", "worst", "extremes",
 )  # fmt: skip

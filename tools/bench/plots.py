@@ -61,6 +61,32 @@ def _prefixes(rows: Rows) -> Canvas:
     return figure
 
 
+def _losses(rows: Rows) -> Canvas:
+    """A panel for each scene: prefixes of each stream, and dedicated streams, over the bytes."""
+    scenes = list(dict.fromkeys(row["scene"] for row in rows))
+    figure, axes = _panels(len(scenes))
+    for axis, scene in zip(axes, scenes, strict=True):
+        own = [row for row in rows if row["scene"] == scene]
+        dedicated = [point for row in own if row["curve"] == "dedicated" for point in _points(row)]
+        if dedicated:
+            x, y = zip(*sorted(dedicated), strict=True)
+            axis.plot(x, y, color="0.7", linewidth=5, label="dedicated")
+        for row in own:
+            if row["curve"] == "prefix":
+                axis.plot(*zip(*_points(row), strict=True), ".-", label=row["stream"])
+        axis.set(title=scene, xlabel="bytes a splat", ylabel="PSNR, dB")
+        axis.grid(alpha=0.3)
+        axis.legend(fontsize=7)
+    return figure
+
+
+def _points(row: dict[str, object]) -> list[tuple[float, float]]:
+    """Bytes a splat and dB, where there is a number."""
+    whole = _number(row["bytes a splat"])
+    parts = [name for name in row if name.endswith(" %") and row[name] != ""]
+    return [(whole * _number(p.removesuffix(" %")) / 100, _number(row[p])) for p in parts]
+
+
 def _draw_line(
     axis: Axis,
     points: Sequence[tuple[float, float]],
@@ -112,4 +138,5 @@ PLOTS: dict[str, Callable[[Rows], Canvas]] = {
     ),
     "surface-iterations": partial(_trade, x="iterations", y="PSNR, dB", line="run"),
     "prefix": _prefixes,
+    "loss-curves": _losses,
 }  # fmt: skip

@@ -16,7 +16,7 @@ from tools.bench.page import Rows
 from tools.bench.paper.runs import find_runs
 from tools.bench.subjects import Gauge, Subject
 
-__all__ = ["by_level", "prefixes", "rivals"]
+__all__ = ["by_level", "ends_of_packets", "prefixes", "rivals", "sizes_of_packets"]
 
 N_CUTS = 20
 MOST = 6  # views that a prefix is judged by
@@ -90,8 +90,7 @@ def _curves(subject: Subject) -> dict[str, _Curve]:
         ("file", np.arange(len(directory.packets))),
         ("by level", by_level(directory)),
     ):
-        sizes = directory.packets["size"][order].astype(np.int64) + size_of(PACKET_ENTRY)
-        ends = len(data) - int(sizes.sum()) + np.cumsum(sizes)
+        ends = ends_of_packets(data, sizes_of_packets(directory, order))
         decibels = []
         for k in range(1, N_CUTS + 1):
             n = int(np.searchsorted(ends, len(data) * k // N_CUTS, side="right"))
@@ -107,6 +106,17 @@ def _curves(subject: Subject) -> dict[str, _Curve]:
 def _some_views(gauge: Gauge) -> Gauge:
     every = -(-len(gauge.cameras) // MOST)
     return replace(gauge, cameras=gauge.cameras[::every], targets=gauge.targets[::every])
+
+
+def sizes_of_packets(directory: Directory, order: I64) -> I64:
+    """(n,) bytes of each packet with its entry in the directory."""
+    sizes: I64 = directory.packets["size"][order].astype(np.int64) + size_of(PACKET_ENTRY)
+    return sizes
+
+
+def ends_of_packets(data: bytes, sizes: I64) -> I64:
+    """(n,) bytes of the shorter stream that ends with each packet: it lists no later ones."""
+    return len(data) - int(sizes.sum()) + np.cumsum(sizes)
 
 
 def by_level(directory: Directory) -> I64:

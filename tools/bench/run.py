@@ -20,6 +20,7 @@ from evogs_codec.render.demo_scene import make_scene
 from tools.bench import pictures, raster, trained
 from tools.bench.decimate import decimate
 from tools.bench.extremes import page as extremes
+from tools.bench.loss import Losses, scene_without_bands
 from tools.bench.page import Rows, text_of, write
 from tools.bench.parts import PARTS
 from tools.bench.prefix import prefixes, rivals
@@ -81,7 +82,7 @@ def _measurements(args: argparse.Namespace, folder: Path) -> Iterator[Measuremen
         if args.photos:
             title = "Pictures of a trained tree, on photographs it was not trained on"
             yield "photographs", title, partial(pictures.photographs, tree, args.photos)
-    if {"rate", "sog", "surface", "prefix", "first", "decimate"} & set(args.only):
+    if {"rate", "sog", "surface", "prefix", "loss", "first", "decimate"} & set(args.only):
         yield from _of_subjects(args, folder)
     if "scale" in args.only:
         yield "scale", "Time and memory as scenes grow", partial(scale, folder)
@@ -94,7 +95,7 @@ def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement
     """What takes trees and their pictures: of the scene, and of the tree if there is one."""
     of, command = tuple(subjects(args)), args.splat_transform
     shipped: tuple[Subject, ...] = ()
-    if args.ply and {"rate", "surface", "prefix", "decimate"} & set(args.only):
+    if args.ply and {"rate", "surface", "prefix", "loss", "decimate"} & set(args.only):
         shipped = (Subject.of_scene("shipped", make_scene(), "z"),)
     if {"rate", "first"} & set(args.only):
         from tools.bench.first import first  # these need gsply
@@ -111,6 +112,10 @@ def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement
     if "prefix" in args.only:
         title = "Quality against bytes, at 20 cuts"
         yield "prefix", title, partial(prefixes, rivals((*shipped, *of), args.runs))
+    if {"prefix", "loss"} & set(args.only):
+        losses = Losses(lambda: (*shipped, scene_without_bands(), *of))
+        yield "loss", "What prefixes lose, over 24 views", losses.table
+        yield "loss-curves", "Prefixes and dedicated streams, at 20 cuts", losses.curves
     if "first" in args.only:
         yield "first", "Time to the first picture", partial(first, of, folder)
     if "decimate" in args.only and command:

@@ -1,0 +1,300 @@
+"""What a prefix loses: its PSNR below that of a stream that was made for as many bytes."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import PchipInterpolator
+
+from evogs_codec import PRESETS, Cut, decode, read_directory
+from evogs_codec.encoding.settings import TREE_PSNR
+from evogs_codec.encoding.targets import PRICES, TargetEncoder, TargetMissedError
+from evogs_codec.render.demo_scene import make_scene
+from evogs_codec.render.views import Views
+from tools.bench.page import Rows
+from tools.bench.prefix import ends_of_packets, sizes_of_packets
+from tools.bench.subjects import Subject
+
+__all__ = ["Losses", "scene_without_bands"]
+
+LAYERS = (1, 2, 3)
+CUTS = range(5, 105, 5)  # % of the bytes
+JUDGED = np.array([30 <= cut <= 90 for cut in CUTS])
+PLACES = 100  # prefixes between which falls are looked for
+FALL_VIEWS = 6  # that falls are judged by
+HALF_DECADE = 10**-0.5
+BARE_SEED = 1
+F64 = npt.NDArray[np.float64]
+
+
+def scene_without_bands(n: int = 40_000) -> Subject:
+    """The demo scene of another seed, SH degree 0."""
+    splats = make_scene(n, BARE_SEED)
+    return Subject.of_scene("SH degree 0", replace(splats, sh=splats.sh[:, :1]), "z")
+
+
+@dataclass(frozen=True, eq=False)
+class Losses:
+    """Prefixes of streams beside dedicated streams, measured once for both tables.
+
+    Attributes:
+        subjects: trees and their views; called once, when the first table is made.
+    """
+
+    subjects: Callable[[], Sequence[Subject]]
+
+    def table(self) -> Rows:
+        """PSNR of the dedicated stream of n bytes less that of the prefix of n bytes.
+
+        A prefix has the packets that are whole after n bytes. Dedicated is a stream of one layer of
+        the same tree that `--target-bytes` would make: the PSNR of streams at prices half a decade
+        apart, interpolated in bytes. PSNR is against the scene, or the leaves of the tree, over 24
+        views. Streams with layers aim at the PSNR of the preset, of a trained tree at 52 dB, and
+        come within 0.2 dB of it. "To one layer" is their bytes, to those that a stream of one layer
+        takes for the PSNR that they have. Losses are those at every 5 % from 30 to 90 % of the
+        bytes. The deepest fall is from a prefix to the next, of all that end with a packet, or of
+        one per percent if there are more than 100; 6 of the views judge it. Seconds are those of
+        the processor, from the tree to the stream, with its search.
+        """
+        return [_row(curve) for curve in self._measured]
+
+    def curves(self) -> Rows:
+        """The streams of the table above: the prefix, the dedicated stream, and the loss, in dB.
+
+        A cell is empty where no stream of one layer is so small. The picture shows the prefixes of
+        each stream, and the dedicated streams as the thick line.
+        """
+        rows: Rows = []
+        for curve in self._measured:
+            for what in ("prefix", "dedicated", "loss"):
+                row: dict[str, object] = {
+                    "scene": curve.stream.scene,
+                    "stream": curve.stream.name,
+                    "bytes a splat": f"{curve.stream.bytes_per_splat:.2f}",
+                    "curve": what,
+                }
+                values = [_cell(value) for value in getattr(curve, what)]
+                rows.append(row | dict(zip((f"{cut} %" for cut in CUTS), values, strict=True)))
+        return rows
+
+    @cached_property
+    def _measured(self) -> list[_Curve]:
+        found = []
+        for subject in self.subjects():
+            for curve in _curves(subject):
+                print(*_row(curve).values(), sep=", ", file=sys.stderr, flush=True)
+                found.append(curve)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Stream:
+    """A stream, and the processor seconds that its encoder took."""
+
+    scene: str
+    name: str
+    data: bytes
+    seconds: float
+    n_splats: int
+
+    @property
+    def bytes_per_splat(self) -> float:
+        return len(self.data) / self.n_splats
+
+
+@dataclass(frozen=True, eq=False)
+class _Curve:
+    """What the prefixes of a stream are worth.
+
+    Attributes:
+        stream: whose prefixes.
+        prefix: (20,) dB of the prefixes at `CUTS`.
+        dedicated: (20,) dB of dedicated streams of as many bytes; NaN where none is so small.
+        to_one_layer: bytes, to those of one layer at the same PSNR; NaN where none has it.
+        fall: dB, the deepest from a prefix to the next.
+        largest: % of the bytes that the largest packet takes.
+    """
+
+    stream: _Stream
+    prefix: F64
+    dedicated: F64
+    to_one_layer: float
+    fall: float
+    largest: float
+
+    @property
+    def loss(self) -> F64:
+        """(20,) dB."""
+        return self.dedicated - self.prefix
+
+
+def _row(curve: _Curve) -> dict[str, object]:
+    return {
+        "scene": curve.stream.scene,
+        "stream": curve.stream.name,
+        "bytes a splat": f"{curve.stream.bytes_per_splat:.2f}",
+        "PSNR, dB": f"{curve.prefix[-1]:.2f}",
+        "to one layer": _cell(curve.to_one_layer, 3),
+        "mean loss, dB": _cell(_judged(curve.loss, np.mean)),
+        "largest loss, dB": _cell(_judged(curve.loss, np.max)),
+        "deepest fall, dB": f"{curve.fall:.2f}",
+        "largest packet, %": f"{curve.largest:.1f}",
+        "encode, s": f"{curve.stream.seconds:.1f}",
+    }
+
+
+def _curves(subject: Subject) -> Iterator[_Curve]:
+    """Those of the streams of a subject."""
+    streams = list(_streams(subject))
+    one_layer = _OneLayer.of(subject, streams)
+    degree = subject.best.shown_degree
+    for stream in streams:
+        n = len(stream.data)
+        prefixes = _Prefixes(stream.data, degree)
+        at = [prefixes.n_packets(n * cut // 100) for cut in CUTS]
+        worth = prefixes.worth(at, subject.views)
+        places: Sequence[int] = range(len(prefixes.ends) + 1)
+        if len(places) > PLACES + 1:
+            parts = range(PLACES + 1)
+            places = sorted({prefixes.n_packets(n * part // PLACES) for part in parts})
+        some = prefixes.worth(places, _some(subject.views))
+        yield _Curve(
+            stream,
+            worth,
+            np.array([one_layer.decibels(n * cut // 100) for cut in CUTS]),
+            n / one_layer.n_bytes(worth[-1]),
+            abs(float(np.diff(some).min(initial=0.0))),
+            100 * int(prefixes.sizes.max(initial=0)) / n,
+        )
+
+
+def _streams(subject: Subject) -> Iterator[_Stream]:
+    """The preset, and streams with layers at its PSNR, or at that which trees have by default."""
+
+    def timed(name: str, make: Callable[[Subject], bytes]) -> _Stream:
+        # No stream finds views drawn, or a palette made, for another.
+        fresh = replace(subject, tree=subject.best, lifted=None, views=replace(subject.views))
+        start = time.process_time()
+        data = make(fresh)
+        seconds = time.process_time() - start
+        return _Stream(subject.name, name, data, seconds, subject.tree.n_leaves)
+
+    preset = timed("preset", lambda fresh: fresh.stream)
+    yield preset
+    target = TREE_PSNR
+    if subject.settings == PRESETS["scene"]:
+        leaves = decode(preset.data).leaves(sh_degree=subject.best.shown_degree)
+        target = round(subject.views.psnr(leaves), 2)
+    for n_layers in LAYERS:
+        name = f"--target-psnr {target:g} --layers {n_layers}"
+        print(f"{subject.name}, {name} ...", file=sys.stderr)
+        try:
+            yield timed(name, lambda fresh, n=n_layers: _aim(fresh, n).at_psnr(target))  # type: ignore[misc]
+        except TargetMissedError as error:
+            print(f"{subject.name}, {name} is left out: {error}", file=sys.stderr)
+
+
+def _aim(subject: Subject, n_layers: int = 1) -> TargetEncoder:
+    return TargetEncoder(subject.best, subject.settings, subject.views, layers=n_layers)
+
+
+@dataclass(frozen=True, eq=False)
+class _OneLayer:
+    """Rate and distortion of streams of one layer.
+
+    Attributes:
+        sizes: (m,) bytes, rising.
+        worth: (m,) dB, rising.
+    """
+
+    sizes: F64
+    worth: F64
+
+    @staticmethod
+    def of(subject: Subject, streams: Sequence[_Stream]) -> _OneLayer:
+        """Of streams at falling prices, until one is larger than all of `streams`."""
+        degree = subject.best.shown_degree
+        most = max(len(stream.data) for stream in streams)
+        points: list[tuple[int, float]] = []
+        for data in _aim(subject).at_prices(_prices()):
+            points.append((len(data), subject.views.psnr(decode(data).leaves(sh_degree=degree))))
+            if len(data) > most:
+                break
+        kept: list[tuple[int, float]] = []
+        for point in sorted(points):
+            if not kept or (point[0] > kept[-1][0] and point[1] > kept[-1][1]):
+                kept.append(point)
+        sizes, worth = np.array(kept, np.float64).T
+        return _OneLayer(sizes, worth)
+
+    def decibels(self, n_bytes: int) -> float:
+        """Of a stream of so many bytes; NaN where there is none."""
+        return _between(self.sizes, self.worth, n_bytes)
+
+    def n_bytes(self, decibels: float) -> float:
+        """Of a stream with this PSNR; NaN where there is none."""
+        return _between(self.worth, self.sizes, decibels)
+
+
+def _prices() -> Iterator[float]:
+    """From the highest that a search tries to the lowest, half a decade apart."""
+    lowest, price = PRICES
+    while price >= lowest:
+        yield price
+        price *= HALF_DECADE
+
+
+def _between(x: F64, y: F64, at: float) -> float:
+    """Monotone cubic interpolation; NaN outside."""
+    if len(x) < 2:
+        return float("nan")
+    return float(PchipInterpolator(x, y, extrapolate=False)(at))
+
+
+class _Prefixes:
+    """Prefixes of a stream that end with a packet."""
+
+    def __init__(self, data: bytes, sh_degree: int) -> None:
+        self.data, self.sh_degree = data, sh_degree
+        self.directory = read_directory(data)
+        self.order = np.arange(len(self.directory.packets))
+        self.sizes = sizes_of_packets(self.directory, self.order)
+        self.ends = ends_of_packets(data, self.sizes)
+
+    def n_packets(self, n_bytes: int) -> int:
+        """Those that are whole after so many bytes."""
+        return int(np.searchsorted(self.ends, n_bytes, side="right"))
+
+    def worth(self, n_packets: Sequence[int], views: Views) -> F64:
+        """Mean PSNR over views after so many packets, dB."""
+        found: dict[tuple[bytes, int], float] = {}
+        out = []
+        for n in n_packets:
+            cut = Cut.of_rows(self.directory, self.order[:n])
+            key = cut.steps.tobytes(), cut.palette
+            if key not in found:
+                leaves = decode(self.data, cut).leaves(sh_degree=self.sh_degree)
+                found[key] = views.psnr(leaves)
+            out.append(found[key])
+        return np.array(out)
+
+
+def _some(views: Views) -> Views:
+    every = -(-len(views.cameras) // FALL_VIEWS)
+    return replace(views, cameras=views.cameras[::every])
+
+
+def _judged(loss: F64, of: Callable[[F64], float]) -> float:
+    """Of the losses from 30 to 90 % of the bytes that are known."""
+    known = loss[JUDGED & ~np.isnan(loss)]
+    return float(of(known)) if len(known) else float("nan")
+
+
+def _cell(number: float, digits: int = 2) -> str:
+    return "" if np.isnan(number) else f"{number:.{digits}f}"
