@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from functools import cache, partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -372,7 +373,7 @@ def test_polishing_moves_the_last_layer_even_of_a_tree_of_one_level(recwarn):
     splats = make_scene(300)
     cameras = cameras_around(splats, "z", 64)
     for levels in (1, 3):
-        options = {
+        options: dict[str, Any] = {
             "levels": levels,
             "target_psnr": 38,
             "layers": 2,
