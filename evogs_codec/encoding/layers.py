@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from evogs_codec._generated.limits import LIMITS
 from evogs_codec.encoding.packet_order import leaf_shares
 from evogs_codec.encoding.sensitivity import Importance, StepWeights
 from evogs_codec.errors import InputError
+from evogs_codec.format.write_directory import MAX_LEVELS
 from evogs_codec.model.channels import N_GROUPS, channel_class, group_of_class, n_channels
 from evogs_codec.model.coded_tree import CodedStep, CodedTree
 from evogs_codec.model.components import PICKS, component_slice
@@ -143,11 +143,11 @@ def expect_levels(n_levels: int, n_layers: int) -> None:
     Raises:
         InputError: they are too many beside the levels of the tree.
     """
-    most, found = LIMITS["n_levels"][-1], n_levels + n_layers - 1
-    if found > most:
+    found = n_levels + n_layers - 1
+    if found > MAX_LEVELS:
         raise InputError(
             f"a tree of {n_levels} levels in {n_layers} layers has {found} levels: a stream has at"
-            f" most {most}"
+            f" most {MAX_LEVELS}"
         )
 
 
