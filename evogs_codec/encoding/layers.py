@@ -16,13 +16,15 @@ import numpy as np
 
 from evogs_codec.encoding.packet_order import leaf_shares
 from evogs_codec.encoding.sensitivity import Importance, StepWeights
-from evogs_codec.model.channels import channel_class, group_of_class, n_channels
+from evogs_codec.errors import InputError
+from evogs_codec.format.write_directory import MAX_LEVELS
+from evogs_codec.model.channels import N_GROUPS, channel_class, group_of_class, n_channels
 from evogs_codec.model.coded_tree import CodedStep, CodedTree
 from evogs_codec.model.components import PICKS, component_slice
 from evogs_codec.model.splats import F32, F64, I64
 from evogs_codec.model.tree import EvolutionTree, Step
 
-__all__ = ["MAX_LAYERS", "Layered"]
+__all__ = ["MAX_LAYERS", "Layered", "expect_levels"]
 
 MAX_LAYERS = 8
 RATIO = 32.0  # of the price of a bit, from a layer to the next: about 15 dB
@@ -84,7 +86,11 @@ class Layered:
             wanted = self.importance.steps_of_leaves(other, extent)
             odd = 2 * np.rint((table[-1] / wanted - 1) / 2) + 1
             rows.append((table[-1] / np.maximum(odd, 1))[None])
-        return np.concatenate(rows)
+        found: F64 = np.concatenate(rows)
+        if self.importance.entries is not None:
+            # No layer refines the entries of a palette: their steps are those of one layer.
+            found[:, N_GROUPS:] = self.importance.steps(price, extent)[0, N_GROUPS:]
+        return found
 
     def weights(self, price: float, extent: float) -> list[list[StepWeights]]:
         """What errors are worth at this price, per step of each tile: less in coarse layers."""
@@ -128,6 +134,20 @@ class Layered:
         return tuple(
             0.0 if component == PICKS else float(of_channels[component_slice(component)].sum())
             for component in tree.components.of_tiles
+        )
+
+
+def expect_levels(n_levels: int, n_layers: int) -> None:
+    """Refuse layers that a stream has no levels for.
+
+    Raises:
+        InputError: they are too many beside the levels of the tree.
+    """
+    found = n_levels + n_layers - 1
+    if found > MAX_LEVELS:
+        raise InputError(
+            f"a tree of {n_levels} levels in {n_layers} layers has {found} levels: a stream has at"
+            f" most {MAX_LEVELS}"
         )
 
 

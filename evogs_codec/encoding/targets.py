@@ -18,7 +18,7 @@ from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.decoding.decode import decode
 from evogs_codec.encoding.arrange import arrange, default_tiles
 from evogs_codec.encoding.grids import AccuracyWarning
-from evogs_codec.encoding.layers import Layered
+from evogs_codec.encoding.layers import Layered, expect_levels
 from evogs_codec.encoding.measured_gains import MeasuredGains, Pictures
 from evogs_codec.encoding.polish import polished
 from evogs_codec.encoding.quantise import quantise
@@ -169,7 +169,7 @@ class TargetEncoder:
         if not all(error > 0 for error in errors.values()):
             raise ValueError("largest errors are above 0")
         asked = np.array([errors.get(name, math.inf) for name in GROUPS])
-        coder = _Coder(replace(self, views=None, polish=0))
+        coder = _Coder(replace(self, views=None, polish=0, layers=1))
         table = coder.first_table()
         groups = np.minimum(np.arange(table.shape[1]), 4)
         table = np.where(np.isinf(asked[groups]), table, 2 * asked[groups])
@@ -217,9 +217,11 @@ class _Coder:
     def __init__(self, aim: TargetEncoder) -> None:
         self.aim = aim
         self.n_levels = max(aim.tree.n_levels, 1)
-        if aim.polish and aim.views is None:
-            raise ValueError("polishing needs views")
-        self.polishes = aim.polish > 0 and self.n_levels > 1
+        if (aim.polish or aim.layers > 1) and aim.views is None:
+            raise ValueError(f"{'polishing needs' if aim.polish else 'layers need'} views")
+        if aim.layers > 1:
+            expect_levels(self.n_levels, aim.layers)  # before anything is rendered
+        self.polishes = aim.polish > 0 and (self.n_levels > 1 or aim.layers > 1)
         report = aim.progress or no_progress
         report("arrange", 0.0)
         self.tiles = arrange(aim.tree, aim.n_tiles or default_tiles(aim.tree.n_leaves))

@@ -18,7 +18,9 @@ from evogs_codec.model.components import PALETTE
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.scene_info import SceneInfo
 
-__all__ = ["build_directory", "rebuild_directory"]
+__all__ = ["MAX_LEVELS", "build_directory", "rebuild_directory"]
+
+MAX_LEVELS = LIMITS["n_levels"][-1]  # of any tier
 
 
 def build_directory(

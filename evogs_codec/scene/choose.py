@@ -60,12 +60,14 @@ def best_stream(
         raise InputError("a scene without splats has nothing to aim at")
     views = request.views(tree.leaves(), descent=request.polish > 0)
     if views is None and (request.polish or request.layers > 1 or request.target_psnr is not None):
-        by_bytes = "polishing" if request.polish else "several layers"
-        what = by_bytes if request.target_psnr is None else "a target PSNR"
-        raise InputError(f"{what} needs rendered views: {request.why_no_views}")
-    if request.polish and not any(
+        by_bytes = "polishing needs" if request.polish else "several layers need"
+        what = by_bytes if request.target_psnr is None else "a target PSNR needs"
+        raise InputError(f"{what} rendered views: {request.why_no_views}")
+    # The last layer refines every leaf, whatever the tree does.
+    moves = request.layers > 1 or any(
         step.level == tree.n_levels - 1 > 0 and step.psi.any() for step in tree.steps
-    ):
+    )
+    if request.polish and not moves:
         warnings.warn("polishing changes nothing: the last level refines nothing", stacklevel=3)
     aim = replace(whole, views=views, polish=request.polish, layers=request.layers)
     if request.target_bytes is not None:
