@@ -24,6 +24,7 @@ from tests.support.layered import (
 )
 
 
+@pytest.mark.thorough
 def test_the_command_makes_shows_and_decodes_layers(evogs, tmp_path):
     scene_file, cameras, out = (tmp_path / name for name in ("in.ply", "views.json", "out.evogs"))
     write_ply(scene_file, make_scene(300))

@@ -59,6 +59,7 @@ def test_fine_layers_have_the_splats_of_one_layer_in_the_same_order():
     assert np.quantile(np.abs(one - three), 0.99) < 0.1
 
 
+@pytest.mark.thorough
 def test_the_leaf_order_is_that_of_the_layered_stream():
     splats = make_scene(200)
     cameras = views_of(splats).cameras

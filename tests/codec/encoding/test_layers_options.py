@@ -158,6 +158,7 @@ def test_a_target_of_bytes():
     assert read_directory(data).n_levels == N_LEVELS + 2
 
 
+@pytest.mark.thorough
 def test_more_effort_takes_no_more_bytes_for_the_same_splats():
     hard = replace(aim(layers=2), settings=replace(SETTINGS, effort=19)).at_psnr(40)
     assert len(hard) <= len(stream(2))
