@@ -132,6 +132,7 @@ def test_fine_layers_have_the_splats_of_one_layer_in_the_same_order():
     assert np.quantile(np.abs(one - three), 0.99) < 0.1
 
 
+@pytest.mark.thorough
 def test_the_leaf_order_is_that_of_the_layered_stream():
     splats = make_scene(200)
     cameras = views_of(splats).cameras
@@ -395,6 +396,7 @@ def test_a_target_of_bytes():
     assert read_directory(data).n_levels == N_LEVELS + 2
 
 
+@pytest.mark.thorough
 def test_more_effort_takes_no_more_bytes_for_the_same_splats():
     hard = replace(aim(layers=2), settings=replace(SETTINGS, effort=19)).at_psnr(40)
     assert len(hard) <= len(stream(2))
@@ -455,6 +457,7 @@ def test_an_encoder_without_views_refuses_layers_and_bounds_errors_without_them(
 # --- the command line -----------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_the_command_makes_shows_and_decodes_layers(evogs, tmp_path):
     scene_file, cameras, out = (tmp_path / name for name in ("in.ply", "views.json", "out.evogs"))
     write_ply(scene_file, make_scene(300))
