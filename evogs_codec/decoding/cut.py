@@ -106,9 +106,9 @@ class Cut:
 
     def sh_degree(self, directory: Directory) -> int:
         """Highest SH band with a step in the cut; picks are of all bands."""
-        components = directory.components
+        bands = directory.components.highest_bands
         applied = np.flatnonzero((self.steps > 0).any(0)).tolist()
-        return max((components.highest_band(components.of_tiles[k]) for k in applied), default=0)
+        return max((bands[column] for column in applied), default=0)
 
     def with_sh_degree(self, degree: int) -> Cut:
         """The same without the SH bands above `degree`; of a palette all, or nothing for 0."""

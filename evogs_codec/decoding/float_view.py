@@ -63,7 +63,8 @@ class FloatView:
     def _components(self) -> list[int]:
         """Those of a tile that the view shows: of SH bands, none above its degree."""
         components = self.directory.components
-        return [c for c in components.of_tiles if components.lowest_band(c) <= self.sh_degree]
+        bands = zip(components.of_tiles, components.lowest_bands, strict=True)
+        return [component for component, lowest in bands if lowest <= self.sh_degree]
 
     def _write_slots(
         self, tile: TileState, slots: slice | I64, shown: dict[int, I32 | None], at: int

@@ -25,8 +25,7 @@ from plyfile import PlyData, PlyElement, PlyListProperty, PlyParseError
 from evogs_codec.common.printable import shown
 from evogs_codec.errors import InputError
 from evogs_codec.io.files import write_atomic
-from evogs_codec.model.channels import sh_degree_of
-from evogs_codec.model.splats import SplatParams
+from evogs_codec.model.splats import SplatParams, sh_degree_of
 
 __all__ = ["OPAQUE", "drop_non_finite", "finite_opacities", "read_ply", "write_ply"]
 

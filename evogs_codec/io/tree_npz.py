@@ -26,8 +26,8 @@ import numpy.typing as npt
 from evogs_codec.common.printable import shown
 from evogs_codec.io.files import write_atomic
 from evogs_codec.io.safe_npz import Npz
-from evogs_codec.model.channels import N_GROUPS, n_channels, n_classes, sh_degree_of
-from evogs_codec.model.splats import F32, I64, SplatParams
+from evogs_codec.model.channels import N_GROUPS, n_channels, n_classes
+from evogs_codec.model.splats import F32, I64, SplatParams, sh_degree_of
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
 __all__ = ["FORMAT", "read_tree", "write_tree"]

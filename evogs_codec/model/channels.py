@@ -24,7 +24,6 @@ __all__ = [
     "group_of_class",
     "n_channels",
     "n_classes",
-    "sh_degree_of",
 ]
 
 GROUPS = ("position", "rotation", "scale", "opacity", "sh")
@@ -41,18 +40,6 @@ MAX_SH_DEGREE = 3
 def n_channels(sh_degree: int) -> int:
     """D for an SH degree (spec 3.2)."""
     return N_GEOMETRY + 3 * (sh_degree + 1) ** 2
-
-
-def sh_degree_of(n_coefficients: int) -> int:
-    """SH degree with `n_coefficients` = (degree + 1)**2 coefficients.
-
-    Raises:
-        ValueError: no degree of 0..3 has that many.
-    """
-    for degree in range(MAX_SH_DEGREE + 1):
-        if (degree + 1) ** 2 == n_coefficients:
-            return degree
-    raise ValueError(f"{n_coefficients} SH coefficients are no degree of 0..{MAX_SH_DEGREE}")
 
 
 def n_classes(sh_degree: int) -> int:

@@ -21,7 +21,6 @@ from functools import cache, cached_property
 import numpy as np
 
 from evogs_codec.model.channels import (
-    CORE_SH,
     N_CORE,
     N_GEOMETRY,
     channel_class,
@@ -71,6 +70,16 @@ class Components:
         return columns
 
     @property
+    def lowest_bands(self) -> tuple[int, ...]:
+        """The lowest SH band that each component of a tile gives, by column."""
+        return (0, 1) if self.has_palette else self.of_tiles
+
+    @property
+    def highest_bands(self) -> tuple[int, ...]:
+        """The highest SH band that each component of a tile gives, by column."""
+        return (0, self.sh_degree) if self.has_palette else self.of_tiles
+
+    @property
     def n_above(self) -> int:
         """Channels above core: of an entry, and of what a pick shows."""
         return n_channels(self.sh_degree) - N_CORE
@@ -96,14 +105,6 @@ class Components:
             return slice(N_CORE, N_CORE + self.n_above)
         return component_slice(component)
 
-    def lowest_band(self, component: int) -> int:
-        """The lowest SH band that a component of a tile gives."""
-        return 1 if component == PICKS else component
-
-    def highest_band(self, component: int) -> int:
-        """The highest SH band that a component of a tile gives."""
-        return self.sh_degree if component == PICKS else component
-
 
 def component_channels(component: int) -> int:
     """Channels of core, 14, or of band b, 3 (2 b + 1) (spec 3.5)."""
@@ -127,4 +128,4 @@ def component_classes(component: int) -> tuple[tuple[int, int], ...]:
 
 def sh_channels(component: int) -> slice:
     """Which channels of core or of an SH band are SH triples."""
-    return CORE_SH if component == CORE else slice(0, component_channels(component))
+    return slice(N_GEOMETRY if component == CORE else 0, component_channels(component))

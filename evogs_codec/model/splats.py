@@ -13,10 +13,11 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from evogs_codec.model.channels import N_GEOMETRY, n_channels, sh_degree_of
+from evogs_codec.model.channels import MAX_SH_DEGREE, N_GEOMETRY, n_channels
 
 __all__ = [
     "SplatParams",
+    "sh_degree_of",
 ]
 
 F32: TypeAlias = npt.NDArray[np.float32]
@@ -118,3 +119,15 @@ class SplatParams:
         flags &= np.isfinite(self.opacity_logits)
         flags &= np.isfinite(self.sh).all((1, 2))
         return flags
+
+
+def sh_degree_of(n_coefficients: int) -> int:
+    """SH degree with `n_coefficients` = (degree + 1)**2 coefficients.
+
+    Raises:
+        ValueError: no degree of 0..3 has that many.
+    """
+    for degree in range(MAX_SH_DEGREE + 1):
+        if (degree + 1) ** 2 == n_coefficients:
+            return degree
+    raise ValueError(f"{n_coefficients} SH coefficients are no degree of 0..{MAX_SH_DEGREE}")
