@@ -159,10 +159,10 @@ def decode_leaves(
     view = bytes_of(data)
     directory = read_directory(view, limits) if directory is None else directory
     cut = _chosen(directory, cut, level)
-    packets = cut.packets(directory)
-    packets[directory.palette_packets] = False
-    rows = directory.packets[packets]
-    ends = (directory.offsets[packets] + rows["size"])[rows["size"] > 0]
+    selected = cut.packets(directory)
+    of_tiles = selected & (directory.columns >= 0)
+    rows = directory.packets[of_tiles]
+    ends = (directory.offsets[of_tiles] + rows["size"])[rows["size"] > 0]
     if int(ends.max(initial=0)) > len(view):
         # A table may promise any number of splats: this finds the fault before it pays for them.
         replay(directory, view, cut)
@@ -171,7 +171,7 @@ def decode_leaves(
     degree = cut.sh_degree(directory) if sh_degree is None else sh_degree
     leaves = FloatView(directory, n_live, degree)
     report = _of_stage(progress)
-    replay_tiles(directory, view, cut, leaves.write, verify=verify, progress=report)
+    replay_tiles(directory, view, selected, leaves.write, verify=verify, progress=report)
     return leaves.splats()
 
 
@@ -184,7 +184,8 @@ def replay(
     progress: Callable[[float], None] | None = None,
 ) -> Decoded:
     """Apply the packets of a cut; faults as `decode`, first in file order."""
-    tiles = replay_tiles(directory, data, cut, verify=verify, progress=progress)
+    selected = cut.packets(directory)
+    tiles = replay_tiles(directory, data, selected, verify=verify, progress=progress)
     return Decoded(directory, cut, tuple(tiles))
 
 

@@ -12,12 +12,12 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from evogs_codec.common.buffers import Scratch
 from evogs_codec.common.frozen_bytes import frozen
 from evogs_codec.common.parallel import parallel_map
 from evogs_codec.decoding.compiled.dispatch import apply_compiled, kernels_for
-from evogs_codec.decoding.cut import Cut
 from evogs_codec.decoding.palette_state import PaletteState
 from evogs_codec.decoding.tile_state import TileState
 from evogs_codec.errors import Fault, StreamError
@@ -32,7 +32,7 @@ __all__ = ["packet_body", "replay_tiles"]
 def replay_tiles(
     directory: Directory,
     data: memoryview,
-    cut: Cut,
+    selected: npt.NDArray[np.bool_],
     use: Callable[[TileState], None] | None = None,
     *,
     verify: bool = False,
@@ -40,14 +40,20 @@ def replay_tiles(
 ) -> list[TileState]:
     """The tiles after the packets of a cut; or none, if `use` takes each when it is done.
 
+    Args:
+        directory: of the stream.
+        data: its bytes.
+        selected: (n_packets,) True for the packets of the cut.
+        use: takes each tile when it is done.
+        verify: check the digests of states that the cut passes (R-5.7-3).
+        progress: called with the part of the packets that is done.
+
     Raises:
         StreamError: the first fault in file order; else trailing bytes; else a digest (spec 6.1).
     """
-    selected = cut.packets(directory)
-    of_palette = directory.palette_packets[: cut.palette]
     n_packets = int(selected.sum())
-    selected[of_palette] = False
-    packets = np.flatnonzero(selected)
+    of_palette = directory.palette_packets[selected[directory.palette_packets]]
+    packets = np.flatnonzero(selected & (directory.columns >= 0))
     tile_of = directory.packets["tile"][packets]
     order = np.argsort(tile_of, kind="stable")
     ends = np.searchsorted(tile_of[order], np.arange(1, len(directory.tiles)))
@@ -63,13 +69,15 @@ def replay_tiles(
         if progress is not None:
             progress(next(n_done) / n_packets)
 
-    palette = _PaletteJob(directory, data, of_palette, kernels, digests, tick)
+    palette = None
+    if directory.has_palette:
+        palette = _PaletteJob(directory, data, of_palette, kernels, digests, tick)
 
     def run(tile: int) -> _Outcome:
         scratch = free.pop() if free else Scratch()
         job = _Job(directory, data, tile, of_tile[tile], palette, digests, tick, scratch)
         outcome = job.run(kernels, keeps=use is None)
-        if use is not None and outcome.fault is None and palette.is_good():
+        if use is not None and outcome.fault is None and (palette is None or palette.is_good()):
             use(outcome.state)
             outcome.state = None
         scratch.rewind()
@@ -77,7 +85,7 @@ def replay_tiles(
         return outcome
 
     # The palette begins before the tiles, which wait for it where they need it.
-    jobs: list[Callable[[], _Outcome]] = [palette.run] if len(of_palette) else []
+    jobs: list[Callable[[], _Outcome]] = [palette.run] if palette and len(of_palette) else []
     jobs += [partial(run, tile) for tile in range(len(of_tile))]
     outcomes = list(parallel_map(call, jobs, n_splats=n_slots))
     faults = [(outcome.packet, outcome.fault) for outcome in outcomes if outcome.fault is not None]
@@ -111,7 +119,7 @@ class _Job:
     data: memoryview
     tile: int
     packets: I64
-    palette: _PaletteJob
+    palette: _PaletteJob | None
     digests: Mapping[PacketId, bytes]
     tick: Callable[[], None]
     scratch: Scratch
@@ -126,7 +134,7 @@ class _Job:
         ]
         capacity = _slots_there(self.directory, self.packets, len(self.data))
         memory = None if keeps else self.scratch
-        palette = self.palette.state if self.directory.has_palette else None
+        palette = self.palette.state if self.palette else None
         last = {key.component: key for key in keys}
         on_the_way = self.digests.keys() & set(keys) - set(last.values())
         if kernels is not None and not on_the_way:
@@ -155,7 +163,9 @@ class _Job:
 
     def _is_wrong(self, state: TileState, key: PacketId) -> bool:
         """R-5.7-3; nobody asks what picks show of a palette with a fault, which is reported."""
-        if key not in self.digests or (key.component == PICKS and not self.palette.is_good()):
+        if key not in self.digests:
+            return False
+        if key.component == PICKS and self.palette and not self.palette.is_good():
             return False
         return state.digest(key.component) != self.digests[key]
 

@@ -31,6 +31,7 @@ __all__ = ["apply_compiled", "kernels_for"]
 
 MIN_COMPILED = 50_000  # slots below which numpy is as fast as loading compiled code
 MAX_PLANES = 16 << 20  # bytes of planes that are decompressed at a time, if packets allow
+N_CHANNELS = np.array([component_channels(k) for k in range(PICKS)])  # of core and each SH band
 
 
 def kernels_for(n_slots: int) -> ModuleType | None:
@@ -135,8 +136,8 @@ def _frozen_packets(data: memoryview, offsets: I64, sizes: I64) -> tuple[memoryv
 
 def _parts(components: I64, counts: I64) -> list[slice]:
     """Packets in parts whose planes need no more than MAX_PLANES, but for single packets."""
-    n_channels = np.array([component_channels(c) for c in range(4)])[components]
-    values = n_channels * counts[:, :3].sum(1) + (components == 0) * N_SIDES * counts.sum(1)
+    values = N_CHANNELS[components] * counts[:, :3].sum(1)
+    values += (components == 0) * N_SIDES * counts.sum(1)
     ends = np.cumsum(3 * values)  # a value has at most 3 bytes
     parts, begin = [], 0
     while begin < len(ends):
