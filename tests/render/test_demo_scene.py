@@ -104,4 +104,4 @@ def test_the_command_says_what_is_wrong(tmp_path, capsys):
     with pytest.raises(SystemExit) as bad:
         main([str(tmp_path / "absent" / "scene.ply"), "--splats", "1"])
     assert bad.value.code == 1
-    assert "No such file" in capsys.readouterr().err
+    assert "its folder does not exist" in capsys.readouterr().err
