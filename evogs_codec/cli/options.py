@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 
 from evogs_codec._generated import registry
 from evogs_codec._generated.limits import LIMITS
-from evogs_codec.cli.sizes import parse_size
+from evogs_codec.cli.argument_types import error_of_group, number, parse_size
 from evogs_codec.encoding.layers import MAX_LAYERS
 from evogs_codec.encoding.settings import PRESETS, TREE_PSNR
 from evogs_codec.io import files
@@ -87,7 +87,7 @@ def add_encode(commands: Commands, run: Run) -> None:
     )
     accuracy.add_argument(
         "--bits",
-        type=_number(int, 2, 16),
+        type=number(int, 2, 16),
         metavar="B",
         help="quantise the refinements of each level to B bits over their range (instead of"
         " --preset); each level corrects the rounding of the coarser ones",
@@ -100,7 +100,7 @@ def add_encode(commands: Commands, run: Run) -> None:
     )
     accuracy.add_argument(
         "--target-psnr",
-        type=_number(float, 5, 120),
+        type=number(float, 5, 120),
         metavar="DB",
         help="make the smallest stream that has this PSNR against the input, over 24 rendered"
         f" views (default for a .tree.npz of floats: {TREE_PSNR:g}; if numba is missing or the"
@@ -115,7 +115,7 @@ def add_encode(commands: Commands, run: Run) -> None:
     )
     accuracy.add_argument(
         "--max-error",
-        type=_error_of_group,
+        type=error_of_group,
         nargs="+",
         metavar="E",
         help="bound the error of every number by E, in the units of the input; GROUP=E bounds one"
@@ -123,7 +123,7 @@ def add_encode(commands: Commands, run: Run) -> None:
     )
     parser.add_argument(
         "--layers",
-        type=_number(int, 1, MAX_LAYERS),
+        type=number(int, 1, MAX_LAYERS),
         default=1,
         metavar="N",
         help="N layers of precision: all splats come at coarse steps first, then are refined, so"
@@ -141,7 +141,7 @@ def add_encode(commands: Commands, run: Run) -> None:
     )
     parser.add_argument(
         "--finer",
-        type=_number(float, 1e-3, 1e6),
+        type=number(float, 1e-3, 1e6),
         metavar="F",
         help="divide all quantiser steps by F",
     )
@@ -153,13 +153,13 @@ def add_encode(commands: Commands, run: Run) -> None:
     )
     parser.add_argument(
         "--tiles",
-        type=_number(int, 1, 65536),
+        type=number(int, 1, 65536),
         metavar="N",
         help="number of spatial tiles (default: depends on the number of splats; 1 below 200,000)",
     )
     parser.add_argument(
         "--effort",
-        type=_number(int, 1, 22),
+        type=number(int, 1, 22),
         metavar="Z",
         help="compression level of Zstandard, 1..22 (default: 19)",
     )
@@ -306,7 +306,7 @@ def add_partial(parser: argparse.ArgumentParser) -> None:
 def _add_lift_options(parser: argparse.ArgumentParser, uses: str) -> None:
     parser.add_argument(
         "--levels",
-        type=_number(int, 1, 64),
+        type=number(int, 1, 64),
         default=N_LEVELS,
         metavar="N",
         help=f"number of levels to build from a .ply (default: {N_LEVELS})",
@@ -339,7 +339,7 @@ def _add_descent(parser: argparse.ArgumentParser, option: str, help_: str) -> No
     """An option that draws pictures for so many iterations."""
     parser.add_argument(
         option,
-        type=_number(int, 2, 1_000_000),
+        type=number(int, 2, 1_000_000),
         nargs="?",
         const=DEFAULT_ITERATIONS,
         metavar="ITERATIONS",
@@ -353,7 +353,7 @@ def _add_json(parser: argparse.ArgumentParser) -> None:
 
 def _add_cut_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--level", type=_number(int, 0, 63), metavar="K", help="leave out the levels above K"
+        "--level", type=number(int, 0, 63), metavar="K", help="leave out the levels above K"
     )
     parser.add_argument(
         "--max-bytes",
@@ -364,7 +364,7 @@ def _add_cut_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--box",
-        type=_number(float, -1e30, 1e30),
+        type=number(float, -1e30, 1e30),
         nargs=6,
         metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
         help="take only the tiles that meet this box, in scene units. Tiles are taken whole: encode"
@@ -372,32 +372,8 @@ def _add_cut_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--sh-degree",
-        type=_number(int, 0, 3),
+        type=number(int, 0, 3),
         metavar="D",
         help="leave out the SH bands above D; a stream with a palette keeps all bands unless D is"
         " 0",
     )
-
-
-def _error_of_group(text: str) -> dict[str, float]:
-    """`E`, of all groups, or `GROUP=E`."""
-    name, is_of_group, number = text.rpartition("=")
-    if is_of_group and name not in GROUPS:
-        raise argparse.ArgumentTypeError(f"{name} is none of {', '.join(GROUPS)}")
-    error = float(number)
-    if not 1e-30 <= error <= 1e30:
-        raise argparse.ArgumentTypeError(f"{number} is not in 1e-30..1e30")
-    return {name: error} if name else dict.fromkeys(GROUPS, error)
-
-
-def _number(kind: type[int] | type[float], low: float, high: float) -> Callable[[str], int | float]:
-    """An argparse type for numbers of a range."""
-
-    def parse(text: str) -> int | float:
-        value = kind(text)
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text} is not in {low}..{high}")
-        return value
-
-    parse.__name__ = kind.__name__
-    return parse

@@ -1,10 +1,10 @@
-"""Sizes on the command line."""
+"""Types of arguments of the command line: sizes."""
 
 import argparse
 
 import pytest
 
-from evogs_codec.cli.sizes import parse_size
+from evogs_codec.cli.argument_types import parse_size
 
 WHOLE = 1000
 

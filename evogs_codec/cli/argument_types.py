@@ -1,12 +1,15 @@
-"""Sizes on the command line: `5000000`, `5MB`, `1.5 MiB`, or `20%` of a file."""
+"""Types of arguments: sizes (`5000000`, `5MB`, `20%` of a file), numbers of a range, errors."""
 
 from __future__ import annotations
 
 import argparse
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 
-__all__ = ["Size", "parse_size"]
+from evogs_codec.model.channels import GROUPS
+
+__all__ = ["Size", "error_of_group", "number", "parse_size"]
 
 UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9} | {
     "KIB": 1 << 10,
@@ -44,3 +47,27 @@ def parse_size(text: str) -> Size:
         raise argparse.ArgumentTypeError(f"{text!r} is no size: try 5000000, 5MB, 4.5MiB or 20%")
     # Digits alone are exact; a float64 is not beyond 2**53.
     return Size(int(number) if factor == 1 and number.isdigit() else round(float(number) * factor))
+
+
+def error_of_group(text: str) -> dict[str, float]:
+    """An argparse type: `E`, of all groups, or `GROUP=E`."""
+    name, is_of_group, number = text.rpartition("=")
+    if is_of_group and name not in GROUPS:
+        raise argparse.ArgumentTypeError(f"{name} is none of {', '.join(GROUPS)}")
+    error = float(number)
+    if not 1e-30 <= error <= 1e30:
+        raise argparse.ArgumentTypeError(f"{number} is not in 1e-30..1e30")
+    return {name: error} if name else dict.fromkeys(GROUPS, error)
+
+
+def number(kind: type[int] | type[float], low: float, high: float) -> Callable[[str], int | float]:
+    """An argparse type for numbers of a range."""
+
+    def parse(text: str) -> int | float:
+        value = kind(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text} is not in {low}..{high}")
+        return value
+
+    parse.__name__ = kind.__name__
+    return parse
