@@ -5,6 +5,7 @@ It was written from an earlier version of the text and then brought to this one,
 were later; nothing else that reads or writes such streams was seen. It follows the text: header and
 chunks (5.1 to 5.8), packets and frames (5.9, 5.10), steps (7), cuts and progressive decoding (6),
 the dump (7.7), the command. It decodes what came when no more comes: of 6.4 it needs only the end.
+Over 400 lines: it is one file that can be carried off, and reads in the order of the text.
 Requirement ids stand beside the lines that check them.
 """
 
