@@ -84,7 +84,7 @@ class Request:
             raise ValueError("a preset does not go with a target: the target decides the steps")
         if polish and (n_targets == 0 or errors):
             raise ValueError("polish needs target_psnr or target_bytes")
-        if not 1 <= layers <= MAX_LAYERS:
+        if layers not in range(1, MAX_LAYERS + 1):
             raise ValueError(f"layers is {layers}, expected 1..{MAX_LAYERS}")
         if layers > 1 and (n_targets == 0 or errors):
             raise ValueError("layers need target_psnr or target_bytes")

@@ -181,6 +181,7 @@ def test_as_many_layers_as_there_may_be():
         ({"layers": 2, "max_error": 0.1}, ValueError, "layers need target_psnr or target_bytes"),
         ({"layers": 0, "target_psnr": 40}, ValueError, r"layers is 0, expected 1\.\.8"),
         ({"layers": 9, "target_psnr": 40}, ValueError, r"layers is 9, expected 1\.\.8"),
+        ({"layers": 2.5, "target_psnr": 40}, ValueError, r"layers is 2\.5, expected 1\.\.8"),
         (
             {"layers": 2, "target_psnr": 40, "cameras": ()},
             InputError,
