@@ -127,7 +127,7 @@ def add_encode(commands: Commands, run: Run) -> None:
         default=1,
         metavar="N",
         help="N layers of precision: all splats come at coarse steps first, then are refined, so"
-        " that every prefix of the file looks nearly as good as a file made for its size; needs"
+        " that most prefixes of the file look far better; needs"
         " --target-psnr or --target-bytes. 2 or 3 are enough. Each layer after the first takes"
         " 9 %% more bytes without SH bands, 18 %% in a trained tree (default: 1)",
     )

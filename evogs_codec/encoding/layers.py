@@ -76,8 +76,8 @@ class Layered:
     def steps(self, price: float, extent: float) -> F64:
         """(1 + n_levels, K) steps of adds, then of psi per level, in scene units.
 
-        Those of a layer divide those of the last level by an odd number: then what the coarser step
-        leaves is a whole number of the finer ones.
+        Those of a layer are those of the last level over an odd number, nearly, as grids round
+        them: what a coarse step of that level leaves is then a whole number of the finer ones.
         """
         first, *others = self.prices(price)
         table = self.importance.steps(first, extent)
