@@ -159,7 +159,7 @@ def _blocks(sh_degree: int, n: int) -> Iterator[slice]:
 
 def read_entries_header(body: memoryview, n: int, n_channels: int, offset: int) -> PacketHeader:
     """The header of a packet of n entries, of size above 0; faults as `read_packet_header`."""
-    return read_list_header(body, (n,) * n_channels, 0, 0, offset)
+    return read_list_header(body, (n,) * n_channels, (0, n_channels, 0), offset)
 
 
 def read_picks_header(body: memoryview, counts: Counts, offset: int) -> PacketHeader:
@@ -167,7 +167,7 @@ def read_picks_header(body: memoryview, counts: Counts, offset: int) -> PacketHe
     n = counts.n_splits + counts.n_adds
     n += counts.n_psi if body[0] & FLAG_OF_CHANGED else 0
     known = FLAG_PSI_YCOCG | FLAG_ADDS_YCOCG | FLAG_OF_CHANGED
-    return read_list_header(body, (n,), 1, 0, offset, known)
+    return read_list_header(body, (n,), (0, 0, 1), offset, known)
 
 
 def unpack_entries(body: memoryview, n: int, n_channels: int, offset: int) -> Values:

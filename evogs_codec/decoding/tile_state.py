@@ -22,6 +22,7 @@ from evogs_codec.format.unpack import Deltas, Packet, Values, check_kinds, unpac
 from evogs_codec.model.arithmetic import MAX_X, AlphaTable, RangeError, StepPlan, apply_channel
 from evogs_codec.model.channels import SH_GROUP
 from evogs_codec.model.components import CORE, PICKS, component_classes, component_slice
+from evogs_codec.model.siblings import Siblings
 from evogs_codec.model.splats import I32
 
 __all__ = ["TileState"]
@@ -181,7 +182,8 @@ class TileState:
         of_psi, of_adds = self.directory.quantisers[1 + level], self.directory.quantisers[0]
         alphas = [_alpha_of(table, indices) for table, indices in zip(tables, alpha, strict=True)]
         rows = self.x[part]
-        psi_deltas, add_deltas = Deltas(psi), Deltas(adds)
+        siblings = Siblings.of(plan.target_slots, self.born_from) if psi.of_siblings.any() else None
+        psi_deltas, add_deltas = Deltas(psi, siblings), Deltas(adds)
         n_written = 0
         try:
             for channel, (x, (kind, group)) in enumerate(zip(rows, classes, strict=True)):
@@ -192,7 +194,7 @@ class TileState:
                 apply_channel(x, plan, delta, a, shift, new, low=low, high=high)
                 n_written += 1
         except (RangeError, StreamError):
-            undo = Deltas(psi)
+            undo = Deltas(psi, siblings)
             for channel, (kind, _) in enumerate(classes[:n_written]):
                 delta = undo.delta(channel, of_psi[kind])
                 if delta is not None:

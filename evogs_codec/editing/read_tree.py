@@ -93,6 +93,7 @@ def _step(directory: Directory, data: memoryview, packets: list[int]) -> CodedSt
     adds = np.zeros((d, counts.n_adds), np.int32)
     picks = changed_picks = np.empty(0, np.int32)
     parts: list[Packet] = []
+    siblings: list[int] = []
     for component, packet in zip(directory.components.of_tiles, packets, strict=True):
         offset = int(directory.offsets[packet])
         body = packet_body(directory, data, packet)
@@ -104,8 +105,10 @@ def _step(directory: Directory, data: memoryview, packets: list[int]) -> CodedSt
                 changed_picks = changed.astype(np.int32)
             continue
         part = unpack(body, component, counts, offset)
-        psi[component_slice(component)] = part.psi.all()
-        adds[component_slice(component)] = part.adds.all()
+        channels = component_slice(component)
+        psi[channels] = part.psi.all()
+        siblings += (channels.start + np.flatnonzero(part.psi.of_siblings)).tolist()
+        adds[channels] = part.adds.all()
         parts.append(part)
     core = parts[0]
     alpha = np.zeros((N_GROUPS, counts.n_splits), np.uint8)
@@ -123,6 +126,7 @@ def _step(directory: Directory, data: memoryview, packets: list[int]) -> CodedSt
         error=() if set(errors) == {UNKNOWN_ERROR} else errors,
         picks=picks,
         changed_picks=changed_picks,
+        siblings=tuple(siblings),
     )
 
 

@@ -9,7 +9,7 @@ Letters: K classes (spec 3.2), N leaves of a tile, B components.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,15 +21,17 @@ from evogs_codec.format.write_directory import MAX_LEVELS
 from evogs_codec.model.channels import N_GROUPS, channel_class, group_of_class, n_channels
 from evogs_codec.model.coded_tree import CodedStep, CodedTree
 from evogs_codec.model.components import PICKS, component_slice
+from evogs_codec.model.siblings import Siblings
 from evogs_codec.model.splats import F32, F64, I64
-from evogs_codec.model.tree import EvolutionTree, Step
+from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
 __all__ = ["MAX_LAYERS", "Layered", "expect_levels"]
 
 MAX_LAYERS = 8
-RATIO = 32.0  # of the price of a bit, from a layer to the next: about 15 dB
-PARTS, LEAST = 8, 1024  # steps of a layer of a tile at most, and leaves of each at least
-RUN = 64  # leaves in neighbouring slots that are in the same step: their slots take no bytes
+RATIO = 128.0  # of the price of a bit, from a layer to the next: about 20 dB
+FINER = 2.8  # than of psi of one leaf: steps of what siblings share, whose errors meet
+PARTS, LEAST = 16, 8192  # steps of a layer of a tile at most, and leaves of each at least
+FAMILY = 256  # leaves of neighbouring ancestors that are in the same step: siblings need each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +45,7 @@ class Layered:
         n_coarse: levels of the first layer.
         importance: of the tree without layers.
         leaves: (n_parts,) per tile, rows of the tile's leaves that each step of a layer refines.
+        siblings: (n_parts,) per tile, of these leaves.
     """
 
     tiles: Sequence[EvolutionTree]
@@ -50,23 +53,23 @@ class Layered:
     n_coarse: int
     importance: Importance
     leaves: Sequence[Sequence[I64]]
+    siblings: Sequence[Sequence[Siblings]]
 
     @staticmethod
     def of(
         tiles: Sequence[EvolutionTree], n_levels: int, importance: Importance, n_layers: int
     ) -> Layered:
         """`n_layers` layers, at least 1; those after the first refine the most important first."""
-        parts = [_parts(weights) for weights in importance.leaves]
-        return Layered(
-            [
-                _with_layers(tile, rows, range(n_levels, n_levels + n_layers - 1))
-                for tile, rows in zip(tiles, parts, strict=True)
-            ],
-            n_levels + n_layers - 1,
-            n_levels,
-            importance,
-            parts,
-        )
+        found, parts, siblings = [], [], []
+        for tile, weights in zip(tiles, importance.leaves, strict=True):
+            slots, born_from, ancestors = _leaves_of(tile)
+            rows = _parts(weights, ancestors)
+            steps = _steps(tile, slots, rows, range(n_levels, n_levels + n_layers - 1))
+            found.append(replace(tile, steps=(*tile.steps, *steps)))
+            parts.append(rows)
+            siblings.append([Siblings.of(slots[part], born_from) for part in rows])
+        n_all = n_levels + n_layers - 1
+        return Layered(found, n_all, n_levels, importance, parts, siblings)
 
     def prices(self, price: float) -> list[float]:
         """Of a bit, per layer; the last has `price`."""
@@ -83,7 +86,7 @@ class Layered:
         table = self.importance.steps(first, extent)
         rows = [table]
         for other in others:
-            wanted = self.importance.steps_of_leaves(other, extent)
+            wanted = self.importance.steps_of_leaves(other, extent) / FINER
             odd = 2 * np.rint((table[-1] / wanted - 1) / 2) + 1
             rows.append((table[-1] / np.maximum(odd, 1))[None])
         found: F64 = np.concatenate(rows)
@@ -103,7 +106,10 @@ class Layered:
             own = [StepWeights(w.level, w.targets * first, w.new * first) for w in coarse[number]]
             for k, (other, weights) in enumerate(zip(others, leaves, strict=True)):
                 less = weights[number] * other
-                own += [StepWeights(self.n_coarse + k, less[:, part], less[:, :0]) for part in rows]
+                own += [
+                    StepWeights(self.n_coarse + k, less[:, part], less[:, :0], siblings)
+                    for part, siblings in zip(rows, self.siblings[number], strict=True)
+                ]
             found.append(own)
         return found
 
@@ -116,21 +122,27 @@ class Layered:
             n_first = sum(step.level < self.n_coarse for step in tile.steps)
             steps = list(tile.steps[:n_first])
             for k, step in enumerate(tile.steps[n_first:]):
-                part = rows[k % len(rows)]
-                steps.append(replace(step, gain=self._gains(tree, step, weights[:, part])))
+                part = k % len(rows)
+                gain = self._gains(tree, step, weights[:, rows[part]], self.siblings[number][part])
+                steps.append(replace(step, gain=gain))
             tiles.append(replace(tile, steps=tuple(steps)))
         return replace(tree, tiles=tuple(tiles))
 
-    def _gains(self, tree: CodedTree, step: CodedStep, weights: F32) -> tuple[float, ...]:
+    def _gains(
+        self, tree: CodedTree, step: CodedStep, weights: F32, siblings: Siblings
+    ) -> tuple[float, ...]:
         """(B,) mean squared error that a step of a layer takes off, per component."""
         of_channels = np.zeros(len(step.psi))
-        for c, psi in enumerate(step.psi):
+        psi = step.psi.copy()
+        of_siblings = list(step.siblings)
+        psi[of_siblings] = siblings.sums(psi[of_siblings])
+        for c in range(len(psi)):
             kind = channel_class(c)
             unit = (
                 tree.quantisers[1 + step.level][kind].step
                 * 2.0 ** -(tree.grid_exponents[group_of_class(kind)])
             )
-            of_channels[c] = weights[kind] @ np.square(psi * unit)
+            of_channels[c] = weights[kind] @ np.square(psi[c] * unit)
         return tuple(
             0.0 if component == PICKS else float(of_channels[component_slice(component)].sum())
             for component in tree.components.of_tiles
@@ -151,34 +163,49 @@ def expect_levels(n_levels: int, n_layers: int) -> None:
         )
 
 
-def _parts(weights: F32) -> list[I64]:
-    """Rows of leaves with weights (K, N) for each step of a layer, the most important first."""
-    n = weights.shape[1]
-    means = np.maximum(weights.mean(axis=1, keepdims=True), np.float32(1e-30)) if n else weights
-    starts = np.arange(0, n, RUN)
-    if not len(starts):
-        return [np.empty(0, np.int64)]
-    of_runs = np.add.reduceat((weights / means).mean(axis=0), starts)
-    of_runs /= np.diff(np.append(starts, n))
-    order = np.argsort(-of_runs, kind="stable")
-    n_parts = min(PARTS, max(1, n // LEAST))
-    parts = []
-    for runs in np.array_split(order, n_parts):
-        rows = (starts[np.sort(runs)][:, None] + np.arange(RUN)).ravel()
-        parts.append(rows[rows < n])
-    return parts
-
-
-def _with_layers(tile: EvolutionTree, rows: Sequence[I64], levels: range) -> EvolutionTree:
-    """The tile, with steps that refine these rows of its leaves at each of the levels."""
-    live = np.zeros(0, bool)
-    for state in tile.states():
-        live = state.live
+def _leaves_of(tile: EvolutionTree) -> tuple[I64, I64, I64]:
+    """Slots (N,) of the leaves, where all slots were born from, and the first ancestors (N,)."""
+    n = sum(step.n_new for step in tile.steps)
+    born_from, ancestors, live = np.full(n, -1), np.arange(n), np.zeros(n, bool)
+    at = 0
+    for step in tile.steps:
+        parents = step.slots[step.kinds == Kind.SPLIT]
+        new = slice(at, at + len(parents))
+        born_from[new], ancestors[new] = parents, ancestors[parents]
+        live[at : at + step.n_new] = True
+        live[step.slots[step.kinds == Kind.DROP]] = False
+        at += step.n_new
     slots = np.flatnonzero(live)
-    d = n_channels(tile.sh_degree)
-    steps = [
-        Step.of_refines(level, slots[part], np.zeros((d, len(part))))
-        for level in levels
-        for part in rows
+    return slots, born_from, ancestors[slots]
+
+
+def _parts(weights: F32, ancestors: I64) -> list[I64]:
+    """Rows of leaves with weights (K, N) for each step of a layer, the most important first.
+
+    Leaves of one first ancestor (N,) are in the same step, and those of neighbours are.
+    """
+    n = weights.shape[1]
+    if not n:
+        return [np.empty(0, np.int64)]
+    order = np.argsort(ancestors, kind="stable")
+    begins = np.flatnonzero(np.diff(ancestors[order], prepend=-1))  # of the leaves of an ancestor
+    starts = begins[np.flatnonzero(np.diff(begins // FAMILY, prepend=-1))]
+    means = np.maximum(weights.mean(axis=1, keepdims=True), np.float32(1e-30))
+    of_families = np.add.reduceat((weights / means).mean(axis=0)[order], starts)
+    of_families /= np.diff(np.append(starts, n))
+    n_parts = min(PARTS, max(1, n // LEAST))
+    families = np.split(order, starts[1:])
+    first = np.argsort(-of_families, kind="stable")
+    return [
+        np.sort(np.concatenate([families[k] for k in part]))
+        for part in np.array_split(first, n_parts)
+        if len(part)
     ]
-    return replace(tile, steps=(*tile.steps, *steps))
+
+
+def _steps(tile: EvolutionTree, slots: I64, parts: Sequence[I64], levels: range) -> Iterator[Step]:
+    """Steps that refine these parts of the leaves at each of the levels."""
+    d = n_channels(tile.sh_degree)
+    for level in levels:
+        for part in parts:
+            yield Step.of_refines(level, slots[part], np.zeros((d, len(part))))

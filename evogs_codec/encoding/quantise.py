@@ -30,6 +30,7 @@ from evogs_codec.encoding.ranges import Ranges, middle_of
 from evogs_codec.encoding.rate_distortion import ErrorWeights
 from evogs_codec.encoding.sensitivity import StepWeights
 from evogs_codec.encoding.settings import Settings
+from evogs_codec.encoding.sibling_refines import cheapest_differences
 from evogs_codec.format.planes import MAX_STORED
 from evogs_codec.model.arithmetic import (
     MAX_PRODUCT,
@@ -177,6 +178,10 @@ class _TileCoder:
         aim = self.target if self.settings.closed_loop and not is_kept else None
         indices = np.zeros((N_GROUPS, plan.n_splits), np.uint8)
         psi = np.zeros(step.psi.shape, np.int32)
+        stored = psi
+        own = None if self.weights is None else self.weights[number]
+        if own is not None and own.siblings is not None:
+            stored = psi.copy()  # differences, whose sums are psi
         quantisers = grid.channel_quantisers[1 + step.level]
         for group, part in enumerate(GROUP_CHANNELS):
             table = self.alpha.get((step.level, group), SYMMETRIC)
@@ -200,9 +205,14 @@ class _TileCoder:
                     indices[group], u[:, s] = weights.choose(u[:, s], v, table, s)
                 if not plan.n_splits and step.psi.any() and not step.psi[part].any():
                     u[:] = 0  # refines of other groups leave this one, and its errors, as it is
-                q = np.rint(u) if weights is None else weights.integers(u, table, indices[group], s)
+                if weights is None:
+                    q = np.rint(u)
+                elif own is not None and own.siblings is not None:
+                    stored[part], q = cheapest_differences(u, weights.targets, own.siblings)
+                else:
+                    q = weights.integers(u, table, indices[group], s)
             limit = np.array([[min(k.max_q, MAX_STORED // 2 - 1)] for k in quantisers[part]])
-            if np.any(np.abs(q) > limit):
+            if np.any(np.maximum(np.abs(q), np.abs(stored[part])) > limit):
                 raise TooFineError(group)
             psi[part] = q
             self._keep_products(group, part, psi, indices, plan, table, quantisers)
@@ -213,10 +223,11 @@ class _TileCoder:
             step.slots,
             step.kinds,
             indices,
-            psi,
+            stored,
             adds,
             picks=step.picks,
             changed_picks=step.changed_picks,
+            siblings=() if stored is psi else tuple(range(len(psi))),
         )
         self.tracker.note(self.x, self.n, step)
         return coded, plan

@@ -16,6 +16,7 @@ from typing import TypeAlias
 import numpy as np
 
 from evogs_codec.model.channels import channel_class, n_channels
+from evogs_codec.model.siblings import Siblings
 from evogs_codec.model.splats import F32, F64, SplatParams
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
@@ -43,11 +44,13 @@ class StepWeights:
         level: of the step.
         targets: (K, P) of the splats that are refined or become C1.
         new: (K, n_new) of the C2s, then of the adds.
+        siblings: of a layer of precision: its psi may be sibling differences.
     """
 
     level: int
     targets: F32
     new: F32
+    siblings: Siblings | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -110,7 +110,10 @@ def _body(tree: CodedTree, packet: PacketId, effort: int) -> bytes:
         for group in range(N_GROUPS)
     ]
     psi, adds = step.psi[part], step.adds[part]
-    return pack(component, step.slots, step.kinds, alpha, psi, adds, effort=effort)
+    siblings = [c - part.start for c in step.siblings if part.start <= c < part.stop]
+    return pack(
+        component, step.slots, step.kinds, alpha, psi, adds, siblings=siblings, effort=effort
+    )
 
 
 def _rows(

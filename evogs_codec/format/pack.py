@@ -6,7 +6,8 @@ A adds.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -48,6 +49,7 @@ def pack(
     psi: I32,
     adds: I32,
     *,
+    siblings: Collection[int] = (),
     effort: int,
 ) -> bytes:
     """The bytes of a packet; the inverse of `unpack`.
@@ -59,6 +61,7 @@ def pack(
         alpha: (S,) indices per group, None where all are 0; used by core only.
         psi: (C, P) integers.
         adds: (C, A) integers.
+        siblings: channels whose psi are sibling differences; of refines alone.
         effort: Zstandard level.
 
     Raises:
@@ -82,7 +85,15 @@ def pack(
     for values, flag in ((psi, FLAG_PSI_YCOCG), (adds, FLAG_ADDS_YCOCG)):
         rows, is_ycocg = decorrelate(values, sh)
         flags |= flag if is_ycocg else 0
-        sides += [_code_channel(row, may_delta=flag == FLAG_ADDS_YCOCG) for row in rows]
+        if flag == FLAG_ADDS_YCOCG:
+            sides += [_code_channel(row, may_delta=True) for row in rows]
+        else:
+            for channel, row in enumerate(rows):
+                coded = _code_channel(row, may_delta=False)
+                if channel in siblings:
+                    is_turned = is_ycocg and sh.start <= channel < sh.stop
+                    coded = _of_siblings(coded, is_turned=is_turned)
+                sides.append(coded)
     if component and all(coding == ABSENT for coding, _ in sides):
         return b""
     body = _join(flags, sides, effort)
@@ -154,6 +165,17 @@ def _code_channel(q: I32, *, may_delta: bool) -> Coded:
         raise ValueError("an integer needs more than 24 bits: take larger steps")
     _, _, coding, z = min(options, key=lambda option: option[:2])
     return coding, z
+
+
+def _of_siblings(coded: Coded, *, is_turned: bool) -> Coded:
+    """The same integers, said to be sibling differences; of zeros there is nothing to say.
+
+    A list of zeros that is turned is stored, since its coding byte speaks for a channel of others.
+    """
+    coding, z = coded
+    if coding == ABSENT:
+        return (Coding(1, 0, delta=True), z) if is_turned and len(z) else coded
+    return replace(coding, delta=True), z
 
 
 def _join(flags: int, parts: Sequence[Coded], effort: int) -> bytes:

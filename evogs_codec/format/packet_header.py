@@ -51,6 +51,11 @@ class Counts:
         return self.n_splits + self.n_refines
 
     @property
+    def only_refines(self) -> bool:
+        """No record splits or drops, so that psi may be sibling differences."""
+        return self.n_splits == 0 and self.n_drops == 0
+
+    @property
     def has_kinds(self) -> bool:
         """More than one kind occurs, so kinds are stored."""
         return (self.n_splits > 0) + (self.n_refines > 0) + (self.n_drops > 0) > 1
@@ -115,24 +120,32 @@ def read_packet_header(
         StreamError: E_PACKET or E_RESERVED at `offset`.
     """
     lengths, n_channels = value_counts(component, counts), component_channels(component)
-    first_add, first_sh = len(lengths) - n_channels, sh_channels(component).start
-    first = first_add - n_channels
+    first, first_sh = len(lengths) - 2 * n_channels, sh_channels(component).start
     if len(body) == 0:
         n = len(lengths)
         return PacketHeader(0, bytes(n), (ABSENT,) * n, lengths, (), 0, first, n_channels, first_sh)
-    return read_list_header(body, lengths, first_add, first, offset, first_sh=first_sh)
+    first_delta = first if counts.only_refines else first + n_channels
+    places = first, n_channels, first_delta
+    return read_list_header(body, lengths, places, offset, first_sh=first_sh)
 
 
 def read_list_header(
     body: memoryview,
     lengths: tuple[int, ...],
-    first_delta: int,
-    first: int,
+    places: tuple[int, int, int],
     offset: int,
     flags_known: int = FLAG_PSI_YCOCG | FLAG_ADDS_YCOCG,
     first_sh: int = 0,
 ) -> PacketHeader:
-    """The header of a packet with lists of these lengths, of which those from one on may be deltas.
+    """The header of a packet with lists of these lengths.
+
+    Args:
+        body: of the packet.
+        lengths: values of each list.
+        places: the list of the first channel, channels, and the first list that may have `delta`.
+        offset: of the packet in the file.
+        flags_known: bits of the flags that may be set.
+        first_sh: the first channel of an SH triple.
 
     Raises:
         StreamError: as `read_packet_header`.
@@ -141,6 +154,7 @@ def read_list_header(
     def refuse(detail: str) -> StreamError:
         return StreamError(Fault.E_PACKET, detail, offset)
 
+    first, n_channels, first_delta = places
     fixed = layout.size_of(layout.PACKET_HEADER)
     at = fixed + len(lengths)
     if len(body) < at:  # R-5.9-1
@@ -154,7 +168,7 @@ def read_list_header(
     if len(codings) != len(found):  # R-5.9-2
         raise refuse("a coding byte is not valid")
     if any(coding.delta for coding in codings[:first_delta]):  # R-5.9-3
-        raise refuse("delta is set for other values than adds and entries")
+        raise refuse("delta is set for other values than adds, entries and psi of refines alone")
     if any(c and n == 0 for c, n in zip(coding_bytes, lengths, strict=True)):  # R-5.9-4
         raise refuse("values are coded that do not occur")
     entry = layout.size_of(layout.FRAME_ENTRY)
@@ -169,6 +183,6 @@ def read_list_header(
         frames=tuple(zip(frames_["n_planes"].tolist(), frames_["size"].tolist(), strict=True)),
         size=at + n_frames * entry,
         first=first,
-        n_channels=len(lengths) - first_delta,
+        n_channels=n_channels,
         first_sh=first_sh,
     )

@@ -36,6 +36,7 @@ from evogs_codec.format.planes import (
 )
 from evogs_codec.model.arithmetic import Quantiser
 from evogs_codec.model.channels import N_GROUPS
+from evogs_codec.model.siblings import Siblings
 from evogs_codec.model.splats import I32, I64, U8
 from evogs_codec.model.tree import Kind
 
@@ -93,6 +94,7 @@ def unpack(body: memoryview, component: int, counts: Counts, offset: int) -> Pac
             bool(head.flags & flag),
             head.first_sh,
             offset,
+            is_psi=flag == FLAG_PSI_YCOCG,
         )
         for n, at, flag in (
             (counts.n_psi, head.first, FLAG_PSI_YCOCG),
@@ -161,6 +163,7 @@ class Values:
         is_ycocg: the SH triples are YCoCg-R.
         first_sh: first channel of an SH triple.
         offset: of the packet in the file.
+        is_psi: of psi `delta` means sibling differences, which are integers of their own here.
     """
 
     n: int
@@ -170,6 +173,12 @@ class Values:
     is_ycocg: bool
     first_sh: int
     offset: int
+    is_psi: bool = False
+
+    @property
+    def of_siblings(self) -> npt.NDArray[np.bool_]:
+        """(C,) channels that hold sibling differences."""
+        return (self.codes & 64 > 0) & self.is_psi
 
     def is_zero(self, channel: int) -> bool:
         """All integers are 0, known without looking at a plane."""
@@ -199,7 +208,7 @@ class Values:
                 continue
             alike = np.flatnonzero(codes == code)
             integers(self.data, starts[alike].tolist(), coding, out, alike.tolist())
-            for row in alike.tolist() if coding.delta else ():
+            for row in alike.tolist() if coding.delta and not self.is_psi else ():
                 undelta(out[row], self.offset, out[row])
         turned = out[max(self.first_sh - channels.start, 0) :]
         if self.is_ycocg and len(turned):
@@ -227,16 +236,24 @@ class Values:
 class Deltas:
     """Delta of the channels of psi or adds, asked for in order; a triple is turned back once."""
 
-    def __init__(self, values: Values) -> None:
-        self.values = values
+    def __init__(self, values: Values, siblings: Siblings | None = None) -> None:
+        """Of values; `siblings` of the step where a channel holds their differences."""
+        self.values, self.siblings = values, siblings
         self._rows: dict[int, I32] = {}
 
     def delta(self, channel: int, quantiser: Quantiser) -> I32 | None:
-        """Delta of a channel; None if all are 0."""
+        """Delta of a channel; None if all are 0.
+
+        Raises:
+            RangeError: a number leaves its range (R-7.1-2, R-7.3-1).
+        """
         values = self.values
         if values.n == 0 or values.is_zero(channel):
             return None
         if channel not in self._rows:
             rows = values.rows(channel)
             self._rows = {channel + k: row for k, row in enumerate(rows)}
-        return quantiser.delta(self._rows[channel], values.bound(channel))
+        q = self._rows[channel]
+        if self.siblings is not None and values.of_siblings[channel]:
+            return quantiser.delta(self.siblings.sums(q[None])[0])
+        return quantiser.delta(q, values.bound(channel))

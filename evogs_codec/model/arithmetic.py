@@ -25,7 +25,7 @@ MAX_X = (1 << 30) - 1  # R-7.3-3
 
 
 class RangeError(Exception):
-    """A bound of spec 7.3 is broken; the decoder turns it into E_RANGE."""
+    """A bound of spec 7.1 or 7.3 is broken; the decoder turns it into E_RANGE."""
 
 
 @dataclass(frozen=True)
@@ -100,11 +100,17 @@ class StepPlan:
         return self.n_before + self.n_splits + self.n_adds
 
     @property
-    def split_slots(self) -> I64:
-        """(S,) slots of the splits: where C2s were born from."""
+    def target_slots(self) -> I64:
+        """(P,) slots of refines and splits."""
         targets = self.targets
         if isinstance(targets, slice):
-            targets = np.arange(targets.start, targets.stop)
+            return np.arange(targets.start, targets.stop)
+        return targets
+
+    @property
+    def split_slots(self) -> I64:
+        """(S,) slots of the splits: where C2s were born from."""
+        targets = self.target_slots
         return targets if self.splits is None else targets[self.splits]
 
     @staticmethod

@@ -33,12 +33,13 @@ class CodedStep:
         slots: (R,) int32, strictly increasing.
         kinds: (R,) uint8 of refine, split, drop.
         alpha: (5, S) uint8 indices into the tables of the level.
-        psi: (D, P) int32, q of refines and splits.
+        psi: (D, P) int32, q of refines and splits; d of channels in `siblings`.
         adds: (D, A) int32, q of the adds.
         error: estimates for the packet entries (spec 5.6), by column of `Components`.
         gain: mean squared error of pictures that the packet of each column takes off; for the
             order of packets, no part of the stream.
         picks, changed_picks: int32 as of `tree.Step`, where there is a palette.
+        siblings: channels whose psi are sibling differences (`model.siblings`).
     """
 
     level: int
@@ -51,6 +52,7 @@ class CodedStep:
     gain: tuple[float, ...] = ()
     picks: I32 = field(default_factory=lambda: np.empty(0, np.int32))
     changed_picks: I32 = field(default_factory=lambda: np.empty(0, np.int32))
+    siblings: tuple[int, ...] = ()
 
     @property
     def n_new(self) -> int:

@@ -33,6 +33,7 @@ from evogs_codec.decoding.compiled.headers import (
 )
 from evogs_codec.decoding.compiled.values import (
     MAX_INT,
+    add_siblings,
     children,
     entries,
     first_children,
@@ -105,12 +106,14 @@ class Plans(NamedTuple):
     """Where the core steps of a tile act; the packets of the bands use it again.
 
     Attributes:
-        places: (1 + steps, 5) slots before the step; where its `runs`, `splits` and `drops` begin;
-            P of the step before.
+        places: (1 + steps, 6) slots before the step; where its `runs`, `splits` and `drops` begin;
+            P of the step before; where its `parents` begin.
         runs: (2, n) first slot and length of runs of slots of P; none crosses a chunk of P.
         splits: (n,) which of P are splits.
         drops: (n,) slots of the drops.
         alphas: (5, n) a of the splits per group.
+        parents: (n,) of P, the record of the slot that its slot was born from, or -1; of steps that
+            only refine.
     """
 
     places: I64
@@ -118,17 +121,21 @@ class Plans(NamedTuple):
     splits: I64
     drops: I64
     alphas: I32
+    parents: I32
 
     @staticmethod
-    def empty(scratch: Scratch, n_steps: int, n_records: int, n_splits: int) -> Plans:
+    def empty(
+        scratch: Scratch, n_steps: int, n_records: int, n_splits: int, n_refines: int
+    ) -> Plans:
         """Room for the core steps of a tile."""
         n_runs = n_records + n_records // CHUNK + n_steps
         return Plans(
-            np.zeros((n_steps + 1, 5), np.int64),
+            np.zeros((n_steps + 1, 6), np.int64),
             scratch.take((2, n_runs), np.int64),
             scratch.take((n_splits,), np.int64),
             scratch.take((n_records - n_splits,), np.int64),
             scratch.take((N_GROUPS, n_splits), np.int32),
+            scratch.take((n_refines,), np.int32),
         )
 
 
@@ -151,11 +158,12 @@ def apply_packets(
         live: (n,) whether a slot is.
         born_from: (n,) slot each slot was split from, -1 for adds.
     """
+    places = np.empty(len(live), np.int32)  # pages that no step of refines looks at are never made
     for k in range(len(headers.components)):
         if not bits_are_plain(headers, k):
             return False
         if headers.components[k] == 0 and not _read_records(
-            headers, k, tables, plans, live, born_from
+            headers, k, tables, plans, live, born_from, places
         ):
             return False
     scratch, first = np.empty((6, CHUNK), np.int32), 0
@@ -175,12 +183,13 @@ def _read_records(
     plans: Plans,
     live: npt.NDArray[np.bool_],
     born_from: I32,
+    places: I32,
 ) -> bool:
     """Slots, kinds and alpha of a core packet into `plans`; changes which slots are live."""
     step, planes = headers.steps[k], headers.planes
     n_adds, n_splits, n_refines, n_drops = headers.counts[k]
     n_records, codes, starts = n_splits + n_refines + n_drops, headers.codes[k], headers.starts[k]
-    n_before, run, split, drop, _ = plans.places[step]
+    n_before, run, split, drop, _, parent = plans.places[step]
     at_split, at_drop, n_psi = split, drop, 0
     kind = SPLIT if n_splits else DROP if n_drops else REFINE
     has_kinds = (n_splits > 0) + (n_refines > 0) + (n_drops > 0) > 1
@@ -242,12 +251,36 @@ def _read_records(
                 return False
             for i in range(n):
                 alphas[begin + i] = tables.alphas[first + gaps[i]]
-    plans.places[step + 1] = n_before + n_splits + n_adds, run, at_split, at_drop, n_psi
+    if n_splits == 0 and n_drops == 0 and n_refines:
+        _parent_records(plans, plans.places[step, 1], n_refines, parent, born_from, places)
+        parent += n_refines
+    plans.places[step + 1] = n_before + n_splits + n_adds, run, at_split, at_drop, n_psi, parent
     live[n_before : n_before + n_splits + n_adds] = True
     born_from[n_before + n_splits : n_before + n_splits + n_adds] = -1
     for slot in plans.drops[drop:at_drop]:
         live[slot] = False
     return True
+
+
+@_jit
+def _parent_records(
+    plans: Plans, run: int, n: int, parent: int, born_from: I32, places: I32
+) -> None:
+    """The `parents` of n records whose slots are those of the runs from `run` on.
+
+    `places` is any number of each slot: that of a record counts if it is of that slot.
+    """
+    parents = plans.parents[parent : parent + n]
+    slots, i = np.empty(n, np.int32), 0
+    while i < n:
+        slot, length = plans.runs[0, run], plans.runs[1, run]
+        for j in range(length):
+            of = born_from[slot + j]
+            at = places[of] if of >= 0 else -1
+            parents[i] = at if 0 <= at < i and slots[at] == of else -1
+            slots[i], places[slot + j] = slot + j, i
+            i += 1
+        run += 1
 
 
 @_jit
@@ -335,14 +368,24 @@ def _apply_psi(
     group, unit = min(kind, SH_GROUP), tables.units[1 + level, kind]
     _, _, shift, largest_alpha = tables.alpha_places[level, group]
     run, split = plans.places[step, 1], plans.places[step, 2]
+    whole, has_siblings = np.empty((0, 0), np.int32), False
+    for j in range(len(rows)):
+        has_siblings |= headers.codes[k, at + j] & 64 > 0
+    if has_siblings:
+        parent = plans.places[step, 5]
+        whole = _whole_psi(headers, k, at, n_psi, len(rows))
+        for j in range(len(rows)):
+            if headers.codes[k, at + j] & 64 and not add_siblings(
+                whole[j], plans.parents[parent : parent + n_psi]
+            ):
+                return False
     for begin in range(0, n_psi, CHUNK):
         n = min(CHUNK, n_psi - begin)
-        for j in range(len(rows)):
-            code, start = headers.codes[k, at + j], headers.starts[k, at + j]
-            unpack(code, headers.planes, start, n_psi, begin, n, q[j])
-            unzigzag(q[j], n)
-        if len(rows) == 3 and headers.flags[k] & 1:
-            inverse_ycocg(q, n)
+        if has_siblings:
+            for j in range(len(rows)):
+                q[j, :n] = whole[j, begin : begin + n]
+        else:
+            _psi_chunk(headers, k, at, begin, n, q[: len(rows)])
         next_run, next_split = run, split
         for j in range(len(rows)):
             largest = scale(q[j], n, unit)
@@ -356,6 +399,28 @@ def _apply_psi(
                 return False
         run, split = next_run, next_split
     return True
+
+
+@_jit
+def _psi_chunk(headers: Headers, k: int, at: int, begin: int, n: int, q: I32) -> None:
+    """Integers begin .. begin + n of psi of channels whose first list is `at`, without siblings."""
+    n_psi = headers.counts[k, 1] + headers.counts[k, 2]
+    for j in range(len(q)):
+        code, start = headers.codes[k, at + j], headers.starts[k, at + j]
+        unpack(code, headers.planes, start, n_psi, begin, n, q[j])
+        unzigzag(q[j], n)
+    if len(q) == 3 and headers.flags[k] & 1:
+        inverse_ycocg(q, n)
+
+
+@_jit
+def _whole_psi(headers: Headers, k: int, at: int, n_psi: int, n_rows: int) -> I32:
+    """All of them, (C, P): siblings may be far apart."""
+    whole = np.empty((n_rows, n_psi), np.int32)
+    for begin in range(0, n_psi, CHUNK):
+        n = min(CHUNK, n_psi - begin)
+        _psi_chunk(headers, k, at, begin, n, whole[:, begin : begin + n])
+    return whole
 
 
 @_jit

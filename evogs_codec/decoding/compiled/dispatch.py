@@ -68,7 +68,8 @@ def apply_compiled(
     core_counts = np.stack([core[name].astype(np.int64) for name in names], 1)
     counts, levels = core_counts[steps], core["level"].astype(np.int64)[steps]
     n_records, n_splits = int(core_counts[:, 1:].sum()), int(core_counts[:, 1].sum())
-    plans = channels.Plans.empty(scratch, len(core), n_records, n_splits)
+    n_refines = int(core_counts[:, 2].sum())
+    plans = channels.Plans.empty(scratch, len(core), n_records, n_splits, n_refines)
     tables = _tables(channels, directory, state.tile)
     is_compiled = components != PICKS
     others = np.flatnonzero(is_compiled)
@@ -108,7 +109,7 @@ def _apply_picks(
 ) -> bool:
     """The picks of a step (spec 7.4), of whose slots `plans` says where they are."""
     directory, step = state.directory, int(state.directory.steps[packet])
-    (first, run, _, drop, _), (end, end_of_runs, _, end_of_drops, _) = plans.places[
+    (first, run, _, drop, *_), (end, end_of_runs, _, end_of_drops, *_) = plans.places[
         step : step + 2
     ].tolist()
     if len(body):

@@ -97,13 +97,15 @@ def read_headers(
         if flags[p] >> 2:
             return -1
         n_planes = 0
-        first_add = n_lists - (14 if components[p] == 0 else 3 * (2 * components[p] + 1))
+        first_delta = n_lists - (14 if components[p] == 0 else 3 * (2 * components[p] + 1))
+        if counts[p, 1] == 0 and counts[p, 3] == 0:  # psi of refines alone
+            first_delta -= n_lists - first_delta
         for k in range(n_lists):
             code = np.int64(data[at + k])
             low, high, n = code & 15, (code >> 4) & 3, lengths[k]
             if code & 128 or low > 8 or high > 2 or code == 64 or (code and n == 0):
                 return -1
-            if code & 64 and k < first_add:
+            if code & 64 and k < first_delta:
                 return -1
             codes[p, k], starts[p, k] = code, at_plane
             if low:

@@ -12,10 +12,12 @@ import numba
 import numpy as np
 
 from evogs_codec.model.arithmetic import MAX_DELTA, MAX_PRODUCT
+from evogs_codec.model.siblings import MAX_SIBLING
 from evogs_codec.model.splats import F32, I32, I64, U8
 
 __all__ = [
     "MAX_INT",
+    "add_siblings",
     "children",
     "entries",
     "first_children",
@@ -105,6 +107,25 @@ def undelta(q: I32, n: int) -> bool:
         if total > MAX_DELTA or total < -MAX_DELTA:
             return False
         q[i] = np.int32(total)
+    return True
+
+
+@_jit
+def add_siblings(q: I32, parents: I32) -> bool:
+    """The psi of sibling differences, in place; False if one leaves its range (R-7.1-2).
+
+    Args:
+        q: (P,) differences.
+        parents: (P,) the record of the slot that each slot was born from, or -1.
+    """
+    for i in range(len(q)):
+        at = parents[i]
+        if at >= 0:
+            d, common = np.int64(q[i]), np.int64(q[at])
+            second, first = common - d, common + d
+            if max(abs(second), abs(first)) > MAX_SIBLING:
+                return False
+            q[i], q[at] = np.int32(second), np.int32(first)
     return True
 
 

@@ -1,0 +1,110 @@
+"""Sibling differences: the psi of refines, stored as what siblings differ by (spec 7.1).
+
+A split makes two siblings of one splat, its slot and a new one, and both lack what it lacked. So
+one number of their layer of precision moves both, and the other moves them apart:
+
+    psi of the slot born = common - d        psi of the slot it was born from = common + d
+
+Letters: P records of a step of refines, C channels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec.model.arithmetic import RangeError
+from evogs_codec.model.splats import I32, I64
+
+__all__ = ["MAX_SIBLING", "Siblings", "parent_records"]
+
+MAX_SIBLING = 1 << 28  # R-7.1-2
+
+
+def parent_records(slots: npt.NDArray[np.integer], born_from: npt.NDArray[np.integer]) -> I64:
+    """(P,) for each record, that of the slot its slot was born from; -1 where the step has none.
+
+    Args:
+        slots: (P,) of the records, increasing.
+        born_from: (n,) by slot, -1 for adds.
+    """
+    parents: I64 = born_from[slots].astype(np.int64)
+    if not len(parents):
+        return parents
+    found = np.minimum(np.searchsorted(slots, parents), len(slots) - 1)
+    records: I64 = np.where((parents >= 0) & (slots[found] == parents), found, -1)
+    return records
+
+
+@dataclass(frozen=True, eq=False)
+class Siblings:
+    """How the differences of a step add up.
+
+    Row i of 2P is what record i holds when its own number came, row P + i what its parent holds
+    then. Each is a number added to the row before it, so sums along chains give them all.
+
+    Attributes:
+        before: (2P,) the row before each; 2P where there is none.
+        last: (P,) the row that each record ends with.
+        is_second: (P,) records that have a parent.
+        parents: (P,) which, or -1.
+    """
+
+    before: I64
+    last: I64
+    is_second: npt.NDArray[np.bool_]
+    parents: I64
+
+    @staticmethod
+    def of(slots: npt.NDArray[np.integer], born_from: npt.NDArray[np.integer]) -> Siblings:
+        """From the slots (P,) of the records, and where each slot of the tile was born from."""
+        parents = parent_records(slots, born_from)
+        n = len(parents)
+        seconds = np.flatnonzero(parents >= 0)
+        seconds = seconds[np.argsort(parents[seconds], kind="stable")]  # those of a parent together
+        of = parents[seconds]
+        goes_on = np.append(of[1:] == of[:-1], np.zeros(min(len(of), 1), bool))
+        before, last = np.full(2 * n, 2 * n), np.arange(n)
+        before[seconds] = of
+        before[seconds[1:][goes_on[:-1]]] = n + seconds[:-1][goes_on[:-1]]
+        before[n + seconds] = before[seconds]
+        last[of[~goes_on]] = n + seconds[~goes_on]
+        return Siblings(before, last, parents >= 0, parents)
+
+    def rounds(self) -> list[tuple[I64, I64]]:
+        """Pairs of records, first and second sibling, in rounds that each need those before it.
+
+        No record is in two pairs of a round.
+        """
+        n = len(self.last)
+        before, depth = np.append(self.before, 2 * n), np.append(self.before < 2 * n, False)
+        depth = depth.astype(np.int64)
+        while (before < 2 * n).any():
+            depth += depth[before]
+            before = before[before]
+        seconds = np.flatnonzero(self.is_second)
+        seconds = seconds[np.argsort(depth[seconds], kind="stable")]
+        ends = np.flatnonzero(np.diff(depth[seconds])) + 1
+        rounds = np.split(seconds, ends) if len(seconds) else []
+        return [(self.parents[part], part) for part in rounds]
+
+    def sums(self, differences: I32) -> I32:
+        """(C, P) psi of differences (C, P).
+
+        Raises:
+            RangeError: a number leaves its range, on the way or at the end (R-7.1-2).
+        """
+        n = len(self.last)
+        rows = np.zeros((len(differences), 2 * n + 1), np.int64)
+        rows[:, :n] = np.where(self.is_second, -differences, differences)
+        rows[:, n : 2 * n] = np.where(self.is_second, differences, 0)
+        before = np.append(self.before, 2 * n)
+        while (before < 2 * n).any():  # each round doubles how far a row has looked back
+            rows += rows[:, before]
+            before = before[before]
+        computed = np.concatenate([rows[:, :n][:, self.is_second], rows[:, n : 2 * n]], axis=1)
+        if computed.size and max(int(computed.max()), -int(computed.min())) > MAX_SIBLING:
+            raise RangeError("a sum of sibling differences exceeds 2^28")
+        return rows[:, self.last].astype(np.int32)

@@ -1,0 +1,81 @@
+"""Sibling differences: whole arrays, compiled, and one after the other give the same integers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from evogs_codec.model.arithmetic import RangeError
+from evogs_codec.model.siblings import MAX_SIBLING, Siblings, parent_records
+
+SMALL = st.integers(-40, 40)
+
+
+@st.composite
+def steps_of_refines(draw, values=SMALL):
+    """(slots, born_from, differences) of a step."""
+    n = draw(st.integers(1, 30))
+    born_from = np.array([draw(st.integers(-1, k - 1)) for k in range(n)])
+    is_named = np.array(draw(st.lists(st.booleans(), min_size=n, max_size=n)))
+    slots = np.flatnonzero(is_named)
+    return slots, born_from, np.array([draw(values) for _ in slots], np.int32)
+
+
+def one_by_one(slots, born_from, differences):
+    """The pseudo-code of spec 7.1; None where a sum leaves its range."""
+    place, values = {}, []
+    for i, (slot, d) in enumerate(zip(slots.tolist(), differences.tolist(), strict=True)):
+        place[slot] = i
+        first = place.get(int(born_from[slot])) if born_from[slot] >= 0 else None
+        if first is None:
+            values.append(d)
+            continue
+        values.append(values[first] - d)
+        values[first] += d
+        if max(abs(values[i]), abs(values[first])) > MAX_SIBLING:
+            return None
+    return values
+
+
+@given(steps_of_refines())
+def test_whole_arrays_give_what_the_text_gives(step):
+    slots, born_from, differences = step
+    found = Siblings.of(slots, born_from).sums(differences[None])
+    assert found.tolist() == [one_by_one(*step)]
+
+
+@given(steps_of_refines(st.sampled_from([0, 1, -1, MAX_SIBLING // 3, -MAX_SIBLING // 2 - 1])))
+def test_a_sum_out_of_its_range_is_refused_also_where_it_comes_back(step):
+    slots, born_from, differences = step
+    siblings, right = Siblings.of(slots, born_from), one_by_one(*step)
+    if right is None:
+        with pytest.raises(RangeError, match="2\\^28"):
+            siblings.sums(differences[None])
+    else:
+        assert siblings.sums(differences[None])[0].tolist() == right
+
+
+@given(steps_of_refines(st.sampled_from([0, 1, -1, MAX_SIBLING // 3, -MAX_SIBLING // 2 - 1])))
+def test_compiled_loops_give_the_same(step):
+    values = pytest.importorskip("evogs_codec.decoding.compiled.values")
+    slots, born_from, differences = step
+    found, right = differences.copy(), one_by_one(*step)
+    is_good = values.add_siblings(found, parent_records(slots, born_from).astype(np.int32))
+    assert is_good == (right is not None)
+    assert right is None or found.tolist() == right
+
+
+def test_the_example_of_the_text():
+    born_from = np.full(13, -1)
+    born_from[[7, 12, 9]] = 4, 4, 7
+    slots, differences = np.array([4, 7, 9, 12]), np.array([[10, 3, 1, 2]], np.int32)
+    assert Siblings.of(slots, born_from).sums(differences).tolist() == [[15, 8, 6, 11]]
+
+
+def test_time_does_not_grow_with_the_square_of_a_chain():
+    n = 200_000
+    born_from = np.arange(-1, n - 1)  # each slot from the one before it
+    sums = Siblings.of(np.arange(n), born_from).sums(np.ones((1, n), np.int32))
+    assert sums[0, -1] == -(n - 2) and sums[0, 0] == 2
