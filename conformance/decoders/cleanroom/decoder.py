@@ -2,9 +2,10 @@
 """A decoder of EvoGS 1.0 streams, written from the text of the specification alone.
 
 It was written from an earlier version of the text and then brought to this one, as palettes (12)
-were later; nothing else that reads or writes such streams was seen. It follows the text: header and
-chunks (5.1 to 5.8), packets and frames (5.9, 5.10), steps (7), cuts and progressive decoding (6),
-the dump (7.7), the command. It decodes what came when no more comes: of 6.4 it needs only the end.
+and sibling differences (7.1) were later; nothing else that reads or writes such streams was seen.
+It follows the text: header and chunks (5.1 to 5.8), packets and frames (5.9, 5.10), steps (7),
+cuts and progressive decoding (6), the dump (7.7), the command. It decodes what came
+when no more comes: of 6.4 it needs only the end.
 Over 400 lines: it is one file that can be carried off, and reads in the order of the text.
 Requirement ids stand beside the lines that check them.
 """
@@ -357,19 +358,22 @@ class Stored(NamedTuple):
             values = [v + (above << shift) for v, above in zip(values, plane, strict=True)]
         return values
 
-    def numbers(self) -> Numbers:
+    def numbers(self, of_psi: bool) -> Numbers:
         """Give the numbers q of psi, adds or entries before YCoCg."""
         if self.code == 0:
             return None
         values = [(z >> 1) ^ -(z & 1) for z in self.integers()]
-        if self.code & 64:
+        if self.code & 64 and not of_psi:
             values = list(accumulate(values))
             require(within(values, -(1 << 28), 1 << 28), "E_RANGE")  # R-7.1-1
         return values
 
 
 def list_counts(row: Row, stream: Stream, flags: int) -> tuple[list[int], int]:
-    """Count the integers of the lists of a packet, in order; tell where adds or entries begin."""
+    """Count the integers of the lists of a packet, in order; tell from which on delta is allowed.
+
+    It is from adds or entries on, and from psi on in a step without splits and drops.
+    """
     if row.holds == "picks":
         of_changed = row.n_splits + row.n_refines if flags & 4 else 0
         return [of_changed + row.n_splits + row.n_adds], 1
@@ -380,14 +384,15 @@ def list_counts(row: Row, stream: Stream, flags: int) -> tuple[list[int], int]:
     if row.holds == "core":
         n_kinds = sum(by_kind) if by_kind.count(0) < 2 else 0
         counts = [sum(by_kind), n_kinds] + [row.n_splits] * 5
+    first_delta = len(counts) + (c if row.n_splits + row.n_drops > 0 else 0)
     counts += [row.n_splits + row.n_refines] * c
-    return counts + [row.n_adds] * c, len(counts)
+    return counts + [row.n_adds] * c, first_delta
 
 
 def read_packet(data: memoryview, row: Row, stream: Stream) -> tuple[int, list[Stored]]:
     """Flags and lists of a packet: 6.1 step 4 from the crc up to R-5.9-9."""
     flags = data[0] if row.size > 0 else 0
-    counts, first_adds = list_counts(row, stream, flags)
+    counts, first_delta = list_counts(row, stream, flags)
     if row.size == 0:
         return 0, [Stored(n, 0, []) for n in counts]
     require(zlib.crc32(data) == row.crc, "E_CRC")  # R-6.3-1
@@ -399,7 +404,7 @@ def read_packet(data: memoryview, row: Row, stream: Stream) -> tuple[int, list[S
     lists = [Stored(n, code, []) for n, code in zip(counts, codes, strict=True)]
     for i, (n, code, _) in enumerate(lists):
         require(code & 15 <= 8 and (code >> 4) & 3 <= 2 and code != 64, "E_PACKET")  # R-5.9-2
-        require(code < 64 or i >= first_adds, "E_PACKET")  # R-5.9-3
+        require(code < 64 or i >= first_delta, "E_PACKET")  # R-5.9-3
         require(n > 0 or code == 0, "E_PACKET")  # R-5.9-4
     end = at + 5 * n_frames
     require(len(data) >= end, "E_PACKET")  # R-5.9-1
@@ -498,6 +503,24 @@ def inverse_ycocg(triple: list[Numbers], n: int) -> list[Numbers]:
     return [[u + v for u, v in zip(blue, co, strict=True)], green, blue]
 
 
+def find_elders(slots: list[int], born_from: Sequence[int]) -> list[int]:
+    """Give, for each record, that of the slot which its slot was born from, or -1 (7.1).
+
+    It is an earlier one, for slots increase and are born from lower ones.
+    """
+    place = {slot: i for i, slot in enumerate(slots)}
+    return [place.get(born_from[slot], -1) for slot in slots]
+
+
+def add_siblings(q: list[int], elders: Sequence[int]) -> None:
+    """`add_siblings` of 7.1, in place."""
+    for i, elder in enumerate(elders):
+        if elder >= 0:
+            total, difference = q[elder], q[i]
+            q[i], q[elder] = total - difference, total + difference
+            require(within((q[i], q[elder]), -(1 << 28), 1 << 28), "E_RANGE")  # R-7.1-2
+
+
 def deltas(q: Numbers, quantiser: tuple[int, int]) -> Numbers:
     """`delta_of` for the numbers of a channel."""
     if q is None:
@@ -509,13 +532,23 @@ def deltas(q: Numbers, quantiser: tuple[int, int]) -> Numbers:
 
 
 def read_deltas(
-    lists: list[Stored], classes: Sequence[int], ycocg: bool, quantisers: list[tuple[int, int]]
+    lists: list[Stored],
+    classes: Sequence[int],
+    ycocg: bool,
+    quantisers: list[tuple[int, int]],
+    elders: Sequence[int] | None = None,
 ) -> list[Numbers]:
-    """Give Delta of psi, adds or entries of channels of these classes (7.1, 7.3)."""
-    q = [of.numbers() for of in lists]
+    """Give Delta of psi, adds or entries of channels of these classes (7.1, 7.3).
+
+    elders is given for psi alone.
+    """
+    q = [of.numbers(elders is not None) for of in lists]
     if ycocg:
         for i in range(sum(c < 4 for c in classes), len(q), 3):
             q[i : i + 3] = inverse_ycocg(q[i : i + 3], lists[i].n)
+    for of, values in zip(lists, q, strict=True):
+        if of.code & 64 and values is not None and elders is not None:
+            add_siblings(values, elders)
     return [deltas(v, quantisers[c]) for v, c in zip(q, classes, strict=True)]
 
 
@@ -595,7 +628,8 @@ def apply_packet(data: memoryview, row: Row, stream: Stream, tile: Tile) -> None
     n = len(tile.x[row.component])
     classes = CORE_CLASSES if row.holds == "core" else (4 + row.component,) * n
     of_level, of_adds = stream.quantisers[1 + row.level], stream.quantisers[0]
-    psis = read_deltas(lists[-2 * n : -n], classes, flags & 1 > 0, of_level)
+    elders = find_elders(step.changed, tile.born_from)
+    psis = read_deltas(lists[-2 * n : -n], classes, flags & 1 > 0, of_level, elders)
     adds = read_deltas(lists[-n:], classes, flags & 2 > 0, of_adds)
     for x, c, psi, added in zip(tile.x[row.component], classes, psis, adds, strict=True):
         apply_channel(x, step, psi, min(c, 4), added)
