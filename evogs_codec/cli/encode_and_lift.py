@@ -145,8 +145,9 @@ def _check(args: argparse.Namespace, *, is_scene: bool) -> None:
         raise InputError("--finer does not go with a target: the target decides how fine steps are")
     if args.polish and not (args.target_psnr or args.target_bytes):
         raise InputError("--polish needs --target-psnr or --target-bytes")
-    if args.layers > 1 and not (args.target_psnr or args.target_bytes):
-        raise InputError("--layers needs --target-psnr or --target-bytes")
+    steps = args.preset or args.bits or args.near_lossless or args.finer or args.max_error
+    if args.layers and args.layers > 1 and steps:
+        raise InputError("--layers: views decide how exact each layer is, so no steps go with it")
     if args.finer and (args.bits or args.near_lossless or args.preset == "paper"):
         raise InputError("--finer divides steps: for finer ranges --bits, for more --max-error")
     if args.refine and not is_scene:

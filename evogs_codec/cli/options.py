@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 from evogs_codec._generated import registry
 from evogs_codec._generated.limits import LIMITS
 from evogs_codec.cli.argument_types import error_of_group, number, parse_size
-from evogs_codec.encoding.layers import MAX_LAYERS
+from evogs_codec.encoding.layers import MAX_LAYERS, N_LAYERS
 from evogs_codec.encoding.settings import PRESETS, TREE_PSNR
 from evogs_codec.io import files
 from evogs_codec.lifting.lift import N_LEVELS
@@ -81,9 +81,9 @@ def add_encode(commands: Commands, run: Run) -> None:
     accuracy.add_argument(
         "--preset",
         choices=[name for name in PRESETS if name != "near-lossless"],
-        help="how finely numbers are quantised. scene: about as accurate as SPZ version 4 (default"
-        " for a .ply); trained: fixed steps, for a .tree.npz; paper: the pipeline of the EvoGS"
-        " paper, for comparison",
+        help="quantise with fixed steps. By default rendered views decide how exact each number"
+        " is. scene: about as accurate as SPZ version 4; trained: for a .tree.npz; paper: the"
+        " pipeline of the EvoGS paper, for comparison",
     )
     accuracy.add_argument(
         "--bits",
@@ -124,12 +124,10 @@ def add_encode(commands: Commands, run: Run) -> None:
     parser.add_argument(
         "--layers",
         type=number(int, 1, MAX_LAYERS),
-        default=1,
         metavar="N",
         help="N layers of precision: all splats come at coarse steps first, then are refined, so"
-        " that most prefixes of the file look far better; needs"
-        " --target-psnr or --target-bytes. 2 or 3 are enough. Each layer after the first takes"
-        " 9 %% more bytes without SH bands, 18 %% in a trained tree (default: 1)",
+        f" that prefixes of the file look far better (default: {N_LAYERS}; 1 with --preset, --bits,"
+        " --near-lossless, --finer and --max-error)",
     )
     _add_descent(
         parser,

@@ -25,9 +25,10 @@ from evogs_codec.model.siblings import Siblings
 from evogs_codec.model.splats import F32, F64, I64
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
-__all__ = ["MAX_LAYERS", "Layered", "expect_levels"]
+__all__ = ["MAX_LAYERS", "N_LAYERS", "Layered", "expect_levels"]
 
 MAX_LAYERS = 8
+N_LAYERS = 2  # by default
 RATIO = 128.0  # of the price of a bit, from a layer to the next: about 20 dB
 FINER = 2.8  # than of psi of one leaf: steps of what siblings share, whose errors meet
 PARTS, LEAST = 16, 8192  # steps of a layer of a tile at most, and leaves of each at least
@@ -142,7 +143,7 @@ class Layered:
                 tree.quantisers[1 + step.level][kind].step
                 * 2.0 ** -(tree.grid_exponents[group_of_class(kind)])
             )
-            of_channels[c] = weights[kind] @ np.square(psi[c] * unit)
+            of_channels[c] = unit**2 * float(weights[kind] @ np.square(psi[c].astype(np.float32)))
         return tuple(
             0.0 if component == PICKS else float(of_channels[component_slice(component)].sum())
             for component in tree.components.of_tiles

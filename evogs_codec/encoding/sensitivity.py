@@ -29,7 +29,7 @@ Sensitivity: TypeAlias = Callable[[SplatParams], F32]
 # noise of a step in one class: positions 2.4 and 9 times, rotations 1.2 and 2.2, scales 1.2 and 1.9
 # (a lifted scene, a trained tree); the others 1.0 to 1.9.
 MISSED = (4.0, 2.0, 2.0, 1.4, 1.0, 1.0, 1.0, 1.0)
-SEEN = 0.98  # the rest of a weight is the mean of the class: the views do not show everything
+SEEN = 0.95  # the rest of a weight is the mean of the class: the views do not show everything
 PER_BIT = 6.0 / math.log(2)  # of the price of a bit is what a squared step is worth
 MENDED = 0.05  # of an error that psi of the children can mend, because that costs bits
 # Beyond these a step has nothing to do with the linear estimate; position: part of the extent.

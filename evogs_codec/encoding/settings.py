@@ -20,6 +20,7 @@ __all__ = [
     "N_ALPHA",
     "PRESETS",
     "SCENE_PRESET",
+    "SCENE_PRICE",
     "TREE_PRESET",
     "TREE_PSNR",
     "Accuracy",
@@ -33,6 +34,9 @@ __all__ = [
 # Rendered views of a stream against those of its tree, dB: a tree 35 dB from photographs loses
 # 0.1 dB.
 TREE_PSNR = 52.0
+# What a bit of every splat is worth by default, in mean squared error of rendered views: then
+# scenes of any number of splats have about the same PSNR.
+SCENE_PRICE = 4e-6
 N_ALPHA, ALPHA_BITS = 256, 10  # as many alphas as a table holds; which are used, their bits decide
 MOST_COARSER = 6  # levels above the last, beyond which steps stay as they are
 
@@ -192,7 +196,7 @@ _SCENE = Settings(
 )
 _TRAINED = Settings(FixedSteps(steps=(0.0005, 0.02, 0.06, 0.12, 0.03, 0.03, 0.03, 0.03), adds=0.5))
 
-SCENE_PRESET, TREE_PRESET = "scene", "trained"  # where neither a preset nor a target is given
+SCENE_PRESET, TREE_PRESET = "scene", "trained"  # where nothing can be rendered
 
 PRESETS = {
     # Accuracy of SPZ version 4, position relative to the extent: for lifted scenes.

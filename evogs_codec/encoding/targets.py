@@ -156,6 +156,14 @@ class TargetEncoder:
         for price in prices:
             yield self._with_digests(coder.coded(price))
 
+    def at_price(self, price: float) -> bytes:
+        """The stream of `at_prices` for one price.
+
+        Raises:
+            ValueError: there are no views.
+        """
+        return next(iter(self.at_prices([price])))
+
     def within(self, errors: Mapping[str, float]) -> bytes:
         """The stream no number of whose leaves is further off than its group allows.
 

@@ -9,13 +9,15 @@ from dataclasses import dataclass, replace
 
 from evogs_codec.encoding.encode import encode
 from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
-from evogs_codec.encoding.settings import TREE_PRESET, TREE_PSNR
+from evogs_codec.encoding.settings import SCENE_PRESET, SCENE_PRICE, TREE_PRESET, TREE_PSNR
 from evogs_codec.encoding.targets import TargetEncoder, TargetMissedError
 from evogs_codec.errors import InputError
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.request import Request
 
 __all__ = ["FoundStream", "at_tree_psnr", "best_stream"]
+
+PRICED_VIEWS = 12  # by which the default weighs errors; none judges it
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +44,10 @@ def best_stream(
     )
     if request.errors:
         return _best(trees, whole, lambda aim: aim.within(request.errors))
+    if request.is_plain and not request.has_preset and tree.n_leaves and _draws(request):
+        views = request.views(tree.leaves(), PRICED_VIEWS)
+        aim = replace(whole, views=views, layers=request.layers)
+        return _best(trees, aim, lambda one: one.at_price(SCENE_PRICE / tree.n_leaves))
     if request.is_plain:
         views = request.views(tree.leaves(), ORDERING_VIEWS) if tree.n_leaves else None
 
@@ -76,6 +82,14 @@ def best_stream(
     target = request.target_psnr
     assert target is not None, "there is a target"
     return _best(trees, aim, lambda one: one.at_psnr(target))
+
+
+def _draws(request: Request) -> bool:
+    """Whether something can be rendered; if not although it was to be, a warning says so."""
+    if request.why_no_views and request.cameras is None:
+        said = f"{request.why_no_views}; encoded with the preset {SCENE_PRESET} instead"
+        warnings.warn(said, stacklevel=4)
+    return not request.why_no_views
 
 
 def _best(
@@ -123,6 +137,7 @@ def at_tree_psnr(tree: EvolutionTree, request: Request) -> bytes | None:
         tree,
         request.settings,
         views,
+        layers=request.layers,
         n_tiles=request.n_tiles,
         info=request.info,
         progress=request.progress,

@@ -70,7 +70,7 @@ def encode_scene(
     target_psnr: float | None = None,
     target_bytes: int | None = None,
     max_error: MaxError | None = None,
-    layers: int = 1,
+    layers: int | None = None,
     polish: int = 0,
     improve: Callable[[EvolutionTree], EvolutionTree] | None = None,
     cameras: Sequence[Camera] | None = None,
@@ -85,16 +85,17 @@ def encode_scene(
     Args:
         splats: N splats, all finite (`drop_non_finite`).
         levels: of the tree that is built under them, 1 to 64.
-        preset: a name in `PRESETS` or settings; "scene" by default. No target goes with it.
+        preset: a name in `PRESETS` or settings: fixed steps. No target goes with it. By default
+            rendered views decide how exact each number is, at a fixed price of a bit; "scene" where
+            nothing can be rendered.
         palette: "auto" stores SH above band 0 once where splats share them, if that is smaller;
             "never" stores them splat by splat.
         target_psnr: dB of rendered views against the splats; the smallest stream that has it.
         target_bytes: the best stream of at most this many bytes.
         max_error: no number of a splat is further off: one for all groups, in the units of each
             group, or one per name of a group (position, rotation, scale, opacity, sh).
-        layers: with `target_psnr` or `target_bytes`, layers of precision, 1 to 8: all splats come
-            at coarse steps first, then refinements of them. Prefixes look better; splats without
-            SH bands take more bytes.
+        layers: of precision, 1 to 8: all splats come at coarse steps first, then refinements of
+            them, so that prefixes look better. By default 2; 1 with a preset or `max_error`.
         polish: with `target_psnr` or `target_bytes`, iterations of gradient descent that move the
             integers of the last level.
         improve: is given the lifted tree and returns one with better coarse levels, for instance
@@ -168,7 +169,7 @@ def encode_tree(
     target_psnr: float | None = None,
     target_bytes: int | None = None,
     max_error: MaxError | None = None,
-    layers: int = 1,
+    layers: int | None = None,
     polish: int = 0,
     cameras: Sequence[Camera] | None = None,
     up: str = "z",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, TypedDict
 
 from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.common.version import __version__
-from evogs_codec.encoding.layers import MAX_LAYERS
+from evogs_codec.encoding.layers import MAX_LAYERS, N_LAYERS
 from evogs_codec.encoding.settings import PRESETS, Settings
 from evogs_codec.model.channels import GROUPS
 from evogs_codec.model.scene_info import SceneInfo
@@ -33,7 +33,7 @@ class TreeOptions(TypedDict, total=False):
     target_psnr: float | None
     target_bytes: int | None
     max_error: MaxError | None
-    layers: int
+    layers: int | None
     polish: int
     cameras: Sequence[Camera] | None
     up: str
@@ -53,9 +53,17 @@ class SceneOptions(TreeOptions, total=False):
 
 @dataclass(frozen=True)
 class Request:
-    """The options of an encode, checked."""
+    """The options of an encode, checked.
+
+    Attributes:
+        settings: of the preset, or of that which stands for none.
+        has_preset: the caller named it.
+        layers: of precision, where views decide; 1 with a preset and with `errors`.
+        errors: the largest allowed, per name of a group; empty for none.
+    """
 
     settings: Settings
+    has_preset: bool
     target_psnr: float | None
     target_bytes: int | None
     errors: Mapping[str, float]
@@ -74,7 +82,7 @@ class Request:
         if unknown:
             raise TypeError(f"no such option: {', '.join(unknown)}")
         preset, polish = options.get("preset"), options.get("polish", 0)
-        layers = options.get("layers", 1)
+        layers = options.get("layers")
         psnr, n_bytes = options.get("target_psnr"), options.get("target_bytes")
         errors = _errors_of(options.get("max_error"))
         n_targets = (psnr is not None) + (n_bytes is not None) + bool(errors)
@@ -84,10 +92,12 @@ class Request:
             raise ValueError("a preset does not go with a target: the target decides the steps")
         if polish and (n_targets == 0 or errors):
             raise ValueError("polish needs target_psnr or target_bytes")
+        if layers is None:
+            layers = 1 if preset is not None or errors else N_LAYERS
         if layers not in range(1, MAX_LAYERS + 1):
             raise ValueError(f"layers is {layers}, expected 1..{MAX_LAYERS}")
-        if layers > 1 and (n_targets == 0 or errors):
-            raise ValueError("layers need target_psnr or target_bytes")
+        if layers > 1 and (preset is not None or errors):
+            raise ValueError("layers do not go with a preset or max_error")
         settings = _settings_of(default if preset is None else preset)
         effort, n_tiles = options.get("effort"), options.get("n_tiles")
         if effort is not None and not 1 <= effort <= 22:
@@ -96,6 +106,7 @@ class Request:
             raise ValueError(f"n_tiles is {n_tiles}, expected at least 1")
         return Request(
             settings=settings if effort is None else replace(settings, effort=effort),
+            has_preset=preset is not None,
             target_psnr=psnr,
             target_bytes=n_bytes,
             errors=errors,
