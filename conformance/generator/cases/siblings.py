@@ -172,6 +172,13 @@ def colours() -> Iterator[Case]:
         "takes the coding byte of Y for that of the triple",
     )
     yield case(
+        "ycocg-zeros-of-y",
+        Stream([*BIRTHS, replace(turned, psi={**dark, RED: 0}, codings={f"psi {RED}": 8})]),
+        RULES,
+        "Y is a list of zeros that is stored, with `delta`: R holds differences",
+        "forgets `delta` of a list of zeros",
+    )
+    yield case(
         "green-alone",
         Stream([*BIRTHS, replace(SECOND, siblings=frozenset({GREEN}))]),
         RULES,
