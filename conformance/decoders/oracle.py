@@ -486,17 +486,25 @@ class Payload:
     flags: int
     first_sh: int  # first channel of an SH triple
 
-    def transformed(self) -> tuple[list[list[int]], list[list[int]]]:
-        """The integers q of psi and of adds (7.1); undelta may refuse."""
-        qs = []
-        for coding, stored in zip(self.codings, self.psi + self.adds, strict=True):
+    def transformed(
+        self, slots: list[int], born_from: list[int | None]
+    ) -> tuple[list[list[int]], list[list[int]]]:
+        """The integers q of psi and of adds (7.1), by the slots of the records and their births.
+
+        undelta and add_siblings may refuse.
+        """
+        psi = [[unzigzag(z) for z in stored] for stored in self.psi]
+        adds = []
+        for coding, stored in zip(self.codings[len(psi) :], self.adds, strict=True):
             q = [unzigzag(z) for z in stored]
-            qs.append(undelta(q) if coding & 64 else q)
-        psi, adds = qs[: len(self.psi)], qs[len(self.psi) :]
+            adds.append(undelta(q) if coding & 64 else q)
         for flag, q_sh in ((1, psi[self.first_sh :]), (2, adds[self.first_sh :])):
             if self.flags & flag:
                 for c in range(0, len(q_sh), 3):
                     invert_ycocg(*q_sh[c : c + 3])
+        for coding, q in zip(self.codings[: len(psi)], psi, strict=True):
+            if coding & 64:
+                add_siblings(q, slots, born_from)
         return psi, adds
 
 
@@ -515,26 +523,28 @@ def read_payload(packet: Packet, core: Packet, body: bytes) -> Payload:
     if is_core:
         n_kinds = core.n_records if kinds_stored else 0
         lengths = [core.n_records, n_kinds] + [core.n_splits] * N_GROUPS + lengths
-    flags, codings, lists = read_lists(body, lengths, first_add=len(lengths) - n_channels)
-    sides = lists[: -2 * n_channels]
+    first_psi, only_refines = len(lengths) - 2 * n_channels, core.n_splits == core.n_drops == 0
+    first_delta = first_psi if only_refines else first_psi + n_channels
+    flags, codings, lists = read_lists(body, lengths, first_delta)
+    sides = lists[:first_psi]
     return Payload(
         gaps=sides[0] if is_core else [],
         kinds=sides[1] if is_core else [],
         indices=sides[2:],
-        psi=lists[len(sides) : len(sides) + n_channels],
-        adds=lists[len(sides) + n_channels :],
-        codings=codings[len(sides) :],
+        psi=lists[first_psi : first_psi + n_channels],
+        adds=lists[first_psi + n_channels :],
+        codings=codings[first_psi:],
         flags=flags,
         first_sh=11 if is_core else 0,
     )
 
 
 def read_lists(
-    body: bytes, lengths: list[int], first_add: int, n_flags: int = 2
+    body: bytes, lengths: list[int], first_delta: int, n_flags: int = 2
 ) -> tuple[int, bytes, list[list[int]]]:
     """A packet of size above 0: its flags, coding bytes and stored integers.
 
-    Lists from number `first_add` on may be of differences; flags from `n_flags` on are reserved.
+    Lists from number `first_delta` on may be of differences; flags from `n_flags` on are reserved.
     """
     entries_at = 2 + len(lengths)
     require(len(body) >= entries_at, "E_PACKET", "R-5.9-1")
@@ -543,7 +553,7 @@ def read_lists(
     require(not reserved, "E_RESERVED", "R-4.4-1")
     legal = all(c & 15 <= 8 and c >> 4 & 3 <= 2 and c != 64 for c in codings)
     require(legal, "E_PACKET", "R-5.9-2")
-    require(not any(c & 64 for c in codings[:first_add]), "E_PACKET", "R-5.9-3")
+    require(not any(c & 64 for c in codings[:first_delta]), "E_PACKET", "R-5.9-3")
     unused = any(c != 0 and n == 0 for c, n in zip(codings, lengths, strict=True))
     require(not unused, "E_PACKET", "R-5.9-4")
     frames_at = entries_at + n_frames * FRAME_ENTRY.size
@@ -650,6 +660,24 @@ def invert_ycocg(first: list[int], second: list[int], third: list[int]) -> None:
         first[i], second[i], third[i] = b + co, g, b
 
 
+def add_siblings(q: list[int], slots: list[int], born_from: list[int | None]) -> None:
+    """Sibling differences become psi in place; q[i] is that of slots[i]."""
+    place = dict[int | None, int]()
+    for i, slot in enumerate(slots):
+        place[slot] = i
+        first = place.get(born_from[slot])
+        if first is not None:
+            shared, difference = q[first], q[i]
+            q[i] = within_sum(shared - difference)
+            q[first] = within_sum(shared + difference)
+
+
+def within_sum(value: int) -> int:
+    """7.1: a psi on its way."""
+    require(abs(value) <= 1 << 28, "E_RANGE", "R-7.1-2")
+    return value
+
+
 def read_step(scene: Scene, core: Packet, payload: Payload) -> Step:
     """7.2."""
     tile = scene.tiles[core.tile]
@@ -713,7 +741,7 @@ def apply_packet(scene: Scene, packet: Packet, body: bytes) -> None:
     else:
         payload = read_payload(packet, core, body)
     step = read_step(scene, core, payload) if component == 0 else tile.steps[packet.step]
-    psi, adds = payload.transformed()
+    psi, adds = payload.transformed(step.slots, tile.born_from)
     for i, channel in enumerate(channels):
         psi_mantissa_shift = scene.quantisers[1 + core.level][class_of(channel)]
         add_mantissa_shift = scene.quantisers[0][class_of(channel)]
@@ -785,8 +813,8 @@ def append_entries(scene: Scene, packet: Packet, body: bytes) -> None:
     if packet.size == 0:  # R-5.6-5: without entries
         return
     channels = scene.header.above_core
-    flags, codings, lists = read_lists(body, [packet.n_adds] * len(channels), first_add=0)
-    _, entries = Payload([], [], [], [], lists, codings, flags, 0).transformed()
+    flags, codings, lists = read_lists(body, [packet.n_adds] * len(channels), first_delta=0)
+    _, entries = Payload([], [], [], [], lists, codings, flags, 0).transformed([], [])
     for channel, own, qs in zip(channels, scene.palette, entries, strict=True):
         own += [in_range(delta_of(q, *scene.quantisers[0][class_of(channel)])) for q in qs]
 
@@ -802,7 +830,7 @@ def apply_picks(scene: Scene, packet: Packet, body: bytes) -> None:
     n_new = step.core.n_splits + step.core.n_adds
     picks = [0] * n_new  # 5.6: those of a packet of no bytes
     if packet.size > 0:
-        _, _, (picks,) = read_lists(body, [len(changed) + n_new], first_add=1, n_flags=3)
+        _, _, (picks,) = read_lists(body, [len(changed) + n_new], first_delta=1, n_flags=3)
     n_entries = sum(p.n_adds for p in scene.palette_up_to(packet.label))
     require(all(pick <= n_entries for pick in picks), "E_INDEX", "R-7.2-4")
     repicks, picks = picks[: len(changed)], picks[len(changed) :]

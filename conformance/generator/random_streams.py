@@ -2,13 +2,14 @@
 
 Everything that spec 5 leaves free is drawn: order of packets, steps and bands that are empty, late
 or missing, palettes of any size and levels, quantisers and alpha tables at their limits, coding
-bytes wider than needed, any partition into frames of any blocks, ancillary chunks.
+bytes wider than needed, psi as sibling differences, any partition into frames of any blocks,
+ancillary chunks.
 """
 
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from random import Random
 
@@ -49,6 +50,11 @@ class Branch:
     level: int
     steps: list[Packet]
     bands: list[int]
+    born_from: list[int | None] = field(default_factory=list)
+
+    def n_siblings(self, core: Packet) -> int:
+        """Records of a step whose slot was born from another of the step."""
+        return sum(self.born_from[slot] in core.records for slot in core.records)
 
 
 @dataclass
@@ -132,7 +138,7 @@ def _packets(rng: Random, stream: Stream, times: int) -> list[Packet]:
             packets += (
                 _picks(rng, core, palette)
                 if stream.has_palette
-                else [_band(rng, stream, core, band)]
+                else [_band(rng, stream, core, band, branch.n_siblings(core))]
             )
             branch.bands[band] += 1
             n_left += 1  # bands come on top
@@ -150,8 +156,11 @@ def _core(rng: Random, stream: Stream, branch: Branch, tile: int, times: int) ->
     if branch.level + 1 < stream.n_levels and rng.random() < 0.5:
         branch.level = rng.randint(branch.level + 1, min(branch.level + 3, stream.n_levels - 1))
     n_records = rng.choice((0, 1, len(branch.live), rng.randint(0, len(branch.live))))
-    slots = sorted(rng.sample(branch.live, min(n_records, len(branch.live))))
     weights = rng.choice(((1, 0, 0), (0, 1, 0), (0, 0, 1), (2, 4, 1), (1, 1, 1)))
+    if any(slot is not None for slot in branch.born_from) and rng.random() < 0.4:
+        n_records = rng.choice((len(branch.live), rng.randint(0, len(branch.live))))
+        weights = (1, 0, 0)  # a layer: there are siblings to refine
+    slots = sorted(rng.sample(branch.live, min(n_records, len(branch.live))))
     kinds = rng.choices((REFINE, SPLIT, DROP), weights, k=len(slots))
     n_adds = times * rng.choice((0, 0, 1, 3, 5, 40) if branch.n_slots else (0, 1, 3, 9, 60))
     n_splits = kinds.count(SPLIT)
@@ -173,13 +182,15 @@ def _core(rng: Random, stream: Stream, branch: Branch, tile: int, times: int) ->
     branch.live = [slot for slot in branch.live if slot not in dropped]
     branch.live += range(branch.n_slots, branch.n_slots + n_new)
     branch.n_slots += n_new
-    return _filled(rng, stream, packet, packet)
+    branch.born_from += [slot for slot, kind in packet.records.items() if kind == SPLIT]
+    branch.born_from += [None] * n_adds
+    return _filled(rng, stream, packet, packet, branch.n_siblings(packet))
 
 
-def _band(rng: Random, stream: Stream, core: Packet, band: int) -> Packet:
+def _band(rng: Random, stream: Stream, core: Packet, band: int, n_siblings: int) -> Packet:
     """A packet of a band, now and then of no bytes."""
     packet = Packet(tile=core.tile, component=band)
-    return packet if rng.random() < 0.2 else _filled(rng, stream, packet, core)
+    return packet if rng.random() < 0.2 else _filled(rng, stream, packet, core, n_siblings)
 
 
 def _palette(rng: Random, stream: Stream) -> list[Packet]:
@@ -226,8 +237,13 @@ def _picks(rng: Random, core: Packet, palette: Palette) -> list[Packet]:
     return [*packets, packet]
 
 
-def _filled(rng: Random, stream: Stream, packet: Packet, core: Packet) -> Packet:
-    """The packet with integers, coding bytes and frames."""
+def _filled(
+    rng: Random, stream: Stream, packet: Packet, core: Packet, n_siblings: int = 0
+) -> Packet:
+    """The packet with integers, coding bytes and frames.
+
+    `n_siblings` of the records are of slots that were born from others of the step.
+    """
     counts, band = core.counts, packet.component
     channels = oracle.channels_of(band)
     is_palette = band == PALETTE
@@ -237,12 +253,18 @@ def _filled(rng: Random, stream: Stream, packet: Packet, core: Packet) -> Packet
     adds, psi = dict[int, list[int]](), dict[int, list[int]]()
     codings = dict[str, int]()
     ycocg = rng.choice((0, 0, 1, 2, 3))
+    siblings = set[int]()
+    if n_psi and not counts["n_splits"] and not counts["n_drops"]:
+        share_of_siblings = rng.choice((0, 0.5, 0.5, 1))
+        siblings = {c for c in range(len(channels)) if rng.random() < share_of_siblings}
+    # Sums of sibling differences are as many times as large, if all are of one parent or chain.
+    n_summed = 1 + n_siblings if siblings else 1
     for channel in range(len(channels)):
         kind = oracle.class_of(channels[channel])
         is_sh = kind >= 4
         # What YCoCg-R gives is up to three times as large.
         share = 24 if is_sh else 8
-        psi[channel] = _numbers(rng, n_psi, _most_psi(stream, core, kind) // share)
+        psi[channel] = _numbers(rng, n_psi, _most_psi(stream, core, kind) // share // n_summed)
         adds[channel] = _numbers(rng, counts["n_adds"], _most_adds(stream, kind) // share)
         is_flat = all(abs(b - a) < 1 << 23 for a, b in pairwise([0, *adds[channel]]))
         if counts["n_adds"] and is_flat and rng.random() < 0.3:
@@ -256,6 +278,7 @@ def _filled(rng: Random, stream: Stream, packet: Packet, core: Packet) -> Packet
         packet,
         adds=adds if counts["n_adds"] else {},
         psi=psi if n_psi else {},
+        siblings=siblings,
         codings=codings,
         flags=ycocg,
         is_explicit=True,

@@ -16,6 +16,7 @@ import zstandard
 
 from conformance.generator.builder import (
     CHUNK_HEADER_SIZE,
+    DELTA,
     HEADER_SIZE,
     PALETTE,
     PICKS,
@@ -236,6 +237,10 @@ def _packet(rng: Random, parts: Parts) -> None:
     elif place < 4:
         at = rng.randrange(2, frames_at)
         coding = rng.choice((0, 1, 2, 4, 8, 9, 0x10, 0x14, 0x18, 0x28, 0x30, 0x40, 0x68, 0x80))
+        used = [k for k in range(2, min(frames_at, len(packet))) if packet[k]]
+        if used and rng.random() < 0.3:  # the list means something else, or may not have delta
+            at = rng.choice(used)
+            coding = packet[at] ^ DELTA
         packet[at : at + 1] = bytes([coding])
     elif place == 4 and len(packet) > 1 and packet[1]:
         entry = frames_at + 5 * rng.randrange(packet[1])

@@ -20,7 +20,7 @@ LIBRARY = Path(__file__).parent / "library"
 # In the order of the spec.
 FILES = (
     *("header", "chunks", "tables", "packet_table", "packets"),
-    *("planes", "records", "arithmetic", "states", "palette"),
+    *("planes", "siblings", "records", "arithmetic", "states", "palette"),
 )
 TITLE = re.compile(r"([a-z0-9-]+) \((.+?)\): (.+)")
 

@@ -120,6 +120,16 @@ def test_differences_and_colours_are_stored_as_told():
     assert oracle.decode(build(Stream([packet]))).tiles[0].channels[X] == [10, 7, 300]
 
 
+def test_sibling_differences_are_stored_as_told_and_zeros_have_no_delta():
+    births = [Packet(adds={X: [0]}), Packet(records={0: SPLIT})]
+    layer = Packet(records={0: REFINE, 1: REFINE}, psi={X: [5, 2], Y: [0, 0]}, siblings={X, Y})
+    data = build(Stream([*births, layer]))
+    codings = data[places(data).packets[-1][0] :][9:23]
+    assert codings == bytes([4 | DELTA, *[0] * 13])
+    assert data.endswith(b"\x4a")  # 5 and 2 after zigzag, in 4 bits each
+    assert oracle.decode(data).tiles[0].channels[X] == [7, 3]
+
+
 def test_digests_are_right_where_they_are_not_given():
     stream = Stream([Packet(n_adds=1)], digests={(0, 0, 0): None})
     assert by_codec(build(stream), Run(verify=True)).exit == 0

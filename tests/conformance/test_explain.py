@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from conformance.generator.builder import DELTA, Packet, Stream, X, build
+from conformance.generator.builder import DELTA, DROP, REFINE, SPLIT, Packet, Stream, X, build
 from conformance.harness.cli import main
 from conformance.harness.manifest import SuiteError, load
 from conformance.harness.reporting.anatomy import anatomy
@@ -71,6 +71,26 @@ def test_packets_of_a_palette_have_their_own_lists():
     bands = build(replace(stream, has_palette=False, header={"flags": 0}))
     assert "coding bytes of picks" not in values(bands)
     assert "R-4.4-1" in next(p.remark for p in anatomy(bands) if p.name == "packet 2: flags")
+
+
+def test_sibling_differences_are_shown_and_remarked_where_they_may_not_be():
+    births = [Packet(adds={X: [1]}), Packet(records={0: SPLIT})]
+    layer = Packet(records={0: REFINE, 1: REFINE}, psi={X: [5, 2], 1: [1, 1]}, siblings={X})
+    band = Packet(component=1, psi={8: [3, 1]}, siblings={8})
+    bands = [Packet(component=1)] * 2
+    data = build(Stream([*births, layer, *bands, band], degree=1))
+    psi = [piece for piece in anatomy(data) if piece.name == "coding bytes of psi"]
+    assert [piece.value for piece in psi[-2:]] == [
+        "position x 4+0s, position y 2+0",
+        "SH 3 B (band 1) 4+0s",
+    ]
+    assert not any(piece.remark for piece in anatomy(data))
+    for kind in (SPLIT, DROP):
+        mixed = replace(layer, records={0: REFINE, 1: REFINE, 2: kind}, psi={X: [5, 2]})
+        more = replace(births[0], adds={X: [1, 2]})
+        data = build(Stream([more, births[1], mixed, *bands, band], degree=1))
+        psi = [piece for piece in anatomy(data) if piece.name == "coding bytes of psi"]
+        assert ["R-5.9-3" in piece.remark for piece in psi] == [False, False, True, True]
 
 
 @pytest.mark.parametrize("size", range(0, len(EXAMPLE), 7))

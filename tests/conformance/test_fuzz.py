@@ -21,12 +21,14 @@ from conformance.generator.random_streams import random_stream
 from conformance.generator.tampering import Parts, tampered
 from conformance.mutants import MUTANTS, load
 from evogs_codec import Decoded, SplatParams, decode
+from tests.support.sibling_streams import with_siblings
 
 NAMED = {mutant.name: mutant for mutant in MUTANTS}
 # What shows only in the integers, behind right checksums.
 WRONG = (
     *("shift-truncates", "zigzag-signs-swapped", "adds-before-splits", "late-sh-zero"),
     *("alpha-of-first-split", "packed-from-high-bits", "ycocg-co-truncates"),
+    *("siblings-ignored", "siblings-before-ycocg", "siblings-by-last-step"),
     *("late-picks-zero", "picks-of-size-0-are-1", "delta-across-palette-packets"),
 )
 
@@ -66,6 +68,40 @@ def test_random_streams_are_legal_and_use_what_the_text_leaves_free() -> None:
         kinds["empty packet"] += b"" in parts.packets
     assert min(kinds[kind] for kind in ("QUAN", "ALFA", "dGST", "mETa", "teSt")) > 5
     assert min(kinds[kind] for kind in ("degree 3", "no tiles", "empty packet")) > 5
+
+
+@pytest.mark.thorough
+def test_random_streams_have_sibling_differences_of_every_kind() -> None:
+    kinds = Counter[str]()
+    for seed in range(400):
+        data = random_stream(Random(f"siblings {seed}"))
+        scene = oracle.decode(data)  # they are all legal
+        kinds["streams"] += 1
+        for packet, codings, siblings in with_siblings(data, scene):
+            tile, is_turned = scene.tiles[packet.tile], data[packet.start] & 1 == 1
+            step, born_from = tile.steps[packet.step], tile.born_from
+            parents = [born_from[slot] for slot in siblings]
+            others = [born_from[slot] for slot in step.slots if slot not in siblings]
+            kinds["no siblings"] += not siblings
+            kinds["siblings"] += bool(siblings)
+            kinds["a parent that is not named"] += any(slot is not None for slot in others)
+            kinds["several children of a slot"] += len(parents) > len(set(parents))
+            kinds["a chain"] += any(slot in siblings for slot in parents)
+            kinds["of a band"] += bool(siblings) and packet.component > 0
+            kinds["beside adds"] += bool(siblings) and step.core.n_adds > 0
+            kinds["in YCoCg-R"] += bool(siblings) and is_turned
+            kinds["of some channels"] += any(c & 64 == 0 for c in codings)
+            kinds["of a band that is late"] += (
+                bool(siblings) and packet.component > 0 and not is_next(scene, packet)
+            )
+    assert kinds.pop("streams") < 5 * kinds["siblings"]
+    assert {name: n for name, n in kinds.items() if n < 5} == {}
+
+
+def is_next(scene: oracle.Scene, packet: oracle.Packet) -> bool:
+    """No step of core stands between that of the packet and the packet."""
+    before = scene.packets[: scene.packets.index(packet)]
+    return sum(p.tile == packet.tile and p.component == 0 for p in before) == packet.step + 1
 
 
 @pytest.mark.thorough

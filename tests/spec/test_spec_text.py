@@ -24,6 +24,7 @@ from evogs_codec.errors import Fault
 from evogs_codec.model import arithmetic
 from tests.support.coded_strategies import coded_trees
 from tests.support.pseudo_code import ROOT, TEXT, decode_with_pseudo_code, pseudo_code
+from tests.support.sibling_streams import with_siblings
 from tests.support.strategies import trees
 
 REQUIREMENT = re.compile(r"^(?:- )?(R-(\d+(?:\.\d+)?)-\d+) \[[a-z]+\] .*$", re.MULTILINE)
@@ -155,6 +156,39 @@ def test_the_examples_of_round_shift_hold():
         assert spec.round_shift(v, n) == result
         assert oracle.round_shift(v, n) == result
         assert arithmetic.round_shift(np.array([v], np.int32), n).tolist() == [result]
+
+
+# --- sibling differences --------------------------------------------------------------------------
+
+
+def test_the_example_of_sibling_differences_holds():
+    rows = re.findall(r"^> \| slot (\d+) \| (none|\d+) \| (\d+) \| ([\d, ]+) \|$", TEXT, re.M)
+    slots = [int(slot) for slot, *_ in rows]
+    born_from: list[int | None] = [None] * 13
+    for slot, birth, *_ in rows:
+        born_from[int(slot)] = None if birth == "none" else int(birth)
+    differences = [int(d) for *_, d, _ in rows]
+    assert (slots, differences) == ([4, 7, 9, 12], [10, 3, 1, 2])
+    for n, (*_, after) in enumerate(rows, start=1):
+        values = [int(value) for value in after.split(", ")]
+        assert pseudo_code().add_siblings(differences[:n], slots[:n], born_from) == values
+        q = differences[:n]
+        oracle.add_siblings(q, slots[:n], born_from)
+        assert q == values
+
+
+def test_the_pseudo_code_decodes_random_streams_with_sibling_differences_as_the_oracle_does():
+    n_of_bands = n_of_core = 0
+    for seed in range(250):
+        data = random_stream(Random(f"siblings {seed}"))
+        scene = oracle.decode(data)
+        found = [p for p, _, siblings in with_siblings(data, scene) if siblings]
+        n_of_core += any(p.component == 0 for p in found)
+        n_of_bands += any(p.component > 0 for p in found)
+        if found:
+            assert decode_with_pseudo_code(data) == scene.dump(), seed
+    assert n_of_core > 30
+    assert n_of_bands > 5
 
 
 # --- the pseudo-code as a decoder -----------------------------------------------------------------
@@ -297,6 +331,11 @@ def test_a_pick_past_the_entries_it_may_name_is_refused_by_the_pseudo_code(data)
     ("function", "arguments"),
     [
         ("undelta", ([1 << 28, 1],)),
+        ("add_siblings", ([1 << 28, 1], [0, 1], [None, 0])),
+        ("add_siblings", ([1 << 28, -1], [0, 1], [None, 0])),
+        ("add_siblings", ([-(1 << 28), 1], [0, 1], [None, 0])),
+        ("add_siblings", ([1 << 28, -1, -9], range(3), [None, 0, 0])),
+        ("within_sum", ((1 << 28) + 1,)),
         ("delta_of", ((1 << 28) + 1, 1, 0)),
         ("delta_of", (1, 65535, 24)),
         ("first_child", ((1 << 30) - 1, 1)),

@@ -57,7 +57,7 @@ def decode_with_pseudo_code(data: bytes) -> bytes:
             n_entries = sum(n for level, n in sizes if level <= core.packet.level)
             spec.picks_step(tile, core, picks, of_changed, scene.palette, n_entries)
             continue
-        lists = stored_lists(spec, p, core.packet, body)
+        lists = stored_lists(spec, tile, p, core, body)
         channels = oracle.channels_of(p.component)
         if p.component == 0:
             read_coded_tree(spec, scene, core, lists[:7])
@@ -74,17 +74,22 @@ def decode_with_pseudo_code(data: bytes) -> bytes:
     return dump(spec, scene)
 
 
-def stored_lists(spec, p, core, body: bytes) -> list[list[int]]:
+def stored_lists(spec, tile, p, step, body: bytes) -> list[list[int]]:
     """The lists of 5.9 after 7.1: side lists as stored, psi and adds as q."""
-    n_channels = len(oracle.channels_of(p.component))
+    core, n_channels = step.packet, len(oracle.channels_of(p.component))
     n_kinds = core.n_records if [core.n_splits, core.n_refines, core.n_drops].count(0) < 2 else 0
     sides = [core.n_records, n_kinds, *[core.n_splits] * 5] if p.component == 0 else []
     lengths = [*sides, *[core.n_psi] * n_channels, *[core.n_adds] * n_channels]
-    lists = unpacked(spec, lengths, len(sides), body)
+    first_psi, first_add = len(sides), len(sides) + n_channels
+    lists = unpacked(spec, lengths, len(sides), body, first_delta=first_add)
     first_sh = 11 if p.component == 0 else 0
-    for bit, begin in ((1, len(sides)), (2, len(sides) + n_channels)):
+    for bit, begin in ((1, first_psi), (2, first_add)):
         if body and body[0] & bit:
             undo_ycocg(spec, lists, range(begin + first_sh, begin + n_channels, 3))
+    for k in range(first_psi, first_add):
+        if body and body[2 + k] & 64:
+            slots = spec.slots_of(lists[0]) if p.component == 0 else step.slots
+            lists[k] = spec.add_siblings(lists[k], slots, tile.born_from)
     return lists
 
 
@@ -98,8 +103,13 @@ def stored_entries(spec, scene, p, body: bytes) -> list[list[int]]:
     return [[spec.delta_of(q, *step) for q in qs] for step, qs in zip(steps, lists, strict=True)]
 
 
-def unpacked(spec, lengths: list[int], n_sides: int, body: bytes) -> list[list[int]]:
-    """The lists of a packet; those after `n_sides` as q, before YCoCg-R is undone."""
+def unpacked(
+    spec, lengths: list[int], n_sides: int, body: bytes, first_delta: int = 0
+) -> list[list[int]]:
+    """The lists of a packet; those after `n_sides` as q, before YCoCg-R is undone.
+
+    Lists from number `first_delta` on with `delta` are of differences from the one before.
+    """
     codings = body[2 : 2 + len(lengths)] if body else bytes(len(lengths))
     content = contents(body, 2 + len(lengths)) if body else b""
     lists = []
@@ -113,7 +123,7 @@ def unpacked(spec, lengths: list[int], n_sides: int, body: bytes) -> list[list[i
         values = spec.unpack(low, high, planes, n) if c else [0] * n
         if number >= n_sides:
             values = [spec.unzigzag(z) for z in values]
-        lists.append(spec.undelta(values) if c & 64 else values)
+        lists.append(spec.undelta(values) if c & 64 and number >= first_delta else values)
     assert content == b""
     return lists
 

@@ -26,7 +26,7 @@ class Shape:
             or at the "end" after all of core.
         coded: how many of the lists of psi and adds are stored, from the first on.
         coding: their coding byte, but for delta.
-        delta: adds are differences.
+        delta: adds are differences, and psi of steps that only refine are sibling differences.
         ycocg: SH are turned.
         value: stored integers, where they may have any.
         frame: planes of a frame.

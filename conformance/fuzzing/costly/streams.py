@@ -224,14 +224,16 @@ def _body(shape: Shape, component: int, counts: Counts, first: int = 0, every: i
     lengths = value_counts(component, counts)
     n_sides = N_SIDES if component == 0 else 0
     codes, runs, n_coded = [], [], 0
-    first_add = len(lengths) - (len(lengths) - n_sides) // 2
+    first_delta = n_sides
+    if counts.n_splits or counts.n_drops:
+        first_delta = len(lengths) - (len(lengths) - n_sides) // 2
     for k, n in enumerate(lengths):
         code = 0
         planes: list[Run] = []
         if n and k < n_sides:
             code, planes = _side(shape, k, n, counts, first, every)
         elif n and n_coded < shape.coded:
-            code = shape.coding | (shape.delta and k >= first_add) << 6
+            code = shape.coding | (shape.delta and k >= first_delta) << 6
             planes, n_coded = _planes(code, n, shape.value), n_coded + 1
         codes.append(code)
         runs += planes

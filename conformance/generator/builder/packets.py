@@ -39,8 +39,11 @@ def packet_body(packet: Packet, counts: Mapping[str, int], n_above: int = 0) -> 
             return b""
     lists = _lists(packet, counts, n_above)
     codings, planes = list[int](), list[bytes]()
+    of_siblings = {f"psi {channel}" for channel in packet.siblings}
     for name, values in lists.items():
         coding = packet.codings.get(name, coding_for(values))
+        if name in of_siblings and coding:
+            coding |= DELTA
         planes += planes_of(values, coding)
         codings.append(packet.coding_bytes.get(name, coding))
     partition = packet.frames if packet.frames is not None else [len(planes)] if planes else []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from conformance.generator.builder.frames import FrameStyle, raw
@@ -40,6 +40,8 @@ class Packet:
             there are some; empty: all 0; None: slots keep their picks.
         records: kind by slot; n_splits and the like follow.
         alpha: indices by group, one per split.
+        siblings: channels whose psi are sibling differences (spec 7.1), stored as they are given:
+            their coding bytes get `delta`, unless they are 0.
         level: of the row: the label of a step of core, or the level of entries.
         n_adds: by default, as many as the longest list of adds.
         flags: of the packet header.
@@ -61,6 +63,7 @@ class Packet:
     records: Mapping[int, int] = field(default_factory=dict)
     psi: Values = field(default_factory=dict)
     alpha: Mapping[int, Sequence[int]] = field(default_factory=dict)
+    siblings: Collection[int] = ()
     tile: int = 0
     component: int = 0
     level: int = 0

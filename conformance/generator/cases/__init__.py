@@ -15,6 +15,7 @@ from conformance.generator.cases import (
     invalid_packets,
     invalid_palette,
     invalid_ranges,
+    invalid_siblings,
     invalid_tables,
     invalid_values,
     late_bands,
@@ -34,6 +35,7 @@ from conformance.generator.cases import (
     progressive,
     real,
     shapes,
+    siblings,
     zstd,
     zstd_libraries,
 )
@@ -72,4 +74,6 @@ FAMILIES: tuple[ModuleType, ...] = (
     palette_waits,
     invalid_palette,
     fault_states,
+    siblings,
+    invalid_siblings,
 )

@@ -28,6 +28,7 @@ from conformance.generator.builder import (
 from conformance.generator.cases.case import Case, Recipe, case
 from conformance.generator.cases.palette import picks
 from conformance.generator.cases.scenes import n_channels, numbers
+from conformance.generator.cases.siblings import star
 
 FAMILY = "fault-states"
 ALL = Run("progressive", dump_on_fault=True)
@@ -312,6 +313,52 @@ def of_palette() -> Iterator[Case]:
     ])  # fmt: skip
 
 
+BIRTHS = [Packet(adds={Z: [1, 2]}), *(Packet(records={0: SPLIT}, psi={Z: [k]}) for k in (3, 4))]
+LAYER = Packet(  # slots 2 and 3 were born from slot 0
+    records=dict.fromkeys(range(4), REFINE),
+    psi=numbers(4, spread=4),
+    siblings=range(14),
+    level=1,
+)
+NEXT_LAYER = Packet(
+    records=dict.fromkeys(range(3), REFINE), psi=numbers(3, seed=1), siblings=range(14), level=2
+)
+SIBLINGS = Scene(
+    "siblings",
+    "a packet of sibling differences",
+    4,
+    1,
+    Stream(
+        [BIRTHS[0], OF_TILE_1, *BIRTHS[1:], LAYER, NEXT_LAYER],
+        n_levels=3,
+        tiles=(BOX, Tile()),
+    ),
+)
+
+
+def of_siblings() -> Iterator[Case]:
+    """Packets of sibling differences; the next refines the same slots, and waits."""
+    yield from SIBLINGS.twin()
+    yield from SIBLINGS.refused([
+        Fault("box-of-a-parent", "R-7.3-4", "E_RANGE", "differences take a parent out of the box",
+              {"psi": {**LAYER.psi, Z: [200, 0, 150, 160]}}),
+        Fault("delta-of-the-last-child", "R-7.3-1", "E_RANGE",
+              "the psi of blue of the last child is too large",
+              {"psi": {**LAYER.psi, BLUE: [9, 0, 0, -8]}}, {"quantisers": {(2, 4): WIDE}}),
+        Fault("delta-of-a-parent", "R-7.3-1", "E_RANGE",
+              "the psi of blue of a parent is too large",
+              {"psi": {**LAYER.psi, BLUE: [9, 0, 0, 8]}}, {"quantisers": {(2, 4): WIDE}}),
+        Fault("drop", "R-5.9-3", "E_PACKET", "the last record is a drop",
+              {"records": {**LAYER.records, 3: DROP}, "psi": numbers(3)}),
+    ])  # fmt: skip
+    *births, layer = star((1 << 28) + 1)
+    packets = [births[0], OF_TILE_1, *births[1:], layer, replace(layer, psi={Z: [1] * 34})]
+    scene = replace(SIBLINGS, at=len(packets) - 2, stream=replace(SIBLINGS.stream, packets=packets))
+    yield from scene.refused(
+        [Fault("sum", "R-7.1-2", "E_RANGE", "the sum of a parent is 2^28 + 1")]
+    )
+
+
 def several() -> Iterator[Case]:
     """Two packets with a fault."""
     grow = replace(GROW, **psi(Z, [5, 1000]))
@@ -381,4 +428,7 @@ def of_no_packet() -> Iterator[Case]:
     )
 
 
-RECIPES: tuple[Recipe, ...] = (core, bands, of_picks, of_palette, several, of_no_packet)
+RECIPES: tuple[Recipe, ...] = (
+    *(core, bands, of_picks, of_palette),
+    *(of_siblings, several, of_no_packet),
+)

@@ -110,7 +110,7 @@ def codings() -> Iterator[Case]:
             f"delta-in-{name.replace(' ', '-')}",
             stream,
             "R-5.9-3",
-            f"`delta` in the coding byte of {name}",
+            f"`delta` in the coding byte of {name}, in a step with a split and a drop",
             "sums the list, or ignores the bit",
             "E_PACKET",
             "delta-in-nothing-but-adds",

@@ -62,14 +62,18 @@ class _Reader(Reader):
         while self.at < end:
             yield from self.chunk(end)
         counts: dict[tuple[int, int], int] = {}
+        cores: dict[tuple[int, int], dict[str, int]] = {}  # rows by tile and step
         has_palette = self.number("flags") >> 8 & 1 == 1
         palette_degree = min(self.number("sh_degree"), 3) if has_palette else 0
         for number, row in enumerate(self.packets):
             key = row["tile"], row["component"]
             step = counts[key] = counts.get(key, -1) + 1
+            if row["component"] == 0:
+                cores[row["tile"], step] = row
             holds = PALETTE_COMPONENTS.get(key[1], "").format(**row) if palette_degree else ""
             name = f"packet {number} (tile {key[0]}, step {step}, component {key[1]}{holds})"
-            yield from packet_anatomy(self, name, row, palette_degree)
+            core = cores.get((row["tile"], step), row)
+            yield from packet_anatomy(self, name, row, core, palette_degree)
         if self.at < len(self.data):
             remark = "bytes follow the last packet (R-6.2-1)"
             yield self.take(len(self.data), "rest", "", remark, "what follows the packets")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from conformance.harness.judging.dumps import channel_name
@@ -16,12 +16,13 @@ MAGIC = b"\x28\xb5\x2f\xfd"
 BLOCKS = ("raw", "RLE", "compressed", "reserved")
 GROUPS = ("position", "rotation", "scale", "opacity", "SH")
 PICKS, PALETTE = 4, 5  # components of a stream with a palette
+DELTA = 64  # bit of a coding byte
 Lists = list[tuple[str, list[str]]]  # title and names, in the order of their coding bytes
 SIDES = ("gaps", "kinds", *(f"alpha {group}" for group in GROUPS))
 
 
 def packet_anatomy(
-    reader: Reader, name: str, row: dict[str, int], palette_degree: int = 0
+    reader: Reader, name: str, row: dict[str, int], core: dict[str, int], palette_degree: int = 0
 ) -> Iterator[Piece]:
     """The pieces of a packet, as its row of the packet table has it.
 
@@ -29,6 +30,7 @@ def packet_anatomy(
         reader: stands where the packet begins.
         name: of the packet.
         row: fields of its row.
+        core: fields of the row of the core packet of its step.
         palette_degree: of SH, in a stream with a palette; 0 in any other.
     """
     begin, end = reader.at, min(reader.at + row["size"], len(reader.data))
@@ -39,7 +41,9 @@ def packet_anatomy(
     if not remark and zlib.crc32(raw) != row["crc"]:
         remark = f"CRC-32 {zlib.crc32(raw):#010x}, stored {row['crc']:#010x} (R-6.3-1)"
     lists = _lists(row["component"], palette_degree)
-    for piece in _pieces(reader, name.partition(" (")[0], lists, end):
+    only_refines = core["n_splits"] == core["n_drops"] == 0
+    with_delta = ("psi", "adds", "entries") if only_refines else ("adds", "entries")
+    for piece in _pieces(reader, name.partition(" (")[0], lists, with_delta, end):
         if piece.at == begin:
             both = "; ".join(filter(None, (remark, piece.remark)))
             yield replace(piece, remark=both, starts=name)
@@ -47,7 +51,9 @@ def packet_anatomy(
             yield piece
 
 
-def _pieces(reader: Reader, name: str, lists: Lists, end: int) -> Iterator[Piece]:
+def _pieces(
+    reader: Reader, name: str, lists: Lists, with_delta: Sequence[str], end: int
+) -> Iterator[Piece]:
     flags = reader.data[reader.at]
     n_flags = 3 if lists[0][0] == "picks" else 2
     remark = "reserved bits are set (R-4.4-1)" if flags >> n_flags else ""
@@ -59,8 +65,11 @@ def _pieces(reader: Reader, name: str, lists: Lists, end: int) -> Iterator[Piece
     for title, names in lists:
         stop = min(reader.at + len(names), end)
         if reader.at < stop:
-            codings = _codings(names, reader.data[reader.at : stop])
-            yield reader.take(stop, f"coding bytes of {title}", codings)
+            codings = reader.data[reader.at : stop]
+            has_delta = title not in with_delta and any(c & DELTA for c in codings)
+            remark = "delta where it may not be (R-5.9-3)" if has_delta else ""
+            value = _codings(names, codings, "s" if title == "psi" else "d")
+            yield reader.take(stop, f"coding bytes of {title}", value, remark)
     sizes = []
     for number in range(n_frames):
         if end - reader.at >= 5:
@@ -119,10 +128,13 @@ def _channels(first: int, band: int) -> list[str]:
     return [channel_name(channel) for channel in range(first, 11 + 3 * (band + 1) ** 2)]
 
 
-def _codings(lists: list[str], codings: bytes) -> str:
-    """`name low+8*high` of each list that is not all zeros; d for delta, ! for the reserved bit."""
+def _codings(lists: list[str], codings: bytes, delta: str) -> str:
+    """`name low+8*high` of each list that is not all zeros.
+
+    `delta` stands for that bit, ! for the reserved one.
+    """
     texts = [
-        f"{name} {c & 15}+{8 * (c >> 4 & 3)}{'d' if c & 64 else ''}{'!' if c & 128 else ''}"
+        f"{name} {c & 15}+{8 * (c >> 4 & 3)}{delta if c & DELTA else ''}{'!' if c & 128 else ''}"
         for name, c in zip(lists, codings, strict=False)
         if c
     ]
