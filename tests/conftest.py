@@ -42,7 +42,8 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("made")
     write_ply(folder / "scene.ply", make_scene(3000))
     write_tree(folder / "x.tree.npz", damage.random_tree(20, 3, 1))
-    assert main(["encode", str(folder / "scene.ply"), str(folder / "scene.evogs")]) == 0
+    words = ["encode", str(folder / "scene.ply"), str(folder / "scene.evogs"), "--preset", "scene"]
+    assert main(words) == 0
     return folder
 
 

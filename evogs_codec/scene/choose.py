@@ -8,10 +8,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from evogs_codec.encoding.encode import encode
+from evogs_codec.encoding.layers import N_LAYERS
 from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
 from evogs_codec.encoding.settings import SCENE_PRESET, SCENE_PRICE, TREE_PRESET, TREE_PSNR
 from evogs_codec.encoding.targets import TargetEncoder, TargetMissedError
 from evogs_codec.errors import InputError
+from evogs_codec.format.write_directory import MAX_LEVELS
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.request import Request
 
@@ -46,8 +48,13 @@ def best_stream(
         return _best(trees, whole, lambda aim: aim.within(request.errors))
     if request.is_plain and not request.has_preset and tree.n_leaves and _draws(request):
         views = request.views(tree.leaves(), PRICED_VIEWS)
-        aim = replace(whole, views=views, layers=request.layers)
-        return _best(trees, aim, lambda one: one.at_price(SCENE_PRICE / tree.n_leaves))
+        aim = replace(whole, views=views, layers=_layers(tree, request))
+        price = SCENE_PRICE / tree.n_leaves
+
+        def worth(one: TargetEncoder, data: bytes) -> float:
+            return -8 * len(data) * price - 10 ** (-one.psnr(data) / 10)
+
+        return _best(trees, aim, lambda one: one.at_price(price), worth)
     if request.is_plain:
         views = request.views(tree.leaves(), ORDERING_VIEWS) if tree.n_leaves else None
 
@@ -65,23 +72,29 @@ def best_stream(
     if not tree.n_leaves:
         raise InputError("a scene without splats has nothing to aim at")
     views = request.views(tree.leaves(), descent=request.polish > 0)
-    if views is None and (request.polish or request.layers > 1 or request.target_psnr is not None):
+    layers = request.layers or (1 if views is None else _layers(tree, request))
+    if views is None and (request.polish or layers > 1 or request.target_psnr is not None):
         by_bytes = "polishing needs" if request.polish else "several layers need"
         what = by_bytes if request.target_psnr is None else "a target PSNR needs"
         raise InputError(f"{what} rendered views: {request.why_no_views}")
     # The last layer refines every leaf, whatever the tree does.
-    moves = request.layers > 1 or any(
+    moves = layers > 1 or any(
         step.level == tree.n_levels - 1 > 0 and step.psi.any() for step in tree.steps
     )
     if request.polish and not moves:
         warnings.warn("polishing changes nothing: the last level refines nothing", stacklevel=3)
-    aim = replace(whole, views=views, polish=request.polish, layers=request.layers)
+    aim = replace(whole, views=views, polish=request.polish, layers=layers)
     if request.target_bytes is not None:
         most = request.target_bytes
-        return _best(trees, aim, lambda one: one.at_bytes(most), by_psnr=True)
+        return _best(trees, aim, lambda one: one.at_bytes(most), TargetEncoder.psnr)
     target = request.target_psnr
     assert target is not None, "there is a target"
     return _best(trees, aim, lambda one: one.at_psnr(target))
+
+
+def _layers(tree: EvolutionTree, request: Request) -> int:
+    """Layers of precision: what was asked for, or as many as there is room for."""
+    return request.layers or max(1, min(N_LAYERS, 1 + MAX_LEVELS - tree.n_levels))
 
 
 def _draws(request: Request) -> bool:
@@ -96,12 +109,11 @@ def _best(
     trees: Sequence[EvolutionTree],
     aim: TargetEncoder,
     make: Callable[[TargetEncoder], bytes],
-    *,
-    by_psnr: bool = False,
+    worth: Callable[[TargetEncoder, bytes], float] | None = None,
 ) -> FoundStream:
-    """The smallest of the streams that meet a target, or that with the highest PSNR.
+    """The smallest of the streams that meet a target, or that with the highest `worth`.
 
-    Without views to tell the PSNR, the first that meets it.
+    Without views to tell its worth, the first that meets it.
 
     Raises:
         TargetMissedError: of the tree that comes nearest, if none meets it.
@@ -115,12 +127,12 @@ def _best(
         except TargetMissedError as error:
             missed.append(error)
             continue
-        if not by_psnr:
+        if worth is None:
             found.append(FoundStream(data, tree, -len(data)))
         elif len(trees) == 1 or one.views is None:
             return FoundStream(data, tree, math.inf)
         else:
-            found.append(FoundStream(data, tree, one.psnr(data)))
+            found.append(FoundStream(data, tree, worth(one, data)))
     if not found:
         raise min(missed, key=lambda error: error.by)
     return max(found, key=lambda one: one.merit)
@@ -137,7 +149,7 @@ def at_tree_psnr(tree: EvolutionTree, request: Request) -> bytes | None:
         tree,
         request.settings,
         views,
-        layers=request.layers,
+        layers=_layers(tree, request),
         n_tiles=request.n_tiles,
         info=request.info,
         progress=request.progress,

@@ -227,7 +227,7 @@ def encode_tree(
             nearest = at_tree_psnr(tree, request)
             if nearest is not None:
                 return nearest
-    return best_stream([tree], request, (0.0,) * len(GROUPS)).data
+    return best_stream([tree], replace(request, has_preset=True), (0.0,) * len(GROUPS)).data
 
 
 def _expect_splats(splats: object) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, TypedDict
 
 from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.common.version import __version__
-from evogs_codec.encoding.layers import MAX_LAYERS, N_LAYERS
+from evogs_codec.encoding.layers import MAX_LAYERS
 from evogs_codec.encoding.settings import PRESETS, Settings
 from evogs_codec.model.channels import GROUPS
 from evogs_codec.model.scene_info import SceneInfo
@@ -57,8 +57,8 @@ class Request:
 
     Attributes:
         settings: of the preset, or of that which stands for none.
-        has_preset: the caller named it.
-        layers: of precision, where views decide; 1 with a preset and with `errors`.
+        has_preset: it decides the steps, not views.
+        layers: of precision, where views decide; None if the caller did not say.
         errors: the largest allowed, per name of a group; empty for none.
     """
 
@@ -67,7 +67,7 @@ class Request:
     target_psnr: float | None
     target_bytes: int | None
     errors: Mapping[str, float]
-    layers: int
+    layers: int | None
     polish: int
     cameras: Sequence[Camera] | None
     up: str
@@ -92,11 +92,9 @@ class Request:
             raise ValueError("a preset does not go with a target: the target decides the steps")
         if polish and (n_targets == 0 or errors):
             raise ValueError("polish needs target_psnr or target_bytes")
-        if layers is None:
-            layers = 1 if preset is not None or errors else N_LAYERS
-        if layers not in range(1, MAX_LAYERS + 1):
+        if layers is not None and layers not in range(1, MAX_LAYERS + 1):
             raise ValueError(f"layers is {layers}, expected 1..{MAX_LAYERS}")
-        if layers > 1 and (preset is not None or errors):
+        if layers is not None and layers > 1 and (preset is not None or errors):
             raise ValueError("layers do not go with a preset or max_error")
         settings = _settings_of(default if preset is None else preset)
         effort, n_tiles = options.get("effort"), options.get("n_tiles")

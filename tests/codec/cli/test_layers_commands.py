@@ -73,8 +73,8 @@ def test_the_command_makes_layers_of_a_tree(evogs, tmp_path):
 @pytest.mark.parametrize(
     ("options", "code", "words"),
     [
-        (["--layers", "2"], 1, "--layers needs --target-psnr or --target-bytes"),
-        (["--layers", "2", "--max-error", "0.1"], 1, "--layers needs --target-psnr"),
+        (["--layers", "2", "--preset", "scene"], 1, "--layers: views decide"),
+        (["--layers", "2", "--max-error", "0.1"], 1, "--layers: views decide"),
         (["--layers", "0", "--target-psnr", "40"], 2, "argument --layers"),
         (["--layers", "9", "--target-psnr", "40"], 2, "argument --layers"),
         (["--layers", "two", "--target-psnr", "40"], 2, "argument --layers"),

@@ -22,7 +22,7 @@ from evogs_codec import (
 )
 from evogs_codec.editing.read_tree import read_coded_tree
 from evogs_codec.encoding.arrange import arrange
-from evogs_codec.encoding.layers import MAX_LAYERS, Layered
+from evogs_codec.encoding.layers import FINER, MAX_LAYERS, Layered
 from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.encoding.write import write
 from evogs_codec.model.tree import Kind
@@ -101,14 +101,24 @@ def test_a_stream_has_the_refinements_of_its_layers_in_parts():
         )
 
 
-def test_the_most_important_leaves_are_refined_first():
+def test_siblings_are_refined_in_the_same_step():
+    _, found = layered(many()[0], 2)
+    n_pairs = sum(int(own.is_second.sum()) for own in found.siblings[0])
+    (step, *_) = (step for step in found.tiles[0].steps if not step.level)
+    n_leaves = sum(len(part) for part in found.leaves[0])
+    assert len(found.siblings[0]) > 1
+    assert n_pairs == n_leaves - step.n_adds  # all leaves but the first of each family
+
+
+def test_the_most_important_leaves_are_refined_first(monkeypatch):
     _, found = layered(many()[0], 2)
     rising = np.arange(found.importance.leaves[0].size, dtype=np.float32)
     weights = [rising.reshape(found.importance.leaves[0].shape)]
     importance = replace(found.importance, leaves=weights)
+    monkeypatch.setattr("evogs_codec.encoding.layers.LEAST", 512)
     again = Layered.of(arrange(many()[0], 1), N_LEVELS, importance, 2)
-    first, last = again.leaves[0][0], again.leaves[0][-1]
-    assert first.min() > last.max()
+    first, *_, last = (part.mean() for part in again.leaves[0])
+    assert first > last
 
 
 @pytest.mark.parametrize("price", [1e-13, 1e-10, 1e-7])
@@ -122,7 +132,7 @@ def test_steps_of_layers_divide_those_of_the_tree_by_odd_numbers(price):
     np.testing.assert_allclose(ratios, np.rint(ratios))
     assert (np.rint(ratios) % 2 == 1).all()
     assert (np.diff(ratios, axis=0) >= 0).all()
-    wanted = importance.steps_of_leaves(price, 1.0)
+    wanted = importance.steps_of_leaves(price, 1.0) / FINER
     assert np.all(np.abs(table[-1] / wanted - 1) <= 1 / ratios[-1] + 1e-9)
 
 

@@ -177,8 +177,12 @@ def test_as_many_layers_as_there_may_be():
 @pytest.mark.parametrize(
     ("options", "error", "words"),
     [
-        ({"layers": 2}, ValueError, "layers need target_psnr or target_bytes"),
-        ({"layers": 2, "max_error": 0.1}, ValueError, "layers need target_psnr or target_bytes"),
+        ({"layers": 2, "preset": "scene"}, ValueError, "layers do not go with a preset"),
+        (
+            {"layers": 2, "max_error": 0.1},
+            ValueError,
+            "layers do not go with a preset or max_error",
+        ),
         ({"layers": 0, "target_psnr": 40}, ValueError, r"layers is 0, expected 1\.\.8"),
         ({"layers": 9, "target_psnr": 40}, ValueError, r"layers is 9, expected 1\.\.8"),
         ({"layers": 2.5, "target_psnr": 40}, ValueError, r"layers is 2\.5, expected 1\.\.8"),

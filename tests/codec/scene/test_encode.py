@@ -189,7 +189,9 @@ def test_without_numba_views_are_asked_for_and_estimates_order_packets(monkeypat
     monkeypatch.setattr("evogs_codec.scene.request.find_spec", lambda _: None)
     with pytest.raises(InputError, match=r"a target PSNR needs rendered views: numba is missing"):
         encode_scene(small(), target_psnr=40)
-    assert encode_scene(small(), effort=1) == encode_scene(small(), effort=1, cameras=())
+    with pytest.warns(UserWarning, match="encoded with the preset scene instead"):
+        data = encode_scene(small(), effort=1)
+    assert data == encode_scene(small(), effort=1, cameras=())
     with pytest.warns(UserWarning, match="encoded with the preset trained instead"):
         data = encode_tree(small_tree(), effort=1)
     assert data == encode_tree(small_tree(), preset="trained", effort=1)
@@ -228,3 +230,23 @@ def test_a_scene_of_no_splats_is_a_stream():
         warnings.simplefilter("error")
         data = encode_scene(SplatParams.from_channels(np.zeros((14, 0))))
     assert decode(data).n_leaves == 0
+
+
+def test_the_default_has_two_layers_and_is_smaller_than_the_preset_at_its_psnr():
+    pytest.importorskip("numba", reason="views are rendered")
+    from evogs_codec.render.demo_scene import make_scene
+    from evogs_codec.render.views import Views
+
+    splats = make_scene(3000)
+    views = Views.of(splats, n_views=6)
+    found, fixed = encode_scene(splats, effort=3), encode_scene(splats, preset="scene", effort=3)
+    directory = read_directory(found)
+    assert (directory.n_levels, read_directory(fixed).n_levels) == (6, 5)
+    assert len(found) < len(fixed)
+    assert views.psnr(decode(found).leaves()) > views.psnr(decode(fixed).leaves()) - 0.5
+
+
+def test_a_tree_of_all_levels_has_no_room_for_a_layer():
+    pytest.importorskip("numba", reason="views are rendered")
+    splats = small()
+    assert read_directory(encode_scene(splats, levels=64, effort=1)).n_levels == 64
