@@ -23,6 +23,7 @@ from evogs_codec.format.planes import MAX_STORED
 from evogs_codec.model.arithmetic import RangeError, StepPlan, apply_channel
 from evogs_codec.model.channels import GROUP_CHANNELS, N_GROUPS, channel_class, group_of_class
 from evogs_codec.model.coded_tree import CodedStep, CodedTile, CodedTree
+from evogs_codec.model.siblings import Siblings
 from evogs_codec.model.splats import F32, F64, I32, SplatParams
 from evogs_codec.model.tree import take_picks
 
@@ -58,7 +59,13 @@ def polished(
     data = write(tree, effort=1, digests=False)
     before = decode(data, lambda directory: Cut.of_level(directory, last - 1))
     tiles = [
-        _Tile(tree, tile, state.x[:, : state.n_slots], state.live[: state.n_slots])
+        _Tile(
+            tree,
+            tile,
+            state.x[:, : state.n_slots],
+            state.live[: state.n_slots],
+            state.born_from[: state.n_slots],
+        )
         for tile, state in zip(tree.tiles, before.tiles, strict=True)
     ]
     picked = [tile.picked() for tile in tiles]  # palettes do not move
@@ -79,9 +86,14 @@ class _Tile:
     """A tile whose last level moves: in scene units, while it does."""
 
     def __init__(
-        self, tree: CodedTree, tile: CodedTile, x: I32, live: npt.NDArray[np.bool_]
+        self,
+        tree: CodedTree,
+        tile: CodedTile,
+        x: I32,
+        live: npt.NDArray[np.bool_],
+        born_from: I32,
     ) -> None:
-        """From the (D, n) slots before the last level, and which of them are live."""
+        """From the (D, n) slots before the last level, which are live, whence they were born."""
         self.tree, self.tile, self.before = tree, tile, x
         level, n = tree.n_levels - 1, x.shape[1]
         self.kinds = [channel_class(c) for c in range(len(x))]
@@ -105,7 +117,8 @@ class _Tile:
             tables = [tree.alpha_table(level, group).values for group in range(N_GROUPS)]
             alpha = [table[row] for table, row in zip(tables, step.alpha, strict=True)]
             sizes = self._units(1 + level) * scale
-            self.moving.append(_Moving.of(step, plan, sizes, np.stack(alpha)))
+            siblings = Siblings.of(plan.target_slots, born_from) if step.siblings else None
+            self.moving.append(_Moving.of(step, plan, sizes, np.stack(alpha), siblings))
             n = plan.n_after
 
     def leaves(self) -> F32:
@@ -142,9 +155,10 @@ class _Tile:
         steps = [step for step in self.tile.steps if step.level < level]
         rest = self.tile.steps[len(steps) :]
         for moving, step in zip(self.moving, rest, strict=True):
-            psi = moving.integers()
-            if np.abs(psi).max(initial=0) > MAX_STORED // 2 - 1:
+            stored = moving.integers()
+            if np.abs(stored).max(initial=0) > MAX_STORED // 2 - 1:
                 return self.tile
+            psi = stored if moving.siblings is None else moving.siblings.sums(stored)
             for c, kind in enumerate(self.kinds):
                 table = self.tree.alpha_table(level, group_of_class(kind))
                 a = np.array(table.entries, np.int32)[step.alpha[group_of_class(kind)]]
@@ -156,7 +170,7 @@ class _Tile:
                 except RangeError:
                     return self.tile
             x[:, moving.plan.drops] = 0
-            steps.append(replace(step, psi=psi))
+            steps.append(replace(step, psi=stored))
             written = (
                 x[0:3, moving.plan.targets],
                 x[0:3, moving.plan.n_before : moving.plan.n_after],
@@ -184,6 +198,7 @@ class _Moving:
         bits: (D, 1) by which an integer costs more than its neighbour towards 0.
         alpha: (5, S).
         m, v: moments, as of Adam.
+        siblings: where q are their differences.
     """
 
     plan: StepPlan
@@ -194,16 +209,19 @@ class _Moving:
     alpha: F32
     m: F32
     v: F32
+    siblings: Siblings | None
 
     @staticmethod
-    def of(step: CodedStep, plan: StepPlan, sizes: F64, alpha: F64) -> _Moving:
+    def of(
+        step: CodedStep, plan: StepPlan, sizes: F64, alpha: F64, siblings: Siblings | None
+    ) -> _Moving:
         """A step that has not moved yet."""
         q = step.psi.astype(np.float32)
         mean = np.abs(q).mean(axis=1, keepdims=True) if q.size else np.ones((len(q), 1))
         bits = 1 / np.log(2) / np.maximum(mean, FEWEST)  # of a Laplace distribution
-        moments = np.zeros((2, *q.shape), np.float32)
-        f32 = (x.astype(np.float32) for x in (sizes, bits, alpha))
-        return _Moving(plan, q, step.psi != 0, *f32, *moments)
+        m, v = np.zeros((2, *q.shape), np.float32)
+        f32 = [x.astype(np.float32) for x in (sizes, bits, alpha)]
+        return _Moving(plan, q, step.psi != 0, f32[0], f32[1], f32[2], m, v, siblings)
 
     def integers(self) -> I32:
         """(D, P)."""
@@ -212,8 +230,11 @@ class _Moving:
     def apply(self, x: F32) -> None:
         """Parents become children, in place; paper equations 3 to 5."""
         plan, s = self.plan, self._splits
+        integers = self.integers()
+        if self.siblings is not None:
+            integers = self.siblings.sums(integers)
         for group, part in enumerate(GROUP_CHANNELS):
-            psi = np.rint(self.q[part]) * self.moves[part] * self.sizes[part]
+            psi = integers[part] * self.sizes[part]
             parents = x[part, plan.targets]
             x[part, self._new] = parents[:, s] - self.alpha[group] * psi[:, s]
             x[part, plan.targets] = parents + psi
@@ -228,6 +249,8 @@ class _Moving:
             slope[:, s] -= self.alpha[group] * second
             first[:, s] += second
             g[part, plan.targets] = first
+            if self.siblings is not None:
+                slope = self.siblings.slopes(slope)
             slope = self.sizes[part] * slope + self.bits[part] * np.sign(np.rint(self.q[part]))
             slope *= self.moves[part]
             m, v = self.m[part], self.v[part]

@@ -29,7 +29,7 @@ Sensitivity: TypeAlias = Callable[[SplatParams], F32]
 # noise of a step in one class: positions 2.4 and 9 times, rotations 1.2 and 2.2, scales 1.2 and 1.9
 # (a lifted scene, a trained tree); the others 1.0 to 1.9.
 MISSED = (4.0, 2.0, 2.0, 1.4, 1.0, 1.0, 1.0, 1.0)
-SEEN = 0.95  # the rest of a weight is the mean of the class: the views do not show everything
+SEEN = 0.98  # the rest of a weight is the mean of the class: the views do not show everything
 PER_BIT = 6.0 / math.log(2)  # of the price of a bit is what a squared step is worth
 MENDED = 0.05  # of an error that psi of the children can mend, because that costs bits
 # Beyond these a step has nothing to do with the linear estimate; position: part of the extent.
@@ -63,22 +63,30 @@ class Importance:
         entries: (degree, n) of the numbers of the entries of a palette, per SH band; None without.
             Their means stand in `means`, after those of the classes of core.
         leaves: per tile (K, N) of the leaves of the last level, each on its own.
+        seen: part of a weight that the views decide; the rest is the mean of the class.
     """
 
     weights: tuple[tuple[StepWeights, ...], ...]
     means: F64
     leaves: tuple[F32, ...]
     entries: F32 | None = None
+    seen: float = SEEN
 
     @staticmethod
     def of(
-        tiles: Sequence[EvolutionTree], n_levels: int, sensitivity: Sensitivity, *, first: int = 0
+        tiles: Sequence[EvolutionTree],
+        n_levels: int,
+        sensitivity: Sensitivity,
+        *,
+        first: int = 0,
+        seen: float = SEEN,
     ) -> Importance:
         """By the pictures of every level of arranged tiles, from the level `first` on.
 
         A level before the last may lose as much as the last, although it has fewer splats.
         """
-        cuts = [_cut(tiles, k, sensitivity if k >= first else _none) for k in range(n_levels)]
+        drawn = [sensitivity if k >= first else _none for k in range(n_levels)]
+        cuts = [_cut(tiles, k, draw, seen) for k, draw in enumerate(drawn)]
         counts = [sum(part.shape[1] for part in cut) for cut in cuts]
         shares = [n / max(counts[-1], 1) for n in counts]
         weights = tuple(
@@ -87,11 +95,11 @@ class Importance:
         )
         means = _means(tiles, weights, n_levels)
         if tiles[0].palette is None:
-            return Importance(weights, means, tuple(cuts[-1]))
+            return Importance(weights, means, tuple(cuts[-1]), seen=seen)
         entries = _of_entries(tiles, shares, cuts)
         of_bands = np.broadcast_to(entries.mean(1), (1 + n_levels, len(entries)))
         means = np.concatenate([means, of_bands], axis=1)
-        return Importance(weights, means, tuple(cuts[-1]), entries)
+        return Importance(weights, means, tuple(cuts[-1]), entries, seen)
 
     def steps(self, price: float, extent: float) -> F64:
         """(1 + n_levels, K) steps at which a bit more saves `price` of mean squared error.
@@ -143,7 +151,7 @@ class Importance:
     def _lack(self, means: F64, price: float, extent: float) -> F32:
         """What `raised` adds to weights with these means."""
         asking = PER_BIT * price / np.square(self._largest(extent))
-        lack: F32 = ((1 - SEEN) * np.maximum(asking - means, 0)).astype(np.float32)
+        lack: F32 = ((1 - self.seen) * np.maximum(asking - means, 0)).astype(np.float32)
         return lack
 
     def _largest(self, extent: float) -> F64:
@@ -175,7 +183,9 @@ def _of_entries(
     return sums[:, 1:].astype(np.float32)
 
 
-def _cut(tiles: Sequence[EvolutionTree], level: int, sensitivity: Sensitivity) -> list[F32]:
+def _cut(
+    tiles: Sequence[EvolutionTree], level: int, sensitivity: Sensitivity, seen: float
+) -> list[F32]:
     """(K, N) weights of the leaves of a level, tile by tile, of all bands that splats have."""
     # A tile may end before the last level.
     parts = [tile.leaves(min(level, tile.n_levels - 1)) for tile in tiles]
@@ -187,7 +197,7 @@ def _cut(tiles: Sequence[EvolutionTree], level: int, sensitivity: Sensitivity) -
     weights = np.stack(
         [MISSED[k] * found[kinds == k].mean(0) for k in range(kinds.max() + 1)]
     ).astype(np.float32)
-    weights = SEEN * weights + (1 - SEEN) * weights.mean(1, keepdims=True)
+    weights = seen * weights + (1 - seen) * weights.mean(1, keepdims=True)
     ends = np.cumsum([len(part) for part in parts])
     return np.split(weights, ends[:-1], axis=1)
 

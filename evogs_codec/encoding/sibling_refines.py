@@ -29,7 +29,7 @@ def cheapest_differences(wanted: F64, weights: F64, siblings: Siblings) -> tuple
         siblings: of the records.
     """
     means, worth = wanted.copy(), weights.copy()
-    rounds = siblings.rounds()
+    rounds = siblings.rounds
     pairs = []
     for first, second in reversed(rounds):
         pair = means[:, first], means[:, second], worth[:, first], worth[:, second]

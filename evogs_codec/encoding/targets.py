@@ -23,7 +23,7 @@ from evogs_codec.encoding.measured_gains import MeasuredGains, Pictures
 from evogs_codec.encoding.polish import polished
 from evogs_codec.encoding.quantise import quantise
 from evogs_codec.encoding.ranges import Ranges
-from evogs_codec.encoding.sensitivity import Importance, StepWeights
+from evogs_codec.encoding.sensitivity import SEEN, Importance, StepWeights
 from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, NearLossless, Settings, StepTable
 from evogs_codec.encoding.write import write
 from evogs_codec.errors import InputError
@@ -69,6 +69,7 @@ class TargetEncoder:
         layers: of precision (`layers`), where views decide.
         leaf_error: (5,) per group, the largest distance of the tree's leaves from the splats that
             they stand for: `within` adds it to the error of the stream.
+        seen: part of the worth of a number that the views decide.
         n_tiles, info, progress: as of `encode`.
     """
 
@@ -78,6 +79,7 @@ class TargetEncoder:
     polish: int = 0
     layers: int = 1
     leaf_error: tuple[float, ...] = (0.0,) * len(GROUPS)
+    seen: float = SEEN
     n_tiles: int | None = None
     info: SceneInfo | None = None
     progress: Progress | None = None
@@ -237,7 +239,7 @@ class _Coder:
         if aim.views is not None:
             report("draw", 0.0)
             drawn = aim.views.sensitivity
-            self.importance = Importance.of(self.tiles, self.n_levels, drawn)
+            self.importance = Importance.of(self.tiles, self.n_levels, drawn, seen=aim.seen)
             self.shown = MeasuredGains.of(aim.tree, aim.views)
             if aim.layers > 1 and aim.tree.n_leaves:
                 self.layered = Layered.of(self.tiles, self.n_levels, self.importance, aim.layers)

@@ -11,12 +11,13 @@ Letters: P records of a step of refines, C channels.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.model.arithmetic import RangeError
-from evogs_codec.model.splats import I32, I64
+from evogs_codec.model.splats import F32, I32, I64
 
 __all__ = ["MAX_SIBLING", "Siblings", "parent_records"]
 
@@ -73,6 +74,7 @@ class Siblings:
         last[of[~goes_on]] = n + seconds[~goes_on]
         return Siblings(before, last, parents >= 0, parents)
 
+    @cached_property
     def rounds(self) -> list[tuple[I64, I64]]:
         """Pairs of records, first and second sibling, in rounds that each need those before it.
 
@@ -89,6 +91,14 @@ class Siblings:
         ends = np.flatnonzero(np.diff(depth[seconds])) + 1
         rounds = np.split(seconds, ends) if len(seconds) else []
         return [(self.parents[part], part) for part in rounds]
+
+    def slopes(self, of_psi: F32) -> F32:
+        """(C, P) slopes of differences, from those of the psi that they give."""
+        found = of_psi.copy()
+        for first, second in reversed(self.rounds):
+            of_first, of_second = found[:, first], found[:, second]
+            found[:, first], found[:, second] = of_first + of_second, of_first - of_second
+        return found
 
     def sums(self, differences: I32) -> I32:
         """(C, P) psi of differences (C, P).

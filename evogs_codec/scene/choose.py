@@ -20,6 +20,7 @@ from evogs_codec.scene.request import Request
 __all__ = ["FoundStream", "at_tree_psnr", "best_stream"]
 
 PRICED_VIEWS = 12  # by which the default weighs errors; none judges it
+SEEN = 0.9  # of the worth of a number, where nobody said from where a scene is looked at
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +50,7 @@ def best_stream(
     if request.is_plain and not request.has_preset and tree.n_leaves and _draws(request):
         views = request.views(tree.leaves(), PRICED_VIEWS)
         aim = replace(whole, views=views, layers=_layers(tree, request))
+        aim = aim if request.cameras else replace(aim, seen=SEEN)
         price = SCENE_PRICE / tree.n_leaves
 
         def worth(one: TargetEncoder, data: bytes) -> float:

@@ -78,4 +78,15 @@ def test_time_does_not_grow_with_the_square_of_a_chain():
     n = 200_000
     born_from = np.arange(-1, n - 1)  # each slot from the one before it
     sums = Siblings.of(np.arange(n), born_from).sums(np.ones((1, n), np.int32))
-    assert sums[0, -1] == -(n - 2) and sums[0, 0] == 2
+    assert sums[0, -1] == -(n - 2)
+    assert sums[0, 0] == 2
+
+
+@given(steps_of_refines(), st.lists(SMALL, min_size=30, max_size=30))
+def test_slopes_of_differences_are_those_of_psi_turned_back(step, numbers):
+    slots, born_from, differences = step
+    siblings = Siblings.of(slots, born_from)
+    slopes = np.array([numbers[: len(slots)]], np.float32)
+    psi = siblings.sums(differences[None])
+    # <S d, g> = <d, S^T g>
+    assert float((psi * slopes).sum()) == float((differences * siblings.slopes(slopes)).sum())
