@@ -69,6 +69,7 @@ class TargetEncoder:
         layers: of precision (`layers`), where views decide.
         leaf_error: (5,) per group, the largest distance of the tree's leaves from the splats that
             they stand for: `within` adds it to the error of the stream.
+        ordering: views by which packets are put in order; `views` by default.
         seen: part of the worth of a number that the views decide.
         n_tiles, info, progress: as of `encode`.
     """
@@ -79,6 +80,7 @@ class TargetEncoder:
     polish: int = 0
     layers: int = 1
     leaf_error: tuple[float, ...] = (0.0,) * len(GROUPS)
+    ordering: Pictures | None = None
     seen: float = SEEN
     n_tiles: int | None = None
     info: SceneInfo | None = None
@@ -240,7 +242,7 @@ class _Coder:
             report("draw", 0.0)
             drawn = aim.views.sensitivity
             self.importance = Importance.of(self.tiles, self.n_levels, drawn, seen=aim.seen)
-            self.shown = MeasuredGains.of(aim.tree, aim.views)
+            self.shown = MeasuredGains.of(aim.tree, aim.ordering or aim.views)
             if aim.layers > 1 and aim.tree.n_leaves:
                 self.layered = Layered.of(self.tiles, self.n_levels, self.importance, aim.layers)
         self.ranges = Ranges.of(self.tiles, self.n_levels)

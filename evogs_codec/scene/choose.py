@@ -49,7 +49,8 @@ def best_stream(
         return _best(trees, whole, lambda aim: aim.within(request.errors))
     if request.is_plain and not request.has_preset and tree.n_leaves and _draws(request):
         views = request.views(tree.leaves(), PRICED_VIEWS)
-        aim = replace(whole, views=views, layers=_layers(tree, request))
+        ordering = request.views(tree.leaves(), ORDERING_VIEWS)
+        aim = replace(whole, views=views, ordering=ordering, layers=_layers(tree, request))
         aim = aim if request.cameras else replace(aim, seen=SEEN)
         price = SCENE_PRICE / tree.n_leaves
 
