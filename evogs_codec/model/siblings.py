@@ -22,6 +22,7 @@ from evogs_codec.model.splats import F32, I32, I64
 __all__ = ["MAX_SIBLING", "Siblings", "parent_records"]
 
 MAX_SIBLING = 1 << 28  # R-7.1-2
+FEW = 32  # rounds that are quick one after the other
 
 
 def parent_records(slots: npt.NDArray[np.integer], born_from: npt.NDArray[np.integer]) -> I64:
@@ -104,8 +105,25 @@ class Siblings:
         """(C, P) psi of differences (C, P).
 
         Raises:
-            RangeError: a number leaves its range, on the way or at the end (R-7.1-2).
+            RangeError: a number leaves its range (R-7.1-2).
         """
+        is_quick = len(self.rounds) <= FEW
+        psi = self._round_by_round(differences) if is_quick else self._by_doubling(differences)
+        # Where a number on the way is too large, so is one of the two that are made of it.
+        if psi.size and max(int(psi.max()), -int(psi.min())) > MAX_SIBLING:
+            raise RangeError("a sum of sibling differences exceeds 2^28")
+        return psi.astype(np.int32, copy=False)
+
+    def _round_by_round(self, differences: I32) -> I32:
+        """In int32: FEW differences are below 2**30 together."""
+        psi = differences.copy()
+        for first, second in self.rounds:
+            common, d = psi[:, first], psi[:, second]
+            psi[:, first], psi[:, second] = common + d, common - d
+        return psi
+
+    def _by_doubling(self, differences: I32) -> I64:
+        """Of long chains, in time that does not grow with their length times that of the step."""
         n = len(self.last)
         rows = np.zeros((len(differences), 2 * n + 1), np.int64)
         rows[:, :n] = np.where(self.is_second, -differences, differences)
@@ -114,7 +132,5 @@ class Siblings:
         while (before < 2 * n).any():  # each round doubles how far a row has looked back
             rows += rows[:, before]
             before = before[before]
-        computed = np.concatenate([rows[:, :n][:, self.is_second], rows[:, n : 2 * n]], axis=1)
-        if computed.size and max(int(computed.max()), -int(computed.min())) > MAX_SIBLING:
-            raise RangeError("a sum of sibling differences exceeds 2^28")
-        return rows[:, self.last].astype(np.int32)
+        psi: I64 = rows[:, self.last]
+        return psi

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -39,14 +41,19 @@ def one_by_one(slots, born_from, differences):
     return values
 
 
-@given(steps_of_refines())
-def test_whole_arrays_give_what_the_text_gives(step):
+@pytest.mark.parametrize("few", [32, -1], ids=["round by round", "by doubling"])
+@given(step=steps_of_refines())
+def test_whole_arrays_give_what_the_text_gives(few, step):
     slots, born_from, differences = step
-    found = Siblings.of(slots, born_from).sums(differences[None])
+    with patch("evogs_codec.model.siblings.FEW", few):
+        found = Siblings.of(slots, born_from).sums(differences[None])
     assert found.tolist() == [one_by_one(*step)]
 
 
-@given(steps_of_refines(st.sampled_from([0, 1, -1, MAX_SIBLING // 3, -MAX_SIBLING // 2 - 1])))
+LARGE = st.sampled_from([0, 1, -1, 1 << 25, -(1 << 25)])  # what YCoCg-R makes of 24 bits, at most
+
+
+@given(steps_of_refines(LARGE))
 def test_a_sum_out_of_its_range_is_refused_also_where_it_comes_back(step):
     slots, born_from, differences = step
     siblings, right = Siblings.of(slots, born_from), one_by_one(*step)
@@ -57,7 +64,7 @@ def test_a_sum_out_of_its_range_is_refused_also_where_it_comes_back(step):
         assert siblings.sums(differences[None])[0].tolist() == right
 
 
-@given(steps_of_refines(st.sampled_from([0, 1, -1, MAX_SIBLING // 3, -MAX_SIBLING // 2 - 1])))
+@given(steps_of_refines(LARGE))
 def test_compiled_loops_give_the_same(step):
     values = pytest.importorskip("evogs_codec.decoding.compiled.values")
     slots, born_from, differences = step
@@ -65,6 +72,19 @@ def test_compiled_loops_give_the_same(step):
     is_good = values.add_siblings(found, parent_records(slots, born_from).astype(np.int32))
     assert is_good == (right is not None)
     assert right is None or found.tolist() == right
+
+
+def test_a_chain_leaves_the_range_or_just_does_not():
+    born_from = np.full(20, 0)
+    born_from[0] = -1  # all others from slot 0
+    for last, is_good in ((1 << 25, True), ((1 << 25) + 1, False)):
+        d = np.array([1 << 25] * 7 + [last], np.int32)
+        siblings = Siblings.of(np.arange(8), born_from)
+        if is_good:
+            assert siblings.sums(d[None])[0, 0] == MAX_SIBLING
+        else:
+            with pytest.raises(RangeError, match="2\\^28"):
+                siblings.sums(d[None])
 
 
 def test_the_example_of_the_text():
