@@ -1,0 +1,8 @@
+/** Parts that are tested one by one. They may change with any version. */
+
+export { inverseYcocg, undelta, unpack, unzigzag } from "./planes.js";
+export { quantise, splitSlots } from "./arithmetic.js";
+export { RangeBuffer } from "./ranges.js";
+export { DirtySlots } from "./dirty.js";
+export { FrameDecompressor } from "./zstd/frame.js";
+export { decompressFrame } from "./frames.js";
