@@ -1,7 +1,7 @@
 /** Parts that are tested one by one. They may change with any version. */
 
 export { inverseYcocg, undelta, unpack, unzigzag } from "./planes.js";
-export { quantise, splitSlots } from "./arithmetic.js";
+export { quantise, refineSlots } from "./arithmetic.js";
 export { RangeBuffer } from "./ranges.js";
 export { DirtySlots } from "./dirty.js";
 export { FrameDecompressor } from "./zstd/frame.js";

@@ -26,7 +26,7 @@ export interface StepPlan {
   /** Slots of refines and splits. */
   psiSlots: Int32Array;
   nPsi: number;
-  /** The splits: places in psiSlots. */
+  /** The splits: places in psiSlots, and -1 behind the last. */
   splits: Int32Array;
   nSplits: number;
   drops: Int32Array;
@@ -102,7 +102,7 @@ export function planOf(records: StepRecords, workspace: Workspace): StepPlan {
   const { nSplits, nDrops, nAdds } = counts;
   const nPsi = nSplits + counts.nRefines;
   const psiSlots = workspace.integers(PSI_SLOTS, nPsi);
-  const splits = workspace.integers(SPLITS, nSplits);
+  const splits = workspace.integers(SPLITS, nSplits + 1);
   const drops = workspace.integers(DROPS, nDrops);
   let i = 0;
   let j = 0;
@@ -116,5 +116,6 @@ export function planOf(records: StepRecords, workspace: Workspace): StepPlan {
     if (own === SPLIT) splits[j++] = i;
     psiSlots[i++] = slots[r];
   }
+  splits[j] = -1;
   return { psiSlots, nPsi, splits, nSplits, drops, nDrops, nAdds };
 }

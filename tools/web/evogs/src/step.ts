@@ -6,7 +6,6 @@ import {
   copySlots,
   quantise,
   refineSlots,
-  splitSlots,
   unrefineSlots,
 } from "./arithmetic.js";
 import type { ChannelBlock } from "./channelBlock.js";
@@ -142,10 +141,8 @@ export function applyPsi(
     const group = groupOf(first + k);
     const table = alpha.get(records.label, group);
     const indices = records.alpha[group];
-    const isGood = splitSlots(column, psiSlots, splits, nSplits, delta, table, indices, block.count);
-    if (!isGood) return false;
     done = k + 1;
-    return refineSlots(column, psiSlots, nPsi, delta);
+    return refineSlots(column, { slots: psiSlots, n: nPsi, splits, table, indices, first: block.count }, delta);
   };
   for (let k = 0; k < block.nChannels; k++) {
     if (apply(k)) continue;

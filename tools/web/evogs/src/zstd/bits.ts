@@ -34,11 +34,12 @@ export class BackwardBits {
     return (this.view.getInt32(this.from + (left >> 3), true) >>> (left & 7)) & ((1 << n) - 1);
   }
 
-  /** As `read`, but bits that are missing are 0 and make `left` negative. */
+  /** As `read`, but bits that are missing are 0 and make `left` negative. Only the last read may be such. */
   readPast(n: number): number {
     if (this.left >= n) return this.read(n);
-    const have = Math.max(this.left, 0);
-    this.left -= n - have;
-    return have === 0 ? 0 : this.read(have) << (n - have);
+    const missing = n - this.left;
+    const value = this.read(this.left) << missing;
+    this.left = -missing;
+    return value;
   }
 }
