@@ -1,8 +1,12 @@
 /** Integers of some channels, for a growing number of slots: a structure of arrays in one array. */
 
+/** Shared by all that have no slots yet: there may be many small tiles. */
+export const NO_INTEGERS = new Int32Array(0);
+export const NO_BYTES = new Uint8Array(0);
+
 export class ChannelBlock {
   /** Number s of channel k stands at k * capacity + s. */
-  data = new Int32Array(0);
+  data = NO_INTEGERS;
   capacity = 0;
   /** Slots so far: those after the last step that was applied. */
   count = 0;

@@ -96,7 +96,8 @@ export class Decoder {
     if (this.directoryFault) return { kind: "fault", fault: this.directoryFault };
     if (!scheduler || !directory) return { kind: "nothing", fault: null };
     let fault = scheduler.firstFault;
-    if (!fault && this.furthest > directory.packets.end) fault = new StreamError("E_TRAILING", directory.packets.end);
+    if (!fault && this.furthest > directory.packets.end)
+      fault = new StreamError("E_TRAILING", directory.packets.end);
     fault ??= this.verifier?.fault() ?? null;
     if (fault) return { kind: "fault", fault };
     return { kind: scheduler.nApplied === scheduler.nPackets ? "complete" : "partial", fault: null };

@@ -53,8 +53,7 @@ export function parseDigests(chunk: Chunk | undefined, header: Header, table: Pa
     const isAfter = chain > chainBefore || (chain === chainBefore && step > stepBefore);
     check(isAfter, "E_CHUNK", offset, "order of rows");
     if (chain !== chainBefore) {
-      const exists =
-        tile < header.nTiles && component < N_COMPONENTS && (component !== PALETTE || tile === 0);
+      const exists = tile < header.nTiles && component < N_COMPONENTS && (component !== PALETTE || tile === 0);
       packet = exists ? table.first[tile * N_COMPONENTS + component] : -1;
     }
     while (packet >= 0 && table.step[packet] < step) packet = table.next[packet];

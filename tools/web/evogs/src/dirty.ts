@@ -6,8 +6,10 @@ export interface SlotRange {
   count: number;
 }
 
+const NO_BITS = new Uint32Array(0);
+
 export class DirtySlots {
-  private bits = new Uint32Array(0);
+  private bits = NO_BITS;
   private end = 0;
 
   /** Marks the slots start .. end - 1. */

@@ -46,12 +46,7 @@ export function listCount(component: number, shDegree: number): number {
   return 2 * count;
 }
 
-export function layoutOf(
-  component: number,
-  shDegree: number,
-  flags: number,
-  counts: StepCounts,
-): ListLayout {
+export function layoutOf(component: number, shDegree: number, flags: number, counts: StepCounts): ListLayout {
   const { nAdds, nSplits, nRefines, nDrops } = counts;
   const nPsi = nSplits + nRefines;
   const lengths = new Uint32Array(listCount(component, shDegree));

@@ -109,7 +109,10 @@ function checkCoding(coding: Uint8Array, layout: ListLayout, offset: number): vo
 }
 
 /** Where the planes of each list begin, the size of each plane, and of all. */
-function placePlanes(coding: Uint8Array, layout: ListLayout): { starts: Float64Array; sizes: number[]; total: number } {
+function placePlanes(
+  coding: Uint8Array,
+  layout: ListLayout,
+): { starts: Float64Array; sizes: number[]; total: number } {
   const starts = new Float64Array(coding.length);
   const sizes: number[] = [];
   let total = 0;

@@ -1,6 +1,6 @@
 /** The state of a scene, and what a packet does to it (spec 7, 12.5). */
 
-import { ChannelBlock } from "./channelBlock.js";
+import { ChannelBlock, NO_INTEGERS } from "./channelBlock.js";
 import { crc32 } from "./crc32.js";
 import type { Cut } from "./cut.js";
 import type { Directory } from "./directory.js";
@@ -27,8 +27,6 @@ export interface SceneOptions {
   atOnce: boolean;
   tracksChanges: boolean;
 }
-
-const NO_SLOTS = new Int32Array(0);
 
 export class Scene {
   /** Channels from 14 on of the entries: entry e of the palette is at place e - 1. */
@@ -120,7 +118,13 @@ export class Scene {
     palette.count = n;
   }
 
-  private applyToTile(i: number, component: number, lists: PacketLists | null, counts: StepCounts, offset: number) {
+  private applyToTile(
+    i: number,
+    component: number,
+    lists: PacketLists | null,
+    counts: StepCounts,
+    offset: number,
+  ) {
     const { packets, alpha } = this.directory;
     const t = packets.tile[i];
     const tile = this.tiles[t] ?? new TileState(this.planOfTile(t));
@@ -152,7 +156,13 @@ export class Scene {
   }
 
   /** Core or a band: refines, splits and adds, then drops, which cannot fail. */
-  private applyChannels(t: number, tile: TileState, component: number, records: StepRecords, lists: PacketLists | null) {
+  private applyChannels(
+    t: number,
+    tile: TileState,
+    component: number,
+    records: StepRecords,
+    lists: PacketLists | null,
+  ) {
     const { alpha, quantisers, header, tiles } = this.directory;
     const { workspace } = this;
     const { first } = channelsOf(component, header.shDegree);
@@ -182,7 +192,7 @@ export class Scene {
   private markLate(tile: TileState, records: StepRecords, from: number): void {
     if (!this.options.tracksChanges) return;
     const { shDegree, hasPalette } = this.directory.header;
-    const slots = records.counts.nDrops > 0 ? records.slots : NO_SLOTS;
+    const slots = records.counts.nDrops > 0 ? records.slots : NO_INTEGERS;
     if (hasPalette) tile.markChanged(PICKS, slots, from);
     else for (let band = 1; band <= shDegree; band++) tile.markChanged(band, slots, from);
   }

@@ -1,5 +1,6 @@
 /** When the packets of a file are examined (spec 6.4). */
 
+import { NO_BYTES } from "./channelBlock.js";
 import { StreamError } from "./faults.js";
 import { CORE, N_COMPONENTS, PALETTE, PICKS } from "./model.js";
 import type { Scene } from "./scene.js";
@@ -9,8 +10,6 @@ const MISSING = 0;
 const COMPLETE = 1;
 const APPLIED = 2;
 const FAULTY = 3;
-
-const NO_BYTES = new Uint8Array(0);
 
 /** Applies packets as soon as they are complete and do not wait. */
 export class Scheduler {
@@ -72,7 +71,10 @@ export class Scheduler {
   fault(): StreamError | null {
     if (this.firstFault === null) return null;
     const { status } = this;
-    while (this.nPresent < this.firstFaulty && !(status[this.nPresent] === MISSING && this.isWanted(this.nPresent))) {
+    while (
+      this.nPresent < this.firstFaulty &&
+      !(status[this.nPresent] === MISSING && this.isWanted(this.nPresent))
+    ) {
       this.nPresent++;
     }
     return this.nPresent >= this.firstFaulty ? this.firstFault : null;

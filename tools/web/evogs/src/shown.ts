@@ -43,7 +43,8 @@ export class ShownChannels {
     const component = this.componentOf(channel);
     const isLate = tile.isLate(component);
     const first = channelsOf(component, scene.directory.header.shDegree).first;
-    if (component !== PICKS && !isLate && tile.steps[CORE] > 0) return tile.block(component).channel(channel - first);
+    if (component !== PICKS && !isLate && tile.steps[CORE] > 0)
+      return tile.block(component).channel(channel - first);
     if (this.tile !== t || this.component !== component) {
       this.tile = t;
       this.component = component;

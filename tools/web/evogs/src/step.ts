@@ -1,13 +1,7 @@
 /** A step of some channels of a tile (spec 7.4): core, or an SH band; and entries of a palette. */
 
 import type { AlphaTables } from "./alpha.js";
-import {
-  type Column,
-  copySlots,
-  quantise,
-  refineSlots,
-  unrefineSlots,
-} from "./arithmetic.js";
+import { type Column, copySlots, quantise, refineSlots, unrefineSlots } from "./arithmetic.js";
 import type { ChannelBlock } from "./channelBlock.js";
 import { ADDS_ARE_YCOCG, PSI_IS_YCOCG } from "./lists.js";
 import { FIRST_SH, classOf, groupOf } from "./model.js";

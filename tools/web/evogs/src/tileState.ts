@@ -1,8 +1,8 @@
 /** The state of a tile (spec 7). */
 
-import { ChannelBlock, grown } from "./channelBlock.js";
+import { ChannelBlock, NO_BYTES, NO_INTEGERS, grown } from "./channelBlock.js";
 import { DirtySlots } from "./dirty.js";
-import { CORE, N_CORE, PALETTE, PICKS, channelsOf } from "./model.js";
+import { CORE, N_CORE, PICKS, channelsOf } from "./model.js";
 
 const NO_PARENT = -1;
 
@@ -21,18 +21,18 @@ export class TileState {
   /** Slots made so far. */
   nSlots = 0;
   /** 1 for each live slot. Longer than nSlots: see `liveSlots`. */
-  live = new Uint8Array(0);
+  live = NO_BYTES;
   /** The slot that each slot was split from, or -1. Longer than nSlots. */
-  bornFrom = new Int32Array(0);
+  bornFrom = NO_INTEGERS;
   /** Channels 0 to 13. */
   readonly core = new ChannelBlock(N_CORE);
   /** The channels of SH bands 1 to 3 at places 1 to 3, once a packet of them was applied. */
   readonly bands: (ChannelBlock | null)[] = [null, null, null, null];
   /** The pick of each slot, and the slots after the last step of picks. Longer than nPicks. */
-  picks = new Int32Array(0);
+  picks = NO_INTEGERS;
   nPicks = 0;
   /** Steps that were applied of components 0 to 4. */
-  readonly steps = new Uint32Array(PALETTE);
+  readonly steps = [0, 0, 0, 0, 0];
   /** Changed slots of components 0 to 4. */
   readonly dirty: (DirtySlots | null)[] = [null, null, null, null, null];
 

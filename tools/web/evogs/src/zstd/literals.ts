@@ -65,8 +65,7 @@ export class Literals {
     const at = from + headerSize;
     if (at > to) corrupt("the literals header is cut short");
     const head = view.getUint32(from, true) & 0xffffff;
-    const size =
-      headerSize === 1 ? (head & 0xff) >> 3 : headerSize === 2 ? (head & 0xffff) >> 4 : head >> 4;
+    const size = headerSize === 1 ? (head & 0xff) >> 3 : headerSize === 2 ? (head & 0xffff) >> 4 : head >> 4;
     const stored = isRun ? 1 : size;
     if (size > blockMaximum) corrupt("too many literals");
     if (at + stored > to) corrupt("the literals are cut short");
