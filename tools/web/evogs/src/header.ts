@@ -22,7 +22,7 @@ export interface Header {
   /** The scene was made for an antialiased renderer. */
   isAntialiased: boolean;
   hasPalette: boolean;
-  /** Registry values (8.4). Unknown values are those of the file: read them as 0. */
+  /** Registry values (8.4). Unknown values were read as 0. */
   coordinateSystem: number;
   upAxis: number;
   unit: number;
@@ -41,6 +41,11 @@ export interface Header {
 /** Throws E_SIGNATURE with the first byte that differs. `bytes` may be any beginning of a file. */
 export function checkSignature(bytes: Uint8Array): void {
   for (let i = 0; i < Math.min(8, bytes.length); i++) check(bytes[i] === SIGNATURE[i], "E_SIGNATURE", 0);
+}
+
+/** A value of a registry whose values are 0 to `last`. */
+function registered(value: number, last: number): number {
+  return value <= last ? value : 0;
 }
 
 /**
@@ -65,10 +70,10 @@ export function parseHeader(bytes: Uint8Array, limits: Limits = {}): Header {
     flags,
     isAntialiased: (flags & 1) !== 0,
     hasPalette: (flags & 0x100) !== 0,
-    coordinateSystem: bytes[20],
-    upAxis: bytes[21],
-    unit: bytes[22],
-    colourSpace: bytes[23],
+    coordinateSystem: registered(bytes[20], 5),
+    upAxis: registered(bytes[21], 6),
+    unit: registered(bytes[22], 5),
+    colourSpace: registered(bytes[23], 2),
     nTiles: view.getUint32(24, true),
     nPackets: view.getUint32(28, true),
     chunksSize: view.getUint32(32, true),
