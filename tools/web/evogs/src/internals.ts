@@ -6,3 +6,5 @@ export { RangeBuffer } from "./ranges.js";
 export { DirtySlots } from "./dirty.js";
 export { FrameDecompressor } from "./zstd/frame.js";
 export { decompressFrame } from "./frames.js";
+export { addSiblings, siblingsOf } from "./siblings.js";
+export { Workspace } from "./workspace.js";

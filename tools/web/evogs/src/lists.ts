@@ -31,7 +31,7 @@ export interface ListLayout {
   psi: number;
   adds: number;
   picks: number;
-  /** The first list that may have `delta`. */
+  /** The first list that may have `delta` (R-5.9-3). All behind it may, too. */
   firstDelta: number;
 }
 
@@ -76,6 +76,7 @@ export function layoutOf(component: number, shDegree: number, flags: number, cou
   }
   layout.psi = place(count, nPsi);
   layout.adds = place(count, nAdds);
-  layout.firstDelta = layout.adds;
+  // Psi of a step of refines alone may hold sibling differences.
+  layout.firstDelta = nSplits === 0 && nDrops === 0 ? layout.psi : layout.adds;
   return layout;
 }

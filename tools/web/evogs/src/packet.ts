@@ -38,13 +38,18 @@ export class PacketLists {
     else unpack(this.coding[list], n, this.planes, this.starts[list], out);
   }
 
+  /** Whether a list has `delta`: running sums in adds and entries, sibling differences in psi. */
+  hasDelta(list: number): boolean {
+    return hasDelta(this.coding[list]);
+  }
+
   /** The signed integers of a list of psi, adds or entries. False if a running sum is out of range. */
   readSigned(list: number, out: Int32Array): boolean {
     this.read(list, out);
     if (this.coding[list] === 0) return true;
     const n = this.layout.lengths[list];
     unzigzag(out, n);
-    return !hasDelta(this.coding[list]) || undelta(out, n);
+    return list < this.layout.adds || !this.hasDelta(list) || undelta(out, n);
   }
 }
 

@@ -177,7 +177,7 @@ export class Scene {
     tile.reserve(component, end);
     const isGood =
       applyAdds(block, first, addsAt, plan.nAdds, lists, quantisers, box, workspace) &&
-      applyPsi(block, first, plan, records, lists, quantisers, alpha, box, workspace);
+      applyPsi(block, first, plan, records, tile.bornFrom, lists, quantisers, alpha, box, workspace);
     if (!isGood) return false;
     if (component === CORE) {
       tile.addSlots(plan.psiSlots, plan.splits, plan.nSplits, plan.nAdds);

@@ -9,6 +9,7 @@ import type { PacketLists } from "./packet.js";
 import { inverseYcocg } from "./planes.js";
 import { type Quantisers, ROW_OF_ADDS } from "./quantisers.js";
 import type { StepPlan, StepRecords } from "./records.js";
+import { addSiblings, siblingsOf } from "./siblings.js";
 import { MAX_X } from "./tiles.js";
 import { TRIPLE, type Workspace } from "./workspace.js";
 
@@ -31,6 +32,8 @@ class DeltaReader {
     private readonly n: number,
     private readonly flag: number,
     private readonly row: number,
+    /** Of psi: the record of each record's parent (7.1). It is asked for if a list has `delta`. */
+    private readonly siblings: (() => Int32Array) | null = null,
   ) {}
 
   /** Delta of channel k of the component; null if all are 0; false if one is out of range. */
@@ -49,6 +52,9 @@ class DeltaReader {
       if (lists.isZero(this.list + k)) return null;
       values = this.workspace.integers(TRIPLE, n);
       if (!lists.readSigned(this.list + k, values)) return false;
+    }
+    if (this.siblings !== null && lists.hasDelta(this.list + k)) {
+      if (!addSiblings(values, n, this.siblings())) return false;
     }
     const { nClasses, mantissa, shift } = this.quantisers;
     const entry = this.row * nClasses + classOf(channel);
@@ -105,6 +111,7 @@ export function applyAdds(
 
 /**
  * Applies refines and splits to all channels of a block, second children to the slots from block.count on.
+ * `bornFrom` is that of the tile.
  * False if a number leaves its range: the slots that were there are then as before.
  * Drops are not done here, since nothing may fail behind them.
  */
@@ -113,6 +120,7 @@ export function applyPsi(
   first: number,
   plan: StepPlan,
   records: StepRecords,
+  bornFrom: Int32Array,
   lists: PacketLists | null,
   quantisers: Quantisers,
   alpha: AlphaTables,
@@ -122,7 +130,12 @@ export function applyPsi(
   const { psiSlots, nPsi, splits, nSplits } = plan;
   const list = lists?.layout.psi ?? 0;
   const row = 1 + records.label;
-  const reader = new DeltaReader(lists, quantisers, workspace, first, list, nPsi, PSI_IS_YCOCG, row);
+  let firsts: Int32Array | null = null;
+  const siblings = () => {
+    firsts ??= siblingsOf(psiSlots, nPsi, bornFrom, workspace);
+    return firsts;
+  };
+  const reader = new DeltaReader(lists, quantisers, workspace, first, list, nPsi, PSI_IS_YCOCG, row, siblings);
   let done = 0;
   const apply = (k: number): boolean => {
     const column = columnOf(block, k, first + k, box);

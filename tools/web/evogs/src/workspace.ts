@@ -12,7 +12,9 @@ export class Workspace {
 
   /** Array number `i`, with room for `n` integers. What it holds is not defined. */
   integers(i: number, n: number): Int32Array {
-    if ((this.arrays[i]?.length ?? 0) < n || !this.arrays[i]) this.arrays[i] = new Int32Array(n);
+    const length = this.arrays[i]?.length ?? -1;
+    // A bit more than is asked for, so that arrays that grow by little are not made anew each time.
+    if (length < n) this.arrays[i] = new Int32Array(Math.max(n, Math.floor(1.25 * length)));
     return this.arrays[i];
   }
 }
@@ -23,3 +25,5 @@ export const PSI_SLOTS = 3;
 export const SPLITS = 4;
 export const DROPS = 5;
 export const PLAIN = 6;
+export const SIBLINGS = 7;
+export const PLACES = 8;

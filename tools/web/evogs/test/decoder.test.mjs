@@ -111,6 +111,76 @@ test("a packet whose last number is out of range changes nothing (R-6.4-5)", () 
   assert.deepEqual([...numbers.channel(10)], [0, 0, 128 * (2 ** 23 - 1)]);
 });
 
+/** A tile in which slots 7 and 12 were born from slot 4, and slot 9 from slot 7, as in the example of 7.1. */
+const FAMILY = [
+  { adds: 7, bytes: core({}) },
+  { splits: 1, bytes: core({ 0: [0x04, [4]] }) },
+  { adds: 1, bytes: core({}) },
+  { splits: 1, bytes: core({ 0: [0x04, [7]] }) },
+  { adds: 2, bytes: core({}) },
+  { splits: 1, bytes: core({ 0: [0x04, [4]] }) },
+];
+/** The gaps of slots 4, 7, 9, 12. */
+const GAPS = [0x08, [4, 2, 1, 2]];
+
+test("sibling differences: the example of 7.1", () => {
+  const bytes = core({ 0: GAPS, [PSI]: [0x48, [20, 6, 2, 4]] });
+  const x = decode(stream({ rows: [...FAMILY, { refines: 4, bytes }] }))
+    .tile(0)
+    .core.channel(0);
+  assert.deepEqual([x[4], x[7], x[9], x[12]], [15, 8, 6, 11]);
+  const without4 = core({ 0: [0x08, [7, 1, 2]], [PSI]: [0x48, [20, 6, 2]] });
+  const y = decode(stream({ rows: [...FAMILY, { refines: 3, bytes: without4 }] }))
+    .tile(0)
+    .core.channel(0);
+  assert.deepEqual([y[7], y[9], y[12]], [13, 7, 1]);
+});
+
+test("sibling differences come behind YCoCg-R, by the coding byte of each channel (7.1)", () => {
+  // Y 4 0 0 0, Co 0 2 0 0, Cg 0: the triples are 4 4 4 for slot 4, and 1 0 -1 for slot 7.
+  const lists = { 0: GAPS, [PSI + 11]: [0x48, [8, 0, 0, 0]], [PSI + 12]: [0x08, [0, 4, 0, 0]] };
+  const scene = decode(stream({ rows: [...FAMILY, { refines: 4, bytes: core(lists, 1) }] }));
+  const [r, g, b] = [11, 12, 13].map((k) => scene.tile(0).core.channel(k));
+  assert.deepEqual([r[4], r[7], r[9], r[12]], [5, 3, 3, 5]);
+  assert.deepEqual([g[4], g[7], g[9], g[12]], [4, 0, 0, 0]);
+  assert.deepEqual([b[4], b[7], b[9], b[12]], [4, -1, 0, 0]);
+});
+
+test("sibling differences are only for steps of refines (R-5.9-3)", () => {
+  const withDrop = core({ 0: [0x04, [0x00]], 1: [0x02, [0x08]], [PSI]: [0x48, [2]] });
+  const rows = [
+    { adds: 3, bytes: core({}) },
+    { refines: 1, drops: 1, bytes: withDrop },
+  ];
+  assert.throws(() => decode(stream({ rows })), { code: "E_PACKET" });
+  const withAdd = core({ [PSI]: [0x48, [2]], [ADDS]: [0x48, [2]] });
+  const good = [
+    { adds: 3, bytes: core({}) },
+    { refines: 1, adds: 1, bytes: withAdd },
+  ];
+  assert.deepEqual(
+    [
+      ...decode(stream({ rows: good }))
+        .tile(0)
+        .core.channel(0),
+    ],
+    [1, 0, 0, 1],
+  );
+});
+
+test("a packet with sibling differences that has a fault changes nothing (R-6.4-5)", () => {
+  const good = { refines: 4, bytes: core({ 0: GAPS, [PSI]: [0x48, [20, 6, 2, 4]] }) };
+  const top = [0x68, [0, 0, 0, 0, 255, 255, 255, 255, 255, 255, 255, 255], 3];
+  const wide = { refines: 4, bytes: core({ 0: GAPS, [PSI]: [0x48, [20, 6, 2, 4]], [PSI + 10]: top }) };
+  const decoder = new Decoder();
+  decoder.feed(stream({ rows: [...FAMILY, good, ...new Array(300).fill(wide)] }));
+  assert.equal(decoder.end().fault.code, "E_RANGE");
+  const n = decoder.progress.applied - FAMILY.length;
+  assert.ok(n > 1 && n < 300);
+  const x = decoder.scene.tile(0).core.channel(0);
+  assert.deepEqual([x[4], x[7], x[9], x[12]], [15 * n, 8 * n, 6 * n, 11 * n]);
+});
+
 test("a file of 100 kB with as many records as it may have takes memory and time in proportion (8.3)", () => {
   const plane = new Uint8Array(100000).map((_, i) => i & 1);
   const size = core({ [ADDS]: [0x01, plane] }).length;

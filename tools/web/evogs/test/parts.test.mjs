@@ -5,6 +5,9 @@ import { chance, rawFrame, runFrame } from "./streams.mjs";
 
 const {
   DirtySlots,
+  Workspace,
+  addSiblings,
+  siblingsOf,
   RangeBuffer,
   decompressFrame,
   inverseYcocg,
@@ -127,6 +130,14 @@ test("products of alpha stay within 2^30 (R-7.3-2)", () => {
   assert.equal(secondOf(2 ** 28 - 1, 4, 1), 2 ** 29 - 2);
   assert.equal(secondOf(-(2 ** 15), -(2 ** 15), 0), null);
   assert.equal(secondOf(2 ** 28, 0, 12) + 0, 0);
+});
+
+test("sums of sibling differences stay within 2^28 (R-7.1-2)", () => {
+  const firsts = siblingsOf(Int32Array.of(4, 7), 2, Int32Array.of(-1, -1, -1, -1, -1, -1, -1, 4), new Workspace());
+  assert.deepEqual([...firsts.subarray(0, 2)], [-1, 0]);
+  assert.equal(addSiblings(Int32Array.of(2 ** 28 - 1, 1), 2, firsts), true);
+  assert.equal(addSiblings(Int32Array.of(2 ** 28 - 1, 2), 2, firsts), false);
+  assert.equal(addSiblings(Int32Array.of(1 - 2 ** 28, 2), 2, firsts), false);
 });
 
 test("frames of raw and of run-length blocks", () => {
