@@ -140,6 +140,37 @@ test("sums of sibling differences stay within 2^28 (R-7.1-2)", () => {
   assert.equal(addSiblings(Int32Array.of(1 - 2 ** 28, 2), 2, firsts), false);
 });
 
+/** The pseudo-code of 7.1, with its dictionary. */
+function addSiblingsByText(differences, slots, bornFrom) {
+  const values = [];
+  const place = new Map();
+  slots.forEach((slot, i) => {
+    place.set(slot, i);
+    const first = place.get(bornFrom[slot]);
+    if (first === undefined) {
+      values.push(differences[i]);
+    } else {
+      values.push(values[first] - differences[i]);
+      values[first] += differences[i];
+    }
+  });
+  return values;
+}
+
+test("sibling differences of tiles by chance, one after the other, are those of the pseudo-code (7.1)", () => {
+  const random = chance(9);
+  const workspace = new Workspace();
+  for (let round = 0; round < 300; round++) {
+    const n = 1 + random(60);
+    const bornFrom = Int32Array.from({ length: n }, (_, u) => (u > 0 && random(3) ? random(u) : -1));
+    const slots = Int32Array.from(bornFrom.keys()).filter(() => random(2));
+    const values = slots.map(() => random(21) - 10);
+    const expected = addSiblingsByText([...values], [...slots], bornFrom);
+    assert.equal(addSiblings(values, slots.length, siblingsOf(slots, slots.length, bornFrom, workspace)), true);
+    assert.deepEqual([...values], expected);
+  }
+});
+
 test("frames of raw and of run-length blocks", () => {
   const content = Uint8Array.from({ length: 300000 }, (_, i) => (i * 7) & 255);
   const out = new Uint8Array(content.length);
