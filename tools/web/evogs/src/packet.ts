@@ -1,0 +1,149 @@
+/** The syntax of a packet (spec 5.9): header, coding bytes, frame entries, and the planes of the frames. */
+
+import { viewOf } from "./bytes.js";
+import { check } from "./faults.js";
+import { decompressFrame } from "./frames.js";
+import { type ListLayout, PICKS_OF_CHANGED, type StepCounts, layoutOf, listCount } from "./lists.js";
+import { PICKS } from "./model.js";
+import { hasDelta, highOf, isLowPlaneClean, lowOf, lowPlaneSize, undelta, unpack, unzigzag } from "./planes.js";
+import type { Workspace } from "./workspace.js";
+
+const HEADER_SIZE = 2;
+const ENTRY_SIZE = 5;
+
+/** The lists of a packet, in planes. The planes are those of a workspace: they last until the next packet. */
+export class PacketLists {
+  constructor(
+    readonly flags: number,
+    readonly layout: ListLayout,
+    private readonly coding: Uint8Array,
+    private readonly planes: Uint8Array,
+    /** Where the planes of each list begin. */
+    private readonly starts: Float64Array,
+  ) {}
+
+  length(list: number): number {
+    return this.layout.lengths[list];
+  }
+
+  /** Whether all integers of a list are 0, and nothing is stored for it. */
+  isZero(list: number): boolean {
+    return this.coding[list] === 0;
+  }
+
+  /** The stored integers of a list, as gaps, kinds, indices and picks are. */
+  read(list: number, out: Int32Array): void {
+    const n = this.layout.lengths[list];
+    if (this.coding[list] === 0) out.fill(0, 0, n);
+    else unpack(this.coding[list], n, this.planes, this.starts[list], out);
+  }
+
+  /** Whether a list has `delta`: running sums in adds and entries, sibling differences in psi. */
+  hasDelta(list: number): boolean {
+    return hasDelta(this.coding[list]);
+  }
+
+  /** The signed integers of a list of psi, adds or entries. False if a running sum is out of range. */
+  readSigned(list: number, out: Int32Array): boolean {
+    this.read(list, out);
+    if (this.coding[list] === 0) return true;
+    const n = this.layout.lengths[list];
+    unzigzag(out, n);
+    return list < this.layout.adds || !this.hasDelta(list) || undelta(out, n);
+  }
+}
+
+/** Reads a packet of size above 0 to R-5.9-9, in the order of 6.1. Throws a StreamError at `offset`. */
+export function parsePacket(
+  bytes: Uint8Array,
+  component: number,
+  shDegree: number,
+  counts: StepCounts,
+  offset: number,
+  workspace: Workspace,
+): PacketLists {
+  const nLists = listCount(component, shDegree);
+  const entriesAt = HEADER_SIZE + nLists;
+  check(bytes.length >= entriesAt, "E_PACKET", offset, "coding bytes are cut short");
+  const flags = bytes[0];
+  const nFrames = bytes[1];
+  const coding = bytes.subarray(HEADER_SIZE, entriesAt);
+  const layout = layoutOf(component, shDegree, flags, counts);
+  checkReserved(flags, coding, component, offset);
+  checkCoding(coding, layout, offset);
+
+  const framesAt = entriesAt + ENTRY_SIZE * nFrames;
+  check(bytes.length >= framesAt, "E_PACKET", offset, "frame entries are cut short");
+  const { starts, sizes, total } = placePlanes(coding, layout);
+  checkEntries(bytes, entriesAt, nFrames, sizes.length, offset);
+
+  const planes = workspace.planes(total);
+  const view = viewOf(bytes);
+  let plane = 0;
+  let at = 0;
+  let from = framesAt;
+  for (let entry = entriesAt; entry < framesAt; entry += ENTRY_SIZE) {
+    const to = from + view.getUint32(entry + 1, true);
+    let size = 0;
+    for (let k = 0; k < bytes[entry]; k++) size += sizes[plane++];
+    decompressFrame(bytes.subarray(from, to), size, planes, at, offset);
+    at += size;
+    from = to;
+  }
+  for (let list = 0; list < nLists; list++) {
+    const isClean = isLowPlaneClean(coding[list], layout.lengths[list], planes, starts[list]);
+    check(isClean, "E_PACKET", offset, "a bit of a low plane that belongs to no integer");
+  }
+  return new PacketLists(flags, layout, coding, planes, starts);
+}
+
+function checkReserved(flags: number, coding: Uint8Array, component: number, offset: number): void {
+  const reserved = component === PICKS ? 0xf8 : 0xf8 | PICKS_OF_CHANGED;
+  check((flags & reserved) === 0, "E_RESERVED", offset, "flags of a packet");
+  for (const c of coding) check(c < 0x80, "E_RESERVED", offset, "coding byte");
+}
+
+/** R-5.9-2, R-5.9-3 and R-5.9-4. They have one code, so their order cannot be seen. */
+function checkCoding(coding: Uint8Array, layout: ListLayout, offset: number): void {
+  for (let list = 0; list < coding.length; list++) {
+    const c = coding[list];
+    check(lowOf(c) <= 8 && highOf(c) <= 2 && c !== 0x40, "E_PACKET", offset, "coding byte");
+    check(!hasDelta(c) || list >= layout.firstDelta, "E_PACKET", offset, "delta is not for this list");
+    check(c === 0 || layout.lengths[list] > 0, "E_PACKET", offset, "coding byte of a list without integers");
+  }
+}
+
+/** Where the planes of each list begin, the size of each plane, and of all. */
+function placePlanes(
+  coding: Uint8Array,
+  layout: ListLayout,
+): { starts: Float64Array; sizes: number[]; total: number } {
+  const starts = new Float64Array(coding.length);
+  const sizes: number[] = [];
+  let total = 0;
+  for (let list = 0; list < coding.length; list++) {
+    const c = coding[list];
+    const n = layout.lengths[list];
+    const first = sizes.length;
+    if (lowOf(c) > 0) sizes.push(lowPlaneSize(c, n));
+    for (let k = 0; k < highOf(c); k++) sizes.push(n);
+    starts[list] = total;
+    for (let k = first; k < sizes.length; k++) total += sizes[k];
+  }
+  return { starts, sizes, total };
+}
+
+/** R-5.9-7 and R-5.9-8. */
+function checkEntries(bytes: Uint8Array, at: number, nFrames: number, nPlanes: number, offset: number): void {
+  const view = viewOf(bytes);
+  let planes = 0;
+  let size = at + ENTRY_SIZE * nFrames;
+  for (let f = 0; f < nFrames; f++) {
+    const entry = at + ENTRY_SIZE * f;
+    check(bytes[entry] > 0, "E_PACKET", offset, "a frame without planes");
+    planes += bytes[entry];
+    size += view.getUint32(entry + 1, true);
+  }
+  check(planes === nPlanes, "E_PACKET", offset, "number of planes");
+  check(size === bytes.length, "E_PACKET", offset, "sizes of frames");
+}

@@ -1,0 +1,93 @@
+/** SH as shown (spec 7.5, 12.5): late slots show an ancestor, and empty slots show 0. */
+
+import type { ChannelBlock } from "./channelBlock.js";
+import { CORE, N_CORE, PICKS, channelsOf } from "./model.js";
+import type { Scene } from "./scene.js";
+import type { TileState } from "./tileState.js";
+
+/** The slot whose SH each slot shows, or -1 where the SH are 0. `component` is a band or the picks. */
+export function shownSlots(tile: TileState, component: number): Int32Array {
+  const { nSlots, bornFrom, live } = tile;
+  const n = tile.slotsOf(component);
+  const sources = new Int32Array(nSlots);
+  // A parent has a lower number, so its own source is known.
+  for (let u = 0; u < nSlots; u++) {
+    const parent = bornFrom[u];
+    sources[u] = u < n ? u : parent < 0 ? -1 : sources[parent];
+  }
+  for (let u = 0; u < nSlots; u++) if (live[u] === 0) sources[u] = -1;
+  return sources;
+}
+
+/** Channels of tiles as they are shown. It keeps the sources of one component of one tile. */
+export class ShownChannels {
+  private tile = -1;
+  private component = -1;
+  private sources: Int32Array | null = null;
+
+  constructor(private readonly scene: Scene) {}
+
+  /** Forget the sources: packets were applied. */
+  reset(): void {
+    this.tile = -1;
+  }
+
+  /**
+   * The integers of a channel of tile `t`, one for each slot; empty slots have 0.
+   * Without a copy where they are stored as shown: then they are valid until the next step.
+   */
+  read(t: number, channel: number): Int32Array {
+    const { scene } = this;
+    const tile = scene.tile(t);
+    if (channel < N_CORE) return tile.core.channel(channel);
+    const component = this.componentOf(channel);
+    const isLate = tile.isLate(component);
+    const first = channelsOf(component, scene.directory.header.shDegree).first;
+    if (component !== PICKS && !isLate && tile.steps[CORE] > 0)
+      return tile.block(component).channel(channel - first);
+    if (this.tile !== t || this.component !== component) {
+      this.tile = t;
+      this.component = component;
+      this.sources = isLate ? shownSlots(tile, component) : null;
+    }
+    const out = new Int32Array(tile.nSlots);
+    if (component === PICKS) readPicked(tile, scene.palette, channel - first, this.sources, out);
+    else if (tile.bands[component]) readLate(tile.block(component).channel(channel - first), this.sources, out);
+    return out;
+  }
+
+  private componentOf(channel: number): number {
+    if (this.scene.directory.header.hasPalette) return PICKS;
+    return channel < 23 ? 1 : channel < 38 ? 2 : 3;
+  }
+}
+
+function readLate(x: Int32Array, sources: Int32Array | null, out: Int32Array): void {
+  if (sources === null) return;
+  for (let u = 0; u < out.length; u++) if (sources[u] >= 0) out[u] = x[sources[u]];
+}
+
+function readPicked(
+  tile: TileState,
+  palette: ChannelBlock,
+  k: number,
+  sources: Int32Array | null,
+  out: Int32Array,
+): void {
+  const entries = palette.channel(k);
+  const { picks } = tile;
+  for (let u = 0; u < out.length; u++) {
+    const source = sources === null ? u : sources[u];
+    const pick = source < 0 ? 0 : picks[source];
+    if (pick > 0) out[u] = entries[pick - 1];
+  }
+}
+
+/** The pick that each slot of tile `t` shows: 0, or the number of an entry from 1 on. */
+export function shownPicks(scene: Scene, t: number): Int32Array {
+  const tile = scene.tile(t);
+  if (!tile.isLate(PICKS)) return tile.picks.slice(0, tile.nSlots);
+  const sources = shownSlots(tile, PICKS);
+  for (let u = 0; u < sources.length; u++) sources[u] = sources[u] < 0 ? 0 : tile.picks[sources[u]];
+  return sources;
+}

@@ -1,0 +1,172 @@
+/** A step of some channels of a tile (spec 7.4): core, or an SH band; and entries of a palette. */
+
+import type { AlphaTables } from "./alpha.js";
+import { type Column, copySlots, quantise, refineSlots, unrefineSlots } from "./arithmetic.js";
+import type { ChannelBlock } from "./channelBlock.js";
+import { ADDS_ARE_YCOCG, PSI_IS_YCOCG } from "./lists.js";
+import { FIRST_SH, classOf, groupOf } from "./model.js";
+import type { PacketLists } from "./packet.js";
+import { inverseYcocg } from "./planes.js";
+import { type Quantisers, ROW_OF_ADDS } from "./quantisers.js";
+import type { StepPlan, StepRecords } from "./records.js";
+import { addSiblings, siblingsOf } from "./siblings.js";
+import { MAX_X } from "./tiles.js";
+import { TRIPLE, type Workspace } from "./workspace.js";
+
+/** The box of a tile: least and largest X of the position channels. */
+export interface Box {
+  least: ArrayLike<number>;
+  most: ArrayLike<number>;
+}
+
+/** Delta of the channels of a packet, channel by channel, in increasing order. */
+class DeltaReader {
+  constructor(
+    private readonly lists: PacketLists | null,
+    private readonly quantisers: Quantisers,
+    private readonly workspace: Workspace,
+    /** The first channel of the component. */
+    private readonly first: number,
+    /** The first list: of psi, or of adds. */
+    private readonly list: number,
+    private readonly n: number,
+    private readonly flag: number,
+    private readonly row: number,
+    /** Of psi: the record of each record's parent (7.1). It is asked for if a list has `delta`. */
+    private readonly siblings: (() => Int32Array) | null = null,
+  ) {}
+
+  /** Delta of channel k of the component; null if all are 0; false if one is out of range. */
+  read(k: number): Int32Array | null | false {
+    const { lists, n } = this;
+    if (lists === null || n === 0) return null;
+    const channel = this.first + k;
+    let values: Int32Array;
+    if (channel >= FIRST_SH && (lists.flags & this.flag) !== 0) {
+      const colour = (channel - FIRST_SH) % 3;
+      const triple = this.list + k - colour;
+      if (lists.isZero(triple) && lists.isZero(triple + 1) && lists.isZero(triple + 2)) return null;
+      if (colour === 0 && !this.readTriple(lists, triple)) return false;
+      values = this.workspace.integers(TRIPLE + colour, n);
+    } else {
+      if (lists.isZero(this.list + k)) return null;
+      values = this.workspace.integers(TRIPLE, n);
+      if (!lists.readSigned(this.list + k, values)) return false;
+    }
+    if (this.siblings !== null && lists.hasDelta(this.list + k)) {
+      if (!addSiblings(values, n, this.siblings())) return false;
+    }
+    const { nClasses, mantissa, shift } = this.quantisers;
+    const entry = this.row * nClasses + classOf(channel);
+    return quantise(values, n, mantissa[entry], shift[entry]) && values;
+  }
+
+  private readTriple(lists: PacketLists, list: number): boolean {
+    const arrays = [0, 1, 2].map((i) => this.workspace.integers(TRIPLE + i, this.n));
+    for (let i = 0; i < 3; i++) if (!lists.readSigned(list + i, arrays[i])) return false;
+    inverseYcocg(arrays[0], arrays[1], arrays[2], this.n);
+    return true;
+  }
+}
+
+function columnOf(block: ChannelBlock, k: number, channel: number, box: Box | null): Column {
+  const hasBox = box !== null && channel < 3;
+  return {
+    x: block.data,
+    base: k * block.capacity,
+    least: hasBox ? box.least[channel] : -MAX_X,
+    most: hasBox ? box.most[channel] : MAX_X,
+  };
+}
+
+/** Writes adds or entries to the slots from `at` on. False if a number leaves its range. */
+export function applyAdds(
+  block: ChannelBlock,
+  first: number,
+  at: number,
+  n: number,
+  lists: PacketLists | null,
+  quantisers: Quantisers,
+  box: Box | null,
+  workspace: Workspace,
+): boolean {
+  const list = lists?.layout.adds ?? 0;
+  const reader = new DeltaReader(lists, quantisers, workspace, first, list, n, ADDS_ARE_YCOCG, ROW_OF_ADDS);
+  for (let k = 0; k < block.nChannels; k++) {
+    const { x, base, least, most } = columnOf(block, k, first + k, box);
+    const delta = reader.read(k);
+    if (delta === false) return false;
+    if (delta === null) {
+      if (n > 0 && (least > 0 || most < 0)) return false;
+      x.fill(0, base + at, base + at + n);
+      continue;
+    }
+    for (let i = 0; i < n; i++) {
+      if (delta[i] < least || delta[i] > most) return false;
+      x[base + at + i] = delta[i];
+    }
+  }
+  return true;
+}
+
+/**
+ * Applies refines and splits to all channels of a block, second children to the slots from block.count on.
+ * `bornFrom` is that of the tile.
+ * False if a number leaves its range: the slots that were there are then as before.
+ * Drops are not done here, since nothing may fail behind them.
+ */
+export function applyPsi(
+  block: ChannelBlock,
+  first: number,
+  plan: StepPlan,
+  records: StepRecords,
+  bornFrom: Int32Array,
+  lists: PacketLists | null,
+  quantisers: Quantisers,
+  alpha: AlphaTables,
+  box: Box | null,
+  workspace: Workspace,
+): boolean {
+  const { psiSlots, nPsi, splits, nSplits } = plan;
+  const list = lists?.layout.psi ?? 0;
+  const row = 1 + records.label;
+  let firsts: Int32Array | null = null;
+  const siblings = () => {
+    firsts ??= siblingsOf(psiSlots, nPsi, bornFrom, workspace);
+    return firsts;
+  };
+  const reader = new DeltaReader(lists, quantisers, workspace, first, list, nPsi, PSI_IS_YCOCG, row, siblings);
+  let done = 0;
+  const apply = (k: number): boolean => {
+    const column = columnOf(block, k, first + k, box);
+    const delta = reader.read(k);
+    if (delta === false) return false;
+    if (delta === null) {
+      copySlots(column, psiSlots, splits, nSplits, block.count);
+      return true;
+    }
+    const group = groupOf(first + k);
+    const table = alpha.get(records.label, group);
+    const indices = records.alpha[group];
+    done = k + 1;
+    return refineSlots(column, { slots: psiSlots, n: nPsi, splits, table, indices, first: block.count }, delta);
+  };
+  for (let k = 0; k < block.nChannels; k++) {
+    if (apply(k)) continue;
+    // R-6.4-5: take back what was written. Delta is read again, since it is kept for one channel only.
+    for (let u = 0; u < done; u++) {
+      const delta = reader.read(u);
+      if (delta) unrefineSlots(columnOf(block, u, first + u, box), psiSlots, nPsi, delta);
+    }
+    return false;
+  }
+  return true;
+}
+
+/** Empties the slots of drops in all channels of a block. */
+export function applyDrops(block: ChannelBlock, plan: StepPlan): void {
+  for (let k = 0; k < block.nChannels; k++) {
+    const base = k * block.capacity;
+    for (let i = 0; i < plan.nDrops; i++) block.data[base + plan.drops[i]] = 0;
+  }
+}
