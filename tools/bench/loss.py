@@ -13,10 +13,12 @@ import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
 from evogs_codec import PRESETS, Cut, decode, read_directory
-from evogs_codec.encoding.settings import TREE_PSNR
+from evogs_codec.encoding.layers import N_LAYERS
+from evogs_codec.encoding.settings import SCENE_PRICE, TREE_PSNR
 from evogs_codec.encoding.targets import PRICES, TargetEncoder, TargetMissedError
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.views import Views
+from evogs_codec.scene.choose import SEEN
 from tools.bench.page import Rows
 from tools.bench.prefix import ends_of_packets, sizes_of_packets
 from tools.bench.subjects import Subject
@@ -55,7 +57,7 @@ class Losses:
         A prefix has the packets that are whole after n bytes. Dedicated is a stream of one layer of
         the same tree that `--target-bytes` would make: the PSNR of streams at prices half a decade
         apart, interpolated in bytes. PSNR is against the scene, or the leaves of the tree, over 24
-        views. Streams with layers aim at the PSNR of the preset, of a trained tree at 52 dB, and
+        views. The default is `evogs encode` without options. Streams with layers aim at the PSNR of the preset, of a trained tree at 52 dB, and
         come within 0.2 dB of it. "To one layer" is their bytes, to those that a stream of one layer
         takes for the PSNR that they have. Losses are those at every 5 % from 30 to 90 % of the
         bytes. The deepest fall is from a prefix to the next, of all that end with a packet, or of
@@ -189,6 +191,8 @@ def _streams(subject: Subject) -> Iterator[_Stream]:
     yield preset
     target = TREE_PSNR
     if subject.settings == PRESETS["scene"]:
+        price = SCENE_PRICE / subject.tree.n_leaves
+        yield timed("default", lambda fresh: _default(fresh).at_price(price))
         leaves = decode(preset.data).leaves(sh_degree=subject.best.shown_degree)
         target = round(subject.views.psnr(leaves), 2)
     for n_layers in LAYERS:
@@ -202,6 +206,11 @@ def _streams(subject: Subject) -> Iterator[_Stream]:
 
 def _aim(subject: Subject, n_layers: int = 1) -> TargetEncoder:
     return TargetEncoder(subject.best, subject.settings, subject.views, layers=n_layers)
+
+
+def _default(subject: Subject) -> TargetEncoder:
+    """What `encode_scene` encodes with, but that it looks at half of the views."""
+    return replace(_aim(subject, N_LAYERS), seen=SEEN)
 
 
 @dataclass(frozen=True, eq=False)
