@@ -57,12 +57,13 @@ class Losses:
         A prefix has the packets that are whole after n bytes. Dedicated is a stream of one layer of
         the same tree that `--target-bytes` would make: the PSNR of streams at prices half a decade
         apart, interpolated in bytes. PSNR is against the scene, or the leaves of the tree, over 24
-        views. The default is `evogs encode` without options. Streams with layers aim at the PSNR of the preset, of a trained tree at 52 dB, and
-        come within 0.2 dB of it. "To one layer" is their bytes, to those that a stream of one layer
-        takes for the PSNR that they have. Losses are those at every 5 % from 30 to 90 % of the
-        bytes. The deepest fall is from a prefix to the next, of all that end with a packet, or of
-        one per percent if there are more than 100; 6 of the views judge it. Seconds are those of
-        the processor, from the tree to the stream, with its search.
+        views. The default is `evogs encode` without options. Streams with layers aim at the PSNR of
+        the preset, of a trained tree at 52 dB, and come within 0.2 dB of it. "To one layer" is
+        their bytes, to those that a stream of one layer takes for the PSNR that they have. Losses
+        are those at every 5 % from 30 to 90 % of the bytes. The deepest fall is from a prefix to
+        the next, of all that end with a packet, or of one per percent if there are more than 100; 6
+        of the views judge it. Seconds are those of the processor, from the tree to the stream, with
+        its search.
         """
         return [_row(curve) for curve in self._measured]
 
