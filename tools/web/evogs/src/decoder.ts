@@ -34,11 +34,12 @@ const UNKNOWN_SIZE = Number.MAX_SAFE_INTEGER;
  * A fault ends nothing: what does not need the faulty packet is still decoded.
  */
 export class Decoder {
+  /** The header, once it is there: it says where the directory ends. */
+  header: Header | null = null;
   /** Header and chunks, once they are there. */
   directory: Directory | null = null;
   /** The state, once the directory is there. */
   scene: Scene | null = null;
-  private header: Header | null = null;
   private directoryFault: StreamError | null = null;
   private scheduler: Scheduler | null = null;
   private verifier: Verifier | null = null;
