@@ -85,6 +85,12 @@ export class Decoder {
     return this.scheduler && { applied: this.scheduler.nApplied, packets: this.scheduler.nPackets };
   }
 
+  /** Digests of the file, those that were compared, and those that differ. Null without digests or `verify`. */
+  get digests(): { rows: number; checked: number; wrong: number } | null {
+    const rows = this.directory?.digests?.packet.length ?? 0;
+    return this.verifier && { rows, checked: this.verifier.checked, wrong: this.verifier.wrong };
+  }
+
   /** Slots that changed since the last call (see Scene.takeChanges). Numbers of the palette only grow. */
   takeChanges(maxGap = 0): Change[] {
     return this.scene?.takeChanges(maxGap) ?? [];
