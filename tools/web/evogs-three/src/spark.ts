@@ -10,6 +10,8 @@ type SplatSource = NonNullable<SplatMeshOptions["splats"]>;
 
 /** Where the alpha of the most opaque splat, 0.99, falls to 1/255 (spec/rasterizer.md). */
 const MAX_STD_DEV = Math.sqrt(2 * Math.log(0.99 * 255));
+/** Splats are drawn however far aside their centres are: those of a sky are large. */
+const WIDEST = 1e6;
 /** Added to the variance of a footprint, in square pixels. */
 const DILATION = 0.3;
 
@@ -38,7 +40,9 @@ export class SparkSplats implements SplatRenderer {
       maxStdDev: MAX_STD_DEV,
       maxPixelRadius: 2048,
       minAlpha: 1 / 255,
+      clipXY: WIDEST,
     });
+    boundSlopes(this.spark);
     this.scene.add(this.spark);
     canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     canvas.addEventListener("webglcontextrestored", () => this.onLost());
@@ -110,6 +114,20 @@ export class SparkSplats implements SplatRenderer {
     this.mesh = null;
     this.source = null;
   }
+}
+
+/**
+ * Bounds the slopes at which the projection is linearised to 1.3 times those of the picture (spec/rasterizer.md):
+ * without it, splats far aside smear over the whole picture. Spark offers no option for it.
+ */
+function boundSlopes(spark: SparkRenderer): void {
+  const { material } = spark;
+  const plain = "vec2 J2 = -(J1 * viewCenter.xy) * invZ;";
+  if (!material.vertexShader.includes(plain)) throw new Error("the shader of this version of Spark is not known");
+  const bounded = `
+    vec2 widest = 1.3 / vec2(projectionMatrix[0][0], projectionMatrix[1][1]);
+    vec2 J2 = -J1 * clamp(viewCenter.xy * invZ, -widest, widest);`;
+  material.vertexShader = material.vertexShader.replace(plain, bounded);
 }
 
 /** Textures that only their changed rows are written to. */
