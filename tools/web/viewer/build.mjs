@@ -16,6 +16,8 @@ const { metafile } = await build({
   bundle: true,
   minify: true,
   format: "esm",
+  splitting: true,
+  chunkNames: "[name]",
   target: "es2022",
   outdir: dist,
   metafile: true,

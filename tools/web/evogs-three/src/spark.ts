@@ -3,8 +3,9 @@
 import { SparkRenderer, SplatMesh, type SplatMeshOptions, dyno } from "@sparkjsdev/spark";
 import * as THREE from "three";
 import { READ_BANDS, READ_CORE } from "./glsl.js";
+import { type Layout, TEXELS } from "./layout.js";
 import type { CameraPose, SplatRenderer } from "./renderer.js";
-import { type Layout, TEXELS, type TexelUpdate } from "./texels.js";
+import type { TexelUpdate } from "./texels.js";
 
 type SplatSource = NonNullable<SplatMeshOptions["splats"]>;
 

@@ -1,6 +1,6 @@
 /** The page: a worker that brings a scene, a renderer that draws it, and controls. */
 
-import { type CameraPose, type SplatRenderer, SparkSplats } from "evogs-three";
+import type { CameraPose, SplatRenderer } from "evogs-three";
 import { Camera, planesOf } from "./camera.js";
 import { Controls } from "./controls.js";
 import type { FromWorker, Progress, SceneInfo, ToWorker } from "./messages.js";
@@ -262,7 +262,8 @@ class Viewer {
   }
 }
 
-function start(): void {
+async function start(): Promise<void> {
+  const { SparkSplats } = await import("./renderer.js");
   const canvas = document.getElementById("view") as HTMLCanvasElement;
   let renderer: SplatRenderer;
   try {
@@ -289,4 +290,4 @@ function start(): void {
   Object.assign(window, { evogsViewer: viewer });
 }
 
-start();
+void start();

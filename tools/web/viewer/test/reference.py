@@ -32,9 +32,10 @@ def main() -> None:
     directory = read_directory(data)
     entry = json.loads(args.cameras.read_text())["cameras"][0]
     rotation, translation = np.array(entry["rotation"]), np.array(entry["translation"])
-    camera = Camera(
-        *(entry[key] for key in ("width", "height", "fx", "fy", "cx", "cy")), rotation, translation
-    ).resized(WIDTH, HEIGHT)
+    width, height, fx, fy, cx, cy = (
+        entry[key] for key in ("width", "height", "fx", "fy", "cx", "cy")
+    )
+    camera = Camera(width, height, fx, fy, cx, cy, rotation, translation).resized(WIDTH, HEIGHT)
     pose = {
         "eye": camera.position.tolist(),
         "rotation": [rotation[0].tolist(), (-rotation[1]).tolist(), (-rotation[2]).tolist()],
