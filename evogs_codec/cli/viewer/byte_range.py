@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
+from email.message import Message
 
 __all__ = ["Part", "etag_of", "part_asked"]
 
@@ -33,7 +33,7 @@ def etag_of(status: os.stat_result) -> str:
     return f'"{status.st_mtime_ns:x}-{status.st_size:x}"'
 
 
-def part_asked(headers: Mapping[str, str], size: int, etag: str) -> Part:
+def part_asked(headers: Message, size: int, etag: str) -> Part:
     """The part of a file of `size` bytes that a request with these headers asks for."""
     if _names(headers.get("If-None-Match", ""), etag):
         return Part(304, 0, 0)

@@ -26,8 +26,8 @@ export function launch() {
 export function stateOf(page) {
   return page.evaluate(() => ({
     state: document.body.dataset.state,
-    isSettled: window.evogsViewer.isSettled,
-    progress: window.evogsViewer.progress,
+    isSettled: window.evogsViewer?.isSettled ?? false,
+    progress: window.evogsViewer?.progress ?? null,
     notice: document.getElementById("notice").hidden ? "" : document.getElementById("notice-text").textContent,
   }));
 }
