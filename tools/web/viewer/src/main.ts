@@ -36,6 +36,8 @@ class Viewer {
   private viewTimer: ReturnType<typeof setTimeout> | undefined;
   private retryTimer: ReturnType<typeof setTimeout> | undefined;
   private source: string | null = null;
+  /** The failure is told until bytes come again. */
+  private hasFailed = false;
 
   constructor(private readonly renderer: SplatRenderer) {
     this.controls = new Controls(renderer.canvas, this.camera, () => this.moved());
@@ -87,6 +89,7 @@ class Viewer {
     this.bounds = null;
     this.progress = null;
     this.isSceneOpen = false;
+    this.hasFailed = false;
     this.hasView = this.camera.setText(new URLSearchParams(location.hash.slice(1)).get("view") ?? "");
     this.panel.clear(name);
     const { maxTextureSize } = this.renderer;
@@ -159,9 +162,11 @@ class Viewer {
   private show(progress: Progress): void {
     this.progress = progress;
     this.panel.show(progress);
+    if (progress.state === "loading") this.hasFailed = false;
+    if (this.hasFailed) return;
     if (progress.state === "waiting") {
       this.panel.tell("The connection is interrupted: trying again. What arrived stays on screen.");
-    } else if (progress.fault !== "") {
+    } else if (progress.fault !== "" && this.info !== null) {
       this.panel.tell(`A packet is damaged (${progress.fault}). Its region stays coarser; the rest goes on.`);
     } else if (progress.digests !== null && progress.digests.wrong > 0) {
       this.panel.tell("Digests differ: what is shown is not what the encoder made.");
@@ -175,6 +180,7 @@ class Viewer {
     const { text, canRetry } = failureText(message, this.info !== null);
     this.panel.tell(text, canRetry);
     document.body.dataset.state = "failed";
+    this.hasFailed = true;
     if (message.failure === "lost") this.retryTimer = setTimeout(() => this.retry(), RETRY_EVERY);
   }
 

@@ -135,6 +135,8 @@ export class SceneStream {
       this.isDone = true;
     } catch (error) {
       if (this.isClosed) return;
+      // The page learns of the scene before it learns that it is not whole.
+      this.flush();
       const failure = error instanceof FetchError ? error.kind : "internal";
       this.post({ kind: "failed", failure, message: error instanceof Error ? error.message : String(error) });
     }
@@ -157,15 +159,18 @@ export class SceneStream {
     if (this.isClosed) return;
     this.timer ??= setTimeout(() => {
       this.timer = undefined;
-      if (this.isClosed) return;
-      try {
-        this.send();
-      } catch (error) {
-        this.fetcher.stop();
-        this.post({ kind: "failed", failure: "internal", message: String(error) });
-        this.isClosed = true;
-      }
+      this.flush();
     }, 40);
+  }
+
+  private flush(): void {
+    if (this.isClosed) return;
+    try {
+      this.send();
+    } catch (error) {
+      this.close();
+      this.post({ kind: "failed", failure: "internal", message: String(error) });
+    }
   }
 
   private send(): void {
