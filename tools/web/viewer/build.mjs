@@ -43,6 +43,11 @@ async function licences({ inputs }) {
     const found = /node_modules\/((?:@[^/]+\/)?[^/]+)\//.exec(path);
     if (found && !found[1].startsWith("evogs")) names.add(found[1]);
   }
+  // Spark holds its own dependencies already.
+  for (const name of [...names]) {
+    const { dependencies = {} } = JSON.parse(await readFile(here(`../node_modules/${name}/package.json`), "utf8"));
+    for (const dependency of Object.keys(dependencies)) names.add(dependency);
+  }
   const parts = [];
   for (const name of [...names].sort()) {
     const folder = here(`../node_modules/${name}`);
