@@ -12,6 +12,7 @@ DEV := $(VENV)/.installed-dev
 # A worker for each core; compiled loops of one test do not take the core of another.
 PYTEST := NUMBA_NUM_THREADS=1 $(PY) -m pytest -n auto --dist loadfile
 FIRST_RING := $(PYTEST) -m "not thorough and not slow" --hypothesis-profile seeded
+WEB := tools/web
 INPUTS := pyproject.toml constraints.txt
 
 DEMO_LEVELS := 0 1 2 3 4
@@ -19,7 +20,7 @@ DEMO_SPLATS := 40000
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv demo picture test test-all test-slow check generated conformance fuzz format bench clean
+.PHONY: help venv demo picture test test-all test-slow check generated conformance fuzz format bench web test-web clean
 
 help:
 	@echo "make demo       encode, decode, extract and draw the scene that ships with the project"
@@ -32,6 +33,8 @@ help:
 	@echo "make format     reformat and fix what ruff can fix"
 	@echo "make bench      the figures of docs/figures.md; BENCH='--ply SCENE.ply' for another scene"
 	@echo "make picture    the moving picture of the README, docs/figures/stream.gif"
+	@echo "make web        the decoder for browsers, and the page of evogs view; needs Node 18"
+	@echo "make test-web   tests of tools/web, with Chromium if it is there"
 	@echo "make venv       only set up .venv"
 	@echo "make clean      remove .venv, build and caches"
 
@@ -78,7 +81,8 @@ demo: $(RUNTIME)
 	done; \
 	printf '%-16s %8s %13s %13s\n' 'demo (original)' "$$(splats build/demo.ply)" \
 	  "$$(bytes build/demo.evogs)" "$$(bytes build/demo.ply)"; \
-	echo; echo "build/demo.png shows every level and the original, with splats, bytes and PSNR."
+	echo; echo "build/demo.png shows every level and the original, with splats, bytes and PSNR."; \
+	echo "To see it stream: $(EVOGS) view build/demo.evogs"
 
 test: $(TEST)
 	$(FIRST_RING)
@@ -129,6 +133,19 @@ picture: $(DEV)
 	$(PY) -m tools.stream_picture build/refined.evogs docs/figures/stream.gif \
 	  --camera build/demo-cameras.json --reference build/demo.ply
 
+$(WEB)/node_modules/.installed: $(WEB)/package-lock.json
+	cd $(WEB) && npm ci --no-audit --no-fund
+	@touch $@
+
+# The page is in the tree, so that a checkout without Node has it: commit what this changes.
+web: $(WEB)/node_modules/.installed
+	cd $(WEB) && npm run build && npm run install-page --workspace viewer
+
+test-web: $(TEST)
+	@if ! command -v node > /dev/null; then echo "skipped: tools/web needs Node 18 or later"; \
+	else $(MAKE) web && cd $(WEB) && npm run lint && npm test; fi
+
 clean:
+	rm -rf $(WEB)/node_modules $(WEB)/*/dist
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -32,7 +32,7 @@ from evogs_codec.scene import encode_scene, encode_tree
 if TYPE_CHECKING:
     from evogs_codec.render import Camera
 
-__all__ = ["run_encode", "run_lift"]
+__all__ = ["encode_file", "run_encode", "run_lift"]
 
 
 def run_encode(args: argparse.Namespace) -> None:
@@ -85,6 +85,19 @@ def run_lift(args: argparse.Namespace) -> None:
         tree = tree if refine is None else refine(tree)
     write_tree(args.output, tree)
     print(f"{shown(args.output)}: {tree.n_leaves:,} splats, {tree.n_levels} levels")
+
+
+def encode_file(path: Path, progress: Progress) -> bytes:
+    """A `.ply` or a `.tree.npz` as a stream, as `evogs encode` without options makes it.
+
+    Splats with NaN or infinite numbers are left out.
+
+    Raises:
+        InputError: the file is neither.
+    """
+    if _is_scene(path):
+        return encode_scene(_read_splats(path, drop_invalid=True), progress=progress)
+    return encode_tree(read_tree(path), progress=progress)
 
 
 # --- what is encoded ------------------------------------------------------------------------------

@@ -34,11 +34,12 @@ const UNKNOWN_SIZE = Number.MAX_SAFE_INTEGER;
  * A fault ends nothing: what does not need the faulty packet is still decoded.
  */
 export class Decoder {
+  /** The header, once it is there: it says where the directory ends. */
+  header: Header | null = null;
   /** Header and chunks, once they are there. */
   directory: Directory | null = null;
   /** The state, once the directory is there. */
   scene: Scene | null = null;
-  private header: Header | null = null;
   private directoryFault: StreamError | null = null;
   private scheduler: Scheduler | null = null;
   private verifier: Verifier | null = null;
@@ -82,6 +83,12 @@ export class Decoder {
   /** Packets of the cut, and how many of them were applied. Null before the directory is there. */
   get progress(): { applied: number; packets: number } | null {
     return this.scheduler && { applied: this.scheduler.nApplied, packets: this.scheduler.nPackets };
+  }
+
+  /** Digests of the file, those that were compared, and those that differ. Null without digests or `verify`. */
+  get digests(): { rows: number; checked: number; wrong: number } | null {
+    const rows = this.directory?.digests?.packet.length ?? 0;
+    return this.verifier && { rows, checked: this.verifier.checked, wrong: this.verifier.wrong };
   }
 
   /** Slots that changed since the last call (see Scene.takeChanges). Numbers of the palette only grow. */

@@ -6,6 +6,9 @@ import type { Scene } from "./scene.js";
 import { digestOf } from "./state.js";
 
 export class Verifier {
+  /** Digests that were compared, and those of them that differ. */
+  checked = 0;
+  wrong = 0;
   private readonly rows = new Map<number, number>();
   private firstWrong = Number.POSITIVE_INFINITY;
 
@@ -20,7 +23,10 @@ export class Verifier {
     const { packets } = scene.directory;
     const digest = digestOf(scene, packets.tile[i], packets.component[i]);
     const isRight = digest.every((byte, k) => byte === this.digests.digest[32 * row + k]);
-    if (!isRight) this.firstWrong = Math.min(this.firstWrong, row);
+    this.checked++;
+    if (isRight) return;
+    this.wrong++;
+    this.firstWrong = Math.min(this.firstWrong, row);
   }
 
   /** E_DIGEST, if a digest differs. It is reported after all other faults. */

@@ -1,0 +1,1 @@
+"""`evogs view`: serves the page of `tools/web/viewer`, and the scenes that it shows."""

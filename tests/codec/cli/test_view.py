@@ -1,0 +1,144 @@
+"""The command `evogs view`, from its arguments to what a browser would get."""
+
+import re
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+from urllib.parse import parse_qs, urlsplit
+
+import pytest
+
+from evogs_codec import encode_scene, write_ply
+from evogs_codec.cli.viewer import command
+from evogs_codec.cli.viewer.server import Server
+from evogs_codec.format.directory import read_directory
+from evogs_codec.render.demo_scene import make_scene
+
+ROOT = Path(__file__).resolve().parents[3]
+EXAMPLE = ROOT / "spec" / "example.evogs"
+
+
+@pytest.fixture
+def view(evogs, monkeypatch):
+    """Runs the command; instead of serving, it asks for the scene of the address that it opens."""
+    opened: list[str] = []
+
+    def view(*arguments):
+        opened.clear()
+        got = {}
+
+        def serve(server):
+            got["address"] = server.server_address
+
+            address = opened[0] if opened else server.url
+            source = parse_qs(urlsplit(address).query).get("src", [""])[0]
+            if source.startswith("/"):
+                name = urllib.request.url2pathname(source.removeprefix("/scenes/"))
+                got["scene"] = server.scenes.find(name).read_bytes()
+            got["names"] = server.scenes.names()
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(Server, "serve_forever", serve)
+        monkeypatch.setattr("webbrowser.open", opened.append)
+        code, out, err = evogs("view", *arguments)
+        return code, out, err, opened[:], got
+
+    return view
+
+
+def test_a_stream_is_opened_in_the_browser(view):
+    code, out, _, opened, got = view(EXAMPLE)
+    assert code == 0
+    assert opened == [out.splitlines()[0]]
+    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\?src=/scenes/example\.evogs", opened[0])
+    assert got["scene"] == EXAMPLE.read_bytes()
+
+
+def test_no_browser_is_opened_if_it_is_not_wanted(view):
+    code, out, _, opened, _ = view(EXAMPLE, "--no-browser")
+    assert (code, opened) == (0, [])
+    assert "/scenes/example.evogs" in out
+
+
+def test_a_scene_is_encoded_on_the_way(view, tmp_path):
+    splats = make_scene(500)
+    write_ply(tmp_path / "a scene.ply", splats)
+    code, out, _, opened, got = view(tmp_path / "a scene.ply")
+    assert code == 0
+    assert "encoded" in out
+    assert read_directory(got["scene"]).n_levels == 5
+    assert "a%2520scene.evogs" in opened[0]
+    assert [path.name for path in tmp_path.iterdir()] == ["a scene.ply"]
+
+
+def test_a_tree_is_encoded_on_the_way(view, evogs, tmp_path):
+    write_ply(tmp_path / "scene.ply", make_scene(300))
+    assert evogs("lift", tmp_path / "scene.ply", tmp_path / "scene.tree.npz", "--levels", 3)[0] == 0
+    code, _, _, opened, got = view(tmp_path / "scene.tree.npz")
+    assert code == 0
+    assert opened[0].endswith("/scenes/scene.evogs")
+    assert read_directory(got["scene"]).n_levels == 3
+
+
+def test_a_folder_is_listed_or_its_only_scene_opened(view, tmp_path):
+    data = encode_scene(make_scene(200))
+    (tmp_path / "one.evogs").write_bytes(data)
+    assert view(tmp_path)[3][0].endswith("/?src=/scenes/one.evogs")
+    (tmp_path / "two.evogs").write_bytes(data)
+    _, _, _, opened, got = view(tmp_path)
+    assert opened[0].endswith("/scenes/")
+    assert got["names"] == ["one.evogs", "two.evogs"]
+
+
+def test_an_address_is_given_to_the_page(view):
+    _, _, _, opened, got = view("https://example.org/a.evogs?x=1&y=2")
+    query = parse_qs(urlsplit(opened[0]).query)
+    assert query == {"src": ["https://example.org/a.evogs?x=1&y=2"]}
+    assert got["names"] == []
+
+
+def test_only_this_machine_is_served_unless_asked(view):
+    _, _, err, _, got = view(EXAMPLE)
+    assert (got["address"][0], err) == ("127.0.0.1", "")
+    _, _, err, opened, got = view(EXAMPLE, "--host", "0.0.0.0")
+    assert got["address"][0] == "0.0.0.0"
+    assert "everyone" in err
+    assert opened[0].startswith("http://127.0.0.1:")
+
+
+def test_what_cannot_be_shown_is_refused(refused, tmp_path):
+    refused("view", tmp_path / "missing.evogs", words=["No such file"])
+    refused("view", tmp_path, words=["no .evogs file"])
+    (tmp_path / "text.evogs").write_text("text")
+    refused("view", tmp_path / "text.evogs", words=["text.evogs"])
+
+
+def test_a_page_that_was_not_built_is_asked_for(refused, monkeypatch):
+    monkeypatch.setattr(command, "page_files", dict)
+    refused("view", EXAMPLE, words=["make web"])
+
+
+def test_the_process_serves_the_page_and_the_scene():
+    arguments = [
+        sys.executable,
+        "-m",
+        "evogs_codec.cli.commands",
+        "view",
+        str(EXAMPLE),
+        "--no-browser",
+    ]
+    with subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True, cwd=ROOT) as process:
+        try:
+            assert process.stdout is not None
+            address = process.stdout.readline().strip()
+            base = address.partition("?")[0]
+            with urllib.request.urlopen(base, timeout=30) as answer:
+                assert b"viewer.js" in answer.read()
+            asked = urllib.request.Request(
+                base + "scenes/example.evogs", headers={"Range": "bytes=0-7"}
+            )
+            with urllib.request.urlopen(asked, timeout=30) as answer:
+                assert (answer.status, answer.read()) == (206, EXAMPLE.read_bytes()[:8])
+        finally:
+            process.terminate()

@@ -1,0 +1,334 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { Decoder, decode, dump } from "evogs";
+import { chance, core, packet, stream } from "../../evogs/test/streams.mjs";
+import { FetchError, Intervals, SceneFetch, fileOrder, viewOrder } from "../dist/index.js";
+import { serve } from "./server.mjs";
+
+const ADDS = 21;
+
+/** A scene of 4 tiles, 3 levels and SH of degree 1: 12 packets of core, then 12 of SH, about 400 kB. */
+function scene(n = 1500) {
+  const random = chance(7);
+  const planes = (first, count) =>
+    Object.fromEntries(
+      Array.from({ length: count }, (_, k) => [first + k, [0x08, Array.from({ length: n }, () => random(250))]]),
+    );
+  const rows = [];
+  for (let level = 0; level < 3; level++) {
+    for (let tile = 0; tile < 4; tile++) rows.push({ tile, level, adds: n, bytes: core(planes(ADDS, 14)) });
+  }
+  for (let k = 0; k < 12; k++) rows.push({ tile: k % 4, component: 1, bytes: packet(18, planes(9, 9)) });
+  return stream({ nTiles: 4, nLevels: 3, shDegree: 1, rows });
+}
+
+const FILE = scene();
+const QUICK = { backOff: 5 };
+
+async function withServer(bytes, behaviour, use) {
+  const server = await serve(bytes, behaviour);
+  try {
+    return await use(server);
+  } finally {
+    await server.close();
+  }
+}
+
+function assertWhole(decoder, file = FILE) {
+  assert.equal(decoder.end().kind, "complete");
+  assert.deepEqual(dump(decoder.scene), dump(decode(file)));
+}
+
+test("a scene comes in few requests, the directory first, no byte twice", () =>
+  withServer(FILE, {}, async ({ url, log }) => {
+    const decoder = new Decoder();
+    const fetcher = new SceneFetch(url, decoder, QUICK);
+    await fetcher.run();
+    assert.equal(fetcher.received, FILE.length);
+    assert.equal(log.sent, FILE.length);
+    assert.equal(fetcher.repeated, 0);
+    assert.equal(log.requests[0], "bytes=0-65535");
+    assert.ok(log.requests.length <= 8, log.requests.join());
+    assertWhole(decoder);
+  }));
+
+test("a directory that is larger than 64 kB takes two requests", () => {
+  const rows = Array.from({ length: 3000 }, () => ({ adds: 1, bytes: core({ [ADDS]: [0x08, [1]] }) }));
+  const file = stream({ rows });
+  return withServer(file, {}, async ({ url, log }) => {
+    const decoder = new Decoder();
+    const fetcher = new SceneFetch(url, decoder, { ...QUICK, order: () => [] });
+    await fetcher.run();
+    assert.ok(decoder.directory);
+    assert.equal(log.requests.length, 2);
+    assert.equal(log.sent, decoder.directory.packets.offset[0]);
+  });
+});
+
+test("without ranges, the file is read once from its beginning", () =>
+  withServer(FILE, { ranges: false }, async ({ url, log }) => {
+    const decoder = new Decoder();
+    const fetcher = new SceneFetch(url, decoder, QUICK);
+    await fetcher.run();
+    assert.ok(fetcher.isSequential);
+    assert.equal(log.requests.length, 1);
+    assert.equal(log.sent, FILE.length);
+    assertWhole(decoder);
+  }));
+
+for (const ranges of [true, false]) {
+  test(`a dropped connection is taken up again, ${ranges ? "with" : "without"} ranges`, () =>
+    withServer(FILE, { ranges, dropAfter: 200000, tag: '"a"' }, async ({ url, log }) => {
+      const decoder = new Decoder();
+      const states = [];
+      const fetcher = new SceneFetch(url, decoder, { ...QUICK, onState: () => states.push(fetcher.state) });
+      await fetcher.run();
+      assert.ok(states.includes("waiting"));
+      assertWhole(decoder);
+      if (ranges) assert.equal(fetcher.repeated, 0);
+      assert.ok(log.requests.length >= 2);
+    }));
+}
+
+test("a server that comes back late is waited for, and one that stays away is given up", () =>
+  withServer(FILE, { flaky: 3 }, async ({ url, state }) => {
+    const decoder = new Decoder();
+    const fetcher = new SceneFetch(url, decoder, { ...QUICK, retries: 4, order: fileOrder({ bytes: 200000 }) });
+    await fetcher.run();
+    state.flaky = 99;
+    fetcher.want(fileOrder());
+    const before = fetcher.received;
+    await assert.rejects(fetcher.run(), { name: "FetchError", kind: "lost" });
+    assert.equal(fetcher.received, before);
+    state.flaky = 0;
+    await fetcher.run();
+    assertWhole(decoder);
+    assert.equal(fetcher.repeated, 0);
+  }));
+
+test("an answer that stalls is given up and asked for again", () =>
+  withServer(FILE, { endless: true }, async ({ url, state, log }) => {
+    const decoder = new Decoder();
+    const fetcher = new SceneFetch(url, decoder, { ...QUICK, stallSeconds: 0.05 });
+    setTimeout(() => {
+      state.endless = false;
+    }, 120);
+    await fetcher.run();
+    assert.ok(log.requests.length > 2);
+    assertWhole(decoder);
+  }));
+
+test("404 fails at once", () =>
+  withServer(FILE, { status: 404 }, async ({ url, log }) => {
+    await assert.rejects(new SceneFetch(url, new Decoder(), QUICK).run(), { kind: "status", status: 404 });
+    assert.equal(log.requests.length, 1);
+  }));
+
+test("503 is tried again", () =>
+  withServer(FILE, { status: 503 }, async ({ url, log }) => {
+    const fetcher = new SceneFetch(url, new Decoder(), { ...QUICK, retries: 2 });
+    await assert.rejects(fetcher.run(), { kind: "lost", status: 503 });
+    assert.equal(log.requests.length, 3);
+  }));
+
+for (const ranges of [true, false]) {
+  test(`100 MB of zeros are refused after the first bytes, ${ranges ? "with" : "without"} ranges`, () =>
+    withServer(new Uint8Array(100e6), { ranges }, async ({ url, log }) => {
+      const fetcher = new SceneFetch(url, new Decoder(), QUICK);
+      await assert.rejects(fetcher.run(), (error) => {
+        assert.ok(error instanceof FetchError);
+        assert.equal(error.kind, "bad");
+        assert.equal(error.cause.code, "E_SIGNATURE");
+        return true;
+      });
+      await new Promise((resolve) => setTimeout(resolve, 100));
+      assert.equal(log.requests.length, 1);
+      assert.ok(log.sent < 20e6, `${log.sent}`);
+    }));
+
+  test(`a file that is cut short shows what it has and says so, ${ranges ? "with" : "without"} ranges`, () =>
+    withServer(FILE.subarray(0, 150000), { ranges }, async ({ url }) => {
+      const decoder = new Decoder();
+      const fetcher = new SceneFetch(url, decoder, QUICK);
+      await assert.rejects(fetcher.run(), { kind: "short" });
+      assert.equal(fetcher.received, 150000);
+      assert.ok(decoder.progress.applied > 3);
+    }));
+}
+
+test("an empty file, and one that ends in its directory", async () => {
+  for (const size of [0, 30, 200]) {
+    await withServer(FILE.subarray(0, size), {}, async ({ url }) => {
+      await assert.rejects(new SceneFetch(url, new Decoder(), QUICK).run(), { kind: "short" });
+    });
+  }
+});
+
+test("another file under the same name is refused", () =>
+  withServer(FILE, { tag: '"a"' }, async ({ url, state }) => {
+    const fetcher = new SceneFetch(url, new Decoder(), { ...QUICK, order: fileOrder({ bytes: 100000 }) });
+    await fetcher.run();
+    state.tag = '"b"';
+    fetcher.want(fileOrder());
+    await assert.rejects(fetcher.run(), { kind: "changed" });
+  }));
+
+test("a corrupted packet is reported, and all others come", () => {
+  const bad = FILE.slice();
+  const { packets } = decode(FILE).directory;
+  bad[packets.offset[5] + 100] ^= 1;
+  return withServer(bad, {}, async ({ url }) => {
+    const decoder = new Decoder();
+    const fetcher = new SceneFetch(url, decoder, QUICK);
+    await fetcher.run();
+    assert.equal(fetcher.received, FILE.length);
+    assert.equal(decoder.fault.code, "E_CRC");
+    assert.equal(decoder.fault.offset, packets.offset[5]);
+    // Packet 5 and what needs it: core of tile 1 at level 2, and SH of both steps.
+    assert.equal(decoder.progress.applied, packets.length - 4);
+  });
+});
+
+test("budgets of bytes, splats, levels and SH are kept, and raised later", () =>
+  withServer(FILE, {}, async ({ url, log }) => {
+    const { packets } = decode(FILE).directory;
+    const decoder = new Decoder();
+    const fetcher = new SceneFetch(url, decoder, { ...QUICK, order: fileOrder({ splats: 6000, shDegree: 0 }) });
+    await fetcher.run();
+    assert.equal(decoder.scene.splatCount(), 6000);
+    assert.ok(fetcher.received <= packets.offset[4]);
+    fetcher.want(fileOrder({ level: 1, shDegree: 0 }));
+    await fetcher.run();
+    assert.equal(decoder.scene.splatCount(), 12000);
+    fetcher.want(fileOrder({ bytes: 300000 }));
+    await fetcher.run();
+    assert.ok(fetcher.received <= 300000);
+    fetcher.want(fileOrder());
+    await fetcher.run();
+    assert.equal(log.sent, FILE.length);
+    assertWhole(decoder);
+  }));
+
+test("an order by view puts near tiles and core first, and nothing before what it needs", () => {
+  const { directory } = decode(FILE);
+  // Tile 2 is moved away from the others.
+  for (let t = 0; t < 4; t++) {
+    directory.tiles.origin.fill(0, 3 * t, 3 * t + 3);
+    directory.tiles.boxMin.fill(0, 3 * t, 3 * t + 3);
+    directory.tiles.boxMax.fill(100, 3 * t, 3 * t + 3);
+    directory.tiles.origin[3 * t] = t === 2 ? 0 : 5000;
+  }
+  const order = [...viewOrder({ eye: [50, 50, 50], planes: [[-1, 0, 0, 200]] })(directory)];
+  const { packets } = directory;
+  assert.equal(order.length, packets.length);
+  assert.deepEqual(
+    order.slice(0, 6).map((i) => packets.tile[i]),
+    [2, 2, 2, 2, 2, 2],
+  );
+  const place = new Map(order.map((i, k) => [i, k]));
+  for (const i of order) {
+    assert.ok(packets.next[i] < 0 || place.get(packets.next[i]) > place.get(i));
+    assert.ok(place.get(packets.core[i]) <= place.get(i));
+  }
+});
+
+test("what is on its way and not wanted any more is cancelled; what came of it is kept", () => {
+  const file = scene(6000);
+  return withServer(file, { bytesPerSecond: 600000 }, async ({ url, log }) => {
+    const decoder = new Decoder();
+    const { packets } = decode(file).directory;
+    const reversed = ({ packets: { length } }) => Array.from({ length }, (_, i) => length - 1 - i);
+    const fetcher = new SceneFetch(url, decoder, QUICK);
+    const running = fetcher.run();
+    while (fetcher.received < 400000) await new Promise((resolve) => setTimeout(resolve, 5));
+    fetcher.want(reversed);
+    await running;
+    const asked = log.requests.map((range) => Number(/\d+/.exec(range)[0]));
+    // The request that was cancelled began before the middle, and so does the last one, which takes it up.
+    const middle = packets.end / 2;
+    assert.ok(asked[1] < middle && asked[2] > middle && asked[asked.length - 1] < middle, log.requests.join());
+    assert.equal(fetcher.repeated, 0);
+    assert.equal(fetcher.received, file.length);
+    assertWhole(decoder, file);
+  });
+});
+
+test("a limit of bytes for each second, and a pause", () =>
+  withServer(FILE, {}, async ({ url }) => {
+    const decoder = new Decoder();
+    const fetcher = new SceneFetch(url, decoder, { ...QUICK, bytesPerSecond: 200000 });
+    const running = fetcher.run();
+    await new Promise((resolve) => setTimeout(resolve, 500));
+    const half = fetcher.received;
+    assert.ok(half > 40000 && half < 140000, `${half}`);
+    fetcher.pause();
+    await new Promise((resolve) => setTimeout(resolve, 100));
+    const paused = fetcher.received;
+    await new Promise((resolve) => setTimeout(resolve, 200));
+    assert.equal(fetcher.received, paused);
+    fetcher.bytesPerSecond = Number.POSITIVE_INFINITY;
+    fetcher.resume();
+    await running;
+    assertWhole(decoder);
+  }));
+
+test("stop ends a run, and the next run goes on", () =>
+  withServer(FILE, { bytesPerSecond: 500000 }, async ({ url, state }) => {
+    const decoder = new Decoder();
+    const fetcher = new SceneFetch(url, decoder, QUICK);
+    const running = fetcher.run();
+    await new Promise((resolve) => setTimeout(resolve, 200));
+    fetcher.stop();
+    await running;
+    assert.equal(fetcher.state, "stopped");
+    assert.ok(fetcher.received < FILE.length);
+    state.bytesPerSecond = undefined;
+    await fetcher.run();
+    assert.equal(fetcher.repeated, 0);
+    assertWhole(decoder);
+  }));
+
+test("at 10 Mbit/s a file of 5 MB takes at most 40 requests", () => {
+  const file = scene(19000);
+  assert.ok(file.length > 5e6);
+  return withServer(file, { bytesPerSecond: 1.25e6 }, async ({ url, log }) => {
+    const decoder = new Decoder();
+    const fetcher = new SceneFetch(url, decoder, QUICK);
+    await fetcher.run();
+    assert.ok(log.requests.length <= 40, `${log.requests.length}`);
+    assert.equal(log.sent, file.length);
+    assert.equal(fetcher.received, file.length);
+  });
+});
+
+test("sets of ranges", () => {
+  const random = chance(3);
+  const set = new Intervals();
+  const bits = new Uint8Array(200);
+  for (let k = 0; k < 300; k++) {
+    const start = random(200);
+    const end = start + random(200 - start) * (random(4) === 0 ? 1 : 0) + random(4);
+    set.add(start, Math.min(end, 200));
+    bits.fill(1, start, Math.min(end, 200));
+    assert.equal(
+      set.total,
+      bits.reduce((a, b) => a + b, 0),
+    );
+    const from = random(200);
+    const to = from + random(200 - from);
+    const missing = bits.slice();
+    for (const { start: s, end: e } of set.missing(from, to)) {
+      assert.ok(s < e && s >= from && e <= to);
+      for (let i = s; i < e; i++) assert.equal(missing[i]++, 0);
+    }
+    assert.ok(missing.subarray(from, to).every((bit) => bit === 1));
+    assert.equal(
+      set.has(from, to),
+      bits.subarray(from, to).every((bit) => bit === 1),
+    );
+    if (k % 40 === 39) {
+      bits.fill(0);
+      Object.assign(set, new Intervals());
+    }
+  }
+});

@@ -1,0 +1,33 @@
+/** What a viewer needs of a renderer: little enough that another one can take its place. */
+
+import type { Layout, TexelUpdate } from "./texels.js";
+
+export interface CameraPose {
+  eye: readonly [number, number, number];
+  /** Rows of the rotation from the world to the camera: right, up and backward, of length 1. */
+  rotation: readonly (readonly [number, number, number])[];
+  /** The vertical angle of view, in radians. */
+  fovY: number;
+  near: number;
+  far: number;
+}
+
+export interface SplatRenderer {
+  readonly canvas: HTMLCanvasElement;
+  /** Called when there is a reason to draw again, such as a new order of the splats. */
+  onDirty: () => void;
+  /** Called when the GPU lost all textures, and has new ones: everything must be written again. */
+  onLost: () => void;
+  /** Columns and rows that a texture may have. */
+  readonly maxTextureSize: number;
+  /** Makes room for a scene, and forgets the one before. */
+  open(layout: Layout): void;
+  /** Writes texels; `count` splats are drawn from now on. */
+  update(updates: readonly TexelUpdate[], count: number): void;
+  setShDegree(degree: number): void;
+  resize(width: number, height: number, pixelRatio: number): void;
+  draw(pose: CameraPose): void;
+  /** Whether the picture is that of the last camera and the last texels: sorting takes some time. */
+  readonly isSettled: boolean;
+  dispose(): void;
+}

@@ -1,0 +1,299 @@
+/** The page: a worker that brings a scene, a renderer that draws it, and controls. */
+
+import type { CameraPose, SplatRenderer } from "evogs-three";
+import { Camera, planesOf } from "./camera.js";
+import { Controls } from "./controls.js";
+import type { FromWorker, Progress, SceneInfo, ToWorker } from "./messages.js";
+import { Panel } from "./panel.js";
+import type { Vec } from "./vectors.js";
+import { failureText } from "./words.js";
+
+const UPS: Vec[] = [
+  [0, 0, 1],
+  [0, -1, 0],
+  [0, 1, 0],
+  [0, 0, -1],
+  [1, 0, 0],
+  [-1, 0, 0],
+];
+/** The page tries again by itself so often, in ms, after the connection was lost. */
+const RETRY_EVERY = 10_000;
+const SLOWEST_FRAME = 0.2;
+
+class Viewer {
+  progress: Progress | null = null;
+  info: SceneInfo | null = null;
+  private readonly worker = new Worker(new URL("worker.js", import.meta.url), { type: "module" });
+  private readonly camera = new Camera();
+  private readonly controls: Controls;
+  private readonly panel: Panel;
+  private bounds: { middle: Vec; radius: number } | null = null;
+  private hasView = false;
+  private needsDraw = true;
+  private isSceneOpen = false;
+  private last = 0;
+  private frames: number[] = [];
+  private viewTimer: ReturnType<typeof setTimeout> | undefined;
+  private retryTimer: ReturnType<typeof setTimeout> | undefined;
+  private source: string | null = null;
+  /** The failure is told until bytes come again. */
+  private hasFailed = false;
+
+  constructor(private readonly renderer: SplatRenderer) {
+    this.controls = new Controls(renderer.canvas, this.camera, () => this.moved());
+    this.panel = new Panel({
+      onWants: () => this.want(),
+      onScrub: (bytes) => this.send({ kind: "scrub", bytes }),
+      onFile: (file) => this.open(file),
+      onUrl: (url) => this.open(url),
+      onFit: () => this.fit(),
+      onUp: () => this.turnUp(),
+      onLink: () => void this.copyLink(),
+      onFly: (isFlying) => {
+        this.controls.isFlying = isFlying;
+      },
+      onRetry: () => this.retry(),
+    });
+    renderer.onDirty = () => {
+      this.needsDraw = true;
+    };
+    renderer.onLost = () => this.send({ kind: "rewrite" });
+    this.worker.addEventListener("message", ({ data }: MessageEvent<FromWorker>) => this.receive(data));
+    this.worker.addEventListener("error", ({ message }) => this.panel.tell(`The worker failed: ${message}`));
+    window.addEventListener("online", () => this.retry());
+    this.takeDrops();
+    window.addEventListener("keydown", (event) => this.key(event));
+    new ResizeObserver(() => this.resize()).observe(renderer.canvas);
+    this.resize();
+    requestAnimationFrame((now) => this.frame(now));
+  }
+
+  open(source: string | File): void {
+    if (typeof source !== "string") {
+      this.source = null;
+      this.start(source, source.name);
+      return;
+    }
+    const url = URL.canParse(source, location.href) ? new URL(source, location.href) : null;
+    if (url === null || !/^https?:$/.test(url.protocol)) {
+      this.panel.tell("Only http and https addresses can be opened.");
+      return;
+    }
+    this.source = url.href;
+    this.start(url.href, url.pathname.split("/").pop() || url.host);
+  }
+
+  private start(source: string | File, name: string): void {
+    clearTimeout(this.retryTimer);
+    this.info = null;
+    this.bounds = null;
+    this.progress = null;
+    this.isSceneOpen = false;
+    this.hasFailed = false;
+    this.hasView = this.camera.setText(new URLSearchParams(location.hash.slice(1)).get("view") ?? "");
+    this.panel.clear(name);
+    const { maxTextureSize } = this.renderer;
+    this.send({ kind: "open", source, wants: this.panel.wants, maxTextureSize });
+  }
+
+  setRate(bytesPerSecond: number): void {
+    this.panel.setRate(bytesPerSecond);
+    this.want();
+  }
+
+  setUp(up: Vec): void {
+    this.camera.up = up;
+    this.moved();
+  }
+
+  /** Looks from a pose until the camera is moved. */
+  setPose(pose: CameraPose): void {
+    this.camera.fixed = pose;
+    this.hasView = true;
+    this.moved();
+  }
+
+  /** Whether the picture is that of the last message of the worker and the last move. */
+  get isSettled(): boolean {
+    return !this.needsDraw && this.renderer.isSettled;
+  }
+
+  private send(message: ToWorker): void {
+    this.worker.postMessage(message);
+  }
+
+  private want(): void {
+    this.send({ kind: "want", wants: this.panel.wants });
+    this.renderer.setShDegree(this.panel.wants.shDegree);
+  }
+
+  private receive(message: FromWorker): void {
+    switch (message.kind) {
+      case "opened":
+        this.info = message.info;
+        this.panel.opened(message.info);
+        if (message.info.up !== null) this.camera.up = message.info.up;
+        this.renderer.open(message.layout);
+        this.isSceneOpen = true;
+        break;
+      case "bounds":
+        this.bounds = message;
+        if (!this.hasView) this.fit();
+        else this.camera.radius = message.radius;
+        break;
+      case "texels":
+        if (!this.isSceneOpen) return;
+        if (message.isFresh) this.renderer.open(message.layout);
+        this.renderer.setShDegree(this.panel.wants.shDegree);
+        this.renderer.update(message.updates, message.count);
+        this.needsDraw = true;
+        // The next texels come when these are on the screen.
+        requestAnimationFrame(() => this.send({ kind: "drawn" }));
+        break;
+      case "progress":
+        this.show(message.progress);
+        break;
+      case "failed":
+        this.fail(message);
+        break;
+    }
+  }
+
+  private show(progress: Progress): void {
+    this.progress = progress;
+    this.panel.show(progress);
+    if (progress.state === "loading") this.hasFailed = false;
+    if (this.hasFailed) return;
+    if (progress.state === "waiting") {
+      this.panel.tell("The connection is interrupted: trying again. What arrived stays on screen.");
+    } else if (progress.fault !== "" && this.info !== null) {
+      this.panel.tell(`A packet is damaged (${progress.fault}). Its region stays coarser; the rest goes on.`);
+    } else if (progress.digests !== null && progress.digests.wrong > 0) {
+      this.panel.tell("Digests differ: what is shown is not what the encoder made.");
+    } else if (progress.state === "loading" || progress.isDone) {
+      this.panel.hideNotice();
+    }
+    document.body.dataset.state = progress.isDone ? "done" : progress.state;
+  }
+
+  private fail(message: Extract<FromWorker, { kind: "failed" }>): void {
+    const { text, canRetry } = failureText(message, this.info !== null);
+    this.panel.tell(text, canRetry);
+    document.body.dataset.state = "failed";
+    this.hasFailed = true;
+    if (message.failure === "lost") this.retryTimer = setTimeout(() => this.retry(), RETRY_EVERY);
+  }
+
+  private retry(): void {
+    clearTimeout(this.retryTimer);
+    this.send({ kind: "retry" });
+  }
+
+  private fit(): void {
+    if (this.bounds === null) return;
+    const { clientWidth, clientHeight } = this.renderer.canvas;
+    this.camera.fit(this.bounds.middle, this.bounds.radius, clientWidth / Math.max(1, clientHeight));
+    this.moved();
+  }
+
+  private turnUp(): void {
+    const at = UPS.findIndex((up) => up.every((x, i) => x === this.camera.up[i]));
+    this.camera.fixed = null;
+    this.setUp(UPS[(at + 1) % UPS.length]);
+  }
+
+  private async copyLink(): Promise<void> {
+    const url = new URL(location.href);
+    url.hash = `view=${this.camera.text}`;
+    if (this.source !== null) url.searchParams.set("src", this.source);
+    const up = "xyz"[this.camera.up.findIndex((x) => x !== 0)];
+    url.searchParams.set("up", `${Math.min(...this.camera.up) < 0 ? "-" : ""}${up}`);
+    history.replaceState(null, "", url);
+    await navigator.clipboard?.writeText(url.href).catch(() => {});
+    this.panel.tell(
+      this.source === null ? "The link has the view, but not your local file." : "The link is copied.",
+    );
+    setTimeout(() => this.panel.hideNotice(), 3000);
+  }
+
+  private takeDrops(): void {
+    document.addEventListener("dragover", (event) => event.preventDefault());
+    document.addEventListener("drop", (event) => {
+      event.preventDefault();
+      const file = event.dataTransfer?.files[0];
+      if (file) return this.open(file);
+      const url = event.dataTransfer?.getData("text/uri-list") || event.dataTransfer?.getData("text/plain");
+      if (url) this.open(url.split("\n")[0].trim());
+    });
+  }
+
+  private key(event: KeyboardEvent): void {
+    const isTyping = event.target instanceof HTMLInputElement && event.target.type !== "range";
+    if (isTyping || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.key === "f") this.fit();
+    else if (event.key === "u") this.turnUp();
+    else if (event.key === "p") this.panel.togglePause();
+  }
+
+  private moved(): void {
+    this.needsDraw = true;
+    this.viewTimer ??= setTimeout(() => {
+      this.viewTimer = undefined;
+      const { pose } = this.camera;
+      const { clientWidth, clientHeight } = this.renderer.canvas;
+      const planes = planesOf(pose, clientWidth / Math.max(1, clientHeight));
+      this.send({ kind: "view", view: { eye: [...pose.eye], planes } });
+    }, 300);
+  }
+
+  private resize(): void {
+    const { clientWidth, clientHeight } = this.renderer.canvas;
+    if (clientWidth === 0 || clientHeight === 0) return;
+    this.renderer.resize(clientWidth, clientHeight, Math.min(2, devicePixelRatio));
+    this.needsDraw = true;
+  }
+
+  private frame(now: number): void {
+    requestAnimationFrame((next) => this.frame(next));
+    const seconds = Math.min(SLOWEST_FRAME, (now - this.last) / 1000);
+    this.last = now;
+    if (this.controls.step(seconds)) this.moved();
+    this.frames = this.frames.filter((at) => at > now - 1000);
+    if (this.needsDraw) {
+      this.needsDraw = false;
+      this.renderer.draw(this.camera.pose);
+      this.frames.push(now);
+    }
+    this.panel.showFrames(this.frames.length > 1 ? this.frames.length : null);
+  }
+}
+
+async function start(): Promise<void> {
+  const { SparkSplats } = await import("./renderer.js");
+  const canvas = document.getElementById("view") as HTMLCanvasElement;
+  let renderer: SplatRenderer;
+  try {
+    renderer = new SparkSplats(canvas);
+  } catch (error) {
+    const notice = document.getElementById("notice") as HTMLElement;
+    (document.getElementById("notice-text") as HTMLElement).textContent =
+      `This browser offers no WebGL2, which the viewer needs (${error instanceof Error ? error.message : error}).`;
+    notice.hidden = false;
+    return;
+  }
+  const viewer = new Viewer(renderer);
+  const parameters = new URLSearchParams(location.search);
+  const up = /^(-?)([xyz])$/.exec(parameters.get("up") ?? "");
+  if (up !== null) {
+    const sign = up[1] === "-" ? -1 : 1;
+    viewer.setUp([0, 1, 2].map((axis) => (axis === "xyz".indexOf(up[2]) ? sign : 0)) as unknown as Vec);
+  }
+  const rate = Number(parameters.get("rate"));
+  if (rate > 0) viewer.setRate(rate);
+  const source = parameters.get("src");
+  if (source) viewer.open(source);
+  // For scripts and tests.
+  Object.assign(window, { evogsViewer: viewer });
+}
+
+void start();

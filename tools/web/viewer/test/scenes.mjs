@@ -1,0 +1,74 @@
+/** The scenes of the tests, made by the project's own encoder, and pictures of them by its rasterizer. */
+
+import { execFileSync } from "node:child_process";
+import { existsSync, mkdirSync, readFileSync } from "node:fs";
+import { fileURLToPath } from "node:url";
+
+const ROOT = fileURLToPath(new URL("../../../../", import.meta.url));
+const FOLDER = `${ROOT}build/web-test`;
+const VENV = `${ROOT}.venv/bin/python`;
+export const PYTHON = process.env.EVOGS_PYTHON ?? (existsSync(VENV) ? VENV : "python3");
+
+export function python(...parameters) {
+  const options = { cwd: ROOT, env: { ...process.env, PYTHONPATH: ROOT }, stdio: ["ignore", "pipe", "pipe"] };
+  return execFileSync(PYTHON, parameters.map(String), options).toString();
+}
+
+/** Whether the codec runs: null, or the reason why it does not. */
+export function whyNoCodec() {
+  try {
+    python("-c", "import evogs_codec, numba");
+    return null;
+  } catch {
+    return `${PYTHON} has no evogs with its renderer: make venv, or EVOGS_PYTHON=...`;
+  }
+}
+
+const evogs = (...parameters) => python("-m", "evogs_codec.cli.commands", ...parameters);
+
+/**
+ * 8,000 splats in 7 levels, of SH degree 3 and 1; in the 5 levels of the default; and in 8 tiles; made once.
+ * With 7 levels, 5 % of the bytes have the first splats, but the second level is no better than the first.
+ */
+export function makeScenes() {
+  mkdirSync(FOLDER, { recursive: true });
+  const at = (name) => `${FOLDER}/${name}`;
+  if (!existsSync(at("tiles.evogs"))) {
+    python(
+      "-m",
+      "evogs_codec.render.demo_scene",
+      at("scene.ply"),
+      "--splats",
+      8000,
+      "--cameras",
+      at("cameras.json"),
+    );
+    evogs("encode", at("scene.ply"), at("sh3.evogs"), "--levels", 7);
+    evogs("extract", at("sh3.evogs"), at("sh1.evogs"), "--sh-degree", 1);
+    evogs("encode", at("scene.ply"), at("five.evogs"));
+    evogs("encode", at("scene.ply"), at("tiles.evogs"), "--levels", 7, "--tiles", 8);
+  }
+  return Object.fromEntries(
+    ["sh3", "sh1", "five", "tiles"].map((name) => [name, readFileSync(at(`${name}.evogs`))]),
+  );
+}
+
+/** Pictures of the first `sizes` bytes of a scene, and the camera that they were taken with. */
+export function references(name, sizes) {
+  const folder = `${FOLDER}/${name}`;
+  const script = fileURLToPath(new URL("reference.py", import.meta.url));
+  python(script, `${FOLDER}/${name}.evogs`, `${FOLDER}/cameras.json`, folder, ...sizes);
+  return {
+    pose: JSON.parse(readFileSync(`${folder}/camera.json`, "utf8")),
+    pictures: sizes.map((size) => readFileSync(`${folder}/${size}.rgb`)),
+  };
+}
+
+export const scenePath = (name) => `${FOLDER}/${name}.evogs`;
+
+/** A stream of the conformance suite whose directory is hostile: it must be refused. */
+export function hostileDirectory() {
+  return readFileSync(
+    `${ROOT}conformance/vectors/invalid-directory/invalid-directory-amplification-sums-to-2-to-32.evogs`,
+  );
+}
