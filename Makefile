@@ -15,7 +15,7 @@ FIRST_RING := $(PYTEST) -m "not thorough and not slow" --hypothesis-profile seed
 WEB := tools/web
 INPUTS := pyproject.toml constraints.txt
 
-DEMO_LEVELS := 0 1 2 3 4
+DEMO_LEVELS := 0 1 2 3 4 5
 DEMO_SPLATS := 40000
 
 .DEFAULT_GOAL := help
@@ -62,7 +62,7 @@ demo: $(RUNTIME)
 	@mkdir -p build
 	$(PY) -m evogs_codec.render.demo_scene build/demo.ply --splats $(DEMO_SPLATS) \
 	  --cameras build/demo-cameras.json
-	$(EVOGS) encode build/demo.ply build/demo.evogs --levels $(words $(DEMO_LEVELS))
+	$(EVOGS) encode build/demo.ply build/demo.evogs
 	$(EVOGS) validate build/demo.evogs
 	$(EVOGS) info build/demo.evogs
 	@set -e; for k in $(DEMO_LEVELS); do \
@@ -129,7 +129,7 @@ picture: $(DEV)
 	@mkdir -p build
 	$(PY) -m evogs_codec.render.demo_scene build/demo.ply --splats $(DEMO_SPLATS) \
 	  --cameras build/demo-cameras.json
-	$(EVOGS) encode build/demo.ply build/refined.evogs --levels $(words $(DEMO_LEVELS)) --refine
+	$(EVOGS) encode build/demo.ply build/refined.evogs --refine
 	$(PY) -m tools.stream_picture build/refined.evogs docs/figures/stream.gif \
 	  --camera build/demo-cameras.json --reference build/demo.ply
 

@@ -67,7 +67,7 @@ def test_a_scene_is_encoded_on_the_way(view, tmp_path):
     code, out, _, opened, got = view(tmp_path / "a scene.ply")
     assert code == 0
     assert "encoded" in out
-    assert read_directory(got["scene"]).n_levels == 5
+    assert read_directory(got["scene"]).n_levels == 6
     assert "a%2520scene.evogs" in opened[0]
     assert [path.name for path in tmp_path.iterdir()] == ["a scene.ply"]
 
@@ -78,7 +78,7 @@ def test_a_tree_is_encoded_on_the_way(view, evogs, tmp_path):
     code, _, _, opened, got = view(tmp_path / "scene.tree.npz")
     assert code == 0
     assert opened[0].endswith("/scenes/scene.evogs")
-    assert read_directory(got["scene"]).n_levels == 3
+    assert read_directory(got["scene"]).n_levels == 4
 
 
 def test_a_folder_is_listed_or_its_only_scene_opened(view, tmp_path):
