@@ -25,19 +25,17 @@ MAX_SIBLING = 1 << 28  # R-7.1-2
 FEW = 32  # rounds that are quick one after the other
 
 
-def parent_records(slots: npt.NDArray[np.integer], born_from: npt.NDArray[np.integer]) -> I64:
+def parent_records(slots: npt.NDArray[np.integer], born_from: npt.NDArray[np.integer]) -> I32:
     """(P,) for each record, that of the slot its slot was born from; -1 where the step has none.
 
     Args:
         slots: (P,) of the records, increasing.
         born_from: (n,) by slot, -1 for adds.
     """
-    parents: I64 = born_from[slots].astype(np.int64)
-    if not len(parents):
-        return parents
-    found = np.minimum(np.searchsorted(slots, parents), len(slots) - 1)
-    records: I64 = np.where((parents >= 0) & (slots[found] == parents), found, -1)
-    return records
+    parents = born_from[slots].astype(np.int32)
+    found: I32 = np.minimum(np.searchsorted(slots, parents), len(slots) - 1).astype(np.int32)
+    found[(parents < 0) | (slots[found] != parents)] = -1
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +52,10 @@ class Siblings:
         parents: (P,) which, or -1.
     """
 
-    before: I64
-    last: I64
+    before: I32
+    last: I32
     is_second: npt.NDArray[np.bool_]
-    parents: I64
+    parents: I32
 
     @staticmethod
     def of(slots: npt.NDArray[np.integer], born_from: npt.NDArray[np.integer]) -> Siblings:
@@ -68,7 +66,7 @@ class Siblings:
         seconds = seconds[np.argsort(parents[seconds], kind="stable")]  # those of a parent together
         of = parents[seconds]
         goes_on = np.append(of[1:] == of[:-1], np.zeros(min(len(of), 1), bool))
-        before, last = np.full(2 * n, 2 * n), np.arange(n)
+        before, last = np.full(2 * n, 2 * n, np.int32), np.arange(n, dtype=np.int32)
         before[seconds] = of
         before[seconds[1:][goes_on[:-1]]] = n + seconds[:-1][goes_on[:-1]]
         before[n + seconds] = before[seconds]
@@ -76,22 +74,27 @@ class Siblings:
         return Siblings(before, last, parents >= 0, parents)
 
     @cached_property
+    def _turns(self) -> I32:
+        """(P,) the round of each record that has a parent, from 1 on; 0 of others."""
+        n = len(self.last)
+        before = np.append(self.before, np.int32(2 * n))
+        turns = (before < 2 * n).astype(np.int32)
+        while (before < 2 * n).any():  # each turn of the loop doubles how far a row looks back
+            turns += turns[before]
+            before = before[before]
+        return turns[:n]
+
+    @cached_property
     def rounds(self) -> list[tuple[I64, I64]]:
         """Pairs of records, first and second sibling, in rounds that each need those before it.
 
         No record is in two pairs of a round.
         """
-        n = len(self.last)
-        before, depth = np.append(self.before, 2 * n), np.append(self.before < 2 * n, False)
-        depth = depth.astype(np.int64)
-        while (before < 2 * n).any():
-            depth += depth[before]
-            before = before[before]
         seconds = np.flatnonzero(self.is_second)
-        seconds = seconds[np.argsort(depth[seconds], kind="stable")]
-        ends = np.flatnonzero(np.diff(depth[seconds])) + 1
+        seconds = seconds[np.argsort(self._turns[seconds], kind="stable")]
+        ends = np.flatnonzero(np.diff(self._turns[seconds])) + 1
         rounds = np.split(seconds, ends) if len(seconds) else []
-        return [(self.parents[part], part) for part in rounds]
+        return [(self.parents[part].astype(np.int64), part) for part in rounds]
 
     def slopes(self, of_psi: F32) -> F32:
         """(C, P) slopes of differences, from those of the psi that they give."""
@@ -107,7 +110,7 @@ class Siblings:
         Raises:
             RangeError: a number leaves its range (R-7.1-2).
         """
-        is_quick = len(self.rounds) <= FEW
+        is_quick = int(self._turns.max(initial=0)) <= FEW
         psi = self._round_by_round(differences) if is_quick else self._by_doubling(differences)
         # Where a number on the way is too large, so is one of the two that are made of it.
         if psi.size and max(int(psi.max()), -int(psi.min())) > MAX_SIBLING:
@@ -128,8 +131,8 @@ class Siblings:
         rows = np.zeros((len(differences), 2 * n + 1), np.int64)
         rows[:, :n] = np.where(self.is_second, -differences, differences)
         rows[:, n : 2 * n] = np.where(self.is_second, differences, 0)
-        before = np.append(self.before, 2 * n)
-        while (before < 2 * n).any():  # each round doubles how far a row has looked back
+        before = np.append(self.before, np.int32(2 * n))
+        while (before < 2 * n).any():
             rows += rows[:, before]
             before = before[before]
         psi: I64 = rows[:, self.last]

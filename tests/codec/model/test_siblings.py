@@ -69,7 +69,7 @@ def test_compiled_loops_give_the_same(step):
     values = pytest.importorskip("evogs_codec.decoding.compiled.values")
     slots, born_from, differences = step
     found, right = differences.copy(), one_by_one(*step)
-    is_good = values.add_siblings(found, parent_records(slots, born_from).astype(np.int32))
+    is_good = values.add_siblings(found, parent_records(slots, born_from))
     assert is_good == (right is not None)
     assert right is None or found.tolist() == right
 
