@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 __all__ = ["bound", "peak"]
 
 # Bytes. Objects of Python's: measured 15 kB for an empty stream; 22 kB, 0.6 kB a packet, 5 kB a
-# tile, 0.6 kB a level for random ones, by least squares. About twice that is allowed.
-ALWAYS, PER_PACKET, PER_TILE, PER_LEVEL = 64 << 10, 1 << 10, 10 << 10, 1 << 10
+# tile, 0.6 kB a level for random ones, by least squares. Several times that is allowed.
+ALWAYS, PER_PACKET, PER_TILE, PER_LEVEL = 96 << 10, 1 << 10, 10 << 10, 1 << 10
 ARRAYS = 8  # "a few" of 4 bytes per record, of the packet that is applied, with its siblings
 KEPT = 11  # per record: slots, kinds, alpha and siblings that SH bands still need
 TIMES = 3
