@@ -18,10 +18,11 @@ if TYPE_CHECKING:
 __all__ = ["bound", "peak"]
 
 # Bytes. Objects of Python's: measured 15 kB for an empty stream; 22 kB, 0.6 kB a packet, 5 kB a
-# tile, 0.6 kB a level for random ones, by least squares. Several times that is allowed.
-ALWAYS, PER_PACKET, PER_TILE, PER_LEVEL = 96 << 10, 1 << 10, 10 << 10, 1 << 10
-ARRAYS = 8  # "a few" of 4 bytes per record, of the packet that is applied, with its siblings
-KEPT = 11  # per record: slots, kinds, alpha and siblings that SH bands still need
+# tile, 0.6 kB a level for random ones, by least squares. About twice that is allowed.
+ALWAYS, PER_PACKET, PER_TILE, PER_LEVEL = 64 << 10, 1 << 10, 10 << 10, 1 << 10
+ARRAYS = 6  # "a few" of 4 bytes per record, of the packet that is applied
+KEPT = 7  # per record: slots, kinds and alpha that SH bands still need
+KEPT_OF_SIBLINGS = 4  # per refine: the record of the slot that its slot was born from
 TIMES = 3
 WAITING = 3  # times the file: pieces that wait, with room to grow, and packets
 UNREAD = 16  # per byte of a file whose directory is at fault: rows of tables, as far as read
@@ -62,7 +63,9 @@ def _state(directory: Directory) -> int:
     rows = directory.packets
     n_slots = int(rows["n_adds"].sum(dtype=np.int64) + rows["n_splits"].sum(dtype=np.int64))
     n_channels = 11 + 3 * (directory.sh_degree + 1) ** 2
-    return (4 * n_channels + 5) * n_slots + KEPT * int(_records(directory).sum())
+    n_refines = int(rows["n_refines"].sum(dtype=np.int64))
+    kept = KEPT * int(_records(directory).sum()) + KEPT_OF_SIBLINGS * n_refines
+    return (4 * n_channels + 5) * n_slots + kept
 
 
 def _packets(directory: Directory, at_once: int) -> int:

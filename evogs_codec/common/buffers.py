@@ -43,6 +43,8 @@ class Scratch:
     def take(self, shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
         """An array of any content."""
         size = math.prod(shape) * np.dtype(dtype).itemsize
+        if not size:  # or it might begin a chunk for nothing
+            return np.empty(shape, dtype)
         while self._chunk < len(self._chunks):
             memory, at = self._chunks[self._chunk], self._at
             if at + size <= len(memory):

@@ -106,14 +106,14 @@ class Plans(NamedTuple):
     """Where the core steps of a tile act; the packets of the bands use it again.
 
     Attributes:
-        places: (1 + steps, 6) slots before the step; where its `runs`, `splits` and `drops` begin;
-            P of the step before; where its `parents` begin.
+        places: (1 + steps, 5) slots before the step; where its `runs`, `splits` and `drops` begin;
+            P of all steps before it.
         runs: (2, n) first slot and length of runs of slots of P; none crosses a chunk of P.
         splits: (n,) which of P are splits.
         drops: (n,) slots of the drops.
         alphas: (5, n) a of the splits per group.
-        parents: (n,) of P, the record of the slot that its slot was born from, or -1; of steps that
-            only refine.
+        parents: (n,) of the refines, the record of the slot that its slot was born from, or -1;
+            unset but for steps that only refine.
     """
 
     places: I64
@@ -130,7 +130,7 @@ class Plans(NamedTuple):
         """Room for the core steps of a tile."""
         n_runs = n_records + n_records // CHUNK + n_steps
         return Plans(
-            np.zeros((n_steps + 1, 6), np.int64),
+            np.zeros((n_steps + 1, 5), np.int64),
             scratch.take((2, n_runs), np.int64),
             scratch.take((n_splits,), np.int64),
             scratch.take((n_records - n_splits,), np.int64),
@@ -189,7 +189,7 @@ def _read_records(
     step, planes = headers.steps[k], headers.planes
     n_adds, n_splits, n_refines, n_drops = headers.counts[k]
     n_records, codes, starts = n_splits + n_refines + n_drops, headers.codes[k], headers.starts[k]
-    n_before, run, split, drop, _, parent = plans.places[step]
+    n_before, run, split, drop, before = plans.places[step]
     at_split, at_drop, n_psi = split, drop, 0
     kind = SPLIT if n_splits else DROP if n_drops else REFINE
     has_kinds = (n_splits > 0) + (n_refines > 0) + (n_drops > 0) > 1
@@ -252,9 +252,9 @@ def _read_records(
             for i in range(n):
                 alphas[begin + i] = tables.alphas[first + gaps[i]]
     if n_splits == 0 and n_drops == 0 and n_refines:
-        _parent_records(plans, plans.places[step, 1], n_refines, parent, born_from, places)
-        parent += n_refines
-    plans.places[step + 1] = n_before + n_splits + n_adds, run, at_split, at_drop, n_psi, parent
+        _parent_records(plans, plans.places[step, 1], n_refines, before - split, born_from, places)
+    end = n_before + n_splits + n_adds
+    plans.places[step + 1] = end, run, at_split, at_drop, before + n_psi
     live[n_before : n_before + n_splits + n_adds] = True
     born_from[n_before + n_splits : n_before + n_splits + n_adds] = -1
     for slot in plans.drops[drop:at_drop]:
@@ -372,7 +372,7 @@ def _apply_psi(
     for j in range(len(rows)):
         has_siblings |= headers.codes[k, at + j] & 64 > 0
     if has_siblings:
-        parent = plans.places[step, 5]
+        parent = plans.places[step, 4] - plans.places[step, 2]  # refines before the step
         whole = _whole_psi(headers, k, at, n_psi, len(rows))
         for j in range(len(rows)):
             if headers.codes[k, at + j] & 64 and not add_siblings(
@@ -502,7 +502,8 @@ def _scatter(values: I32, runs: I64, run: int, row: I32, n: int) -> None:
 def _first_split(plans: Plans, step: int, split: int, record: int) -> int:
     """The first of the splits of a step, from `split` on, that is at `record` of P or later."""
     end = plans.places[step + 1, 2]
-    if end - plans.places[step, 2] == plans.places[step + 1, 4]:  # all P are splits
+    n_psi = plans.places[step + 1, 4] - plans.places[step, 4]
+    if end - plans.places[step, 2] == n_psi:  # all P are splits
         return min(end, plans.places[step, 2] + record)
     first, last = split, end
     while first < last:
