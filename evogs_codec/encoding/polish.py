@@ -94,7 +94,7 @@ class _Tile:
         born_from: I32,
     ) -> None:
         """From the (D, n) slots before the last level, which are live, whence they were born."""
-        self.tree, self.tile, self.before = tree, tile, x
+        self.tree, self.tile, self.before, self.stays = tree, tile, x, False
         level, n = tree.n_levels - 1, x.shape[1]
         self.kinds = [channel_class(c) for c in range(len(x))]
         steps = [step for step in tile.steps if step.level == level]
@@ -124,9 +124,23 @@ class _Tile:
     def leaves(self) -> F32:
         """(D, N) what a decoder has, nearly: products of alpha are not rounded."""
         x = self.x.copy()
-        for moving in self.moving:
-            moving.apply(x)
+        try:
+            for moving in self.moving:
+                if not self.stays:
+                    moving.check()
+                moving.apply(x)
+        except RangeError:
+            self._put_back()
+            return self.leaves()
         return x[:, self.live]
+
+    def _put_back(self) -> None:
+        """Every step as it was, for good."""
+        self.stays = True
+        level = self.tree.n_levels - 1
+        rest = [step for step in self.tile.steps if step.level == level]
+        for moving, step in zip(self.moving, rest, strict=True):
+            moving.stay_at(step.psi)
 
     def picked(self) -> F32:
         """(C, N) SH of the leaves that a palette has; none of a tree without one."""
@@ -148,6 +162,12 @@ class _Tile:
 
     def coded(self) -> CodedTile:
         """The tile with the integers of now, or as it was if they are too large for the format."""
+        try:
+            return self.tile if self.stays else self._moved()
+        except RangeError:
+            return self.tile
+
+    def _moved(self) -> CodedTile:
         level, n = self.tree.n_levels - 1, self.before.shape[1]
         x = np.zeros(self.x.shape, np.int32)
         x[:, :n] = self.before
@@ -155,22 +175,16 @@ class _Tile:
         steps = [step for step in self.tile.steps if step.level < level]
         rest = self.tile.steps[len(steps) :]
         for moving, step in zip(self.moving, rest, strict=True):
-            stored = moving.integers()
-            if np.abs(stored).max(initial=0) > MAX_STORED // 2 - 1:
-                return self.tile
-            psi = stored if moving.siblings is None else moving.siblings.sums(stored)
+            moving.check()
+            psi = moving.psi()
             for c, kind in enumerate(self.kinds):
                 table = self.tree.alpha_table(level, group_of_class(kind))
                 a = np.array(table.entries, np.int32)[step.alpha[group_of_class(kind)]]
                 of_psi, of_adds = (self.tree.quantisers[row][kind] for row in (1 + level, 0))
-                try:
-                    deltas = of_psi.delta(psi[c]), of_adds.delta(step.adds[c])
-                    plan = moving.plan
-                    apply_channel(x[c], plan, deltas[0], a, table.shift, deltas[1])
-                except RangeError:
-                    return self.tile
+                deltas = of_psi.delta(psi[c]), of_adds.delta(step.adds[c])
+                apply_channel(x[c], moving.plan, deltas[0], a, table.shift, deltas[1])
             x[:, moving.plan.drops] = 0
-            steps.append(replace(step, psi=stored))
+            steps.append(replace(step, psi=moving.integers()))
             written = (
                 x[0:3, moving.plan.targets],
                 x[0:3, moving.plan.n_before : moving.plan.n_after],
@@ -193,7 +207,7 @@ class _Moving:
     Attributes:
         plan: where it acts.
         q: (D, P) what descends; the integers are the nearest to them.
-        moves: (D, P) which do: the others are zero.
+        moves: (D, P) which do: the others are zero, or those of a tile that stays as it was.
         sizes: (D, 1) of a q, in scene units.
         bits: (D, 1) by which an integer costs more than its neighbour towards 0.
         alpha: (5, S).
@@ -225,14 +239,39 @@ class _Moving:
 
     def integers(self) -> I32:
         """(D, P)."""
-        return np.where(self.moves, np.rint(self.q), 0).astype(np.int32)
+        return np.rint(self.q).astype(np.int32)
+
+    def psi(self) -> I32:
+        """(D, P) what a decoder makes of the integers.
+
+        Raises:
+            RangeError: a sum of siblings is too large.
+        """
+        integers = self.integers()
+        return integers if self.siblings is None else self.siblings.sums(integers)
+
+    def check(self) -> None:
+        """Refuse integers that are too large to be stored.
+
+        Raises:
+            RangeError: they are.
+        """
+        if np.abs(self.q).max(initial=0) > MAX_STORED // 2 - 1:
+            raise RangeError("an integer needs more bits than are stored")
+
+    def stay_at(self, integers: I32) -> None:
+        """Have these (D, P) from now on."""
+        self.q, self.moves = integers.astype(np.float32), np.zeros_like(self.moves)
+        self.m, self.v = np.zeros((2, *self.q.shape), np.float32)
 
     def apply(self, x: F32) -> None:
-        """Parents become children, in place; paper equations 3 to 5."""
+        """Parents become children, in place; paper equations 3 to 5.
+
+        Raises:
+            RangeError: as `psi`.
+        """
         plan, s = self.plan, self._splits
-        integers = self.integers()
-        if self.siblings is not None:
-            integers = self.siblings.sums(integers)
+        integers = self.psi()
         for group, part in enumerate(GROUP_CHANNELS):
             psi = integers[part] * self.sizes[part]
             parents = x[part, plan.targets]

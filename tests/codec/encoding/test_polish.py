@@ -20,6 +20,7 @@ from evogs_codec.encoding.write import write
 from evogs_codec.io.ply import write_ply
 from evogs_codec.model.arithmetic import RangeError
 from evogs_codec.model.channels import n_channels
+from evogs_codec.model.siblings import Siblings
 from evogs_codec.render import cameras_around, save_cameras
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.viewpoints import RINGS
@@ -105,6 +106,42 @@ def test_a_tile_whose_integers_leave_the_range_stays_as_it_was(monkeypatch):
     coded = _Coder(aim()).coded(1e-10)
     monkeypatch.setattr(polish, "apply_channel", too_large)
     assert quietly(coded, scene()[1], 1e-10, 2).tiles == coded.tiles
+
+
+@pytest.mark.parametrize("iterations", [0, 3])
+def test_a_tile_whose_sums_of_siblings_leave_the_range_stays_as_it_was(monkeypatch, iterations):
+    coded = _Coder(aim(layers=2)).coded(1e-10)
+    assert coded.tiles[0].steps[-1].siblings
+    calls = []
+
+    def beyond(siblings, differences):
+        calls.append(siblings)
+        if len(calls) > iterations:  # each draws once
+            raise RangeError
+        return sums(siblings, differences)
+
+    sums = Siblings.sums
+    monkeypatch.setattr(Siblings, "sums", beyond)
+    assert quietly(coded, scene()[1], 1e-10, iterations).tiles == coded.tiles
+    assert len(calls) > iterations
+
+
+def test_a_tile_whose_sums_leave_the_range_while_it_descends_is_put_back(monkeypatch):
+    coded = _Coder(aim(layers=2)).coded(1e-10)
+    sums, calls = Siblings.sums, []
+
+    def beyond(siblings, differences):
+        calls.append(differences)
+        if len(calls) == 3:
+            raise RangeError
+        return sums(siblings, differences)
+
+    monkeypatch.setattr(Siblings, "sums", beyond)
+    monkeypatch.setattr(polish, "RATE", 20.0)
+    assert quietly(coded, scene()[1], 1e-10, 5).tiles == coded.tiles
+    assert not np.array_equal(calls[2], calls[0])
+    assert all(np.array_equal(later, calls[0]) for later in calls[3:])
+    assert len(calls) == 6
 
 
 def test_a_tile_whose_integers_need_too_many_bits_stays_as_it_was(monkeypatch):
