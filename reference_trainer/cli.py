@@ -167,8 +167,9 @@ def run_train(args: argparse.Namespace) -> None:
         )
     except NotFiniteError as error:
         raise InputError(f"{error}; the last checkpoint is from before") from error
-    write_tree(args.output, tree)
-    rows = evaluate(tree, config.method, pyramid, None if folder is None else folder / "pictures")
+    write_tree(args.output, tree, made_by=args.command)
+    pictures = None if folder is None else folder / "pictures"
+    rows = evaluate(tree, config.method, pyramid, pictures, made_by=args.command)
     if folder is not None:
         report = {"config": config.as_dict(), "levels": rows}
         write_atomic(folder / "result.json", (json.dumps(report, indent=1) + "\n").encode())
@@ -194,7 +195,9 @@ def _check_checkpoint(args: argparse.Namespace, n_levels: int) -> None:
     sources = [path for path in (args.base, args.output) if path is not None]
     for name, kind in kinds.items():
         if (folder / name).exists():
-            check_target(folder / name, kind, sources=sources, force=args.force)
+            check_target(
+                folder / name, kind, command=args.command, sources=sources, force=args.force
+            )
 
 
 def config_of(args: argparse.Namespace) -> Config:

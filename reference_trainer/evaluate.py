@@ -25,7 +25,12 @@ BYTES = 4  # of a number, uncompressed
 
 
 def evaluate(
-    tree: EvolutionTree, method: str, pyramid: tuple[Dataset, ...], pictures: Path | None = None
+    tree: EvolutionTree,
+    method: str,
+    pyramid: tuple[Dataset, ...],
+    pictures: Path | None = None,
+    *,
+    made_by: str = "",
 ) -> list[dict[str, Any]]:
     """A row per level, as JSON takes it.
 
@@ -34,6 +39,7 @@ def evaluate(
         method: its name; models that are not layered count their storage otherwise.
         pyramid: the data at the resolution of each level; held-out views are measured.
         pictures: folder for the first held-out view of each level, as it is and as rendered.
+        made_by: the command that these name as their maker.
     """
     rows = []
     for level, data in enumerate(pyramid):
@@ -59,8 +65,8 @@ def evaluate(
         )
         if pictures is not None:
             pictures.mkdir(parents=True, exist_ok=True)
-            write_png(pictures / f"L{level}.png", images[0])
-            write_png(pictures / f"L{level}-photograph.png", views[0].image)
+            write_png(pictures / f"L{level}.png", images[0], made_by=made_by)
+            write_png(pictures / f"L{level}-photograph.png", views[0].image, made_by=made_by)
     return rows
 
 

@@ -44,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--width", type=int, default=560, metavar="PIXELS", help="default: 560")
     args = parser.parse_args(argv)
     sources = [args.input, args.camera, args.reference]
-    check_target(args.output, GIF, sources=sources, force=False)
+    check_target(args.output, GIF, command=parser.prog, sources=sources, force=False)
     camera = load_cameras(args.camera)[0]
     camera = camera.resized(args.width, round(args.width * camera.height / camera.width))
     target = render(read_ply(args.reference), camera, WHITE)

@@ -45,6 +45,7 @@ from evogs_codec.editing.presence import level_presence
 from evogs_codec.errors import Fault, InputError, StreamError
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.io.files import check_target, write_atomic
+from evogs_codec.io.makers import comment_of
 from evogs_codec.io.ply import write_ply
 
 __all__ = ["main", "parse", "run"]
@@ -135,7 +136,7 @@ def _check_output(args: argparse.Namespace) -> None:
             if name != "output" and isinstance(value, Path)
         ]
         kind, force = getattr(args, "output_kind", None), getattr(args, "force", False)
-        check_target(args.output, kind, sources=sources, force=force)
+        check_target(args.output, kind, command=args.command, sources=sources, force=force)
 
 
 def _fail(args: argparse.Namespace, message: object, *, path: object = None) -> int:
@@ -164,7 +165,8 @@ def run_decode(args: argparse.Namespace) -> None:
             verify=args.verify,
             progress=progress,
         )
-    write_ply(args.output, splats, comments=comments_of(directory))
+    comments = [comment_of(args.command), *comments_of(directory)]
+    write_ply(args.output, splats, comments)
     print(f"{shown(args.output)}: {len(splats):,} splats, SH degree {splats.sh_degree}{part}")
 
 

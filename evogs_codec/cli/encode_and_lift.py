@@ -83,7 +83,7 @@ def run_lift(args: argparse.Namespace) -> None:
         tree = lift(splats, args.levels, progress=progress)
         refine = _refiner(args, progress)
         tree = tree if refine is None else refine(tree)
-    write_tree(args.output, tree)
+    write_tree(args.output, tree, made_by=args.command)
     print(f"{shown(args.output)}: {tree.n_leaves:,} splats, {tree.n_levels} levels")
 
 

@@ -276,9 +276,9 @@ def add_output(parser: argparse.ArgumentParser, metavar: str, kind: files.FileKi
     parser.add_argument(
         "--force",
         action="store_true",
-        help=f"replace {metavar} even if it is a file of another kind",
+        help=f"replace {metavar} even if this command did not make it",
     )
-    parser.set_defaults(output_kind=kind)
+    parser.set_defaults(output_kind=kind, command=parser.prog)
 
 
 def add_limits(parser: argparse.ArgumentParser) -> None:

@@ -78,7 +78,8 @@ def run_render(args: argparse.Namespace) -> None:
     cameras = _cameras(args, scene)
     if not 0 <= args.view < len(cameras):
         raise ValueError(f"view {args.view} is not one of 0..{len(cameras) - 1}")
-    write_png(args.output, render(scene, cameras[args.view], BACKGROUNDS[args.background]))
+    picture = render(scene, cameras[args.view], BACKGROUNDS[args.background])
+    write_png(args.output, picture, made_by=args.command)
     print(f"{shown(args.output)}: {len(scene):,} splats, 1 view{part}")
 
 
@@ -117,7 +118,7 @@ def _render_sheet(args: argparse.Namespace) -> None:
     ]
     for number, row in enumerate(rows[:-1]):
         labels[number] += f", {_mean_psnr(row, rows[-1]):.1f} dB"
-    write_png(args.output, contact_sheet(rows, labels=labels))
+    write_png(args.output, contact_sheet(rows, labels=labels), made_by=args.command)
     n_splats = len(scenes[len(cuts) - 1])
     print(f"{shown(args.output)}: {n_splats:,} splats, {len(chosen)} views{part}")
 

@@ -15,6 +15,7 @@ from typing import BinaryIO
 
 from evogs_codec.errors import InputError
 from evogs_codec.format.layout import SIGNATURE
+from evogs_codec.io import makers
 
 __all__ = [
     "KIND_BYTES",
@@ -38,18 +39,21 @@ class FileKind:
         name: for messages.
         begins: the first bytes, one of these.
         members: names of files that it has as a zip.
+        made_by: whether the file at a path, which is of this kind, names a command as its maker;
+            None: the kind is its maker.
     """
 
     name: str
     begins: tuple[bytes, ...]
     members: frozenset[str] = frozenset()
+    made_by: Callable[[Path, str], bool] | None = None
 
     def fits(self, path: Path) -> bool:
-        """Whether a file that exists is of this kind, or empty; one that cannot be read is not."""
+        """Whether a file that exists is of this kind; one that cannot be read is not."""
         try:
             with path.open("rb") as file:
                 start = file.read(max(map(len, self.begins)))
-                return not start or (start.startswith(self.begins) and self._has_members(file))
+                return start.startswith(self.begins) and self._has_members(file)
         except OSError:
             return False
 
@@ -63,10 +67,15 @@ class FileKind:
             return False
 
 
-STREAM = FileKind("EvoGS stream", (SIGNATURE,))
-SCENE = FileKind(".ply", (b"ply\n", b"ply\r"))
-TREE = FileKind(".tree.npz", (b"PK\x03\x04",), frozenset({"format.npy", "means.npy"}))
-PICTURE = FileKind("PNG", (b"\x89PNG\r\n\x1a\n",))
+STREAM = FileKind("EvoGS stream", (SIGNATURE,), made_by=makers.encoded_stream)
+SCENE = FileKind(".ply", (b"ply\n", b"ply\r"), made_by=makers.marked_scene)
+TREE = FileKind(
+    ".tree.npz",
+    (b"PK\x03\x04",),
+    frozenset({"format.npy", "means.npy"}),
+    makers.marked_tree,
+)
+PICTURE = FileKind("PNG", (b"\x89PNG\r\n\x1a\n",), made_by=makers.marked_picture)
 KINDS = (STREAM, SCENE, TREE, PICTURE)
 KIND_BYTES = 8  # of a file, that tell its kind
 
@@ -84,6 +93,7 @@ def check_target(
     path: str | os.PathLike[str],
     kind: FileKind | None = None,
     *,
+    command: str,
     sources: Iterable[str | os.PathLike[str]] = (),
     force: bool = False,
 ) -> None:
@@ -92,13 +102,14 @@ def check_target(
     Args:
         path: what will be written.
         kind: what it will be; a file that is there must be of this kind, or empty.
+        command: what makes it; a file that is there must name it as its maker, or be empty.
         sources: what is read; none of them may be written, not even with `force`.
-        force: replace a file of any kind.
+        force: replace any other file.
 
     Raises:
         OSError: the folder of `path` is missing, is no folder, or may not be written to; or `path`
             is a folder, or a link that leads nowhere but to itself.
-        InputError: `path` is one of the sources, or of another kind.
+        InputError: `path` is one of the sources, of another kind, or somebody else's.
     """
     target = _resolved(path)
     try:
@@ -114,10 +125,13 @@ def check_target(
     for source in sources:
         if same_file(path, source):
             raise InputError(f"{path}: is an input of the command; name another output")
-    if kind is not None and not force and not kind.fits(target):
-        raise InputError(
-            f"{path}: exists and is no {kind.name}; name another output, or use --force"
-        )
+    if kind is None or force or not target.stat().st_size:
+        return
+    instead = "name another output, or use --force"
+    if not kind.fits(target):
+        raise InputError(f"{path}: exists and is no {kind.name}; {instead}")
+    if kind.made_by is not None and not kind.made_by(target, command):
+        raise InputError(f"{path}: exists and was not made by `{command}`; {instead}")
 
 
 def same_file(one: str | os.PathLike[str], other: str | os.PathLike[str]) -> bool:

@@ -25,6 +25,7 @@ import numpy.typing as npt
 
 from evogs_codec.common.printable import shown
 from evogs_codec.io.files import write_atomic
+from evogs_codec.io.makers import MADE_BY
 from evogs_codec.io.safe_npz import Npz
 from evogs_codec.model.channels import N_GROUPS, n_channels, n_classes
 from evogs_codec.model.splats import F32, I64, SplatParams, sh_degree_of
@@ -60,10 +61,11 @@ def read_tree(path: PathLike) -> EvolutionTree:
     return EvolutionTree(degree, tuple(steps), quanta)
 
 
-def write_tree(path: PathLike, tree: EvolutionTree) -> None:
+def write_tree(path: PathLike, tree: EvolutionTree, *, made_by: str = "") -> None:
     """Write `tree` so that `read_tree` returns a tree with the same leaves at every level.
 
-    Steps without records are not kept, except that every level stays.
+    Steps without records are not kept, except that every level stays. `made_by` is the command
+    that the file names as its maker.
 
     Raises:
         OSError: the file cannot be written.
@@ -83,6 +85,8 @@ def write_tree(path: PathLike, tree: EvolutionTree) -> None:
             arrays |= _level_arrays(level, of_level, d)
     if tree.quanta:
         arrays["quanta"] = np.array(tree.quanta, np.float32)
+    if made_by:
+        arrays[MADE_BY] = np.array(made_by)
 
     def save(stream: BinaryIO) -> None:
         np.savez(stream, allow_pickle=False, **arrays)

@@ -20,7 +20,7 @@ from evogs_codec.errors import InputError
 from evogs_codec.io.json_files import read_json
 from evogs_codec.render.options import Options
 
-__all__ = ["Camera", "load_cameras", "orbit", "save_cameras"]
+__all__ = ["Camera", "as_json", "load_cameras", "orbit", "save_cameras"]
 
 F64 = npt.NDArray[np.float64]
 Vector = Sequence[float] | npt.NDArray[np.floating]
@@ -182,6 +182,11 @@ def orbit(
 
 def save_cameras(path: Path, cameras: Sequence[Camera]) -> None:
     """Write a list of cameras as JSON, every number exactly."""
+    path.write_text(as_json(cameras), encoding="utf-8")
+
+
+def as_json(cameras: Sequence[Camera]) -> str:
+    """What `save_cameras` writes."""
     rows = [
         {
             **{name: int(getattr(c, name)) for name in ("width", "height")},
@@ -191,7 +196,7 @@ def save_cameras(path: Path, cameras: Sequence[Camera]) -> None:
         }
         for c in cameras
     ]
-    path.write_text(json.dumps({"cameras": rows}, indent=1) + "\n", encoding="utf-8")
+    return json.dumps({"cameras": rows}, indent=1) + "\n"
 
 
 def load_cameras(path: Path) -> list[Camera]:

@@ -20,9 +20,10 @@ import numpy as np
 from evogs_codec.common.printable import MAX_LINE, shown
 from evogs_codec.errors import InputError
 from evogs_codec.io.files import SCENE, FileKind, check_target
+from evogs_codec.io.makers import comment_of
 from evogs_codec.io.ply import write_ply
 from evogs_codec.model.splats import F64, SplatParams
-from evogs_codec.render.camera import Camera, save_cameras
+from evogs_codec.render.camera import Camera, as_json, save_cameras
 
 __all__ = ["demo_cameras", "main", "make_scene"]
 
@@ -36,7 +37,7 @@ VIEWS = (
     ((7.4, -7.3, 4.0), (0.0, 0.5, 0.7)),
     ((-5.5, -9.0, 3.4), (0.3, 0.6, 0.8)),
 )
-CAMERAS = FileKind("list of cameras", (b'{\n "cameras"',))
+COMMAND = "python -m evogs_codec.render.demo_scene"
 FIELD_OF_VIEW = math.radians(42)
 Rng: TypeAlias = np.random.Generator
 
@@ -81,15 +82,23 @@ def demo_cameras(width: int = 400, height: int = 300) -> list[Camera]:
     ]
 
 
+def _has_demo_cameras(path: Path, _command: str) -> bool:
+    """Whether a file has the cameras that are written, so that nothing is lost."""
+    return path.read_bytes() == as_json(demo_cameras()).encode()
+
+
+CAMERAS = FileKind("list of cameras", (b'{\n "cameras"',), made_by=_has_demo_cameras)
+
+
 def main(argv: Sequence[str] | None = None) -> None:
     """Write the scene to a `.ply`, and cameras that show it to JSON."""
     parser = argparse.ArgumentParser(
-        prog="python -m evogs_codec.render.demo_scene",
+        prog=COMMAND,
         description="Write a procedural 3DGS scene (SH degree 3).",
         epilog="example: python -m evogs_codec.render.demo_scene build/demo.ply --splats 40000",
     )
     parser.add_argument("out", metavar="OUT.ply", type=Path)
-    parser.add_argument("--force", action="store_true", help="also replace files of another kind")
+    parser.add_argument("--force", action="store_true", help="replace files of others too")
     parser.add_argument("--splats", type=int, default=40_000, metavar="N", help="default: 40000")
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="default: 0")
     parser.add_argument(
@@ -102,10 +111,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     if args.splats < 0 or args.seed < 0:
         parser.error("--splats and --seed must be 0 or more")
     try:
-        check_target(args.out, SCENE, force=args.force)
+        check_target(args.out, SCENE, command=COMMAND, force=args.force)
         if args.cameras is not None:
-            check_target(args.cameras, CAMERAS, sources=[args.out], force=args.force)
-        write_ply(args.out, make_scene(args.splats, args.seed), ["procedural scene of evogs"])
+            check_target(
+                args.cameras, CAMERAS, command=COMMAND, sources=[args.out], force=args.force
+            )
+        comments = ["procedural scene of evogs", comment_of(COMMAND)]
+        write_ply(args.out, make_scene(args.splats, args.seed), comments)
         if args.cameras is not None:
             save_cameras(args.cameras, demo_cameras())
     except OSError as error:

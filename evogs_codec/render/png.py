@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.io.files import write_atomic
+from evogs_codec.io.makers import SOFTWARE
 from evogs_codec.render.labels import text_line
 
 __all__ = ["contact_sheet", "write_png"]
@@ -20,8 +21,11 @@ Real = npt.NDArray[np.floating[Any]]
 MARGIN = 4  # pixels above and below a label
 
 
-def write_png(path: Path, image: Real) -> None:
-    """Write an (H, W, 3) picture of values 0..1; others are clamped."""
+def write_png(path: Path, image: Real, *, made_by: str = "") -> None:
+    """Write an (H, W, 3) picture of values 0..1; others are clamped.
+
+    `made_by` is the command that it names as its maker, in ASCII.
+    """
     height, width, channels = image.shape
     if channels != 3:
         raise ValueError(f"picture of shape {image.shape}, expected (H, W, 3)")
@@ -31,10 +35,12 @@ def write_png(path: Path, image: Real) -> None:
     lines[:, 0] = 2
     lines[:, 1:] = pixels.reshape(height, -1)
     lines[1:, 1:] -= lines[:-1, 1:].copy()
+    mark = _chunk(SOFTWARE, b"Software\0" + made_by.encode("ascii")) if made_by else b""
     write_atomic(
         path,
         b"\x89PNG\r\n\x1a\n"
         + _chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
+        + mark
         + _chunk(b"IDAT", zlib.compress(lines.tobytes(), 9))
         + _chunk(b"IEND", b""),
     )

@@ -1,4 +1,4 @@
-"""What commands write: never a source, no file of another kind, and the old file or the new one."""
+"""What commands write: never a source, no file of others, and the old file or the new one."""
 
 import os
 import shutil
@@ -6,9 +6,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from conformance.decoders.reference import main as decoder
-from evogs_codec import InputError, read_ply, write_ply, write_tree
+from evogs_codec import (
+    InputError,
+    SceneInfo,
+    encode_scene,
+    read_ply,
+    read_tree,
+    write_ply,
+    write_tree,
+)
 from evogs_codec.io.files import TREE, check_target, write_atomic
 from evogs_codec.render import demo_scene as scene_tool
 from evogs_codec.render import save_cameras
@@ -128,18 +137,76 @@ def test_a_file_of_another_kind_is_replaced_with_force_alone(command, refused, e
 
 
 @pytest.mark.parametrize("command", SOURCES)
-def test_a_file_of_the_same_kind_and_an_empty_one_are_replaced(command, evogs, here):
-    source = shutil.copy(here / SOURCES[command], here / "source")
+def test_what_the_command_made_and_an_empty_file_are_replaced(command, evogs, here):
     (here / "empty").touch()
-    for name in (MADE[command], "empty"):
-        before = (here / name).read_bytes()
-        assert evogs(command, source, here / name, *OPTIONS.get(command, []))[0] == 0
-        assert (here / name).read_bytes() != before or command == "extract"
-    assert (here / "empty").stat().st_size
+    target, options = here / "empty", OPTIONS.get(command, [])
+    assert evogs(command, here / SOURCES[command], target, *options)[0] == 0
+    first = target.read_bytes()
+    assert first
+    assert evogs(command, here / SOURCES[command], target, *options)[0] == 0
+    assert target.read_bytes() == first
+    target.unlink()
+
+
+@pytest.mark.parametrize("command", SOURCES)
+def test_a_file_of_the_same_kind_that_others_made_is_replaced_with_force_alone(
+    command, refused, evogs, here
+):
+    source = shutil.copy(here / SOURCES[command], here / "source")
+    target, options = here / MADE[command], OPTIONS.get(command, [])
+    if command in ("encode", "extract"):
+        info = SceneInfo(text={"generator": "another encoder"})
+        target.write_bytes(encode_scene(make_scene(5), preset="scene", info=info))
+    before = contents(here)
+    refused(command, source, target, *options, words=[target, f"by `evogs {command}`", "--force"])
+    assert contents(here) == before
+    assert evogs(command, source, target, *options, "--force")[0] == 0
+    assert target.read_bytes() != before[target.name]
+    assert evogs(command, source, target, *options)[0] == 0
+
+
+def test_a_file_of_one_command_is_not_replaced_by_another(refused, evogs, here):
+    scene_tool.main([str(here / "demo.ply"), "--splats", "10"])
+    refused("decode", here / "scene.evogs", here / "demo.ply", words=["by `evogs decode`"])
+    write_tree(here / "trained.tree.npz", damage.random_tree(5, 2, 0), made_by="evogs train")
+    refused("lift", here / "scene.ply", here / "trained.tree.npz", words=["by `evogs lift`"])
+    assert len(read_ply(here / "demo.ply")) == 10
+
+
+def test_metadata_of_a_stream_does_not_pass_for_a_mark(refused, evogs, here):
+    write_ply(here / "other.ply", make_scene(3), ["comment: made by evogs decode"])
+    refused("decode", here / "scene.evogs", here / "other.ply", words=["by `evogs decode`"])
+
+
+def test_a_part_of_a_stream_names_the_encoder_too(evogs, here):
+    for _ in range(2):
+        part = here / "part.evogs"
+        assert evogs("extract", here / "scene.evogs", part, "--level", 1)[0] == 0
+    assert evogs("encode", here / "scene.ply", part, "--preset", "scene")[0] == 0
+
+
+@pytest.mark.parametrize("command", SOURCES)
+@pytest.mark.parametrize("keep", [9, 40])
+def test_a_damaged_file_is_nobodys(command, keep, refused, evogs, here):
+    target, options = here / "out", OPTIONS.get(command, [])
+    assert evogs(command, here / SOURCES[command], target, *options)[0] == 0
+    target.write_bytes(target.read_bytes()[:keep])
+    refused(command, here / SOURCES[command], target, *options, words=["--force"])
+    assert target.stat().st_size == keep
+
+
+def test_readers_take_marked_files(evogs, here):
+    assert evogs("lift", here / "scene.ply", here / "out.tree.npz", "--levels", 2)[0] == 0
+    assert read_tree(here / "out.tree.npz").n_leaves == 40
+    assert evogs("render", here / "scene.ply", here / "out.png", "--size", 8)[0] == 0
+    with Image.open(here / "out.png") as picture:
+        assert picture.size == (8, 8)
+        assert picture.info == {"Software": "evogs render"}
 
 
 def test_a_kind_is_seen_in_the_bytes_and_not_in_the_name(refused, evogs, here):
     (here / "scene.ply").rename(here / "named.evogs")
+    assert evogs("decode", here / "scene.evogs", here / "named.evogs", "--force")[0] == 0
     refused("extract", here / "scene.evogs", here / "named.evogs", words=["no EvoGS stream"])
     assert evogs("decode", here / "scene.evogs", here / "named.evogs")[0] == 0
     assert len(read_ply(here / "named.evogs")) == 3000
@@ -157,14 +224,27 @@ def test_the_scene_that_ships_replaces_no_other_file(here, capsys):
     assert len(read_ply(here / "notes.txt")) == 11
 
 
+def test_cameras_that_somebody_moved_are_not_replaced(here, capsys):
+    words = [str(here / "demo.ply"), "--splats", "10", "--cameras", str(here / "cameras.json")]
+    scene_tool.main(words)
+    scene_tool.main(words)
+    save_cameras(here / "cameras.json", orbit(2, radius=20, width=8, height=8, fov_x=0.8))
+    before = contents(here)
+    with pytest.raises(SystemExit):
+        scene_tool.main(words)
+    assert "cameras.json: exists and was not made by" in capsys.readouterr().err
+    assert contents(here) == before
+
+
 def test_a_tree_is_a_zip_with_the_keys_of_one(here):
-    check_target(here / "tree.tree.npz", TREE)
+    write_tree(here / "made.tree.npz", damage.random_tree(5, 2, 0), made_by="evogs lift")
+    check_target(here / "made.tree.npz", TREE, command="evogs lift")
     for name in ("numbers.npz", "notes.txt"):
         with pytest.raises(InputError, match=r"exists and is no \.tree\.npz"):
-            check_target(here / name, TREE)
+            check_target(here / name, TREE, command="evogs lift")
     (here / "cut.npz").write_bytes((here / "tree.tree.npz").read_bytes()[:-30])
     with pytest.raises(InputError, match=r"exists and is no \.tree\.npz"):
-        check_target(here / "cut.npz", TREE)
+        check_target(here / "cut.npz", TREE, command="evogs lift")
 
 
 # --- links and devices ---------------------------------------------------------------------------

@@ -52,7 +52,7 @@ def test_a_part_is_rendered_as_its_splats_are(half, evogs, made, tmp_path):
     assert (code, err) == (0, "")
     splats = decode_prefix(half).leaves()
     white = render(splats, cameras_around(splats, "z", PIXELS)[0], (1.0, 1.0, 1.0))
-    write_png(tmp_path / "expected.png", white)
+    write_png(tmp_path / "expected.png", white, made_by="evogs render")
     assert (tmp_path / "half.png").read_bytes() == (tmp_path / "expected.png").read_bytes()
     assert out.endswith(f"{len(splats):,} splats, 1 view, {said_of(half, made)}\n")
 

@@ -1,0 +1,77 @@
+"""Which command made a file: files that a command writes name it.
+
+A `.ply` has a comment, a `.tree.npz` an array `made_by`, a PNG a text chunk `Software`, a stream
+its metadata. Files of others name nothing, or something else.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from pathlib import Path
+
+from evogs_codec.errors import InputError, StreamError
+from evogs_codec.format.directory import HEADER_SIZE, read_directory, read_header
+from evogs_codec.io.safe_npz import Npz
+
+__all__ = [
+    "MADE_BY",
+    "SOFTWARE",
+    "comment_of",
+    "encoded_stream",
+    "marked_picture",
+    "marked_scene",
+    "marked_tree",
+]
+
+MADE_BY = "made_by"  # of a `.tree.npz`
+SOFTWARE = b"tEXt"  # of a PNG: its keyword is Software
+MAX_MARK = 1 << 20  # bytes from the start of a file that a mark is looked for in
+
+
+def comment_of(command: str) -> str:
+    """The comment of a `.ply` that a command makes."""
+    return f"made by {command}"
+
+
+def marked_scene(path: Path, command: str) -> bool:
+    """Whether the header of a `.ply` names the command."""
+    with path.open("rb") as file:
+        header = file.read(MAX_MARK).partition(b"\nend_header")[0]
+    return f"comment {comment_of(command)}".encode() in header.split(b"\n")
+
+
+def marked_tree(path: Path, command: str) -> bool:
+    """Whether a `.tree.npz` names the command."""
+    try:
+        with Npz(path) as npz:
+            return npz.text(MADE_BY) == command
+    except InputError:
+        return False
+
+
+def marked_picture(path: Path, command: str) -> bool:
+    """Whether a PNG names the command."""
+    wanted = b"Software\0" + command.encode()
+    with path.open("rb") as file:
+        start = file.read(MAX_MARK)
+    at = 8
+    while at + 8 <= len(start):
+        (size,) = struct.unpack_from(">I", start, at)
+        kind, body = start[at + 4 : at + 8], start[at + 8 : at + 8 + size]
+        if (kind, body) == (SOFTWARE, wanted):
+            return True
+        at += 12 + size
+    return False
+
+
+def encoded_stream(path: Path, _command: str) -> bool:
+    """Whether this encoder made a stream; `evogs extract` leaves the name of the encoder in it."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(HEADER_SIZE)
+            head += file.read(read_header(memoryview(head))["chunks_size"])
+        text = read_directory(memoryview(head)).info.text
+    except StreamError:
+        return False
+    return re.match(r"evogs\b", text.get("generator", "")) is not None
