@@ -21,6 +21,7 @@ from evogs_codec.encoding.settings import PRESETS, SCENE_PRESET, TREE_PRESET, Ra
 from evogs_codec.errors import InputError
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.io.files import KIND_BYTES, STREAM, kind_of, write_atomic
+from evogs_codec.io.foreign import hint_for_zip
 from evogs_codec.io.ply import drop_non_finite, read_ply
 from evogs_codec.io.tree_npz import read_tree, write_tree
 from evogs_codec.lifting.lift import lift
@@ -107,7 +108,7 @@ def _is_scene(path: Path) -> bool:
     """Whether to read a `.ply`, and not a `.tree.npz`: judged by the first bytes of the file.
 
     Raises:
-        InputError: the file is a stream.
+        InputError: the file is a stream, or another zip.
     """
     with path.open("rb") as file:
         start = file.read(KIND_BYTES)
@@ -116,7 +117,10 @@ def _is_scene(path: Path) -> bool:
             f"{path}: is an EvoGS stream already: `evogs extract` makes a smaller one;"
             f" to encode it again, decode it first: `evogs decode {path} OUT.ply`"
         )
-    return not start.startswith(b"PK")
+    is_zip = start.startswith(b"PK")
+    if is_zip and (hint := hint_for_zip(path)):
+        raise InputError(f"{path}: {hint}")
+    return not is_zip
 
 
 def _read_splats(path: Path, *, drop_invalid: bool) -> SplatParams:

@@ -25,6 +25,7 @@ from plyfile import PlyData, PlyElement, PlyListProperty, PlyParseError
 from evogs_codec.common.printable import shown
 from evogs_codec.errors import InputError
 from evogs_codec.io.files import write_atomic
+from evogs_codec.io.foreign import hint_for_no_ply
 from evogs_codec.model.splats import SplatParams, sh_degree_of
 
 __all__ = ["OPAQUE", "drop_non_finite", "finite_opacities", "read_ply", "write_ply"]
@@ -162,8 +163,7 @@ def _read_header(path: PathLike) -> _Header:
         start = stream.read(MAX_HEADER)
     first = re.match(rb"ply(\r\n|\n|\r)", start)
     if first is None:
-        found = "is empty" if not start else "does not start with the line 'ply'"
-        raise InputError(f"{path}: {found}; expected a 3DGS .ply")
+        raise InputError(f"{path}: {hint_for_no_ply(start, Path(path))}")
     newline = first[1]
     end = start.find(newline + b"end_header" + newline)
     if end < 0:

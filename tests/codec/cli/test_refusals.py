@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import warnings
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -76,6 +77,19 @@ def test_validate_says_the_fault_of_what_is_no_stream(refused, made):
 def test_a_stream_is_not_encoded_again(command, refused, made, tmp_path):
     words = [made / "scene.evogs", "is an EvoGS stream already", "evogs extract", "evogs decode"]
     refused(command, made / "scene.evogs", tmp_path / "out", words=words)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", ["encode", "lift"])
+def test_what_is_neither_scene_nor_tree_is_refused_and_the_line_says_what_to_do(
+    command, refused, tmp_path
+):
+    with zipfile.ZipFile(tmp_path / "bundle", "w") as archive:
+        archive.writestr("meta.json", "{}")
+    (tmp_path / "zeros").write_bytes(bytes(5000))
+    words = {"bundle": "is a .sog: save it as a 3DGS .ply", "zeros": "only zeros, as of an inter"}
+    for name, said in words.items():
+        refused(command, tmp_path / name, tmp_path / "out", words=[tmp_path / name, said])
     assert not (tmp_path / "out").exists()
 
 

@@ -2,9 +2,12 @@
 
 import contextlib
 import errno
+import gzip
 import os
 import stat
+import zipfile
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evogs_codec.errors import InputError
+from evogs_codec.format.layout import SIGNATURE
 from evogs_codec.io.files import write_atomic
 from evogs_codec.io.ply import OPAQUE, drop_non_finite, finite_opacities, read_ply, write_ply
 from evogs_codec.model.channels import n_channels
@@ -172,6 +176,14 @@ def test_a_double_beyond_float32_becomes_infinite(read):
     assert read(ply_bytes(columns, kind="double")).finite().tolist() == [False, True]
 
 
+def zip_of(name):
+    """A zip with one file."""
+    data = BytesIO()
+    with zipfile.ZipFile(data, "w") as archive:
+        archive.writestr(name, b"x")
+    return data.getvalue()
+
+
 GOOD = ply_bytes(columns_of(scene_of(3, 1)))
 GOOD_TEXT = ply_bytes(columns_of(scene_of(3, 1)), "ascii")
 POINTS = ply_bytes({name: np.zeros(2) for name in ("x", "y", "z", "red", "green", "blue")})
@@ -184,8 +196,22 @@ LIST = ["property list uchar float w"]
 BAD = {
     "empty": (b"", "is empty; expected a 3DGS .ply"),
     "four bytes": (b"abcd", "does not start with the line 'ply'"),
-    "zeros": (bytes(1000), "does not start with the line 'ply'"),
-    "a picture": (b"\x89PNG\r\n\x1a\n" + bytes(99), "does not start"),
+    "zeros": (bytes(1000), "has only zeros, as of an interrupted copy or download: get the file"),
+    "spz 4": (b"NGSP\4\0\0\0", "is an .spz: save it as a 3DGS .ply first"),
+    "spz 1 to 3": (gzip.compress(b"NGSP\3\0\0\0" + bytes(90)), "is an .spz: save it as a 3DGS"),
+    "gzip": (gzip.compress(b"ply\n"), "is compressed with gzip: unpack it first"),
+    "cut gzip": (b"\x1f\x8b\x08", "is compressed with gzip: unpack it first"),
+    "no gzip": (b"\x1f\x8b" + bytes(range(200)), "is compressed with gzip: unpack it first"),
+    "glb": (b"glTF\2\0\0\0", "is a .glb: save it as a 3DGS .ply first"),
+    "stream": (SIGNATURE, "is an EvoGS stream: `evogs decode"),
+    "sog": (zip_of("meta.json"), "is a .sog: save it as a 3DGS .ply first"),
+    "zip of a ply": (zip_of("a/Scene.PLY"), "is a zip with a .ply in it: unpack it first"),
+    "zip": (zip_of("x"), "is a zip, not a scene: give a 3DGS .ply"),
+    "cut zip": (zip_of("meta.json")[:20], "is a zip, not a scene: give a 3DGS .ply"),
+    "png": (b"\x89PNG\r\n\x1a\n", "is a PNG, not a scene: give a 3DGS .ply"),
+    "jpeg": (b"\xff\xd8\xff\xe0", "is a JPEG, not a scene: give a 3DGS .ply"),
+    "page": (b"\n<!DOCTYPE html><html>", "is a web page, as where a download needs a login"),
+    "LFS": (b"version https://git-lfs.github.com/spec/v1\n", "is a pointer of Git LFS"),
     "plywood": (b"plywood", "does not start"),
     "only ply": (b"ply\n", "no line 'end_header'"),
     "endless header": (b"ply\n" + b"comment x\n" * 200_000, "no line 'end_header'"),
@@ -233,6 +259,13 @@ def test_a_bad_file_is_refused_in_one_line_that_names_it(read, data, message):
     assert message in text
     assert "scene.ply: " in text
     assert "\n" not in text
+
+
+@pytest.mark.parametrize("name", ["a.splat", "a.KSPLAT"])
+def test_what_has_no_magic_is_told_by_its_name(tmp_path, name):
+    (tmp_path / name).write_bytes(bytes(range(1, 65)))
+    with pytest.raises(InputError, match=rf"seems to be a {name[1:].lower()}: save it as a 3DGS"):
+        read_ply(tmp_path / name)
 
 
 def test_a_folder_or_an_absent_file_is_refused(tmp_path):
