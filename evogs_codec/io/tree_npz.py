@@ -100,22 +100,39 @@ def write_tree(path: PathLike, tree: EvolutionTree, *, made_by: str = "") -> Non
 class _Slots:
     """The slots while levels are read: which are live, and where the tree has them.
 
+    Room doubles, so that a generation of a few records does not copy all slots.
+
     Attributes:
-        tree_slot: (n,) the tree's number of each slot of the file.
-        live: (n,) by slot of the file.
+        n: slots there are.
     """
 
     def __init__(self, n_roots: int) -> None:
-        self.tree_slot: I64 = np.arange(n_roots, dtype=np.int64)
-        self.live = np.ones(n_roots, bool)
+        self.n = n_roots
+        self._tree_slot: I64 = np.arange(n_roots, dtype=np.int64)
+        self._live = np.ones(n_roots, bool)
 
     def __len__(self) -> int:
-        return len(self.live)
+        return self.n
+
+    @property
+    def tree_slot(self) -> I64:
+        """(n,) the tree's number of each slot of the file."""
+        return self._tree_slot[: self.n]
+
+    @property
+    def live(self) -> npt.NDArray[np.bool_]:
+        """(n,) by slot of the file; may be written to."""
+        return self._live[: self.n]
 
     def extend(self, tree_slots: I64) -> None:
         """New live slots with these numbers in the tree, in the order of the file."""
-        self.tree_slot = np.concatenate([self.tree_slot, tree_slots])
-        self.live = np.concatenate([self.live, np.ones(len(tree_slots), bool)])
+        end = self.n + len(tree_slots)
+        if end > len(self._live):
+            room = np.empty(max(end, 2 * len(self._live)) - self.n, np.int64)
+            self._tree_slot = np.concatenate([self.tree_slot, room])
+            self._live = np.concatenate([self.live, np.ones(len(room), bool)])
+        self._tree_slot[self.n : end] = tree_slots
+        self.n = end
 
 
 def _read_roots(npz: Npz) -> SplatParams:

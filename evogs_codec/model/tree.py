@@ -190,15 +190,14 @@ class EvolutionTree:
     def __post_init__(self) -> None:
         object.__setattr__(self, "steps", tuple(self.steps))
         object.__setattr__(self, "quanta", tuple(map(tuple, self.quanta)))
-        live = np.zeros(0, bool)
-        level = 0
+        live = np.ones(sum(step.n_new for step in self.steps), bool)
+        level = n = 0
         for k, step in enumerate(self.steps):
-            _check_step(step, k, live, level, n_channels(self.sh_degree))
+            _check_step(step, k, live[:n], level, n_channels(self.sh_degree))
             if self.palette is not None:
                 _check_picks(step, k, self.palette)
-            live = np.concatenate([live, np.ones(step.n_new, bool)])
             live[step.slots[step.kinds == Kind.DROP]] = False
-            level = step.level
+            level, n = step.level, n + step.n_new
         if self.quanta:
             shape = (1 + self.n_levels, N_GROUPS + self.sh_degree)
             found = np.array(self.quanta) if len(set(map(len, self.quanta))) == 1 else np.empty(0)

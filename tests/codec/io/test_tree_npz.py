@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evogs_codec.io.tree_npz import read_tree, write_tree
+from evogs_codec.io.tree_npz import _Slots, read_tree, write_tree
 from evogs_codec.model.channels import GROUP_CHANNELS, n_channels
 from evogs_codec.model.tree import EvolutionTree, Step
 from tests.support.strategies import trees
@@ -161,6 +161,18 @@ def test_a_chain_of_64_generations_and_300_in_one_level_are_kept(tmp_path):
         again = read_tree(tmp_path / "chain.tree.npz")
         assert len(again.steps) == n + 1
         assert again.leaves().opacity_logits.tolist() == [n + 1]
+
+
+def test_many_generations_do_not_copy_all_slots_each():
+    slots = _Slots(3)
+    rooms, bases = set(), []
+    for k in range(2000):
+        slots.extend(np.array([3 + k]))
+        rooms.add(id(slots.live.base))
+        bases.append(slots.live.base)  # so that no number is given twice
+        assert slots.live[-1]
+    np.testing.assert_array_equal(slots.tree_slot, np.arange(2003))
+    assert len(rooms) < 20
 
 
 def test_quanta_are_kept(read):
