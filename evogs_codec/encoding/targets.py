@@ -45,6 +45,8 @@ NARROW = 1e-6
 ROUGH, SPREAD, GOLDEN = 0.02, 0.2, 0.618  # of the logarithm of a price
 PSNR_SLACK, BYTES_SLACK = 0.1, 0.005  # dB, and part of the bytes asked for
 POLISH_GAIN = 2.0  # dB, about
+FAR_PSNR, FAR_BYTES = 15.0, math.log(8.0)  # from the first try: the end of the range is tried next
+ONE_SIDED = 3  # tries on one side of a target, after which it is, too
 
 T = TypeVar("T")
 
@@ -109,10 +111,26 @@ class TargetEncoder:
             # 3 dB for a price twice as high.
             slope = -10 / math.log(10)
             return _search(
-                lambda price: measure(code(price)), target, slope, start, PRICES, slack, tries=tries
+                lambda price: measure(code(price)),
+                target,
+                slope,
+                start,
+                PRICES,
+                slack,
+                tries=tries,
+                far=FAR_PSNR,
             )
 
         plain = search(coder.coded, decibels, FIRST_PRICE, PSNR_SLACK, tries)
+        room = 2 * PSNR_SLACK + (2 * POLISH_GAIN if coder.polishes else 0)
+        if plain.is_end and abs(plain.value - decibels) > room:
+            end = "largest" if plain.value < decibels else "smallest"
+            each = len(write(plain.what, effort=1, digests=False)) / self.tree.n_leaves
+            said = (
+                f"{decibels:g} dB cannot be met: the {end} PSNR that can be reached is"
+                f" {plain.value:.1f} dB, with about {each:.1f} bytes a splat"
+            )
+            raise TargetMissedError(said, abs(plain.value - decibels))
         found = [plain]
         if coder.polishes:
             near = search(coder.coded, decibels - POLISH_GAIN, FIRST_PRICE, POLISH_GAIN / 4)
@@ -138,9 +156,23 @@ class TargetEncoder:
 
             bounds = PRICES if self.views else FACTORS
             most = math.log(n_bytes)
-            return _search(measure, most - BYTES_SLACK, -0.1, start, bounds, BYTES_SLACK, most)
+            return _search(
+                measure,
+                most - BYTES_SLACK,
+                -0.1,
+                start,
+                bounds,
+                BYTES_SLACK,
+                most,
+                far=FAR_BYTES,
+            )
 
         plain = search(coder.coded, FIRST_PRICE if self.views else 1.0)
+        if plain.is_end and not 0.98 * n_bytes <= len(plain.what) <= n_bytes:
+            end = "largest" if len(plain.what) < n_bytes else "smallest"
+            n_end = len(plain.what)
+            said = f"{n_bytes:,} bytes cannot be met: the {end} stream has {n_end:,} bytes"
+            raise TargetMissedError(said, abs(len(plain.what) - n_bytes))
         found = [search(coder.polished, plain.at), plain] if coder.polishes else [plain]
         met = [one.what for one in found if 0.98 * n_bytes <= len(one.what) <= n_bytes]
         if not met:
@@ -181,33 +213,47 @@ class TargetEncoder:
         if not all(error > 0 for error in errors.values()):
             raise ValueError("largest errors are above 0")
         asked = np.array([errors.get(name, math.inf) for name in GROUPS])
+        if np.any(self.leaf_error > asked):
+            raise self._missed(asked, np.array(self.leaf_error))
         coder = _Coder(replace(self, views=None, polish=0, layers=1))
+        finest = replace(self.settings, accuracy=NearLossless())
         table = coder.first_table()
         groups = np.minimum(np.arange(table.shape[1]), 4)
         table = np.where(np.isinf(asked[groups]), table, 2 * asked[groups])
-        data, found = b"", np.full(len(GROUPS), math.inf)
         for attempt in range(MOST_TRIES):
-            if attempt == MOST_TRIES - 1:
-                settings = replace(self.settings, accuracy=NearLossless())
-            else:
-                settings = replace(self.settings, accuracy=StepTable.of(table))
+            is_last = attempt == MOST_TRIES - 1
+            settings = finest if is_last else replace(self.settings, accuracy=StepTable.of(table))
             data = self._with_digests(coder.quantised(settings))
-            found = _errors(coder.tiles, data, self.tree.shown_degree) + self.leaf_error
+            found = self._errors_of(coder, data)
             if np.all(found <= asked):
                 return data
+            if attempt == ONE_SIDED - 1 or (not attempt and np.any(found > 2 * asked)):
+                least = self._errors_of(coder, write(coder.quantised(finest), effort=1))
+                if np.any(least > 2 * asked):  # what is finest is a unit off; steps half of one
+                    raise self._missed(asked, least)
             finer = np.where(
                 found > asked, np.minimum(0.9 * asked / np.maximum(found, 1e-300), 0.9), 1
             )
             table = table * np.maximum(finer, 0.02)[groups]
-        worst = int(np.argmax(found / asked))
-        name, least = GROUPS[worst], found[worst]
+        raise self._missed(asked, found)
+
+    def _errors_of(self, coder: _Coder, data: bytes) -> F64:
+        """(5,) largest error of a stream per group, with those of the tree."""
+        return _errors(coder.tiles, data, self.tree.shown_degree) + self.leaf_error
+
+    def _missed(self, asked: F64, least: F64) -> TargetMissedError:
+        """That of these (5,) errors the least that were found are too large."""
+        worst = int(np.argmax(least / asked))
         why = (
             ", as float32 rounds the tree: try --levels 1"
             if self.leaf_error[worst] > asked[worst] / 2
             else ""
         )
-        said = f"{name}: an error of {errors[name]:g} cannot be kept: {least:.3g}{why}"
-        raise TargetMissedError(said, float(least / asked[worst]))
+        said = (
+            f"{GROUPS[worst]}: an error of {asked[worst]:g} cannot be kept: the least is"
+            f" {least[worst]:.3g}{why}"
+        )
+        return TargetMissedError(said, float(least[worst] / asked[worst]))
 
     def psnr(self, data: bytes) -> float:
         """Of the leaves of a stream, dB.
@@ -310,11 +356,15 @@ def _errors(tiles: Sequence[EvolutionTree], data: bytes, sh_degree: int) -> F64:
 
 @dataclass(frozen=True)
 class _Found(Generic[T]):
-    """The best of a search: where, its value, and what has it."""
+    """The best of a search: where, its value, and what has it.
+
+    `is_end`: an end of what was searched, beyond which the target lies.
+    """
 
     at: float
     value: float
     what: T
+    is_end: bool = False
 
 
 def _search(
@@ -326,6 +376,7 @@ def _search(
     slack: float,
     most: float = math.inf,
     tries: int = MOST_TRIES,
+    far: float = math.inf,
 ) -> _Found[T]:
     """Where a value that falls is nearest to `target`: secants in the logarithm, kept in brackets.
 
@@ -338,6 +389,8 @@ def _search(
         slack: a value this near is good enough.
         most: a value above it is the best only where none is below.
         tries: at most.
+        far: a first value that is further off has the end of the range tried, as one does of which
+            the first tries are all on one side: if the end does not reach the target, nothing does.
     """
 
     def badness(value: float) -> tuple[bool, float]:
@@ -349,6 +402,7 @@ def _search(
     before: tuple[float, float] | None = None
     middle: float | None = None
     is_above: set[bool] = set()
+    tried: set[float] = set()  # ends of the range
     for k in range(tries):
         value, what = measure(math.exp(at))
         if best is None or badness(value) < badness(best.value):
@@ -356,6 +410,13 @@ def _search(
         if abs(value - target) <= slack:
             break
         is_above.add(value > target)
+        if k + 1 == ONE_SIDED or (not k and abs(value - target) > far):
+            end = bounds[0] if value < target else bounds[1]
+            if len(is_above) == 1 and end not in tried:
+                tried.add(end)
+                last, at_end = measure(end)
+                if (last > target) == (value > target) and abs(last - target) > slack:
+                    return _Found(end, last, at_end, is_end=True)
         if value > target:
             low = at
         else:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from dataclasses import replace
 from functools import cache, partial
 
@@ -11,13 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conformance.decoders import oracle
-from evogs_codec import PRESETS, Cut, EvolutionTree, InputError, decode, encode, lift
+from evogs_codec import PRESETS, Cut, EvolutionTree, decode, encode, lift
 from evogs_codec.cli.commands import main
+from evogs_codec.encoding import targets
 from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.rate_distortion import cheapest
 from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.encoding.settings import TREE_PSNR, Settings
-from evogs_codec.encoding.targets import TargetEncoder, _search
+from evogs_codec.encoding.targets import PRICES, TargetEncoder, TargetMissedError, _search
 from evogs_codec.io.ply import write_ply
 from evogs_codec.io.tree_npz import write_tree
 from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS
@@ -209,12 +211,106 @@ def test_what_is_below_a_limit_is_better_than_what_is_nearer_above_it(most, foun
     assert _search(jump, 0.995, -0.1, 1.0, (0.01, 100.0), 0.005, most).what == found
 
 
+def counted(monkeypatch):
+    """Trees that were quantised."""
+    calls, quantise = [], targets.quantise
+
+    def counting(*args, **options):
+        calls.append(args)
+        return quantise(*args, **options)
+
+    monkeypatch.setattr(targets, "quantise", counting)
+    return calls
+
+
 @pytest.mark.thorough
-def test_targets_that_cannot_be_met_are_refused():
-    with pytest.raises(InputError, match=r"100 bytes cannot be met: [\d,]+ is nearest"):
-        aim().at_bytes(100)
-    with pytest.raises(InputError, match="position: an error of 1e-12 cannot be kept"):
-        TargetEncoder(scene()[0], PRESETS["scene"]).within({"position": 1e-12})
+@pytest.mark.parametrize("layers", [1, 2])
+@pytest.mark.parametrize(("decibels", "end"), [(120, "largest"), (5, "smallest")])
+def test_a_psnr_out_of_reach_is_refused_after_two_tries_with_what_can_be_reached(
+    monkeypatch, decibels, end, layers
+):
+    calls = counted(monkeypatch)
+    with pytest.raises(TargetMissedError) as refused:
+        aim(layers=layers).at_psnr(decibels)
+    assert len(calls) == 2
+    said = rf"{decibels} dB cannot be met: the {end} PSNR that can be reached is ([\d.]+) dB, with"
+    found = re.match(rf"{said} about ([\d.]+) bytes a splat$", str(refused.value))
+    reached, each = float(found[1]), float(found[2])
+    assert refused.value.by == pytest.approx(abs(decibels - reached), abs=0.06)
+    data = aim(layers=layers).at_price(PRICES[end == "smallest"])
+    assert psnr(data) == pytest.approx(reached, abs=0.06)
+    assert len(data) / 1500 == pytest.approx(each, rel=0.15)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("has_pictures", [True, False])
+def test_bytes_out_of_reach_are_refused_after_two_tries_with_the_smallest_stream(
+    monkeypatch, has_pictures
+):
+    calls = counted(monkeypatch)
+    aims = aim() if has_pictures else TargetEncoder(scene()[0], PRESETS["scene"])
+    with pytest.raises(TargetMissedError) as refused:
+        aims.at_bytes(10)
+    assert len(calls) == 2
+    found = re.match(
+        r"10 bytes cannot be met: the smallest stream has ([\d,]+) bytes$", str(refused.value)
+    )
+    least = int(found[1].replace(",", ""))
+    assert least / 1.01 <= len(aims.at_bytes(round(1.01 * least))) <= 1.01 * least
+    with pytest.raises(TargetMissedError, match=r"cannot be met: the largest stream has [\d,]+ by"):
+        aims.at_bytes(10**7)
+
+
+@pytest.mark.thorough
+def test_an_error_out_of_reach_is_refused_after_two_tries_with_the_least(monkeypatch):
+    calls = counted(monkeypatch)
+    tree = scene()[0]
+    with pytest.raises(TargetMissedError) as refused:
+        TargetEncoder(tree, PRESETS["scene"]).within({"position": 1e-12})
+    assert len(calls) == 2
+    found = re.match(
+        r"position: an error of 1e-12 cannot be kept: the least is ([\d.e-]+)$", str(refused.value)
+    )
+    least = float(found[1])
+    assert TargetEncoder(tree, PRESETS["scene"]).within({"position": 1.01 * least})
+
+
+def test_an_error_below_that_of_the_tree_is_refused_before_anything_is_encoded(monkeypatch):
+    calls = counted(monkeypatch)
+    one = TargetEncoder(scene()[0], PRESETS["scene"], leaf_error=(0.1, 0, 0, 0, 0))
+    with pytest.raises(TargetMissedError, match=r"the least is 0\.1, as float32 rounds the tree"):
+        one.within({"position": 0.01})
+    assert not calls
+
+
+def test_a_target_that_only_the_middle_of_the_range_reaches_is_found_though_the_first_is_far():
+    tries = []
+
+    def measure(at):
+        tries.append(at)
+        return 10 - math.log10(at), at
+
+    found = _search(measure, 30.0, -0.1, 1.0, (1e-40, 1e40), 0.01, far=5)
+    assert found.value == pytest.approx(30, abs=0.01)
+    assert not found.is_end
+    assert tries[1] == 1e-40
+
+
+@pytest.mark.parametrize("target", [100, -100])
+def test_a_value_that_no_place_has_is_given_up_after_a_few_tries(target):
+    tries = []
+
+    def measure(at):
+        tries.append(at)
+        return math.tanh(-math.log(at)), at
+
+    found = _search(measure, target, -0.1, 1.0, (1e-4, 1e4), 0.01)
+    assert found.is_end
+    assert len(tries) <= 4
+    assert abs(found.value) > 0.99
+
+
+def test_a_target_of_pictures_needs_views():
     with pytest.raises(ValueError, match="needs views"):
         TargetEncoder(scene()[0], PRESETS["scene"]).at_psnr(40)
 
