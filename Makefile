@@ -69,7 +69,7 @@ demo: $(RUNTIME)
 	  $(EVOGS) extract build/demo.evogs build/demo-L$$k.evogs --level $$k; \
 	  $(EVOGS) decode build/demo-L$$k.evogs build/demo-L$$k.ply; \
 	done
-	$(EVOGS) render build/demo.evogs build/demo.png --sheet --size 400 \
+	$(EVOGS) render build/demo.evogs build/demo.png --force --sheet --size 400 \
 	  --camera build/demo-cameras.json --reference build/demo.ply
 	@set -e; bytes() { wc -c < "$$1" | tr -d ' '; }; \
 	splats() { LC_ALL=C sed -n 's/^element vertex //p; /^end_header/q' "$$1"; }; \

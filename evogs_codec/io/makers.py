@@ -26,6 +26,10 @@ __all__ = [
 
 MADE_BY = "made_by"  # of a `.tree.npz`
 SOFTWARE = b"tEXt"  # of a PNG: its keyword is Software
+OLD_MARKS = {  # of a `.ply` from before files named commands
+    "evogs decode": b"comment generator: evogs ",
+    "python -m evogs_codec.render.demo_scene": b"comment procedural scene of evogs",
+}
 MAX_MARK = 1 << 20  # bytes from the start of a file that a mark is looked for in
 
 
@@ -37,8 +41,11 @@ def comment_of(command: str) -> str:
 def marked_scene(path: Path, command: str) -> bool:
     """Whether the header of a `.ply` names the command."""
     with path.open("rb") as file:
-        header = file.read(MAX_MARK).partition(b"\nend_header")[0]
-    return f"comment {comment_of(command)}".encode() in header.split(b"\n")
+        lines = file.read(MAX_MARK).partition(b"\nend_header")[0].split(b"\n")
+    if f"comment {comment_of(command)}".encode() in lines:
+        return True
+    old = OLD_MARKS.get(command)
+    return old is not None and any(line.startswith(old) for line in lines)
 
 
 def marked_tree(path: Path, command: str) -> bool:

@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 
 from evogs_codec.cli.commands import main
-from evogs_codec.io.tree_npz import read_tree
+from evogs_codec.io.tree_npz import read_tree, write_tree
+from evogs_codec.lifting.lift import lift
+from evogs_codec.render.demo_scene import make_scene
+from evogs_codec.render.png import write_png
 from reference_trainer.cli import config_of, register
 from reference_trainer.config import PRESETS, Config
 from tests.trainer import tiny
@@ -125,6 +128,24 @@ def test_a_file_of_another_kind_is_not_overwritten(folder, tmp_path, capsys, nam
     assert words in capsys.readouterr().err
     assert foreign.read_text() == "mine, and of no use to a trainer\n"
     assert main(["train", str(folder), out, *FLAGS, *SHORT, *flags, "--force"]) == 0
+
+
+def test_a_tree_or_picture_that_others_made_is_not_overwritten(folder, tmp_path, capsys):
+    out, work = tmp_path / "a.tree.npz", tmp_path / "work"
+    train = ["train", str(folder), str(out), *FLAGS, *SHORT, "--checkpoint", str(work)]
+    picture = work / "pictures" / "L1.png"
+    picture.parent.mkdir(parents=True)
+    write_png(picture, np.zeros((2, 2, 3)))
+    assert main(train) == 1
+    assert f"{picture}: exists and was not made by `evogs train`" in capsys.readouterr().err
+    picture.unlink()
+    write_tree(out, lift(make_scene(5), 2), made_by="evogs lift")
+    before = out.read_bytes()
+    assert main(train) == 1
+    assert f"{out}: exists and was not made by `evogs train`" in capsys.readouterr().err
+    assert out.read_bytes() == before
+    assert main([*train, "--force"]) == 0
+    assert main(train) == 0
 
 
 @pytest.mark.parametrize("below", ["", "pictures"])

@@ -178,6 +178,14 @@ def test_metadata_of_a_stream_does_not_pass_for_a_mark(refused, evogs, here):
     refused("decode", here / "scene.evogs", here / "other.ply", words=["by `evogs decode`"])
 
 
+def test_scenes_from_before_files_named_commands_are_replaced(evogs, here):
+    write_ply(here / "old.ply", make_scene(3), ["title: x", "generator: evogs 0.1.0"])
+    assert evogs("decode", here / "scene.evogs", here / "old.ply")[0] == 0
+    write_ply(here / "old.ply", make_scene(3), ["procedural scene of evogs"])
+    scene_tool.main([str(here / "old.ply"), "--splats", "10"])
+    assert len(read_ply(here / "old.ply")) == 10
+
+
 def test_a_part_of_a_stream_names_the_encoder_too(evogs, here):
     for _ in range(2):
         part = here / "part.evogs"
