@@ -18,6 +18,8 @@ from evogs_codec.decoding.progressive import Decoder as Decoder
 from evogs_codec.decoding.progressive import StepReady as StepReady
 from evogs_codec.editing.extract import choose_cut as choose_cut
 from evogs_codec.editing.extract import extract as extract
+from evogs_codec.editing.level_psnr import LevelPsnr as LevelPsnr
+from evogs_codec.editing.level_psnr import level_psnr as level_psnr
 from evogs_codec.encoding.arrange import leaf_order as leaf_order
 from evogs_codec.encoding.encode import encode as encode
 from evogs_codec.encoding.grids import AccuracyWarning as AccuracyWarning
@@ -72,6 +74,7 @@ __all__ = [
     "FixedSteps",
     "InputError",
     "Kind",
+    "LevelPsnr",
     "Lifted",
     "NearLossless",
     "NotRepresentableError",
@@ -102,6 +105,7 @@ __all__ = [
     "extract",
     "finite_opacities",
     "leaf_order",
+    "level_psnr",
     "lift",
     "lift_with_order",
     "read_directory",

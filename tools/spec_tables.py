@@ -100,7 +100,8 @@ def registry_module() -> str:
         names = [r["name"] for r in rows("registry") if r["registry"] == registry]
         lines.append(f"{constant} = ({', '.join(json.dumps(name) for name in names)})")
     keys = [r["value"] for r in rows("registry") if r["registry"] == "metadata"]
-    keys.remove("generator")
+    for by_the_encoder in ("generator", "psnr"):
+        keys.remove(by_the_encoder)
     lines += [
         "",
         "# Metadata keys that a person gives.",

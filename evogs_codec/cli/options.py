@@ -229,6 +229,7 @@ def add_info(commands: Commands, run: Run) -> None:
         "Show what a stream contains: header, levels, bytes per group.\n\n"
         "adds: detail (other splats than the level below), or precision (the same, refined)\n"
         "to move: estimated RMS distance of the splats from their final positions, scene units\n"
+        "PSNR: of pictures of the level against the scene, where the encoder measured it\n"
         "over order-0: how far the bytes exceed the order-0 entropy of the integers\n\n"
         "Of a file whose end is missing, each level is marked present, in part or missing."
     )

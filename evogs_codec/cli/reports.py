@@ -10,6 +10,8 @@ from evogs_codec._generated import registry
 from evogs_codec.common.printable import shown
 from evogs_codec.decoding.cut import Cut
 from evogs_codec.editing.byte_stats import GroupBytes, levels
+from evogs_codec.editing.level_psnr import KEY as PSNR
+from evogs_codec.editing.level_psnr import level_psnr
 from evogs_codec.editing.omissions import Omission
 from evogs_codec.editing.presence import LevelPresence, level_presence
 from evogs_codec.format.directory import Directory
@@ -22,15 +24,28 @@ MAX_COMMENTS, MAX_COMMENT = 100, 1000  # a header of 100 kB, which every reader 
 
 def comments_of(directory: Directory) -> list[str]:
     """Metadata as comments of a .ply, which are ASCII without control characters."""
-    lines = [f"{key}: {value}" for key, value in directory.info.text.items()][:MAX_COMMENTS]
+    text = {key: value for key, value in directory.info.text.items() if key != PSNR}
+    lines = [f"{key}: {value}" for key, value in text.items()][:MAX_COMMENTS]
     ascii_ = (shown(line, MAX_COMMENT).encode("ascii", "backslashreplace") for line in lines)
     return [shown(line.decode("ascii"), MAX_COMMENT) for line in ascii_]
 
 
 def level_figures(directory: Directory) -> list[dict[str, Any]]:
-    """Figures per level for JSON, which has no NaN: an unknown error is null."""
-    figures = [asdict(level) for level in levels(directory)]
+    """Figures per level for JSON, which has no NaN: an unknown error or PSNR is null."""
+    figures = [
+        asdict(level) | {"psnr": decibels}
+        for level, decibels in zip(levels(directory), _decibels(directory), strict=True)
+    ]
     return [{k: v if v == v else None for k, v in level.items()} for level in figures]
+
+
+def _decibels(directory: Directory) -> list[float | None]:
+    """(n_levels,) PSNR of each level; None where the stream has no packet of it or is silent."""
+    known = level_psnr(directory)
+    found: tuple[float | None, ...] = () if known is None else known.decibels
+    found += (None,) * (directory.n_levels - len(found))
+    has_packets = [level.n_bytes > 0 for level in levels(directory)]
+    return [one if has else None for one, has in zip(found, has_packets, strict=True)]
 
 
 def info_of(
@@ -40,7 +55,8 @@ def info_of(
     left_out: Sequence[Omission] = (),
 ) -> dict[str, Any]:
     """What `evogs info` says of a stream of which `size` bytes are there."""
-    scene, presence = directory.info, presence_of(directory, size)
+    scene, presence, known = directory.info, presence_of(directory, size), level_psnr(directory)
+    text = {key: value for key, value in scene.text.items() if key != PSNR or known is None}
     return {
         "tier": directory.tier,
         "sh_degree": directory.sh_degree,
@@ -58,8 +74,9 @@ def info_of(
             "unit": registry.name(registry.UNITS, scene.unit),
             "colour_space": registry.name(registry.COLOUR_SPACES, scene.colour_space),
             "antialiased": scene.antialiased,
-            **scene.text,
+            **text,
         },
+        "psnr_views": None if known is None else known.views,
         "levels": [
             figures | {"presence": there.state, "has_all_splats": there.has_all_splats}
             for figures, there in zip(level_figures(directory), presence, strict=True)
@@ -78,6 +95,8 @@ def print_info(directory: Directory, info: dict[str, Any], groups: dict[str, Gro
         print(f"{'palette_entries':>18}  {info['palette_entries']}")
     for key, value in info["scene"].items():
         print(f"{shown(key):>18}  {shown(value)}")
+    if info["psnr_views"] is not None:
+        print(f"{'PSNR of':>18}  {shown(info['psnr_views'])}")
     present = info["bytes_present"]
     if present < directory.size:
         print(f"{'truncated':>18}  {present:,} of {directory.size:,} bytes are there")
@@ -115,17 +134,20 @@ def print_levels(directory: Directory, presence: Sequence[LevelPresence] | None 
 
     Of a truncated file, also whether the level is there.
     """
+    decibels = _decibels(directory)
+    has_psnr = any(one is not None for one in decibels)
     head = f"{'level':>6}  {'adds':<9} {'splats':>10} {'bytes':>12} {'so far':>12}"
-    print(f"\n{head} {'':>7} {'to move':>9}")
+    print(f"\n{head} {'':>7} {'to move':>9}{'PSNR' if has_psnr else '':>7}".rstrip())
     so_far = directory.data_offset
-    for level in levels(directory):
+    for level, psnr in zip(levels(directory), decibels, strict=True):
         so_far += level.n_bytes
+        quality = "" if not has_psnr else f"{'' if psnr is None else f'{psnr:.2f}':>7}"
         part = 100 * so_far / directory.size
         there = "#" * round(part / 5) if presence is None else _presence_text(presence[level.level])
         print(
             f"{level.level:>6}  {level.adds:<9} {level.n_leaves:>10,} {level.n_bytes:>12,}"
             f" {so_far:>12,}"
-            f" {part:>5.1f} % {level.error:>9.3g}  {there}"
+            f" {part:>5.1f} % {level.error:>9.3g}{quality}  {there}"
         )
 
 

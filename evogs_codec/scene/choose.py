@@ -15,6 +15,7 @@ from evogs_codec.encoding.targets import TargetEncoder, TargetMissedError
 from evogs_codec.errors import InputError
 from evogs_codec.format.write_directory import MAX_LEVELS
 from evogs_codec.model.tree import EvolutionTree
+from evogs_codec.scene.measure import with_room
 from evogs_codec.scene.request import Request
 
 __all__ = ["FoundStream", "at_tree_psnr", "best_stream"]
@@ -89,6 +90,8 @@ def best_stream(
     aim = replace(whole, views=views, polish=request.polish, layers=layers)
     if request.target_bytes is not None:
         most = request.target_bytes
+        n_levels = max(tree.n_levels, 1) + layers - 1
+        aim = replace(aim, info=with_room(request.info, tree, n_levels, request))
         return _best(trees, aim, lambda one: one.at_bytes(most), TargetEncoder.psnr)
     target = request.target_psnr
     assert target is not None, "there is a target"

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from conformance.decoders import oracle
 from evogs_codec import PRESETS, Cut, EvolutionTree, decode, encode, lift
 from evogs_codec.cli.commands import main
-from evogs_codec.encoding import targets
 from evogs_codec.encoding.arrange import arrange
+from evogs_codec.encoding.quantise import quantise
 from evogs_codec.encoding.rate_distortion import cheapest
 from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.encoding.settings import TREE_PSNR, Settings
@@ -213,13 +213,13 @@ def test_what_is_below_a_limit_is_better_than_what_is_nearer_above_it(most, foun
 
 def counted(monkeypatch):
     """Trees that were quantised."""
-    calls, quantise = [], targets.quantise
+    calls = []
 
     def counting(*args, **options):
         calls.append(args)
         return quantise(*args, **options)
 
-    monkeypatch.setattr(targets, "quantise", counting)
+    monkeypatch.setattr("evogs_codec.encoding.targets.quantise", counting)
     return calls
 
 
@@ -235,6 +235,7 @@ def test_a_psnr_out_of_reach_is_refused_after_two_tries_with_what_can_be_reached
     assert len(calls) == 2
     said = rf"{decibels} dB cannot be met: the {end} PSNR that can be reached is ([\d.]+) dB, with"
     found = re.match(rf"{said} about ([\d.]+) bytes a splat$", str(refused.value))
+    assert found
     reached, each = float(found[1]), float(found[2])
     assert refused.value.by == pytest.approx(abs(decibels - reached), abs=0.06)
     data = aim(layers=layers).at_price(PRICES[end == "smallest"])
@@ -255,6 +256,7 @@ def test_bytes_out_of_reach_are_refused_after_two_tries_with_the_smallest_stream
     found = re.match(
         r"10 bytes cannot be met: the smallest stream has ([\d,]+) bytes$", str(refused.value)
     )
+    assert found
     least = int(found[1].replace(",", ""))
     assert least / 1.01 <= len(aims.at_bytes(round(1.01 * least))) <= 1.01 * least
     with pytest.raises(TargetMissedError, match=r"cannot be met: the largest stream has [\d,]+ by"):
@@ -271,6 +273,7 @@ def test_an_error_out_of_reach_is_refused_after_two_tries_with_the_least(monkeyp
     found = re.match(
         r"position: an error of 1e-12 cannot be kept: the least is ([\d.e-]+)$", str(refused.value)
     )
+    assert found
     least = float(found[1])
     assert TargetEncoder(tree, PRESETS["scene"]).within({"position": 1.01 * least})
 
