@@ -3,6 +3,7 @@
 import re
 import shlex
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -37,11 +38,23 @@ def test_the_examples_of_the_api_page_run(tmp_path, monkeypatch):
     exec(compile("\n".join(found), "docs/api.md", "exec"), {})
 
 
-def test_the_commands_and_the_python_of_the_readme_run(tmp_path, monkeypatch, capsys):
-    pytest.importorskip("numba", reason="the rasterizer is compiled")
+@pytest.mark.thorough
+def test_the_examples_of_the_page_on_cuts_run(tmp_path, monkeypatch):
+    found = blocks((ROOT / "docs" / "choosing-a-cut.md").read_text(encoding="utf-8"), "python")
+    assert len(found) == 6
+    monkeypatch.chdir(tmp_path)
+    write_ply(tmp_path / "scene.ply", make_scene(3000))
+    assert evogs(["encode", "scene.ply", "scene.evogs", "--tiles", "4"]) == 0
+    names: dict[str, Any] = {}
+    exec(compile("\n".join(found), "docs/choosing-a-cut.md", "exec"), names)
+    assert 0 < names["level"] < 5
+    assert 0 < names["enough"] < 5
+    assert len({tuple(row) for row in names["sharp"].steps.tolist()}) > 1
+
+
+def run_the_readme():
     lines = next(block for block in blocks(README, "") if "pip install" in block).splitlines()
     assert len(lines) == 10
-    monkeypatch.chdir(tmp_path)
     for line in lines[1:]:
         words = shlex.split(line, comments=True)
         if words[0] == "python":
@@ -53,8 +66,23 @@ def test_the_commands_and_the_python_of_the_readme_run(tmp_path, monkeypatch, ca
     (program,) = blocks(README, "python")
     assert len([line for line in program.splitlines() if line]) == 6
     exec(compile(program, "README.md", "exec"), {})
+
+
+def test_the_commands_and_the_python_of_the_readme_run(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("numba", reason="the rasterizer is compiled")
+    monkeypatch.chdir(tmp_path)
+    run_the_readme()
     assert "splats" in capsys.readouterr().out
     assert (tmp_path / "prefix.ply").is_file()
+
+
+@pytest.mark.thorough
+def test_they_run_a_second_time_over_what_they_made(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run_the_readme()
+    made = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    run_the_readme()
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == made
 
 
 def test_the_readme_is_short_and_begins_with_its_two_commands():
