@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from evogs_codec.common.buffers import empty
 from evogs_codec.common.parallel import parallel_map
-from evogs_codec.decoding.compiled.dispatch import kernels_for
+from evogs_codec.decoding.compiled.dispatch import loaded_kernels
 from evogs_codec.decoding.tile_state import TileState
 from evogs_codec.format.directory import Directory
 from evogs_codec.model.channels import CORE_SH, GROUP_CHANNELS
@@ -41,7 +41,7 @@ class FloatView:
         n = int(n_live.sum())
         n_sh = 3 * (min(sh_degree, directory.sh_degree) + 1) ** 2
         self.groups = [empty((n, size), np.float32) for size in (3, 4, 3, 1, n_sh)]
-        kernels = kernels_for(n)
+        kernels = loaded_kernels(n)  # a view alone is too little to load them for
         self.write_rows = getattr(kernels, "float_rows", float_rows)
         self.write_picks = getattr(kernels, "float_picks", float_picks)
 
@@ -144,8 +144,15 @@ def float_picks(
 def float_rows(x: I32, origins: I64, scale: float, out: F32) -> None:
     """out[i, c] = binary32((origins[c] + x[c, i]) * scale), blockwise.
 
-    |O + X| is below 2**53, so binary64 holds it and the cast is the only rounding.
+    |O + X| is below 2**53, so binary64 holds it and the cast is the only rounding. Without origins
+    the cast of X is: `scale` is a power of 2.
     """
+    if not origins[: out.shape[1]].any():
+        for at in range(0, len(out), BLOCK):
+            to = out[at : at + BLOCK]
+            to[:] = x[:, at : at + BLOCK].T
+            to *= np.float32(scale)
+        return
     for at in range(0, len(out), BLOCK):
         part = x[:, at : at + BLOCK] + origins[:, None]
         out[at : at + BLOCK] = (part * scale).T

@@ -59,7 +59,8 @@ def replay_tiles(
     ends = np.searchsorted(tile_of[order], np.arange(1, len(directory.tiles)))
     of_tile = np.split(packets[order], ends)[: len(directory.tiles)]  # one part for no tiles
     n_slots = _slots_there(directory, packets, len(data))
-    kernels = kernels_for(n_slots)
+    sizes = directory.packets["size"][selected]
+    kernels = kernels_for(n_slots, min(int(sizes.sum(dtype=np.int64)), len(data)))
     has_more = len(data) > directory.size
     digests = directory.digests if verify and not has_more else {}
     n_done = count(1)
