@@ -41,9 +41,6 @@ class FloatView:
         n = int(n_live.sum())
         n_sh = 3 * (min(sh_degree, directory.sh_degree) + 1) ** 2
         self.groups = [empty((n, size), np.float32) for size in (3, 4, 3, 1, n_sh)]
-        kernels = loaded_kernels(n)  # a view alone is too little to load them for
-        self.write_rows = getattr(kernels, "float_rows", float_rows)
-        self.write_picks = getattr(kernels, "float_picks", float_picks)
 
     def write(self, tile: TileState) -> None:
         """Put the live splats of a tile in their place."""
@@ -70,6 +67,10 @@ class FloatView:
         self, tile: TileState, slots: slice | I64, shown: dict[int, I32 | None], at: int
     ) -> int:
         """Put some slots of a tile from row `at` on; `shown` by component. Returns how many."""
+        # The packets may just have loaded them; for a view alone it would not pay.
+        kernels = loaded_kernels(len(self.groups[0]))
+        write_rows = getattr(kernels, "float_rows", float_rows)
+        write_picks = getattr(kernels, "float_picks", float_picks)
         x = self._gathered(tile, slots, shown)
         origins = np.zeros(len(x), np.int64)
         origins[0:3] = self.directory.tiles[tile.tile]["origin"]
@@ -82,9 +83,9 @@ class FloatView:
             if channels.stop > len(x):
                 assert tile.palette is not None
                 picks = _shown_picks(tile, slots, shown[PICKS])
-                self.write_picks(x[CORE_SH], 2.0**-exponent, picks, tile.palette.rows(), to)
+                write_picks(x[CORE_SH], 2.0**-exponent, picks, tile.palette.rows(), to)
                 continue
-            self.write_rows(x[channels], origins[channels], 2.0**-exponent, to)
+            write_rows(x[channels], origins[channels], 2.0**-exponent, to)
         return n
 
     def _gathered(self, tile: TileState, slots: slice | I64, shown: dict[int, I32 | None]) -> I32:

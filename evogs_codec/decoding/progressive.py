@@ -274,6 +274,7 @@ class Decoder:
         directory = self.directory
         assert directory is not None
         state, ready = self._tiles[tile], []
+        state.reserve(self._slots_after(tile))
         for component, chain in self._chains[tile].items():
             while state.n_applied[component] < len(chain):
                 step = state.n_applied[component]
@@ -288,6 +289,17 @@ class Decoder:
                     break
                 ready.append(StepReady(tile, component, step, int(directory.labels[packet])))
         return ready
+
+    def _slots_after(self, tile: int) -> int:
+        """Slots of a tile after the packets of core that are complete, if none has a fault."""
+        assert self.directory is not None
+        state, chain = self._tiles[tile], self._chains[tile][CORE]
+        step, n_slots = state.n_applied[CORE], state.n_slots
+        while step < len(chain) and chain[step] in self._whole:
+            counts = self.directory.counts(chain[step])
+            n_slots += counts.n_adds + counts.n_splits
+            step += 1
+        return n_slots
 
     def _try(self, packet: int, state: TileState | PaletteState) -> bool:
         """Apply a packet that is complete; False if it has a fault, which is kept."""

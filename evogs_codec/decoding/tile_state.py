@@ -121,7 +121,7 @@ class TileState:
             raise StreamError(Fault.E_SLOT, "a record names a slot that is not live", offset)
         check_kinds(packet.kinds, counts, offset)
         plan = StepPlan.of(slots, packet.kinds, n_before, packet.adds.n)
-        self._reserve(plan.n_after)
+        self.reserve(plan.n_after)
         tables = self.directory.alpha_tables[level]
         for table, indices in zip(tables, packet.alpha, strict=True):
             if indices is not None and int(indices.max()) >= len(table.entries):  # R-7.2-3
@@ -138,7 +138,7 @@ class TileState:
         self._counts.append(counts)
         self._sh_alpha.append(packet.alpha[SH_GROUP])
 
-    def _reserve(self, n: int) -> None:
+    def reserve(self, n: int) -> None:
         """Make room for n slots, with more to spare: growing costs a copy."""
         if n > len(self.live):
             capacity = min(2 * n, int(self.directory.tile_slots[self.tile]))
