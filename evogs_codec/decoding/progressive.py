@@ -192,6 +192,8 @@ class Decoder:
 
     def _read_head(self) -> bool:
         """Read header and chunks as soon as they are there; False before."""
+        if not self._head.covers(1):
+            return False
         if self._header is None:
             prefix = memoryview(self._head.prefix(HEADER_SIZE))
             if len(prefix) < HEADER_SIZE:
@@ -391,13 +393,15 @@ class _Ranges:
             self._merge()
 
     def _merge(self) -> None:
-        """Put the new ranges in their places, without the bytes that came before."""
-        merged: list[tuple[int, bytes]] = []
-        end = 0
+        """Put the new ranges in their places, without bytes that came before, and join them."""
+        merged: list[tuple[int, list[bytes]]] = []  # what touches is joined
+        end = -1
         for at, data in sorted(self._later + self._new):
-            if at + len(data) > end:
-                begin = max(at, end)
-                merged.append((begin, data[begin - at :]))
-                end = at + len(data)
-        self._later, self._new = merged[::-1], []
-        self._n_later, self._n_new = sum(len(data) for _, data in merged), 0
+            if at > end:
+                merged.append((at, [data]))
+            elif at + len(data) > end:
+                merged[-1][1].append(data[end - at :])
+            end = max(end, at + len(data))
+        self._later = [(at, b"".join(parts)) for at, parts in reversed(merged)]
+        self._new = []
+        self._n_later, self._n_new = sum(len(data) for _, data in self._later), 0
