@@ -59,13 +59,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
-    """The options of a command; imports the packages whose commands are registered.
+    """The options of a command; one that is not here is looked for in other packages.
 
     Raises:
         SystemExit: they were misused, or asked for help.
     """
     escape_what_cannot_be_encoded()
-    return _parser().parse_args(arguments)
+    words = sys.argv[1:] if arguments is None else list(arguments)
+    return _parser(words[0] if words else "").parse_args(words)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -97,7 +98,8 @@ def run(args: argparse.Namespace) -> int:
         return 130  # 128 + SIGINT, as shells have it
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(command: str = "") -> argparse.ArgumentParser:
+    """The options of all commands, or at least of `command`."""
     parser = argparse.ArgumentParser(
         prog="evogs",
         description="Progressive streams of 3D Gaussian Splatting scenes.",
@@ -112,7 +114,8 @@ def _parser() -> argparse.ArgumentParser:
     options.add_validate(commands, run_validate)
     options.add_extract(commands, run_extract)
     add_view(commands)
-    for entry in entry_points(group="evogs.commands"):
+    others = () if command in commands.choices else entry_points(group="evogs.commands")
+    for entry in others:  # importing them takes longer than many commands do
         try:
             register = entry.load()
         except (ImportError, AttributeError) as error:  # of a package that was updated or removed
