@@ -98,8 +98,8 @@ def run(args: argparse.Namespace) -> int:
         return 130  # 128 + SIGINT, as shells have it
 
 
-def _parser(command: str = "") -> argparse.ArgumentParser:
-    """The options of all commands, or at least of `command`."""
+def _parser(asked: str = "") -> argparse.ArgumentParser:
+    """The options of all commands, or at least of the one asked for."""
     parser = argparse.ArgumentParser(
         prog="evogs",
         description="Progressive streams of 3D Gaussian Splatting scenes.",
@@ -114,7 +114,7 @@ def _parser(command: str = "") -> argparse.ArgumentParser:
     options.add_validate(commands, run_validate)
     options.add_extract(commands, run_extract)
     add_view(commands)
-    others = () if command in commands.choices else entry_points(group="evogs.commands")
+    others = () if asked in commands.choices else entry_points(group="evogs.commands")
     for entry in others:  # importing them takes longer than many commands do
         try:
             register = entry.load()

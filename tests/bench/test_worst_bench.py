@@ -5,11 +5,12 @@ from random import Random
 import pytest
 
 from conformance.fuzzing.costly import BUDGET, Shape, stream_of
-from evogs_codec import StreamError, decode, read_directory
+from evogs_codec import InputError, StreamError, decode, read_directory
+from tools.bench.cli import main
 from tools.bench.worst.commands import COMMANDS as MEASURED
 from tools.bench.worst.known import KNOWN
 from tools.bench.worst.search import changed, random_shape, uphill
-from tools.bench.worst.table import COMMANDS
+from tools.bench.worst.table import COMMANDS, _chosen
 
 SMALL = 6_000  # bytes
 
@@ -63,3 +64,24 @@ def test_the_search_climbs_to_the_costliest_shape_it_tries():
 
 def test_every_command_of_the_table_can_be_measured():
     assert set(COMMANDS) == set(MEASURED)
+
+
+def test_a_part_of_the_rows_can_be_made_but_not_into_the_page(monkeypatch, tmp_path, capsys):
+    assert _chosen(["validate", "feed 100"]) == ["validate", "feed 100"]
+    assert _chosen(["feed"]) == [name for name in COMMANDS if name.startswith("feed")]
+    assert _chosen([]) == list(COMMANDS)
+    with pytest.raises(InputError, match="no row has fed; there are: decode to"):
+        _chosen(["fed"])
+    words = ["bench", "--only", "worst", "--rows", "feed"]
+    monkeypatch.setattr("sys.argv", words)
+    assert main() == 1
+    assert "--out" in capsys.readouterr().err
+    asked = []
+
+    def run(args):
+        asked.append(args.rows)
+        return 0
+
+    monkeypatch.setattr("tools.bench.cli.run", run)
+    monkeypatch.setattr("sys.argv", [*words, "--out", str(tmp_path)])
+    assert (main(), asked) == (0, [["feed"]])

@@ -49,6 +49,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tries", type=int, default=0, metavar="N", help="shapes that `worst` tries per command"
     )
+    parser.add_argument(
+        "--rows", metavar="WORD", nargs="+", default=(), help="commands of `worst`, such as feed"
+    )
     parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder of the results")
     parser.add_argument("--only", choices=PARTS, nargs="+", default=PARTS, help="some tables")
 
@@ -58,4 +61,6 @@ def _run(args: argparse.Namespace) -> int:
     for library in ("numba", "PIL", *others):
         if find_spec(library) is None:
             raise InputError(f"the figures need {library}: pip install -e '.[render,bench]'")
+    if args.rows and args.out.resolve() == (ROOT / "docs").resolve():
+        raise InputError("--rows makes a part of a table: name another folder with --out")
     return run(args)

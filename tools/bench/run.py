@@ -50,6 +50,7 @@ def run(args: argparse.Namespace) -> int:
     )
     command += " --before CHECKOUT" if args.before else ""
     command += f" --tries {args.tries}" if args.tries else ""
+    command += f" --rows {' '.join(args.rows)}" if args.rows else ""
     command += " --splat-transform CMD" if args.splat_transform else ""
     if tables:
         write(args.out, command, tables, keep_others=bool(some))
@@ -88,7 +89,7 @@ def _measurements(args: argparse.Namespace, folder: Path) -> Iterator[Measuremen
         yield "scale", "Time and memory as scenes grow", partial(scale, folder)
     if "worst" in args.only:
         title = "Worst cases of 100,000 bytes"
-        yield "worst", title, partial(worst, args.before, args.tries)
+        yield "worst", title, partial(worst, args.before, args.tries, args.rows)
 
 
 def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement]:

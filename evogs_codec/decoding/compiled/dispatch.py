@@ -31,10 +31,10 @@ if TYPE_CHECKING:
 __all__ = ["apply_compiled", "kernels_for", "loaded_kernels"]
 
 MIN_COMPILED = 50_000  # slots below which numpy is as fast as compiled code
-# Loading them takes about 0.5 s. A process that decodes once saves so much with 8 MB of packets, or
-# with 2 million slots that are stored in nothing.
-LOADING = 160  # bytes of packets a slot of MIN_COMPILED, from which loading pays the first time
-SLOT = 4  # bytes of packets that take as long as a slot
+# Loading it takes 0.5 s. With 8 MB of packets a process that decodes one stream saves as much; a
+# slot counts as 4 bytes, since 2 million slots may come in very few.
+LOADING = 160  # bytes, for each of MIN_COMPILED
+SLOT = 4  # bytes
 KERNELS = "evogs_codec.decoding.compiled.channels"
 MAX_PLANES = 16 << 20  # bytes of planes that are decompressed at a time, if packets allow
 N_CHANNELS = np.array([component_channels(k) for k in range(PICKS)])  # of core and each SH band
@@ -54,7 +54,8 @@ def kernels_for(n_slots: int, n_bytes: int) -> ModuleType | None:
     if n_slots < MIN_COMPILED:
         return None
     is_first, _has_decoded = not _has_decoded, True
-    if is_first and n_bytes + SLOT * n_slots < LOADING * MIN_COMPILED and not loaded_kernels(n_slots):
+    is_small = n_bytes + SLOT * n_slots < LOADING * MIN_COMPILED
+    if is_first and is_small and loaded_kernels(n_slots) is None:
         return None
     try:
         from evogs_codec.decoding.compiled import channels

@@ -1,6 +1,7 @@
 """The compiled loops against numpy on whole streams, lists and floats: the same results."""
 
 import random
+import sys
 
 import numpy as np
 import pytest
@@ -29,6 +30,23 @@ kernels = pytest.importorskip(
 )
 
 SEEDS = st.integers(0, 2**32)
+
+
+# --- when they are used ---------------------------------------------------------------------------
+
+
+def test_compiled_loops_are_loaded_for_a_large_stream_or_the_second_of_a_process(monkeypatch):
+    n = dispatch.MIN_COMPILED
+
+    def found(*streams):
+        monkeypatch.setattr(dispatch, "_has_decoded", False)
+        return [dispatch.kernels_for(n_slots, n_bytes) for n_slots, n_bytes in streams]
+
+    assert found((n, 0)) == [kernels]  # somebody loaded them
+    monkeypatch.delitem(sys.modules, dispatch.KERNELS)
+    assert dispatch.loaded_kernels(n) is None
+    assert found((n - 1, 1 << 30), (n, 0), (n, 0)) == [None, None, kernels]
+    assert found((n, 8 << 20)) == found((2_000_000, 0)) == [kernels]
 
 
 # --- whole streams --------------------------------------------------------------------------------

@@ -72,6 +72,19 @@ def test_a_state_that_grows_takes_no_more_than_spec_8_3_says():
     assert memory.peak(feed, allowed) < allowed
 
 
+def test_a_state_does_not_grow_step_by_step_where_its_packets_are_all_there():
+    data = build(Stream([Packet(n_adds=700, adds={X: [k] * 700}) for k in range(1, 34)], degree=3))
+    state = (4 * 59 + 5) * 33 * 700
+
+    def feed():
+        decoder = Decoder()
+        for at in reversed(range(0, len(data), 1000)):
+            decoder.feed(data[at : at + 1000], at)
+
+    allowed = int(1.1 * state) + 3 * len(data) + (1 << 18)
+    assert memory.peak(feed, allowed) < allowed
+
+
 def test_a_ply_is_written_without_a_copy_of_the_splats(tmp_path):
     splats = decode(large()).leaves()
     block = 4 * 59 * 4096

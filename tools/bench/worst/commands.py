@@ -26,7 +26,6 @@ except ModuleNotFoundError:  # a checkout in which the command line was one modu
     from evogs_codec.cli import main as evogs  # type: ignore[attr-defined, no-redef]
 
 SECONDS = 60  # that a command may take
-COMPILED = {"evogs_codec.decoding.compiled.channels", "evogs_codec.kernels"}  # now, and before
 
 
 def cli(*arguments: str) -> Callable[[Path, Path], None]:
@@ -113,7 +112,7 @@ COMMANDS: dict[str, Callable[[Path, Path], None]] = {
 
 
 def measured(command: str, stream: Path) -> dict[str, object]:
-    """Processor seconds, peak memory, and whether compiled loops were loaded, of a forked copy."""
+    """Processor seconds, peak memory, and how it ended, of a forked copy."""
     begin, end = os.pipe()
     with tempfile.TemporaryDirectory() as folder:
         child = os.fork()
@@ -128,14 +127,13 @@ def measured(command: str, stream: Path) -> dict[str, object]:
                 ended = error.fault.name
             except BaseException as error:
                 ended = repr(error)
-            compiled = not COMPILED.isdisjoint(sys.modules)
-            os.write(end, json.dumps({"compiled": compiled, "ended": ended}).encode())
+            os.write(end, json.dumps({"ended": ended}).encode())
             os._exit(0)
         os.close(end)
         with os.fdopen(begin, "rb") as pipe:
             said = pipe.read()
         _, _, usage = os.wait4(child, 0)
-    found = json.loads(said or b'{"compiled": false, "ended": "killed"}')
+    found = json.loads(said or b'{"ended": "killed"}')
     seconds = usage.ru_utime + usage.ru_stime
     return {**found, "seconds": seconds, "peak": usage.ru_maxrss * 1024}
 

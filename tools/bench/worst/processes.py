@@ -18,12 +18,11 @@ PROGRAM = Path(__file__).with_name("commands.py")
 class Measure(NamedTuple):
     """What a command takes: seconds of the processor with start and imports, peak bytes above them.
 
-    `ended` is "well", or says how else; `compiled`: compiled loops were loaded.
+    `ended` is "well", or says how else.
     """
 
     seconds: float
     peak: int
-    compiled: bool
     ended: str
 
 
@@ -65,7 +64,7 @@ class Codec:
         self._process.stdin.flush()
         found = self._answer()
         seconds, peak = self.start + found["seconds"], max(0, found["peak"] - self._base)
-        return Measure(seconds, peak, found["compiled"], found["ended"])
+        return Measure(seconds, peak, found["ended"])
 
     def _answer(self) -> dict[str, Any]:
         assert self._process.stdout is not None

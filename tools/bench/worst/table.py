@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
+from collections.abc import Collection, Sequence
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
@@ -11,7 +12,7 @@ from random import Random
 
 from conformance.fuzzing import memory
 from conformance.fuzzing.costly import Shape, stream_of
-from evogs_codec import StreamError, read_directory
+from evogs_codec import InputError, StreamError, read_directory
 from evogs_codec.model.channels import n_channels
 from tools.bench.page import Rows
 from tools.bench.worst.known import KNOWN
@@ -29,41 +30,41 @@ COMMANDS = (
 )  # fmt: skip
 TURNS, CANDIDATES = 3, 3  # of those that cost most at the first turn
 SEED = 1
-SMALLEST = Shape(degree=0, adds=51_000)  # that loads compiled loops
 
 
-def worst(before: Path | None = None, tries: int = 0) -> Rows:
+def worst(before: Path | None = None, tries: int = 0, only: Collection[str] = ()) -> Rows:
     """Streams of 100,000 bytes that cost most, for each command the worst that was found.
 
     A search makes shapes at random and climbs from the worst: SH degree or palette, tiles, levels,
     what the steps do (adds, splits of all, of the newest or of one, refinements, drops, nothing),
     which lists are stored and in how many planes and frames, bands and picks that come late,
     digests up to their bound, alpha tables, metadata, unknown chunks, and a fault at the very end.
-    What it found stands in `tools/bench/worst/known.py`; `--tries N` searches on from there.
+    What it found stands in `tools/bench/worst/known.py`; `--tries N` searches on from there, and
+    `--rows WORD` makes only the rows of commands with this word.
     Seconds are those of the processor, the least of 3 turns, start of Python and imports included;
     a stream that takes more than 60 s is stopped.
     Memory is the peak above a process that only imports, and the model is that of spec 8.3
-    (`conformance/fuzzing/memory.py`) with the float view and, where they are used, compiled loops.
-    What is over it is memory in huge pages, and planes that are copied while they are joined.
+    (`conformance/fuzzing/memory.py`) with the float view. No stream of this size loads compiled
+    loops. What is over it is memory in huge pages, and planes that are copied while they are
+    joined.
     "Before" is the worst of the same streams with the codec of another checkout. A virtual machine
     may take up to a second more for memory that nobody used before: the largest streams make 1.6
     million splats, 386 MB of integers and as much of floats.
     """
+    commands = _chosen(only)
     with tempfile.TemporaryDirectory() as folder, Codec(ROOT) as codec:
         stream = Path(folder) / "worst.evogs"
-        stream.write_bytes(stream_of(SMALLEST))
-        compiled = codec.measure("decode to arrays", stream, TURNS)
         shapes = dict(KNOWN)
         if tries:
-            shapes |= _found(codec, stream, tries)
-        now = _costliest(codec, shapes, stream, compiled.peak)
+            shapes |= _found(codec, commands, stream, tries)
+        now = _costliest(codec, commands, shapes, stream)
         earlier: dict[str, dict[str, object]] = {}
         if before is not None:
             with Codec(before) as old:
-                earlier = _costliest(old, shapes, stream, compiled.peak)
+                earlier = _costliest(old, commands, shapes, stream)
         start = f"{codec.start:.2f}"
     rows: Rows = []
-    for command in COMMANDS:
+    for command in commands:
         row: dict[str, object] = {"command": command}
         if before is not None:
             of_old = earlier[command]
@@ -74,11 +75,23 @@ def worst(before: Path | None = None, tries: int = 0) -> Rows:
     return rows
 
 
-def _found(codec: Codec, stream: Path, tries: int) -> dict[str, Shape]:
+def _chosen(words: Collection[str]) -> list[str]:
+    """The commands that have one of these words, or all for none.
+
+    Raises:
+        InputError: none has.
+    """
+    chosen = [name for name in COMMANDS if not words or {name, *name.split()} & set(words)]
+    if not chosen:
+        raise InputError(f"no row has {' or '.join(words)}; there are: {', '.join(COMMANDS)}")
+    return chosen
+
+
+def _found(codec: Codec, commands: Sequence[str], stream: Path, tries: int) -> dict[str, Shape]:
     """What the search finds for each command, by a description."""
     rng = Random(SEED)
     found: dict[str, Shape] = {}
-    for command in COMMANDS:
+    for command in commands:
         cost = partial(_cost, codec, command, stream)
         known = max(KNOWN.values(), key=cost)
         seconds, shape = uphill(cost, known, rng, tries // 2, tries - tries // 2)
@@ -96,18 +109,17 @@ def _cost(codec: Codec, command: str, stream: Path, shape: Shape) -> float:
 
 
 def _costliest(
-    codec: Codec, shapes: dict[str, Shape], stream: Path, compiled: int
+    codec: Codec, commands: Sequence[str], shapes: dict[str, Shape], stream: Path
 ) -> dict[str, dict[str, object]]:
     """By command: seconds of the slowest shape, and memory of the one that most needs it."""
-    by_command: dict[str, list[tuple[str, Measure, int]]] = {name: [] for name in COMMANDS}
+    by_command: dict[str, list[tuple[str, Measure, int]]] = {name: [] for name in commands}
     for name, shape in shapes.items():
         print(name, file=sys.stderr, flush=True)
         data = stream_of(shape)
         stream.write_bytes(data)
-        for command in COMMANDS:
+        for command in commands:
             found = codec.measure(command, stream)
-            model = _model(data, command) + compiled * found.compiled
-            by_command[command].append((name, found, model))
+            by_command[command].append((name, found, _model(data, command)))
     rows: dict[str, dict[str, object]] = {}
     for command, measures in by_command.items():
         measures.sort(key=lambda item: -item[1].seconds)
