@@ -28,9 +28,12 @@ class StreamError(EvogsError):
         section: section of `spec/evogs.md` that states the broken rule.
     """
 
-    def __init__(self, fault: Fault, detail: str, offset: int) -> None:
+    def __init__(
+        self, fault: Fault, detail: str, offset: int, section: str | None = None
+    ) -> None:
+        """`section` is that of the rule where it is not the one that the fault names."""
         self.fault = fault
         self.detail = detail
         self.offset = offset
-        self.section = fault.section
+        self.section = section or fault.section
         super().__init__(f"{fault.name} at byte {offset}: {detail} (spec {self.section})")

@@ -620,7 +620,131 @@ def read_frame(frame: bytes, content_size: int) -> bytes:
     except zstandard.ZstdError:
         raise FaultError("E_ZSTD", "R-5.10-6") from None
     require(len(content) == content_size, "E_ZSTD", "R-5.10-6")
+    check_literals(frame[5 + width :])
     return content
+
+
+def check_literals(blocks: bytes) -> None:
+    """5.10: Huffman-coded literals of blocks that the library took, which checks less of them."""
+    lengths, at, last = list[int](), 0, 0
+    while not last:
+        block = int.from_bytes(blocks[at : at + 3], "little")
+        last, kind, size = block & 1, block >> 1 & 3, block >> 3
+        begin, at = at + 3, at + 3 + (1 if kind == 1 else size)
+        if kind == 2 and blocks[begin] & 2:  # else its literals are raw or a run
+            lengths = check_section(blocks[begin:at], lengths)
+
+
+def check_section(section: bytes, lengths: list[int]) -> list[int]:
+    """RFC 8878, 3.1.1.3.1: the literals of a block, by its own tree or by that of the one before.
+
+    A tree is the code length of each index of log bits. The tree is returned.
+    """
+    n_streams = 4 if section[0] & 12 else 1
+    width, streams_at = ((10, 3), (10, 3), (14, 4), (18, 5))[section[0] >> 2 & 3]
+    sizes = int.from_bytes(section[:streams_at], "little") >> 4
+    n_literals, n_bytes = sizes & (1 << width) - 1, sizes >> width
+    streams = section[streams_at : streams_at + n_bytes]
+    if section[0] & 1 == 0:
+        lengths, size = read_tree(streams)
+        streams = streams[size:]
+    if n_streams == 1:
+        check_stream(streams, n_literals, lengths)
+        return lengths
+    ends = [*accumulate(struct.unpack("<3H", streams[:6]), initial=6), len(streams)]
+    each = (n_literals + 3) // 4
+    counts = [each, each, each, n_literals - 3 * each]
+    for begin, end, count in zip(ends[:-1], ends[1:], counts, strict=True):
+        check_stream(streams[begin:end], count, lengths)
+    return lengths
+
+
+def check_stream(stream: bytes, n_literals: int, lengths: list[int]) -> None:
+    """RFC 8878, 4.2.2: the codes use up the bits below the end mark, from the last one down."""
+    require(stream[-1:] > bytes(1), "E_ZSTD", "R-5.10-12")
+    text = f"{int.from_bytes(stream, 'little'):b}"[1:]
+    log = len(lengths).bit_length() - 1
+    at = 0
+    for _ in range(n_literals):
+        at += lengths[int(text[at : at + log].ljust(log, "0"), 2)]
+    require(at == len(text), "E_ZSTD", "R-5.10-12")
+
+
+def read_tree(data: bytes) -> tuple[list[int], int]:
+    """RFC 8878, 4.2.1: a tree, and the size of its description."""
+    if data[0] < 128:
+        size = 1 + data[0]
+        weights = read_weights(data[1:size])
+    else:
+        size = 1 + (data[0] - 126) // 2
+        weights = [nibble for byte in data[1:size] for nibble in (byte >> 4, byte & 15)]
+        weights = weights[: data[0] - 127]
+    total = sum(1 << weight - 1 for weight in weights if weight)
+    log = total.bit_length()
+    require(log <= 11, "E_ZSTD", "R-5.10-13")
+    weights.append(((1 << log) - total).bit_length())
+    require(weights.count(1) >= 2, "E_ZSTD", "R-5.10-14")
+    runs = [[log + 1 - w] * (weights.count(w) << w - 1) for w in range(1, log + 1)]
+    return [length for run in runs for length in run], size
+
+
+def read_weights(data: bytes) -> list[int]:
+    """RFC 8878, 4.2.1.2: FSE-coded weights, of two states that take turns."""
+    cells, size = read_distribution(data)
+    text = f"{int.from_bytes(data[size:], 'little'):b}"[1:]
+    log = len(cells).bit_length() - 1
+    now, other, at = int(text[:log], 2), int(text[log : 2 * log], 2), 2 * log
+    weights = list[int]()
+    while True:
+        weight, n_bits, base = cells[now]
+        weights.append(weight)
+        if at + n_bits > len(text):  # R-5.10-15: all of them lack, or some
+            return [*weights, cells[other][0]]
+        now, at = base + int("0" + text[at : at + n_bits], 2), at + n_bits
+        now, other = other, now
+
+
+def read_distribution(data: bytes) -> tuple[list[tuple[int, int, int]], int]:
+    """RFC 8878, 4.1.1: an FSE table, a row of weight, bits and base for each state; its size."""
+    bits, at = int.from_bytes(data, "little"), 4
+    log = 5 + (bits & 15)
+    left, counts = 1 << log, list[int]()
+    while left > 0:
+        width = (left + 1).bit_length()
+        value, n_short = bits >> at & (1 << width) - 1, (1 << width) - 2 - left
+        if value % (1 << width - 1) < n_short:
+            value, width = value % (1 << width - 1), width - 1
+        elif value >> width - 1:
+            value -= n_short
+        at += width
+        counts.append(value - 1)
+        left -= abs(value - 1)
+        repeat = 3 if value == 1 else 0
+        while repeat == 3:
+            repeat = bits >> at & 3
+            counts += [0] * repeat
+            at += 2
+    rare = [weight for weight, count in enumerate(counts) if count < 0]
+    cells, position = [0] * (1 << log), 0
+    n_often = len(cells) - len(rare)
+    cells[n_often:] = rare[::-1]
+    for weight, count in enumerate(counts):
+        for _ in range(count):
+            cells[position] = weight
+            position = next_position(position, len(cells))
+            while position >= n_often:
+                position = next_position(position, len(cells))
+    seen, rows = [abs(count) for count in counts], list[tuple[int, int, int]]()
+    for weight in cells:
+        n_bits = log + 1 - seen[weight].bit_length()
+        rows.append((weight, n_bits, (seen[weight] << n_bits) - len(cells)))
+        seen[weight] += 1
+    return rows, (at + 7) // 8
+
+
+def next_position(position: int, size: int) -> int:
+    """RFC 8878, 4.1.1: where the next state of a weight is."""
+    return (position + (size >> 1) + (size >> 3) + 3) % size
 
 
 # ---- 7.1 From planes to integers, 7.2 slots, 7.3 arithmetic, 7.4 a step ----

@@ -115,7 +115,7 @@ def read_digests(
         n_bytes += size_of_state[key]
         if n_bytes > most:  # R-5.7-5
             detail = f"digests name more than {most} bytes of state"
-            raise StreamError(Fault.E_AMPLIFICATION, detail, offset)
+            raise StreamError(Fault.E_AMPLIFICATION, detail, offset, section="5.7")
         digests[key] = row["digest"].tobytes()
         last = key
     return digests

@@ -12,6 +12,7 @@ import numpy as np
 import zstandard
 
 from evogs_codec.errors import Fault, StreamError
+from evogs_codec.format import literals
 from evogs_codec.model.splats import I64, U8
 
 __all__ = ["MAX_BLOCK", "MAX_CONTENT", "compress", "decompress", "decompress_all", "store"]
@@ -86,7 +87,23 @@ def decompress(frame: memoryview, size: int, offset: int) -> bytes:
         raise StreamError(Fault.E_ZSTD, str(error), offset) from None
     if len(data) != size:
         raise StreamError(Fault.E_ZSTD, f"{len(data)} bytes came out, not {size}", offset)
+    if not _literals_are_exact(frame):
+        detail = "a Huffman tree or stream that R-5.10-12 to R-5.10-14 refuse"
+        raise StreamError(Fault.E_ZSTD, detail, offset)
     return bytes(data)
+
+
+def _literals_are_exact(frame: memoryview) -> bool:
+    """R-5.10-12 to R-5.10-14 for a frame that libzstd took."""
+    compiled = literals.compiled()
+    if compiled is not None:
+        return bool(compiled.are_exact(np.frombuffer(frame, np.uint8)))
+    return literals.are_exact(frame, _decompress_some)
+
+
+def _decompress_some(frame: bytes, n: int) -> bytes:
+    """The content of up to n bytes of a frame that does not state its size."""
+    return bytes(_decompressor().decompress(frame, max_output_size=n))
 
 
 def decompress_all(data: memoryview, places: I64) -> U8 | None:
@@ -144,6 +161,13 @@ def _decompress_many(data: memoryview, places: I64) -> U8 | None:
     try:
         found = _decompressor().multi_decompress_to_buffer(frames, decompressed_sizes=sizes)
     except zstandard.ZstdError:
+        return None
+    compiled = literals.compiled()
+    if compiled is None:
+        whole = all(_literals_are_exact(data[a : a + n]) for a, n, _ in places.tolist())
+    else:
+        whole = compiled.all_are_exact(np.frombuffer(data, np.uint8), places)
+    if not whole:
         return None
     joined = b"".join(found)  # type: ignore[arg-type]  # segments are buffers, untold by the stubs
     return np.frombuffer(joined, np.uint8)

@@ -452,7 +452,121 @@ def read_frame(frame: memoryview, expected: int) -> bytes:
     except zstandard.ZstdError:
         raise FaultError("E_ZSTD") from None  # R-5.10-6
     require(len(content) == expected, "E_ZSTD")  # R-5.10-6
+    check_huffman(frame[5 + field_size :])
     return content
+
+
+def check_huffman(rest: memoryview) -> None:
+    """Check the Huffman streams of the blocks of a frame, which are known to have their bytes."""
+    tree = HuffmanTree(1, b"")
+    while len(rest) > 0:
+        header = int.from_bytes(rest[:3], "little")
+        stored = 1 if header & 6 == 2 else header >> 3
+        block, rest = rest[3 : 3 + stored], rest[3 + stored :]
+        if header & 6 != 4 or block[0] & 3 < 2:
+            continue
+        size_format = block[0] >> 2 & 3
+        n_bits, start = (10, 3) if size_format < 2 else (4 * size_format + 6, 2 + size_format)
+        both = int.from_bytes(block[:start], "little") >> 4
+        n_literals, part = both % (1 << n_bits), block[start : start + (both >> n_bits)]
+        if block[0] & 3 == 2:  # it brings a tree; else that of the block before stays
+            tree, part = read_tree(part)
+        if size_format == 0:
+            tree.check_stream(part, n_literals)
+            continue
+        of_stream, at = (n_literals + 3) // 4, 6
+        for k in (0, 2, 4):
+            end = at + int.from_bytes(part[k : k + 2], "little")
+            tree.check_stream(part[at:end], of_stream)
+            at = end
+        tree.check_stream(part[at:], n_literals - 3 * of_stream)
+
+
+class HuffmanTree(NamedTuple):
+    """The bits of the longest code, and those of the code that each number of so many bits has."""
+
+    n_bits: int
+    codes: bytes
+
+    def check_stream(self, stream: memoryview, n_literals: int) -> None:
+        """R-5.10-12: the stream ends with its mark, and its codes take the bits below."""
+        require(len(stream) > 0 and stream[-1] > 0, "E_ZSTD")
+        below = bytes(2) + bytes(stream)  # of a stream that has too few bits, 0 is read for them
+        left = 8 * len(below) + stream[-1].bit_length() - 9
+        mask = (1 << self.n_bits) - 1
+        for _ in range(n_literals):
+            low = left - self.n_bits
+            three = int.from_bytes(below[low >> 3 : (low >> 3) + 3], "little")
+            left -= self.codes[three >> (low & 7) & mask]
+            require(left >= 16, "E_ZSTD")
+        require(left == 16, "E_ZSTD")
+
+
+def read_tree(part: memoryview) -> tuple[HuffmanTree, memoryview]:
+    """Give a Huffman tree (RFC 8878, 4.2.1), and what follows its description."""
+    n, rest = part[0] - 127, part[1:]
+    if n > 0:
+        weights = [rest[k >> 1] >> (0 if k & 1 else 4) & 15 for k in range(n)]
+        rest = rest[(n + 1) // 2 :]
+    else:
+        weights, rest = read_weights(bytes(rest[: part[0]])), rest[part[0] :]
+    shares = [1 << weight >> 1 for weight in weights]
+    n_bits = sum(shares).bit_length()
+    require(n_bits <= 11, "E_ZSTD")  # R-5.10-13
+    shares.append((1 << n_bits) - sum(shares))
+    require(shares.count(1) >= 2, "E_ZSTD")  # R-5.10-14
+    codes = b"".join(bytes([n_bits - share.bit_length() + 1]) * share for share in sorted(shares))
+    return HuffmanTree(n_bits, codes), rest
+
+
+def read_weights(coded: bytes) -> list[int]:
+    """Give the weights that two FSE states stand for in turn (RFC 8878, 4.1 and 4.2.1.2)."""
+    log, at = coded[0] % 16 + 5, 4
+    size, shares = 1 << log, dict[int, int]()  # of the states, -1 for a weight that is rare
+    weight, left, forward = 0, size, int.from_bytes(coded, "little")
+    while left > 0:
+        # A share plus 1, of 0 to left + 1: the lowest numbers take a bit less.
+        top = 1 << (left + 1).bit_length() - 1
+        lowest = 2 * top - left - 2
+        number = (forward >> at) % top
+        at += top.bit_length() - 1
+        if number >= lowest:
+            number += top * (forward >> at & 1)
+            at += 1
+            number -= lowest if number >= top else 0
+        shares[weight] = number - 1
+        left -= abs(number - 1)
+        weight += 1
+        while number == 1:  # how many more have none, 3 at a time
+            weight += forward >> at & 3
+            number = 1 if forward >> at & 3 == 3 else 0
+            at += 2
+    states, place = [w for w, share in shares.items() if share < 0], 0
+    states, n_common = [-1] * (size - len(states)) + states[::-1], size - len(states)
+    for w, share in shares.items():
+        for _ in range(share):
+            states[place] = w
+            place = (place + size // 2 + size // 8 + 3) % size
+            while place >= n_common:
+                place = (place + size // 2 + size // 8 + 3) % size
+    numbers = {w: abs(share) for w, share in shares.items()}
+    stream, weights = coded[(at + 7) // 8 :], list[int]()
+    backward, unread = int.from_bytes(stream, "little"), 8 * len(stream) - 9
+    unread += stream[-1].bit_length()
+    table = list[tuple[int, int]]()
+    for w in states:
+        more = log + 1 - numbers[w].bit_length()  # bits of the next state
+        table.append((more, (numbers[w] << more) - size))
+        numbers[w] += 1
+    first, second = (backward >> (unread - k * log) & (size - 1) for k in (1, 2))
+    unread -= 2 * log
+    while True:
+        weights.append(states[first])
+        more, base = table[first]
+        unread -= more
+        if unread < 0:
+            return [*weights, states[second]]  # R-5.10-15
+        first, second = second, base + (backward >> unread & ((1 << more) - 1))
 
 
 # 7: decoding

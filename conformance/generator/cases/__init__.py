@@ -37,6 +37,7 @@ from conformance.generator.cases import (
     shapes,
     siblings,
     zstd,
+    zstd_huffman,
     zstd_libraries,
 )
 
@@ -51,6 +52,7 @@ FAMILIES: tuple[ModuleType, ...] = (
     shapes,
     zstd,
     zstd_libraries,
+    zstd_huffman,
     extension,
     metamorphic,
     progressive,
