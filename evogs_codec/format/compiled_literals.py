@@ -207,30 +207,31 @@ def _read_tree(frame: U8, at: int, end: int, table: U16) -> tuple[int, int]:
 @_jit
 def _fill(counts: I64, log: int, table: U16) -> bool:
     """The table of a tree, out: the codes of each weight follow those of the weights below."""
-    lengths = np.empty(1 << MAX_BITS, np.uint8)  # of the first code of each index
-    end = np.int64(0)
+    ends = np.zeros(MAX_BITS + 1, np.int64)  # of the indices that begin with a code of each weight
     for weight in range(1, log + 1):
-        begin, end = end, end + (counts[weight] << (weight - 1))
-        if end > 1 << log:
-            return False
-        lengths[begin:end] = log + 1 - weight
-    if end != 1 << log:
+        ends[weight] = ends[weight - 1] + (counts[weight] << (weight - 1))
+    if ends[log] != 1 << log:
         return False
-    end = np.int64(0)
     for weight in range(1, log + 1):
-        begin, end = end, end + (counts[weight] << (weight - 1))
+        begin, end = ends[weight - 1], ends[weight]
         if begin == end:
             continue
-        first, n = log + 1 - weight, 1 << (weight - 1)  # indices that begin with a code
-        for k in range(n):
-            bits = first + np.int64(lengths[k << first])
-            fits = bits <= log
-            entry = (bits | 2 << _NUMBER_AT) if fits else (first | 1 << _NUMBER_AT)
-            table[begin + k] = entry | first << _FIRST_AT
-        while n < end - begin:  # for the other codes of the weight it is the same
-            more = min(n, end - begin - n)
-            table[begin + n : begin + n + more] = table[begin : begin + more]
-            n += more
+        # For each code of the weight the indices hold the same: what comes behind it.
+        first, at = log + 1 - weight, begin
+        for second in range(1, log + 1):
+            bits = first + log + 1 - second
+            entry = first | 1 << _NUMBER_AT | first << _FIRST_AT
+            if bits <= log:
+                entry = bits | 2 << _NUMBER_AT | first << _FIRST_AT
+            stop = begin + ((ends[second] + (1 << first) - 1) >> first)
+            for k in range(at, stop):
+                table[k] = entry
+            at = stop
+        while at < end:
+            n = min(at - begin, end - at)
+            for k in range(n):
+                table[at + k] = table[begin + k]
+            at += n
     return True
 
 

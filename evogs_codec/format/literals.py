@@ -21,7 +21,7 @@ import numpy as np
 __all__ = ["MAX_BITS", "are_exact", "compiled"]
 
 MAX_BITS = 11  # R-5.10-13
-MAY_COMPILE = True
+MAY_COMPILE = True  # False: as without numba
 _N_SYMBOLS = 256
 # Without a content size, for a window of 128 KiB, the largest block.
 _HEAD = b"\x28\xb5\x2f\xfd\x00\x38"
@@ -146,17 +146,20 @@ def _weights(coded: bytes) -> bytes:
     other = states[bits >> left & mask]
     out = bytearray()
     while True:
-        weight, n, base = now
+        weight, n, below, base = now
         out.append(weight)
         left -= n
         if left < 0:  # R-5.10-15
             out.append(other[0])
             return bytes(out)
-        now, other = other, states[base + (bits >> left & (1 << n) - 1)]
+        now, other = other, states[base + (bits >> left & below)]
 
 
-def _states(coded: bytes) -> tuple[int, list[tuple[int, int, int]], int]:
-    """An FSE table (RFC 8878, 4.1.1): its log, (weight, bits, base) of each state, its bytes."""
+def _states(coded: bytes) -> tuple[int, list[tuple[int, int, int, int]], int]:
+    """An FSE table (RFC 8878, 4.1.1): its log, the states, its bytes.
+
+    Of each state weight, bits to read, the largest number of so many bits, and the base.
+    """
     bits, log, at = int.from_bytes(coded, "little"), 5 + (coded[0] & 15), 4
     counts, left, weight = [], 1 << log, 0
     while left:
@@ -179,17 +182,17 @@ def _states(coded: bytes) -> tuple[int, list[tuple[int, int, int]], int]:
             value = 1 if more == 3 else 0
     n_rare = sum(count < 0 for _, count in counts)
     order, first = _order(log, n_rare), 0
-    states = [(0, 0, 0)] * (1 << log)
+    states = [(0, 0, 0, 0)] * (1 << log)
     rare = len(states)
     for weight, count in counts:
         if count < 0:
             rare -= 1
-            states[rare] = (weight, log, 0)
+            states[rare] = (weight, log, (1 << log) - 1, 0)
             continue
         places = sorted(order[first : first + count])
         first += count
-        for place, (n, base) in zip(places, _bits_and_bases(log, count), strict=True):
-            states[place] = (weight, n, base)
+        for place, (n, below, base) in zip(places, _after(log, count), strict=True):
+            states[place] = (weight, n, below, base)
     return log, states, (at + 7) // 8
 
 
@@ -202,10 +205,10 @@ def _order(log: int, n_rare: int) -> list[int]:
 
 
 @cache
-def _bits_and_bases(log: int, count: int) -> list[tuple[int, int]]:
-    """Bits to read and the base of the next state, for each state of a weight that has `count`."""
+def _after(log: int, count: int) -> list[tuple[int, int, int]]:
+    """Bits, the largest number of so many, and the base, of each state of a weight of `count`."""
     out = []
     for number in range(count, 2 * count):
         n = log + 1 - number.bit_length()
-        out.append((n, (number << n) - (1 << log)))
+        out.append((n, (1 << n) - 1, (number << n) - (1 << log)))
     return out

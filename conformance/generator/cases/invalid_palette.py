@@ -175,8 +175,7 @@ def limits() -> Iterator[Case]:
         "steps-1024",
         with_palette(*[entries(0)] * 1024, ADD),
         "R-8.2-1 8.2",
-        "1024 packets of the palette, of size 0, and one of core; legal, as what"
-        " limit-of-steps-of-the-tier differs from",
+        "1024 packets of the palette, of size 0, and one of core",
         "counts steps of the palette and of core together",
         runs=(FILE,),
     )
