@@ -13,7 +13,7 @@ from conformance.generator.builder import Packet, Stream, build, compressed
 
 __all__ = ["damaged_literals"]
 
-HEADER_SIZE = 8  # of a frame of 256 bytes up to 64 KiB, as these are: its blocks begin there
+HEADER_SIZE = 7  # of a frame of 256 bytes up to 64 KiB, as these are: its blocks begin there
 BLOCK_HEADER_SIZE = 3
 TREE = 60  # bytes at the front of a block in which most trees end
 WIDTHS = (1, 3, 10, 40)

@@ -111,8 +111,9 @@ def test_extracted_streams_keep_no_more_digests_than_they_may():
     found = read_directory(smaller)
     assert list(found.digests) == [(0, 0, 20)]
     assert decode(smaller, verify=True).dump() == decode(data, Cut.of_level(directory, 0)).dump()
-    with pytest.raises(StreamError, match="E_AMPLIFICATION"):
+    with pytest.raises(StreamError, match=r"E_AMPLIFICATION.*spec 5\.7") as caught:
         decode(digested(20, last=False))
+    assert caught.value.section == "5.7"
 
 
 # --- info -----------------------------------------------------------------------------------------
