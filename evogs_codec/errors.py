@@ -28,9 +28,7 @@ class StreamError(EvogsError):
         section: section of `spec/evogs.md` that states the broken rule.
     """
 
-    def __init__(
-        self, fault: Fault, detail: str, offset: int, section: str | None = None
-    ) -> None:
+    def __init__(self, fault: Fault, detail: str, offset: int, section: str | None = None) -> None:
         """`section` is that of the rule where it is not the one that the fault names."""
         self.fault = fault
         self.detail = detail

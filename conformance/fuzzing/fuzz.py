@@ -35,8 +35,8 @@ from typing import TypeVar
 from conformance.decoders.outcomes import Outcome, Run, by_oracle
 from conformance.decoders.reference import by_codec
 from conformance.fuzzing import memory
-from conformance.fuzzing.literals import damaged_literals
 from conformance.fuzzing.late_faults import late_fault, runs_beside_faults
+from conformance.fuzzing.literals import damaged_literals
 from conformance.generator.random_streams import random_stream
 from conformance.generator.tampering import Parts, tampered
 

@@ -118,7 +118,7 @@ def _four_are_exact(frame: U8, sizes: int, end: int, n: int, table: U16, log: in
 
 
 @_jit
-def _after(at: int, n: int, total: Any) -> tuple[int, int]:
+def _after(at: int, n: int, total: int) -> tuple[int, int]:
     """The place and the number of literals that are left, after entries that add up to `total`."""
     total = np.int64(total)
     return at - (total & _BITS), n - (total >> _NUMBER_AT & _NUMBER)
@@ -148,7 +148,7 @@ def _mark(frame: U8, begin: int, end: int) -> int:
 
 
 @_jit
-def _top(frame: U8, at: int) -> Any:
+def _top(frame: U8, at: int) -> np.uint64:
     """The bits below bit `at`, 57 of them at least; before a stream are 12 bytes of headers."""
     end = (at + 7) >> 3
     first = np.uint64(end - 8)  # of an index that may be below 0 numba makes no plain load
@@ -189,14 +189,20 @@ def _read_tree(frame: U8, at: int, end: int, table: U16) -> tuple[int, int]:
         n = head - 127
         for k in range(n):
             weights[k] = (frame[at + k // 2] >> (0 if k & 1 else 4)) & 15
-    counts = np.zeros(_MAX_WEIGHTS + 1, np.int64)
+    counts, others = np.zeros(16, np.int64), np.zeros(16, np.int64)  # so that none waits for itself
+    largest = np.uint8(0)
+    for k in range(0, n, 2):
+        counts[weights[k] & 15] += 1
+        if k + 1 < n:
+            others[weights[k + 1] & 15] += 1
     for k in range(n):
-        counts[weights[k]] += 1
+        largest = max(largest, weights[k])
+    counts += others
     total = np.int64(0)
     for weight in range(1, MAX_BITS + 1):
         total += counts[weight] << (weight - 1)
     log = _bit_length(total)
-    if total == 0 or log > MAX_BITS or counts[MAX_BITS + 1 :].any():  # R-5.10-13
+    if total == 0 or log > MAX_BITS or largest > MAX_BITS:  # R-5.10-13
         return 0, 0
     counts[_bit_length((1 << log) - total)] += 1
     if counts[1] < 2:  # R-5.10-14
@@ -238,7 +244,9 @@ def _fill(counts: I64, log: int, table: U16) -> bool:
 @_jit
 def _read_weights(frame: U8, at: int, end: int, weights: U8) -> int:
     """FSE-coded weights (RFC 8878, 4.2.1.2): how many; 0 if they cannot be read."""
-    states = np.empty(1 << _MAX_LOG, np.int64)  # weight, bits and base of the next state, a byte each
+    states = np.empty(
+        1 << _MAX_LOG, np.int64
+    )  # weight, bits and base of the next state, a byte each
     log, size = _read_states(frame[at:end], states)
     begin = 8 * (at + size)
     at = _mark(frame, at + size, end)

@@ -3,6 +3,8 @@
 
 It was written from an earlier version of the text and then brought to this one, as palettes (12)
 and sibling differences (7.1) were later; nothing else that reads or writes such streams was seen.
+But for one thing: the check of Huffman streams (R-5.10-12 to R-5.10-15) was added by an author of
+the other decoders, from RFC 8878.
 It follows the text: header and chunks (5.1 to 5.8), packets and frames (5.9, 5.10), steps (7),
 cuts and progressive decoding (6), the dump (7.7), the command. It decodes what came
 when no more comes: of 6.4 it needs only the end.

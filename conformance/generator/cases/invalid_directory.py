@@ -221,7 +221,8 @@ def limits() -> Iterator[Case]:
         "steps-1024",
         rows_of(*empty, *[Packet(component=1)] * 1024, *[Packet(tile=1)] * 9, n_tiles=2),
         "R-8.2-1 8.2",
-        "1024 steps of core, 1024 of a band, 9 of another tile; legal, as what steps-1025 differs from",
+        "1024 steps of core, 1024 of a band, 9 of another tile; legal, and what steps-1025 is held"
+        " against",
         "counts steps over components or tiles",
         runs=(FILE,),
     )
