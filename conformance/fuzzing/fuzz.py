@@ -8,9 +8,10 @@ must end in time, and must keep to the memory of spec 8.3. What breaks this is m
 kept as a file.
 
 Of ten streams one is as it was made, six are `damaged` anywhere, one in its `literals`, and two
-have `late-faults`, in the last checks of a packet. One of a thousand is `costly` instead: 100,000 bytes that ask for as
-much time and memory as they can. The oracle would take hours for these, so the reference decoder
-is held to itself (whole and in pieces), to the clock, and to the memory of each of its results.
+have `late-faults`, in the last checks of a packet. One of a thousand is `costly` instead: 100,000
+bytes that ask for as much time and memory as they can. The oracle would take hours for these, so
+the reference decoder is held to itself (whole and in pieces), to the clock, and to the memory of
+each of its results.
 `--family` asks for one kind alone.
 """
 
@@ -145,13 +146,13 @@ def _made(family: str, rng: Random, base: bytes) -> tuple[bytes, Sequence[Run]]:
 
 def by_plain(data: bytes, run: Run) -> Outcome:
     """The outcome by the reference decoder without compiled loops, also where numba is loaded."""
-    from evogs_codec.format import literals  # fresh vectors need this module, but no codec
+    from evogs_codec.format import frames  # fresh vectors need this module, but no codec
 
-    before, literals.MAY_COMPILE = literals.MAY_COMPILE, False
+    before, frames.MAY_COMPILE = frames.MAY_COMPILE, False
     try:
         outcome = by_codec(data, run)
     finally:
-        literals.MAY_COMPILE = before
+        frames.MAY_COMPILE = before
     return outcome
 
 

@@ -6,7 +6,9 @@ they accept.
 
 from __future__ import annotations
 
+import sys
 import threading
+from types import ModuleType
 
 import numpy as np
 import zstandard
@@ -20,6 +22,7 @@ __all__ = ["MAX_BLOCK", "MAX_CONTENT", "compress", "decompress", "decompress_all
 MAGIC = b"\x28\xb5\x2f\xfd"
 MAX_CONTENT = 16 << 20  # R-5.10-4
 MAX_BLOCK = 128 << 10  # R-5.10-5
+MAY_COMPILE = True  # False: literals are checked as without numba
 _local = threading.local()
 
 
@@ -93,9 +96,18 @@ def decompress(frame: memoryview, size: int, offset: int) -> bytes:
     return bytes(data)
 
 
+def _compiled() -> ModuleType | None:
+    """The compiled check where numba is loaded: to load it takes longer than most streams do."""
+    if not MAY_COMPILE or sys.modules.get("numba") is None:
+        return None
+    from evogs_codec.format import compiled_literals
+
+    return compiled_literals
+
+
 def _literals_are_exact(frame: memoryview) -> bool:
     """R-5.10-12 to R-5.10-14 for a frame that libzstd took."""
-    compiled = literals.compiled()
+    compiled = _compiled()
     if compiled is not None:
         return bool(compiled.are_exact(np.frombuffer(frame, np.uint8)))
     return literals.are_exact(frame, _decompress_some)
@@ -162,7 +174,7 @@ def _decompress_many(data: memoryview, places: I64) -> U8 | None:
         found = _decompressor().multi_decompress_to_buffer(frames, decompressed_sizes=sizes)
     except zstandard.ZstdError:
         return None
-    compiled = literals.compiled()
+    compiled = _compiled()
     if compiled is None:
         whole = all(_literals_are_exact(data[a : a + n]) for a, n, _ in places.tolist())
     else:

@@ -11,30 +11,18 @@ long as codes lie within the bits, they are what the library read.
 from __future__ import annotations
 
 import struct
-import sys
 from collections.abc import Callable
 from functools import cache
-from types import ModuleType
 
 import numpy as np
 
-__all__ = ["MAX_BITS", "are_exact", "compiled"]
+__all__ = ["MAX_BITS", "are_exact"]
 
 MAX_BITS = 11  # R-5.10-13
-MAY_COMPILE = True  # False: as without numba
 _N_SYMBOLS = 256
 # Without a content size, for a window of 128 KiB, the largest block.
 _HEAD = b"\x28\xb5\x2f\xfd\x00\x38"
 _COMPRESSED, _WITH_HUFFMAN, _TREELESS = 2, 2, 3
-
-
-def compiled() -> ModuleType | None:
-    """The compiled check where numba is loaded: to load it takes longer than most streams do."""
-    if not MAY_COMPILE or sys.modules.get("numba") is None:
-        return None
-    from evogs_codec.format import compiled_literals
-
-    return compiled_literals
 
 
 def are_exact(frame: memoryview, decompress: Callable[[bytes, int], bytes]) -> bool:
