@@ -1,4 +1,4 @@
-"""The command line: `evogs encode | decode | lift | info | validate | extract | view`.
+"""The command line: `evogs encode`, `decode`, `lift`, `info`, `validate`, `extract`, `view` and more.
 
 Other packages add commands through the entry-point group `evogs.commands`; each entry is a
 function that takes the sub-parsers. Exit codes: 0 done, 1 the input is bad or a file cannot be
@@ -33,7 +33,7 @@ from evogs_codec.cli.terminal import (
     plain_warnings,
     progress_bar,
 )
-from evogs_codec.cli.viewer.command import add_view
+from evogs_codec.cli.viewer.command import add_export, add_view
 from evogs_codec.common.printable import shown
 from evogs_codec.common.version import __version__
 from evogs_codec.decoding.cut import Cut, tiles_meeting, tiles_within
@@ -114,6 +114,7 @@ def _parser(asked: str = "") -> argparse.ArgumentParser:
     options.add_validate(commands, run_validate)
     options.add_extract(commands, run_extract)
     add_view(commands)
+    add_export(commands)
     others = () if asked in commands.choices else entry_points(group="evogs.commands")
     for entry in others:  # importing them takes longer than many commands do
         try:

@@ -1,9 +1,8 @@
-"""`evogs view`: look at a scene in a browser."""
+"""`evogs view` and `evogs export-html`: look at a scene in a browser."""
 
 from __future__ import annotations
 
 import argparse
-import re
 import tempfile
 import webbrowser
 from contextlib import ExitStack
@@ -12,15 +11,24 @@ from typing import Any
 from urllib.parse import quote
 
 from evogs_codec.cli.argument_types import number
-from evogs_codec.cli.encode_and_lift import encode_file
-from evogs_codec.cli.terminal import complain, progress_bar
-from evogs_codec.cli.viewer.scenes import Folder, NoScenes, OneFile, Scenes
+from evogs_codec.cli.options import add_output
+from evogs_codec.cli.terminal import complain
+from evogs_codec.cli.viewer.given import (
+    folder_of_streams,
+    is_stream,
+    is_url,
+    newly_encoded,
+    stream_of,
+)
+from evogs_codec.cli.viewer.scenes import NoScenes, OneFile, Scenes
 from evogs_codec.cli.viewer.server import LOOPBACK, SCENE_PATH, Server, address_of, page_files
+from evogs_codec.cli.viewer.standalone import PAGE, one_page
 from evogs_codec.common.printable import shown
 from evogs_codec.errors import InputError
-from evogs_codec.io.files import KIND_BYTES, STREAM, kind_of
+from evogs_codec.format.directory import read_directory
+from evogs_codec.io.files import write_atomic
 
-__all__ = ["add_view"]
+__all__ = ["add_export", "add_view"]
 
 HELP = "Look at a scene in a browser, which shows it while it arrives."
 EXAMPLES = """examples:
@@ -29,7 +37,10 @@ EXAMPLES = """examples:
   evogs view scenes/                        # a list of the streams in a folder
   evogs view https://example.org/scene.evogs
   evogs view scene.evogs --no-browser --host 0.0.0.0 --port 8000    # for other machines, too"""
-URL = re.compile(r"https?://", re.IGNORECASE)
+EXPORT_HELP = "Write a page that holds a scene and its viewer, and needs no server."
+EXPORT_EXAMPLES = """examples:
+  evogs export-html scene.evogs scene.html   # open it in a browser, send it, put it anywhere
+  evogs export-html scene.ply scene.html     # encoded first"""
 
 
 def add_view(commands: Any) -> None:  # noqa: ANN401 - argparse's sub-parsers have no public type
@@ -59,11 +70,28 @@ def add_view(commands: Any) -> None:  # noqa: ANN401 - argparse's sub-parsers ha
     parser.set_defaults(run=run_view)
 
 
+def add_export(commands: Any) -> None:  # noqa: ANN401 - argparse's sub-parsers have no public type
+    """Add the command to `evogs`."""
+    parser = commands.add_parser(
+        "export-html",
+        help=EXPORT_HELP,
+        description=EXPORT_HELP,
+        epilog=EXPORT_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "scene",
+        type=lambda given: given if is_url(given) else Path(given),
+        metavar="FILE|FOLDER|URL",
+        help="a stream, a 3DGS .ply, a .tree.npz, or a folder with one stream",
+    )
+    add_output(parser, "OUT.html", PAGE)
+    parser.set_defaults(run=run_export)
+
+
 def run_view(args: argparse.Namespace) -> None:
     """`evogs view`: serves until it is interrupted."""
-    page = page_files()
-    if "index.html" not in page:
-        raise InputError("the page of the viewer is not there: `make web` builds it")
+    page = _built_page()
     with ExitStack() as stack:
         scenes, start = _scenes(args.scene, stack)
         server = stack.enter_context(Server((args.host, args.port), page, scenes))
@@ -79,20 +107,32 @@ def run_view(args: argparse.Namespace) -> None:
             print(flush=True)
 
 
+def run_export(args: argparse.Namespace) -> None:
+    """`evogs export-html`."""
+    page = _built_page()
+    name, data = stream_of(args.scene)
+    read_directory(data)  # a page with what is no stream would be of no use
+    exported = one_page(page, name, data)
+    write_atomic(args.output, exported)
+    print(f"{shown(args.output)}: {len(exported):,} bytes, for a stream of {len(data):,}")
+
+
+def _built_page() -> dict[str, bytes]:
+    page = page_files()
+    if "index.html" not in page:
+        raise InputError("the page of the viewer is not there: `make web` builds it")
+    return page
+
+
 def _scenes(given: str, stack: ExitStack) -> tuple[Scenes, str]:
     """What to serve, and what to open of it: an address without that of the server."""
-    if URL.match(given):
+    if is_url(given):
         return NoScenes(), f"?src={quote(given, safe='')}"
     path = Path(given)
     if path.is_dir():
-        folder = Folder(path)
-        names = folder.names()
-        if not names:
-            raise InputError(f"{path}: no .evogs file is in this folder")
+        folder, names = folder_of_streams(path)
         return folder, address_of(names[0]) if len(names) == 1 else SCENE_PATH.removeprefix("/")
-    with path.open("rb") as file:
-        is_stream = kind_of(file.read(KIND_BYTES)) is STREAM
-    if not is_stream:
+    if not is_stream(path):
         path = _encoded(path, stack)
     return OneFile(path, path.name), address_of(path.name)
 
@@ -100,9 +140,7 @@ def _scenes(given: str, stack: ExitStack) -> tuple[Scenes, str]:
 def _encoded(path: Path, stack: ExitStack) -> Path:
     """The stream of a scene or of a tree, in a folder that goes with the command."""
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="evogs-view-")))
-    with progress_bar() as progress:
-        data = encode_file(path, progress)
-    stream = folder / f"{path.name.removesuffix('.ply').removesuffix('.tree.npz')}.evogs"
+    name, data = newly_encoded(path)
+    stream = folder / name
     stream.write_bytes(data)
-    print(f"{shown(path)}: encoded, {len(data):,} bytes")
     return stream

@@ -5,6 +5,7 @@ import os
 import socket
 import threading
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
@@ -223,3 +224,16 @@ def test_the_built_page_is_there_and_complete():
     assert 'src="viewer.js"' in text
     for package in ("three", "@sparkjsdev/spark"):
         assert f"\n{package} " in page["LICENSES.txt"].decode()
+
+
+SOURCES = Path(__file__).parents[3] / "tools" / "web" / "viewer" / "page"
+
+
+@pytest.mark.parametrize("name", sorted(path.name for path in SOURCES.iterdir()))
+def test_files_of_the_page_that_are_copied_are_those_of_tools_web(name):
+    assert page_files()[name] == (SOURCES / name).read_bytes(), "`make web`, and commit the page"
+
+
+def test_the_page_has_no_file_that_make_web_does_not_make():
+    built = {"LICENSES.txt", "renderer.js", "viewer.js", "worker.js"}
+    assert set(page_files()) == built | {path.name for path in SOURCES.iterdir()}

@@ -11,21 +11,23 @@ const installed = here("../../../evogs_codec/cli/viewer/page");
 
 await rm(dist, { recursive: true, force: true });
 await mkdir(dist, { recursive: true });
-const { metafile } = await build({
-  entryPoints: { viewer: here("src/main.ts"), worker: here("src/worker.ts") },
+const options = {
   bundle: true,
   minify: true,
   format: "esm",
-  splitting: true,
-  chunkNames: "[name]",
   target: "es2022",
   outdir: dist,
   metafile: true,
   legalComments: "none",
   logLevel: "warning",
-});
+};
+const page = { ...options, entryPoints: { viewer: here("src/main.ts") }, splitting: true, chunkNames: "[name]" };
+// No module: a page from `file:` can have no worker of modules.
+const worker = { ...options, entryPoints: { worker: here("src/worker.ts") }, format: "iife" };
+const inputs = {};
+for (const { metafile } of await Promise.all([build(page), build(worker)])) Object.assign(inputs, metafile.inputs);
 await cp(here("page"), dist, { recursive: true });
-await writeFile(`${dist}/LICENSES.txt`, await licences(metafile));
+await writeFile(`${dist}/LICENSES.txt`, await licences(inputs));
 
 for (const name of (await readdir(dist)).sort()) {
   const bytes = await readFile(`${dist}/${name}`);
@@ -37,7 +39,7 @@ if (process.argv.includes("--install")) {
 }
 
 /** The licences of all packages that are in the bundle. */
-async function licences({ inputs }) {
+async function licences(inputs) {
   const names = new Set();
   for (const path of Object.keys(inputs)) {
     const found = /node_modules\/((?:@[^/]+\/)?[^/]+)\//.exec(path);

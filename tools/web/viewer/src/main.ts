@@ -16,6 +16,12 @@ const UPS: Vec[] = [
   [1, 0, 0],
   [-1, 0, 0],
 ];
+declare global {
+  interface Window {
+    /** The scene that a page of `evogs export-html` holds. */
+    evogsScene?: File;
+  }
+}
 /** The page tries again by itself so often, in ms, after the connection was lost. */
 const RETRY_EVERY = 10_000;
 const SLOWEST_FRAME = 0.2;
@@ -23,7 +29,7 @@ const SLOWEST_FRAME = 0.2;
 class Viewer {
   progress: Progress | null = null;
   info: SceneInfo | null = null;
-  private readonly worker = new Worker(new URL("worker.js", import.meta.url), { type: "module" });
+  private readonly worker = new Worker(new URL("worker.js", import.meta.url));
   private readonly camera = new Camera();
   private readonly controls: Controls;
   private readonly panel: Panel;
@@ -36,6 +42,8 @@ class Viewer {
   private viewTimer: ReturnType<typeof setTimeout> | undefined;
   private retryTimer: ReturnType<typeof setTimeout> | undefined;
   private source: string | null = null;
+  /** The scene is the one that the page itself holds. */
+  private isHeld = false;
   /** The failure is told until bytes come again. */
   private hasFailed = false;
 
@@ -71,6 +79,7 @@ class Viewer {
   open(source: string | File): void {
     if (typeof source !== "string") {
       this.source = null;
+      this.isHeld = source === window.evogsScene;
       this.start(source, source.name);
       return;
     }
@@ -210,9 +219,8 @@ class Viewer {
     url.searchParams.set("up", `${Math.min(...this.camera.up) < 0 ? "-" : ""}${up}`);
     history.replaceState(null, "", url);
     await navigator.clipboard?.writeText(url.href).catch(() => {});
-    this.panel.tell(
-      this.source === null ? "The link has the view, but not your local file." : "The link is copied.",
-    );
+    const isLocal = this.source === null && !this.isHeld;
+    this.panel.tell(isLocal ? "The link has the view, but not your local file." : "The link is copied.");
     setTimeout(() => this.panel.hideNotice(), 3000);
   }
 
@@ -290,7 +298,7 @@ async function start(): Promise<void> {
   }
   const rate = Number(parameters.get("rate"));
   if (rate > 0) viewer.setRate(rate);
-  const source = parameters.get("src");
+  const source = window.evogsScene ?? parameters.get("src");
   if (source) viewer.open(source);
   // For scripts and tests.
   Object.assign(window, { evogsViewer: viewer });

@@ -5,7 +5,15 @@ import { spawn } from "node:child_process";
 import { readFile, readdir } from "node:fs/promises";
 import { after, afterEach, before, beforeEach, test } from "node:test";
 import { findChromium, launch, picture, psnr, stateOf, until } from "./browser.mjs";
-import { PYTHON, hostileDirectory, makeScenes, references, scenePath, whyNoCodec } from "./scenes.mjs";
+import {
+  PYTHON,
+  exportedPage,
+  hostileDirectory,
+  makeScenes,
+  references,
+  scenePath,
+  whyNoCodec,
+} from "./scenes.mjs";
 import { PageServer } from "./server.mjs";
 
 const skip =
@@ -76,21 +84,22 @@ async function letThrough(size) {
   return picture(page);
 }
 
-for (const [name, least] of [
-  ["sh3", 42],
-  ["sh1", 42],
+for (const [name, percents, least] of [
+  ["sh3", [5, 20, 50, 100], 42],
+  ["sh1", [5, 20, 50, 100], 42],
+  ["five", [10, 20, 50, 100], 42],
 ]) {
-  inBrowser(`pictures at 5, 20, 50 and 100 % of ${name} are those of the rasterizer`, async (context) => {
+  inBrowser(`pictures at ${percents.join(", ")} % of ${name} are those of the rasterizer`, async (context) => {
     const bytes = scenes[name];
-    const sizes = [5, 20, 50, 100].map((percent) => Math.floor((bytes.length * percent) / 100));
+    const sizes = percents.map((percent) => Math.floor((bytes.length * percent) / 100));
     const { pose, pictures } = references(name, sizes);
     server.gate = 0;
     await open(`${name}.evogs`);
     await setPose(pose);
     const found = [];
     for (const [i, size] of sizes.entries()) found.push(psnr(await letThrough(size), pictures[i]));
-    context.diagnostic(`${name}: ${found.map((db) => db.toFixed(1)).join(", ")} dB at 5, 20, 50, 100 %`);
-    assert.ok(brightness(pictures[0]) > 5, "there is something to see at 5 %");
+    context.diagnostic(`${name}: ${found.map((db) => db.toFixed(1)).join(", ")} dB at ${percents.join(", ")} %`);
+    assert.ok(brightness(pictures[0]) > 5, `there is something to see at ${percents[0]} %`);
     for (const db of found) assert.ok(db >= least, `${db} dB`);
     const { progress } = await until(page, isDone, "the end");
     assert.equal(progress.digests.checked, progress.digests.rows);
@@ -316,6 +325,34 @@ inBrowser("evogs view serves the installed page and the scene", async () => {
   } finally {
     view.kill();
   }
+});
+
+inBrowser("evogs export-html makes a page that works from a file, as the served one does", async () => {
+  const { pose } = references("five", [scenes.five.length]);
+  await open("five.evogs");
+  await setPose(pose);
+  await until(page, isDone, "the end");
+  const served = await picture(page);
+  const address = exportedPage("five");
+  const requests = [];
+  page.on("request", (request) => requests.push(request.url()));
+  await page.goto(address);
+  await page.waitForFunction(() => window.evogsViewer !== undefined);
+  await setPose(pose);
+  const { progress } = await until(page, isDone, "the end");
+  assert.equal(progress.splats, 8000);
+  assert.equal(await page.textContent("#verified"), "verified");
+  assert.equal(await page.textContent("#name"), "five.evogs");
+  assert.ok(brightness(served) > 5);
+  const db = psnr(served, await picture(page));
+  assert.ok(db > 60, `${db} dB`);
+  await page.click("#link");
+  await until(page, ({ notice }) => notice === "The link is copied.", "the link");
+  assert.match(page.url(), /^file:.*#view=/);
+  assert.deepEqual(
+    requests.filter((url) => !/^(data|blob):/.test(url)),
+    [address],
+  );
 });
 
 test("the page in the Python package is the one that is built here: make web", async () => {

@@ -1,0 +1,86 @@
+"""What the commands of the viewer are given: a file of any kind, a folder, or an address."""
+
+from __future__ import annotations
+
+import re
+import urllib.request
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+from evogs_codec.cli.encode_and_lift import encode_file
+from evogs_codec.cli.terminal import progress_bar
+from evogs_codec.cli.viewer.scenes import Folder
+from evogs_codec.common.printable import shown
+from evogs_codec.errors import InputError
+from evogs_codec.io.files import KIND_BYTES, STREAM, kind_of
+
+__all__ = ["folder_of_streams", "is_stream", "is_url", "newly_encoded", "stream_of"]
+
+_URL = re.compile(r"https?://", re.IGNORECASE)
+_TIMEOUT = 60  # s without a byte
+
+
+def is_url(given: str) -> bool:
+    """Whether it names what a server has."""
+    return _URL.match(given) is not None
+
+
+def is_stream(path: Path) -> bool:
+    """Whether a file begins as a stream does."""
+    with path.open("rb") as file:
+        return kind_of(file.read(KIND_BYTES)) is STREAM
+
+
+def folder_of_streams(path: Path) -> tuple[Folder, list[str]]:
+    """A folder, and the names of its streams: one at least.
+
+    Raises:
+        InputError: there is none.
+    """
+    folder = Folder(path)
+    names = folder.names()
+    if not names:
+        raise InputError(f"{path}: no .evogs file is in this folder")
+    return folder, names
+
+
+def newly_encoded(path: Path) -> tuple[str, bytes]:
+    """The stream of a scene or of a tree, by a name that it could have.
+
+    Raises:
+        InputError: the file is neither.
+    """
+    with progress_bar() as progress:
+        data = encode_file(path, progress)
+    print(f"{shown(path)}: encoded, {len(data):,} bytes")
+    return f"{path.name.removesuffix('.ply').removesuffix('.tree.npz')}.evogs", data
+
+
+def stream_of(given: str | Path) -> tuple[str, bytes]:
+    """One stream and its name. A scene or a tree is encoded, an address is read.
+
+    Raises:
+        InputError: it is no stream and nothing that can be encoded, or several streams.
+        OSError: it cannot be read.
+    """
+    if isinstance(given, str):
+        return _downloaded(given)
+    path = given
+    if path.is_dir():
+        folder, names = folder_of_streams(path)
+        if len(names) > 1:
+            raise InputError(f"{path}: {len(names)} .evogs files are in this folder; name one")
+        found = folder.find(names[0])
+        path = path / names[0] if found is None else found
+    if is_stream(path):
+        return path.name, path.read_bytes()
+    return newly_encoded(path)
+
+
+def _downloaded(url: str) -> tuple[str, bytes]:
+    with urllib.request.urlopen(url, timeout=_TIMEOUT) as answer:
+        data = answer.read()
+    if kind_of(data) is not STREAM:
+        raise InputError(f"{url}: is no EvoGS stream")
+    name = unquote(urlsplit(url).path).rpartition("/")[2]
+    return name or "scene.evogs", data
