@@ -1,4 +1,4 @@
-"""The command line: `evogs encode`, `decode`, `lift`, `info`, `validate`, `extract`, `view` and more.
+"""The command line: `evogs encode`, `decode`, `info`, `view` and the others.
 
 Other packages add commands through the entry-point group `evogs.commands`; each entry is a
 function that takes the sub-parsers. Exit codes: 0 done, 1 the input is bad or a file cannot be

@@ -3,7 +3,8 @@
 
 import { closeSync, openSync, readFileSync, rmSync, writeSync } from "node:fs";
 import { createInterface } from "node:readline";
-import { CallerError, Decoder, StreamError, decode, dumpPieces } from "../dist/index.js";
+import { dumpPieces } from "../dist/index.js";
+import { MISUSED, judge } from "./judge.mjs";
 
 const CAPABILITIES = {
   name: "evogs-web",
@@ -18,13 +19,7 @@ const CAPABILITIES = {
   max_tier: 3,
   max_sh_degree: 3,
 };
-const ACCEPTED = 0;
-const REJECTED = 1;
-const MISUSED = 2;
-const INCOMPLETE = 3;
-const OVER_LIMIT = 4;
 const BROKEN = 70;
-const UNSUPPORTED = 127;
 /** Options with a value, and without one. */
 const WITH_VALUE = ["in", "out", "mode", "level", "limits", "arrival"];
 const SWITCHES = ["verify", "dump_on_fault"];
@@ -56,37 +51,16 @@ function writeDump(scene, path) {
   }
 }
 
-function answerOf(fault) {
-  const exit = { E_LIMIT: OVER_LIMIT, E_UNSUPPORTED: UNSUPPORTED }[fault.code] ?? REJECTED;
-  return { exit, code: fault.code, offset: fault.offset };
-}
-
-function decodeProgressively(request, bytes, options) {
-  const decoder = new Decoder(options);
-  const ranges = request.arrival ? JSON.parse(readFileSync(request.arrival, "utf8")) : [[0, bytes.length]];
-  for (const [offset, size] of ranges) decoder.put(offset, bytes.subarray(offset, offset + size));
-  const { kind, fault } = decoder.end();
-  if (decoder.scene && (!fault || request.dump_on_fault)) writeDump(decoder.scene, request.out);
-  if (fault) return answerOf(fault);
-  return { exit: kind === "complete" ? ACCEPTED : INCOMPLETE };
-}
-
 /** The exit status of a request, with the fault if there is one. */
 function answer(request) {
   try {
+    const json = (path) => path && JSON.parse(readFileSync(path, "utf8"));
+    const { limits, arrival } = request;
     const bytes = readFileSync(request.in);
-    const options = {
-      level: request.level,
-      limits: request.limits ? JSON.parse(readFileSync(request.limits, "utf8")) : undefined,
-      verify: request.verify,
-    };
-    if (request.mode === "progressive") return decodeProgressively(request, bytes, options);
-    const scene = decode(bytes, options);
-    writeDump(scene, request.out);
-    return { exit: ACCEPTED };
+    const { scene, ...verdict } = judge({ ...request, limits: json(limits), arrival: json(arrival) }, bytes);
+    if (scene) writeDump(scene, request.out);
+    return verdict;
   } catch (error) {
-    if (error instanceof StreamError) return answerOf(error);
-    if (error instanceof CallerError) return { exit: MISUSED };
     // No verdict on the stream: say out of memory, or a mistake of this program.
     console.error(error?.stack ?? String(error));
     if (request.out) rmSync(request.out, { force: true });

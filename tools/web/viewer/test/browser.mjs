@@ -14,7 +14,7 @@ const ARGUMENTS = [
 
 /** The path of a browser, or null if there is none. CHROMIUM in the environment names another one. */
 export function findChromium() {
-  const paths = process.env.CHROMIUM ? [process.env.CHROMIUM] : CHROMIUM;
+  const paths = process.env.CHROMIUM ? [process.env.CHROMIUM] : [...CHROMIUM, chromium.executablePath()];
   return paths.find((path) => existsSync(path)) ?? null;
 }
 
