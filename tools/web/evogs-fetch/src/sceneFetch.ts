@@ -172,7 +172,8 @@ export class SceneFetch {
       const range = this.nextRange();
       if (range === null) return;
       const abort = new AbortController();
-      signal.addEventListener("abort", () => abort.abort(CANCELLED), { once: true });
+      const stop = () => abort.abort(CANCELLED);
+      signal.addEventListener("abort", stop, { once: true });
       const request: Request = {
         range,
         at: range.start,
@@ -180,10 +181,12 @@ export class SceneFetch {
         done: Promise.resolve({ request: null, error: null }),
       };
       this.inFlight.add(request);
-      request.done = this.load(request).then(
-        () => ({ request, error: null }),
-        (error) => ({ request, error: error === CANCELLED ? null : error }),
-      );
+      request.done = this.load(request)
+        .then(
+          () => ({ request, error: null }),
+          (error) => ({ request, error: error === CANCELLED ? null : error }),
+        )
+        .finally(() => signal.removeEventListener("abort", stop));
     }
   }
 

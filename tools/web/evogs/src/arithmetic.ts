@@ -5,24 +5,29 @@ import type { AlphaTable } from "./alpha.js";
 const MAX_DELTA = 2 ** 28;
 const MAX_PRODUCT = 2 ** 30;
 
-/** Delta of each q, in place: q * M * 2^E. False if a |Delta| is above 2^28 (R-7.3-1). */
-export function quantise(values: Int32Array, n: number, mantissa: number, shift: number): boolean {
-  const most = Math.floor(Math.floor(MAX_DELTA / 2 ** shift) / mantissa);
-  // If this is above 2^28, every q that is let through is 0.
-  const factor = most === 0 ? 0 : mantissa << shift;
-  for (let i = 0; i < n; i++) {
-    const q = values[i];
-    if (q > most || q < -most) return false;
-    values[i] = Math.imul(q, factor);
-  }
-  return true;
+/** The largest |q| whose Delta, q * M * 2^E, is at most 2^28. */
+export function furthestOf(mantissa: number, shift: number): number {
+  return Math.floor(Math.floor(MAX_DELTA / 2 ** shift) / mantissa);
 }
 
-/** Where numbers of a channel lie in an array, and their range: +-(2^30 - 1), or the box of the tile. */
+/** Delta of each q, in place. False if a |Delta| is above 2^28 (R-7.3-1). */
+export function quantise(values: Int32Array, n: number, mantissa: number, shift: number): boolean {
+  const most = furthestOf(mantissa, shift);
+  // If this is above 2^28, every q that is let through is 0.
+  const factor = most === 0 ? 0 : mantissa << shift;
+  // Negative once a number was: a branch for each would be slower.
+  let margin = 0;
+  for (let i = 0; i < n; i++) {
+    const q = values[i];
+    margin |= (most - q) | (most + q);
+    values[i] = Math.imul(q, factor);
+  }
+  return margin >= 0;
+}
+
+/** The numbers of a channel by slot, and their range: +-(2^30 - 1), or the box of the tile. */
 export interface Column {
   x: Int32Array;
-  /** The place of slot 0. */
-  base: number;
   least: number;
   most: number;
 }
@@ -34,6 +39,7 @@ export interface Refinements {
   n: number;
   /** Which of them are splits: places in `slots`, and -1 behind the last. */
   splits: Int32Array;
+  nSplits: number;
   /** The table of alpha, and the index of each split; null if all are 0. */
   table: AlphaTable;
   indices: Uint8Array | null;
@@ -47,48 +53,114 @@ export interface Refinements {
  * False if a product or a number leaves its range (R-7.3-2, R-7.3-3, R-7.3-4).
  */
 export function refineSlots(column: Column, refinements: Refinements, delta: Int32Array): boolean {
-  const { x, base, least, most } = column;
-  const { slots, n, splits, indices, first } = refinements;
-  const { entries, shift } = refinements.table;
+  const { n, nSplits } = refinements;
+  if (nSplits === 0) return refineAll(column, refinements, delta);
+  if (nSplits === n) return splitAll(column, refinements, delta);
+  return refineOrSplit(column, refinements, delta);
+}
+
+// Distances to both ends of a range are below 2^32. If a number is outside, one of them is negative in 32 bits,
+// even where the other one is so negative that it is not.
+
+/** `refineSlots` without splits. */
+function refineAll({ x, least, most }: Column, { slots, n }: Refinements, delta: Int32Array): boolean {
+  let margin = 0;
+  for (let i = 0; i < n; i++) {
+    const u = slots[i];
+    const value = (x[u] + delta[i]) | 0;
+    x[u] = value;
+    margin |= (value - least) | (most - value);
+  }
+  return margin >= 0;
+}
+
+/** `refineSlots` where all are splits, as in the levels under a lifted scene. */
+function splitAll(column: Column, refinements: Refinements, delta: Int32Array): boolean {
+  const { x, least, most } = column;
+  const { slots, n, indices, first, table } = refinements;
+  const { entries, shift } = table;
   const half = (1 << shift) >> 1;
-  const bounds = productBounds(refinements.table);
+  const { least: bound } = boundsOf(table);
+  let margin = 0;
+  let productMargin = 0;
   let a = entries[0];
-  let bound = bounds[0];
-  let isGood = true;
+  for (let i = 0; i < n; i++) {
+    const u = slots[i];
+    const d = delta[i];
+    const p = x[u];
+    if (indices !== null) a = entries[indices[i]];
+    // If the product is out of range, what is written for it does not matter.
+    const value = (p + d) | 0;
+    const second = (p - ((Math.imul(d, a) + half) >> shift)) | 0;
+    x[u] = value;
+    x[(first + i) | 0] = second;
+    margin |= (value - least) | (most - value) | (second - least) | (most - second);
+    productMargin |= (bound - d) | (bound + d);
+  }
+  return margin >= 0 && (productMargin >= 0 || areProductsGood(refinements, delta));
+}
+
+/** As `refineSlots`, for any records. */
+function refineOrSplit(column: Column, refinements: Refinements, delta: Int32Array): boolean {
+  const { x, least, most } = column;
+  const { slots, n, splits, indices, first, table } = refinements;
+  const { entries, shift } = table;
+  const half = (1 << shift) >> 1;
+  let margin = 0;
+  let a = entries[0];
   let j = 0;
   let next = splits[0];
   for (let i = 0; i < n; i++) {
-    const at = base + slots[i];
+    const u = slots[i];
     const d = delta[i];
-    const p = x[at];
+    const p = x[u];
     const value = (p + d) | 0;
-    x[at] = value;
-    if (value < least || value > most) isGood = false;
+    x[u] = value;
+    margin |= (value - least) | (most - value);
     if (i !== next) continue;
-    if (indices !== null) {
-      a = entries[indices[j]];
-      bound = bounds[indices[j]];
-    }
-    // If the product is out of range, what is written for it does not matter.
+    if (indices !== null) a = entries[indices[j]];
     const second = (p - ((Math.imul(d, a) + half) >> shift)) | 0;
-    if (d > bound || d < -bound || second < least || second > most) isGood = false;
-    x[base + first + j] = second;
+    x[(first + j) | 0] = second;
+    margin |= (second - least) | (most - second);
     next = splits[++j];
   }
-  return isGood;
+  return margin >= 0 && areProductsGood(refinements, delta);
 }
 
-/** The largest |Delta| of each alpha: |a * Delta| + floor(2^K / 2) is at most 2^30 exactly up to there. */
-function productBounds(table: AlphaTable): Int32Array {
+function areProductsGood({ splits, nSplits, table, indices }: Refinements, delta: Int32Array): boolean {
+  const { bounds } = boundsOf(table);
+  for (let j = 0; j < nSplits; j++) {
+    const bound = bounds[indices === null ? 0 : indices[j]];
+    if (Math.abs(delta[splits[j]]) > bound) return false;
+  }
+  return true;
+}
+
+interface Bounds {
+  /** The largest |Delta| of each alpha. */
+  bounds: Int32Array;
+  /** The least of them. */
+  least: number;
+}
+
+const boundsByTable = new WeakMap<AlphaTable, Bounds>();
+
+/** |a * Delta| + floor(2^K / 2) is at most 2^30 exactly up to these |Delta|. */
+function boundsOf(table: AlphaTable): Bounds {
+  const known = boundsByTable.get(table);
+  if (known !== undefined) return known;
   const half = (1 << table.shift) >> 1;
-  return Int32Array.from(table.entries, (a) =>
+  const bounds = Int32Array.from(table.entries, (a) =>
     Math.min(MAX_DELTA, Math.floor((MAX_PRODUCT - half) / Math.abs(a))),
   );
+  const made = { bounds, least: bounds.reduce((a, b) => Math.min(a, b)) };
+  boundsByTable.set(table, made);
+  return made;
 }
 
 /** Takes back what `refineSlots` added. Second children are behind the slots that were there. */
 export function unrefineSlots(column: Column, slots: Int32Array, n: number, delta: Int32Array): void {
-  for (let i = 0; i < n; i++) column.x[column.base + slots[i]] -= delta[i];
+  for (let i = 0; i < n; i++) column.x[slots[i]] -= delta[i];
 }
 
 /** Second children where Delta is 0: copies of P. */
@@ -99,6 +171,6 @@ export function copySlots(
   nSplits: number,
   first: number,
 ): void {
-  const { x, base } = column;
-  for (let j = 0; j < nSplits; j++) x[base + first + j] = x[base + slots[splits[j]]];
+  const { x } = column;
+  for (let j = 0; j < nSplits; j++) x[(first + j) | 0] = x[slots[splits[j]]];
 }

@@ -18,6 +18,11 @@ export class ChannelBlock {
     return this.data.subarray(k * this.capacity, k * this.capacity + this.count);
   }
 
+  /** As `channel`, with the room for slots to come. */
+  room(k: number): Int32Array {
+    return this.data.subarray(k * this.capacity, (k + 1) * this.capacity);
+  }
+
   /** Makes room for `n` slots. `most` is what the cut will need: all of it is taken at once if `atOnce`. */
   reserve(n: number, most: number, atOnce: boolean): void {
     if (n <= this.capacity) return;

@@ -1,8 +1,8 @@
 /** The float view (spec 7.6): binary32 of (O + X) * 2^-G. */
 
-import { channelCount, groupOf } from "./model.js";
+import { N_CORE, channelCount, groupOf } from "./model.js";
 import type { Scene } from "./scene.js";
-import { ShownChannels } from "./shown.js";
+import { ShownChannels, shownPicks } from "./shown.js";
 
 /**
  * Values of a channel of tile `t` for the slots from .. to - 1, empty slots too, where all is 0 but for the
@@ -21,32 +21,65 @@ export function slotFloats(
   const { header, tiles } = scene.directory;
   const origin = channel < 3 ? tiles.origin[3 * t + channel] : 0;
   const unit = 2 ** -header.gridExponents[groupOf(channel)];
-  const numbers = shown.read(t, channel);
+  const numbers = shown.read(t, channel, from, to);
   // The sum is below 2^53 and the product exact, so the only rounding is that to binary32.
-  for (let u = from; u < to; u++) out[u - from] = (origin + numbers[u]) * unit;
+  for (let i = 0; i < numbers.length; i++) out[i] = (origin + numbers[i]) * unit;
   return out;
 }
 
 /** Values of all live splats, in the order of tiles and of slots: an array for each of the D channels. */
 export function floatView(scene: Scene): Float32Array[] {
-  const { header } = scene.directory;
+  const { header, tiles } = scene.directory;
   const nSplats = scene.splatCount();
   const shown = new ShownChannels(scene);
   const view = Array.from({ length: channelCount(header.shDegree) }, () => new Float32Array(nSplats));
-  let scratch = new Float32Array(0);
-  let at = 0;
+  const entries = header.hasPalette ? entryFloats(scene) : [];
+  let from = 0;
   for (let t = 0; t < header.nTiles; t++) {
     const live = scene.tile(t).liveSlots();
-    const n = live.length;
-    if (scratch.length < n) scratch = new Float32Array(n);
-    let end = at;
+    const slots = liveNumbers(live);
+    const to = from + (slots?.length ?? live.length);
+    const picks = header.hasPalette ? shownPicks(scene, t) : null;
     for (let channel = 0; channel < view.length; channel++) {
-      slotFloats(scene, t, channel, 0, n, scratch, shown);
-      const out = view[channel];
-      end = at;
-      for (let u = 0; u < n; u++) if (live[u] === 1) out[end++] = scratch[u];
+      const out = view[channel].subarray(from, to);
+      if (picks !== null && channel >= N_CORE) {
+        pick(entries[channel - N_CORE], picks, slots, out);
+        continue;
+      }
+      const origin = channel < 3 ? tiles.origin[3 * t + channel] : 0;
+      const unit = 2 ** -header.gridExponents[groupOf(channel)];
+      const numbers = shown.read(t, channel);
+      if (slots === null) for (let i = 0; i < out.length; i++) out[i] = (origin + numbers[i]) * unit;
+      else for (let i = 0; i < out.length; i++) out[i] = (origin + numbers[slots[i]]) * unit;
     }
-    at = end;
+    from = to;
   }
   return view;
+}
+
+/** The live slots, or null if all are. */
+function liveNumbers(live: Uint8Array): Int32Array | null {
+  let n = 0;
+  for (let u = 0; u < live.length; u++) n += live[u];
+  if (n === live.length) return null;
+  const slots = new Int32Array(n);
+  for (let u = 0, i = 0; u < live.length; u++) if (live[u] === 1) slots[i++] = u;
+  return slots;
+}
+
+/** Values of the entries of the palette, an array for each of its channels, behind a 0 for no entry. */
+function entryFloats({ directory, palette }: Scene): Float32Array[] {
+  const unit = 2 ** -directory.header.gridExponents[groupOf(N_CORE)];
+  return Array.from({ length: palette.nChannels }, (_, k) => {
+    const floats = new Float32Array(1 + palette.count);
+    palette.channel(k).forEach((number, e) => {
+      floats[1 + e] = number * unit;
+    });
+    return floats;
+  });
+}
+
+function pick(entries: Float32Array, picks: Int32Array, slots: Int32Array | null, out: Float32Array): void {
+  if (slots === null) for (let i = 0; i < out.length; i++) out[i] = entries[picks[i]];
+  else for (let i = 0; i < out.length; i++) out[i] = entries[picks[slots[i]]];
 }

@@ -5,7 +5,16 @@ import { check } from "./faults.js";
 import { decompressFrame } from "./frames.js";
 import { type ListLayout, PICKS_OF_CHANGED, type StepCounts, layoutOf, listCount } from "./lists.js";
 import { PICKS } from "./model.js";
-import { hasDelta, highOf, isLowPlaneClean, lowOf, lowPlaneSize, undelta, unpack, unzigzag } from "./planes.js";
+import {
+  hasDelta,
+  highOf,
+  isLowPlaneClean,
+  lowOf,
+  lowPlaneSize,
+  undelta,
+  unpack,
+  unpackSigned,
+} from "./planes.js";
 import type { Workspace } from "./workspace.js";
 
 const HEADER_SIZE = 2;
@@ -43,12 +52,22 @@ export class PacketLists {
     return hasDelta(this.coding[list]);
   }
 
-  /** The signed integers of a list of psi, adds or entries. False if a running sum is out of range. */
-  readSigned(list: number, out: Int32Array): boolean {
-    this.read(list, out);
-    if (this.coding[list] === 0) return true;
+  /** No signed integer of a list without `delta` is further from 0. */
+  furthest(list: number): number {
+    return 2 ** (lowOf(this.coding[list]) + 8 * highOf(this.coding[list])) / 2;
+  }
+
+  /**
+   * The signed integers of a list of psi, adds or entries, times `factor`, which is 1 for running sums.
+   * False if a running sum is out of range.
+   */
+  readSigned(list: number, out: Int32Array, factor = 1): boolean {
     const n = this.layout.lengths[list];
-    unzigzag(out, n);
+    if (this.coding[list] === 0) {
+      out.fill(0, 0, n);
+      return true;
+    }
+    unpackSigned(this.coding[list], n, this.planes, this.starts[list], factor, out);
     return list < this.layout.adds || !this.hasDelta(list) || undelta(out, n);
   }
 }

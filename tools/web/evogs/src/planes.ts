@@ -26,7 +26,8 @@ export function isLowPlaneClean(coding: number, n: number, planes: Uint8Array, a
     return used === 0 || planes[at + lowPlaneSize(coding, n) - 1] >> used === 0;
   }
   let all = 0;
-  for (let i = at; i < at + n; i++) all |= planes[i];
+  const plane = planes.subarray(at, at + n);
+  for (let i = 0; i < n; i++) all |= plane[i];
   return all >> low === 0;
 }
 
@@ -34,23 +35,48 @@ export function isLowPlaneClean(coding: number, n: number, planes: Uint8Array, a
 export function unpack(coding: number, n: number, planes: Uint8Array, at: number, out: Int32Array): void {
   const low = lowOf(coding);
   let from = at;
-  if (isPacked(low)) unpackBits(low, n, planes, at, out);
-  else if (low > 0) for (let i = 0; i < n; i++) out[i] = planes[at + i];
+  if (isPacked(low)) unpackBits(low, n, planes.subarray(at), out);
+  else if (low > 0) unpackBytes(planes.subarray(at, at + n), out);
   from += lowPlaneSize(coding, n);
   for (let k = 0; k < highOf(coding); k++, from += n) {
     const shift = low + 8 * k;
-    if (shift === 0) for (let i = 0; i < n; i++) out[i] = planes[from + i];
-    else for (let i = 0; i < n; i++) out[i] |= planes[from + i] << shift;
+    const plane = planes.subarray(from, from + n);
+    if (shift === 0) unpackBytes(plane, out);
+    else for (let i = 0; i < n; i++) out[i] |= plane[i] << shift;
   }
 }
 
-function unpackBits(low: number, n: number, planes: Uint8Array, at: number, out: Int32Array): void {
+/** As `unpack`, of signed integers: 0, 1, 2, 3, 4 ... means 0, -1, 1, -2, 2 ... each times `factor`. */
+export function unpackSigned(
+  coding: number,
+  n: number,
+  planes: Uint8Array,
+  at: number,
+  factor: number,
+  out: Int32Array,
+): void {
+  const isByte = lowOf(coding) === 0 ? highOf(coding) === 1 : highOf(coding) === 0 && !isPacked(lowOf(coding));
+  if (isByte) {
+    const plane = planes.subarray(at, at + n);
+    for (let i = 0; i < n; i++) out[i] = Math.imul((plane[i] >> 1) ^ -(plane[i] & 1), factor);
+    return;
+  }
+  unpack(coding, n, planes, at, out);
+  if (factor === 1) unzigzag(out, n);
+  else for (let i = 0; i < n; i++) out[i] = Math.imul((out[i] >> 1) ^ -(out[i] & 1), factor);
+}
+
+function unpackBytes(plane: Uint8Array, out: Int32Array): void {
+  for (let i = 0; i < plane.length; i++) out[i] = plane[i];
+}
+
+function unpackBits(low: number, n: number, plane: Uint8Array, out: Int32Array): void {
   const mask = (1 << low) - 1;
   const perByte = 8 / low;
   let i = 0;
-  for (let p = at; i < n; p++) {
+  for (let p = 0; i < n; p++) {
     const end = Math.min(i + perByte, n);
-    for (let byte = planes[p]; i < end; i++, byte >>= low) out[i] = byte & mask;
+    for (let byte = plane[p]; i < end; i++, byte >>= low) out[i] = byte & mask;
   }
 }
 

@@ -33,26 +33,30 @@ export class ShownChannels {
   }
 
   /**
-   * The integers of a channel of tile `t`, one for each slot; empty slots have 0.
+   * The integers of a channel of tile `t` for the slots from .. to - 1; empty slots have 0.
    * Without a copy where they are stored as shown: then they are valid until the next step.
    */
-  read(t: number, channel: number): Int32Array {
+  read(t: number, channel: number, from = 0, to = this.scene.tile(t).nSlots): Int32Array {
     const { scene } = this;
     const tile = scene.tile(t);
-    if (channel < N_CORE) return tile.core.channel(channel);
+    if (channel < N_CORE) return tile.core.channel(channel).subarray(from, to);
     const component = this.componentOf(channel);
     const isLate = tile.isLate(component);
     const first = channelsOf(component, scene.directory.header.shDegree).first;
     if (component !== PICKS && !isLate && tile.steps[CORE] > 0)
-      return tile.block(component).channel(channel - first);
+      return tile
+        .block(component)
+        .channel(channel - first)
+        .subarray(from, to);
     if (this.tile !== t || this.component !== component) {
       this.tile = t;
       this.component = component;
       this.sources = isLate ? shownSlots(tile, component) : null;
     }
-    const out = new Int32Array(tile.nSlots);
-    if (component === PICKS) readPicked(tile, scene.palette, channel - first, this.sources, out);
-    else if (tile.bands[component]) readLate(tile.block(component).channel(channel - first), this.sources, out);
+    const out = new Int32Array(to - from);
+    if (component === PICKS) readPicked(tile, scene.palette, channel - first, this.sources, from, out);
+    else if (tile.bands[component])
+      readLate(tile.block(component).channel(channel - first), this.sources, from, out);
     return out;
   }
 
@@ -62,9 +66,12 @@ export class ShownChannels {
   }
 }
 
-function readLate(x: Int32Array, sources: Int32Array | null, out: Int32Array): void {
+function readLate(x: Int32Array, sources: Int32Array | null, from: number, out: Int32Array): void {
   if (sources === null) return;
-  for (let u = 0; u < out.length; u++) if (sources[u] >= 0) out[u] = x[sources[u]];
+  for (let i = 0; i < out.length; i++) {
+    const source = sources[from + i];
+    if (source >= 0) out[i] = x[source];
+  }
 }
 
 function readPicked(
@@ -72,14 +79,15 @@ function readPicked(
   palette: ChannelBlock,
   k: number,
   sources: Int32Array | null,
+  from: number,
   out: Int32Array,
 ): void {
   const entries = palette.channel(k);
   const { picks } = tile;
-  for (let u = 0; u < out.length; u++) {
-    const source = sources === null ? u : sources[u];
+  for (let i = 0; i < out.length; i++) {
+    const source = sources === null ? from + i : sources[from + i];
     const pick = source < 0 ? 0 : picks[source];
-    if (pick > 0) out[u] = entries[pick - 1];
+    if (pick > 0) out[i] = entries[pick - 1];
   }
 }
 

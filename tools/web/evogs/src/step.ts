@@ -1,7 +1,7 @@
 /** A step of some channels of a tile (spec 7.4): core, or an SH band; and entries of a palette. */
 
 import type { AlphaTables } from "./alpha.js";
-import { type Column, copySlots, quantise, refineSlots, unrefineSlots } from "./arithmetic.js";
+import { type Column, copySlots, furthestOf, quantise, refineSlots, unrefineSlots } from "./arithmetic.js";
 import type { ChannelBlock } from "./channelBlock.js";
 import { ADDS_ARE_YCOCG, PSI_IS_YCOCG } from "./lists.js";
 import { FIRST_SH, classOf, groupOf } from "./model.js";
@@ -41,6 +41,8 @@ class DeltaReader {
     const { lists, n } = this;
     if (lists === null || n === 0) return null;
     const channel = this.first + k;
+    const { nClasses, mantissa, shift } = this.quantisers;
+    const entry = this.row * nClasses + classOf(channel);
     let values: Int32Array;
     if (channel >= FIRST_SH && (lists.flags & this.flag) !== 0) {
       const colour = (channel - FIRST_SH) % 3;
@@ -51,13 +53,16 @@ class DeltaReader {
     } else {
       if (lists.isZero(this.list + k)) return null;
       values = this.workspace.integers(TRIPLE, n);
-      if (!lists.readSigned(this.list + k, values)) return false;
+      const list = this.list + k;
+      if (!lists.hasDelta(list) && lists.furthest(list) <= furthestOf(mantissa[entry], shift[entry])) {
+        lists.readSigned(list, values, mantissa[entry] << shift[entry]);
+        return values;
+      }
+      if (!lists.readSigned(list, values)) return false;
     }
     if (this.siblings !== null && lists.hasDelta(this.list + k)) {
       if (!addSiblings(values, n, this.siblings())) return false;
     }
-    const { nClasses, mantissa, shift } = this.quantisers;
-    const entry = this.row * nClasses + classOf(channel);
     return quantise(values, n, mantissa[entry], shift[entry]) && values;
   }
 
@@ -72,8 +77,7 @@ class DeltaReader {
 function columnOf(block: ChannelBlock, k: number, channel: number, box: Box | null): Column {
   const hasBox = box !== null && channel < 3;
   return {
-    x: block.data,
-    base: k * block.capacity,
+    x: block.room(k),
     least: hasBox ? box.least[channel] : -MAX_X,
     most: hasBox ? box.most[channel] : MAX_X,
   };
@@ -93,17 +97,17 @@ export function applyAdds(
   const list = lists?.layout.adds ?? 0;
   const reader = new DeltaReader(lists, quantisers, workspace, first, list, n, ADDS_ARE_YCOCG, ROW_OF_ADDS);
   for (let k = 0; k < block.nChannels; k++) {
-    const { x, base, least, most } = columnOf(block, k, first + k, box);
+    const { x, least, most } = columnOf(block, k, first + k, box);
     const delta = reader.read(k);
     if (delta === false) return false;
     if (delta === null) {
       if (n > 0 && (least > 0 || most < 0)) return false;
-      x.fill(0, base + at, base + at + n);
+      x.fill(0, at, at + n);
       continue;
     }
     for (let i = 0; i < n; i++) {
       if (delta[i] < least || delta[i] > most) return false;
-      x[base + at + i] = delta[i];
+      x[(at + i) | 0] = delta[i];
     }
   }
   return true;
@@ -149,7 +153,8 @@ export function applyPsi(
     const table = alpha.get(records.label, group);
     const indices = records.alpha[group];
     done = k + 1;
-    return refineSlots(column, { slots: psiSlots, n: nPsi, splits, table, indices, first: block.count }, delta);
+    const { count } = block;
+    return refineSlots(column, { slots: psiSlots, n: nPsi, splits, nSplits, table, indices, first: count }, delta);
   };
   for (let k = 0; k < block.nChannels; k++) {
     if (apply(k)) continue;
@@ -166,7 +171,7 @@ export function applyPsi(
 /** Empties the slots of drops in all channels of a block. */
 export function applyDrops(block: ChannelBlock, plan: StepPlan): void {
   for (let k = 0; k < block.nChannels; k++) {
-    const base = k * block.capacity;
-    for (let i = 0; i < plan.nDrops; i++) block.data[base + plan.drops[i]] = 0;
+    const x = block.room(k);
+    for (let i = 0; i < plan.nDrops; i++) x[plan.drops[i]] = 0;
   }
 }

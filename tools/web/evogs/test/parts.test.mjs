@@ -99,13 +99,13 @@ test("a quantiser lets through what stays within 2^28 (R-7.3-1)", () => {
 /** The second child of P = 0 is -RoundShift(a * delta, k). */
 function secondOf(delta, a, k) {
   const x = new Int32Array(2);
-  const column = { x, base: 0, least: -(2 ** 30 - 1), most: 2 ** 30 - 1 };
+  const column = { x, least: -(2 ** 30 - 1), most: 2 ** 30 - 1 };
   const table = { shift: k, entries: Int16Array.of(a) };
   const slots = Int32Array.of(0);
   const splits = Int32Array.of(0, -1);
   const isGood = refineSlots(
     column,
-    { slots, n: 1, splits, table, indices: null, first: 1 },
+    { slots, n: 1, splits, nSplits: 1, table, indices: null, first: 1 },
     Int32Array.of(delta),
   );
   return isGood ? -x[1] : null;

@@ -1,7 +1,7 @@
 /** The literals section of a compressed block (RFC 8878, 3.1.1.3.1). */
 
 import { corrupt } from "./error.js";
-import { type HuffmanTable, decodeStream, newHuffmanTable, readTree } from "./huffman.js";
+import { type HuffmanTable, decodeFourStreams, decodeStream, newHuffmanTable, readTree } from "./huffman.js";
 
 /** A block regenerates at most this. */
 export const MAX_BLOCK = 128 * 1024;
@@ -77,14 +77,10 @@ export class Literals {
 
   private decodeFour(input: Uint8Array, view: DataView, from: number, to: number, size: number): void {
     if (from + 6 > to) corrupt("the jump table is cut short");
-    const part = (size + 3) >> 2;
-    let at = from + 6;
-    for (let i = 0; i < 4; i++) {
-      const end = i < 3 ? at + view.getUint16(from + 2 * i, true) : to;
-      if (end > to) corrupt("a stream of literals is cut short");
-      const out = Math.min(i * part, size);
-      decodeStream(this.table, input, view, at, end, this.bytes, out, i < 3 ? Math.min(out + part, size) : size);
-      at = end;
-    }
+    const starts = [from + 6];
+    for (let i = 0; i < 3; i++) starts.push(starts[i] + view.getUint16(from + 2 * i, true));
+    if (starts[3] > to) corrupt("a stream of literals is cut short");
+    starts.push(to);
+    decodeFourStreams(this.table, input, view, starts, this.bytes, size);
   }
 }
