@@ -4,5 +4,5 @@ __all__ = ["PARTS"]
 
 PARTS = (
     "raster", "scene", "rate", "sog", "levels", "refine", "tree", "surface", "prefix", "loss",
-    "first", "decimate", "scale", "worst", "extremes",
+    "first", "stream", "decimate", "scale", "worst", "extremes",
 )  # fmt: skip

@@ -80,6 +80,22 @@ def _losses(rows: Rows) -> Canvas:
     return figure
 
 
+def _streams(rows: Rows) -> Canvas:
+    """A panel for each connection of the first scene: PSNR of each file over the seconds."""
+    rows = [row for row in rows if row["scene"] == rows[0]["scene"]]
+    connections = list(dict.fromkeys(row["connection"] for row in rows))
+    figure, axes = _panels(len(connections))
+    for axis, connection in zip(axes, connections, strict=True):
+        for row in (row for row in rows if row["connection"] == connection):
+            times = [name for name in row if name.endswith(" s") and row[name] != ""]
+            across = [float(name.removesuffix(" s")) for name in times]
+            worth = [_number(row[name]) for name in times]
+            axis.plot(across, worth, ".-", drawstyle="steps-post", label=row["file"])
+        _set_up(axis, title=f"{rows[0]['scene']}, {connection}", xlabel="s", ylabel="PSNR, dB")
+    axes[0].legend(fontsize=7)
+    return figure
+
+
 def _points(row: dict[str, object]) -> list[tuple[float, float]]:
     """Bytes a splat and dB, where there is a number."""
     whole = _number(row["bytes a splat"])
@@ -139,4 +155,5 @@ PLOTS: dict[str, Callable[[Rows], Canvas]] = {
     "surface-iterations": partial(_trade, x="iterations", y="PSNR, dB", line="run"),
     "prefix": _prefixes,
     "loss-curves": _losses,
+    "stream-curves": _streams,
 }  # fmt: skip

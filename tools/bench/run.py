@@ -83,7 +83,7 @@ def _measurements(args: argparse.Namespace, folder: Path) -> Iterator[Measuremen
         if args.photos:
             title = "Pictures of a trained tree, on photographs it was not trained on"
             yield "photographs", title, partial(pictures.photographs, tree, args.photos)
-    if {"rate", "sog", "surface", "prefix", "loss", "first", "decimate"} & set(args.only):
+    if {"rate", "sog", "surface", "prefix", "loss", "first", "stream", "decimate"} & set(args.only):
         yield from _of_subjects(args, folder)
     if "scale" in args.only:
         yield "scale", "Time and memory as scenes grow", partial(scale, folder)
@@ -119,6 +119,12 @@ def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement
         yield "loss-curves", "Prefixes and dedicated streams, at 20 cuts", losses.curves
     if "first" in args.only:
         yield "first", "Time to the first picture", partial(first, of, folder)
+    if "stream" in args.only:
+        from tools.bench.stream import Streams  # needs gsply
+
+        streams = Streams(lambda: of, folder)
+        yield "stream", "Streams over replayed connections", streams.table
+        yield "stream-curves", "PSNR after seconds of replayed connections", streams.curves
     if "decimate" in args.only and command:
         title = "Coarse levels against decimation, over 24 views"
         yield "decimate", title, partial(decimate, (of[0], *shipped), command, folder)
