@@ -81,8 +81,8 @@ def _losses(rows: Rows) -> Canvas:
 
 
 def _streams(rows: Rows) -> Canvas:
-    """A panel for each connection of the first scene: PSNR of each file over the seconds."""
-    rows = [row for row in rows if row["scene"] == rows[0]["scene"]]
+    """A panel for each connection of the last scene: PSNR of each file over the seconds."""
+    rows = [row for row in rows if row["scene"] == rows[-1]["scene"]]
     connections = list(dict.fromkeys(row["connection"] for row in rows))
     figure, axes = _panels(len(connections))
     for axis, connection in zip(axes, connections, strict=True):

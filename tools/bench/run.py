@@ -96,7 +96,7 @@ def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement
     """What takes trees and their pictures: of the scene, and of the tree if there is one."""
     of, command = tuple(subjects(args)), args.splat_transform
     shipped: tuple[Subject, ...] = ()
-    if args.ply and {"rate", "surface", "prefix", "loss", "decimate"} & set(args.only):
+    if args.ply and {"rate", "surface", "prefix", "loss", "stream", "decimate"} & set(args.only):
         shipped = (Subject.of_scene("shipped", make_scene(), "z"),)
     if {"rate", "first"} & set(args.only):
         from tools.bench.first import first  # these need gsply
@@ -122,7 +122,7 @@ def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement
     if "stream" in args.only:
         from tools.bench.stream import Streams  # needs gsply
 
-        streams = Streams(lambda: of, folder)
+        streams = Streams(lambda: (*shipped, *of), folder)
         yield "stream", "Streams over replayed connections", streams.table
         yield "stream-curves", "PSNR after seconds of replayed connections", streams.curves
     if "decimate" in args.only and command:

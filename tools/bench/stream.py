@@ -70,7 +70,7 @@ class Streams:
     def curves(self) -> Rows:
         """PSNR so many seconds after the click. A cell is empty while there is no picture.
 
-        What the table above sums up.
+        What the table above sums up. The picture shows the last scene.
         """
         rows: Rows = []
         for run in self._measured:

@@ -1,33 +1,26 @@
 /** Decoding of whole scenes to float arrays: this decoder, the compiled one in Python, and @adobe/spz. */
 
-import createSpz from "@adobe/spz";
 import { spawn } from "node:child_process";
-import { existsSync, readFileSync } from "node:fs";
+import { existsSync, statSync } from "node:fs";
 import { createInterface } from "node:readline";
 import { fileURLToPath } from "node:url";
-import { decode, floatView } from "evogs";
 
 const ROOT = fileURLToPath(new URL("../../../", import.meta.url));
-const TURNS = 15;
+const VENV = `${ROOT}.venv/bin/python`;
+const PYTHON = process.env.EVOGS_PYTHON ?? (existsSync(VENV) ? VENV : "python3");
+const TURNS = 21;
 
-/** Seconds of the wall and of the processor, all threads of this process. */
-function timed(run) {
-  globalThis.gc?.();
-  const cpu = process.cpuUsage();
-  const wall = process.hrtime.bigint();
-  const splats = run();
-  const wallSeconds = Number(process.hrtime.bigint() - wall) / 1e9;
-  const { user, system } = process.cpuUsage(cpu);
-  return { splats, wall: wallSeconds, cpu: (user + system) / 1e6 };
-}
+const script = (name) => fileURLToPath(new URL(name, import.meta.url));
+const CONTENDERS = {
+  evogs: [process.execPath, script("decoders.mjs"), "evogs"],
+  python: [PYTHON, script("decode.py")],
+  spz: [process.execPath, script("decoders.mjs"), "spz"],
+};
 
-/** A process that decodes what it is told of. */
-function pythonDecoder() {
-  const venv = `${ROOT}.venv/bin/python`;
-  const python = process.env.EVOGS_PYTHON ?? (existsSync(venv) ? venv : "python3");
+/** A process of its own, so that memory that one frees serves no other. */
+function start([command, ...parameters]) {
   const env = { ...process.env, PYTHONPATH: ROOT, NUMBA_NUM_THREADS: "1" };
-  const script = fileURLToPath(new URL("decode.py", import.meta.url));
-  const child = spawn(python, [script], { env, stdio: ["pipe", "pipe", "inherit"] });
+  const child = spawn(command, parameters, { env, stdio: ["pipe", "pipe", "inherit"] });
   const lines = createInterface({ input: child.stdout })[Symbol.asyncIterator]();
   return {
     async decode(path) {
@@ -40,53 +33,32 @@ function pythonDecoder() {
 
 const median = (numbers) => numbers.toSorted((a, b) => a - b)[numbers.length >> 1];
 
-/** Rows of the table: median milliseconds of turns that all contenders of a scene take one after the other. */
+/**
+ * Median milliseconds of turns that all take one after the other, of the processor and of the wall.
+ * `first` is that of a process that has decoded nothing before.
+ */
 export async function decoding(scenes) {
-  const spz = await createSpz({ print: () => {} });
-  const python = pythonDecoder();
   const rows = [];
   for (const { name, stream, spzFile } of scenes) {
-    const bytes = readFileSync(stream);
-    const contenders = {
-      evogs: () => timed(() => floatView(decode(bytes))[0].length),
-      python: () => python.decode(stream),
-    };
-    if (spzFile) {
-      const packed = new Uint8Array(readFileSync(spzFile));
-      contenders.spz = () => timed(() => loadSpz(spz, packed));
-    }
-    const times = Object.fromEntries(Object.keys(contenders).map((key) => [key, []]));
-    let first = 0;
+    const files = { evogs: stream, python: stream, ...(spzFile ? { spz: spzFile } : {}) };
+    const times = Object.fromEntries(Object.keys(files).map((key) => [key, []]));
+    const processes = Object.fromEntries(Object.keys(files).map((key) => [key, start(CONTENDERS[key])]));
     for (let turn = 0; turn <= TURNS; turn++) {
-      for (const [key, run] of Object.entries(contenders)) {
-        const took = await run();
-        if (turn > 0) times[key].push(took);
-        else if (key === "evogs") first = 1000 * took.wall;
-      }
+      for (const [key, file] of Object.entries(files)) times[key].push(await processes[key].decode(file));
     }
-    const of = (key, clock) => (times[key] ? 1000 * median(times[key].map((took) => took[clock])) : Number.NaN);
+    for (const { end } of Object.values(processes)) end();
+    const ms = (key, clock) =>
+      times[key] ? 1000 * median(times[key].slice(1).map((took) => took[clock])) : Number.NaN;
+    const row = { scene: name, splats: times.evogs[0].splats, bytes: statSync(stream).size };
+    for (const clock of ["cpu", "wall"]) {
+      for (const key of Object.keys(CONTENDERS)) row[`${key}, ${clock}`] = ms(key, clock);
+    }
     rows.push({
-      scene: name,
-      splats: times.evogs[0].splats,
-      bytes: bytes.length,
-      first,
-      evogs: of("evogs", "wall"),
-      python: of("python", "wall"),
-      spz: of("spz", "wall"),
-      evogsCpu: of("evogs", "cpu"),
-      pythonCpu: of("python", "cpu"),
-      spzCpu: of("spz", "cpu"),
+      ...row,
+      "to python, cpu": row["evogs, cpu"] / row["python, cpu"],
+      "to spz, cpu": row["evogs, cpu"] / row["spz, cpu"],
+      "first, wall": 1000 * times.evogs[0].wall,
     });
   }
-  python.end();
   return rows;
-}
-
-/** All float arrays of a file: each is a copy, of which the module keeps none. */
-function loadSpz(spz, bytes) {
-  const cloud = spz.loadSpzFromBuffer(bytes, { to: spz.CoordinateSystem.UNSPECIFIED });
-  const { positions, scales, rotations, alphas, colors, sh } = cloud;
-  cloud.delete?.();
-  if (sh.length + scales.length + rotations.length + alphas.length + colors.length === 0) throw new Error("empty");
-  return positions.length / 3;
 }
