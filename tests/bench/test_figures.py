@@ -218,6 +218,7 @@ def test_a_table_that_has_a_picture_shows_it(tmp_path):
         "surface",
         "surface-effort",
         "surface-iterations",
+        "stream-curves",
         "prefix",
         "loss-curves",
     }
