@@ -31,7 +31,7 @@ MAX_LAYERS = 8
 N_LAYERS = 2  # by default
 RATIO = 128.0  # of the price of a bit, from a layer to the next: about 20 dB
 FINER = 2.8  # than of psi of one leaf: steps of what siblings share, whose errors meet
-PARTS, LEAST = 16, 4096  # steps of a layer of a tile at most, and leaves of each at least
+PARTS, LEAST = 16, 2048  # steps of a layer of a tile at most, and leaves of each at least
 FAMILY = 256  # leaves of neighbouring ancestors that are in the same step: siblings need each other
 
 

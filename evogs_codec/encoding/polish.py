@@ -118,6 +118,8 @@ class _Tile:
             alpha = [table[row] for table, row in zip(tables, step.alpha, strict=True)]
             sizes = self._units(1 + level) * scale
             siblings = Siblings.of(plan.target_slots, born_from) if step.siblings else None
+            for earlier in self.moving:
+                earlier.moves &= ~np.isin(earlier.plan.target_slots, plan.target_slots)
             self.moving.append(_Moving.of(step, plan, sizes, np.stack(alpha), siblings))
             n = plan.n_after
 
@@ -207,7 +209,8 @@ class _Moving:
     Attributes:
         plan: where it acts.
         q: (D, P) what descends; the integers are the nearest to them.
-        moves: (D, P) which do: the others are zero, or those of a tile that stays as it was.
+        moves: (D, P) which do: those that are not zero, of records that no later step refines, and
+            of a tile that does not stay as it was.
         sizes: (D, 1) of a q, in scene units.
         bits: (D, 1) by which an integer costs more than its neighbour towards 0.
         alpha: (5, S).

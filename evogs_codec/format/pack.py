@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.format import frames, layout
+from evogs_codec.format.grouping import grouped
 from evogs_codec.format.packet_header import (
     FLAG_ADDS_YCOCG,
     FLAG_OF_CHANGED,
@@ -179,17 +180,14 @@ def _of_siblings(coded: Coded, *, is_turned: bool) -> Coded:
 
 
 def _join(flags: int, parts: Sequence[Coded], effort: int) -> bytes:
-    """A packet from its values, in one frame or a frame per plane, whichever is smaller."""
+    """A packet from its values; planes that are alike share a frame."""
     planes = [plane for coding, values in parts for plane in split_planes(values, coding)]
     codings = bytes(coding.byte() for coding, _ in parts)
-    options: list[list[tuple[int, bytes]]] = []
-    if len(planes) != 1:
-        whole = b"".join(planes)
-        if len(whole) <= frames.MAX_CONTENT:
-            options.append([(len(planes), frames.compress(whole, effort))] if planes else [])
-    if planes:
-        options.append([(1, frames.compress(plane, effort)) for plane in planes])
-    return min((_assemble(flags, codings, option) for option in options), key=len)
+    joined = [
+        (end - begin, frames.compress(b"".join(planes[begin:end]), effort))
+        for begin, end in grouped(planes)
+    ]
+    return _assemble(flags, codings, joined)
 
 
 def _pad(flags: int, parts: Sequence[Coded], counts: Counts) -> bytes:

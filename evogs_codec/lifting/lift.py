@@ -35,9 +35,10 @@ from evogs_codec.lifting.orientations import (
     write_shape,
 )
 from evogs_codec.lifting.pairing import features, match
-from evogs_codec.lifting.parents import MENDED, N_SHAPE, line_parents, median_mass, merged, moments
+from evogs_codec.lifting.parents import N_SHAPE, line_parents, median_mass, merged, moments
+from evogs_codec.lifting.splitting import split_steps
 from evogs_codec.model.splats import F32, F64, I64, SplatParams
-from evogs_codec.model.tree import EvolutionTree, Step, alpha_channels
+from evogs_codec.model.tree import EvolutionTree, Step
 
 __all__ = ["N_LEVELS", "Lifted", "largest_leaf_errors", "lift", "lift_with_order"]
 
@@ -223,23 +224,10 @@ def _grow(
         order = np.argsort(slot_of[r.parent])
         c1, c2, parent = r.c1[order], r.c2[order], r.parent[order]
         slots = slot_of[parent]
-        alpha = alpha[:, order]
-        steps.append(Step.of_splits(level, slots, values[:, c1] - values[:, parent], alpha))
-        rows = np.flatnonzero(alpha[2] == MENDED)
-        if len(rows):
-            split = values[:, parent[rows]], alpha[:, rows], steps[-1].psi[:, rows]
-            steps.append(_mending_step(level, len(node_at) + rows, values[:, c2[rows]], split))
+        nodes = values[:, parent], values[:, c1], values[:, c2]
+        steps += split_steps(level, slots, len(node_at), *nodes, alpha[:, order])
         slot_of[c1] = slots
         slot_of[c2] = len(node_at) + np.arange(len(c2))
         node_at = np.concatenate([node_at, c2])
         node_at[slots] = c1
     return Lifted(EvolutionTree(sh_degree, tuple(steps)), node_at)
-
-
-def _mending_step(level: int, slots: I64, c2: F64, split: tuple[F64, F64, F32]) -> Step:
-    """Refines that give c2 (D, n) their shape after a split: parents (D, n), alpha (5, n), psi."""
-    parents, alpha, psi_split = split
-    given = parents - alpha_channels(alpha, len(c2)) * psi_split
-    psi = np.zeros(c2.shape)
-    psi[:N_SHAPE] = (c2 - given)[:N_SHAPE]
-    return Step.of_refines(level, slots, psi)

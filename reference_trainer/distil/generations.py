@@ -12,13 +12,11 @@ import numpy as np
 
 from evogs_codec import EvolutionTree
 from evogs_codec.lifting.parents import Moments
+from evogs_codec.lifting.splitting import split_steps
 from evogs_codec.model.splats import F32, F64, I64
-from evogs_codec.model.tree import Kind, Step, alpha_channels
+from evogs_codec.model.tree import Kind, Step
 
 __all__ = ["Generation", "levels_of", "tree_of"]
-
-# Of a number: what it may be off after a split without a refine; a few roundings to float32.
-ROUNDING = 2.0**-21
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,18 +77,12 @@ def levels_of(tree: EvolutionTree) -> tuple[list[F64], list[Generation]]:
 def tree_of(
     sh_degree: int, levels: Sequence[F64], generations: Sequence[Generation]
 ) -> EvolutionTree:
-    """The inverse of `levels_of`: a C2 that its split does not give is put right by a refine."""
+    """The inverse of `levels_of`."""
     steps = [Step.of_adds(0, levels[0].astype(np.float32))]
     pairs = zip(generations, levels, levels[1:], strict=False)
     for level, (generation, before, after) in enumerate(pairs, 1):
         parents = before[:, generation.slots]
-        c1, c2 = generation.children(after)
-        split = Step.of_splits(level, generation.slots, c1 - parents, generation.alpha)
-        steps.append(split)
-        off = c2 - (parents - alpha_channels(split.alpha, len(c2)) * split.psi)
-        largest = np.maximum(np.maximum(np.abs(parents), np.abs(c1)), np.abs(c2))
-        off[np.abs(off) <= ROUNDING * largest] = 0
-        rows = np.flatnonzero(off.any(axis=0))
-        if len(rows):
-            steps.append(Step.of_refines(level, generation.n_before + rows, off[:, rows]))
+        children = generation.children(after)
+        slots, n_before = generation.slots, generation.n_before
+        steps += split_steps(level, slots, n_before, parents, *children, generation.alpha)
     return EvolutionTree(sh_degree, tuple(steps))

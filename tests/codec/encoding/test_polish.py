@@ -70,11 +70,11 @@ class Noise:
         raise AssertionError("descent does not need it")
 
 
-@pytest.mark.parametrize("price", [1e-9, 1e-8])
-def test_pictures_err_less_for_no_more_bytes(price):
+@pytest.mark.parametrize(("price", "gain"), [(1e-9, 0.3), (1e-8, 1.0)])
+def test_pictures_err_less_for_no_more_bytes(price, gain):
     coded = _Coder(aim()).coded(price)
-    before, after = write(coded), write(quietly(coded, scene()[1], price, 60))
-    assert psnr(after) > psnr(before) + 0.5
+    before, after = write(coded), write(quietly(coded, scene()[1], price, 150))
+    assert psnr(after) > psnr(before) + gain
     assert len(after) < 1.03 * len(before)
 
 

@@ -78,7 +78,7 @@ def test_levels_are_splits_with_alphas_of_the_tables():
         assert set(step.alpha[3]) <= set(ALPHAS_OPACITY)
 
 
-def test_steps_that_do_not_split_mend_the_shapes_of_mended_splats_in_the_same_level():
+def test_steps_that_do_not_split_refine_both_children_of_mended_splats_in_the_same_level():
     tree = lift(faint_but_large(), 4)
     mends = [k for k, step in enumerate(tree.steps) if (step.kinds == Kind.REFINE).any()]
     assert mends
@@ -87,9 +87,10 @@ def test_steps_that_do_not_split_mend_the_shapes_of_mended_splats_in_the_same_le
         assert (step.kinds == Kind.REFINE).all()
         assert step.level == split.level
         assert not step.n_adds
-        assert not step.psi[[3, *range(10, len(step.psi))]].any()
+        assert not step.psi[3].any()
         n_slots = sum(s.n_new for s in tree.steps[: k - 1])
-        np.testing.assert_array_equal(step.slots, n_slots + np.flatnonzero(split.alpha[2] == -1))
+        rows = np.flatnonzero(split.alpha[2] == MENDED)
+        np.testing.assert_array_equal(step.slots, [*split.slots[rows], *(n_slots + rows)])
 
 
 def test_a_mended_parent_has_the_moments_of_its_leaves():

@@ -1,0 +1,84 @@
+"""Splitting: the steps that make children of parents, none of which looks worse than the parents.
+
+Letters: D channels, S pairs of children.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from evogs_codec.lifting.parents import MENDED
+from evogs_codec.model.channels import GROUP_CHANNELS
+from evogs_codec.model.splats import F32, F64, I64
+from evogs_codec.model.tree import Step, alpha_channels
+
+__all__ = ["halves", "split_steps"]
+
+# Of a number: what it may be off after a split without a refine; a few roundings to float32.
+ROUNDING = 2.0**-21
+MOST_OPAQUE = 1 - 1e-12
+
+_SCALE, _OPACITY = GROUP_CHANNELS[2:4]
+
+
+def split_steps(
+    level: int,
+    slots: I64,
+    n_before: int,
+    parents: F64,
+    c1: F64,
+    c2: F64,
+    alpha: F32 | F64,
+) -> Iterator[Step]:
+    """A split, and where children are on no line with their parent a refine of both.
+
+    Such a parent is split into two halves of itself (`halves`), so that pictures of the state
+    between the two steps are about those of the parents.
+
+    Args:
+        level: of the steps.
+        slots: (S,) of the parents, then of the C1s.
+        n_before: slots before the split; the C2s take those after them.
+        parents: (D, S).
+        c1: (D, S) children that take the slots of the parents.
+        c2: (D, S) children that take new slots.
+        alpha: (5, S) of the splits; `MENDED` pairs are on no line.
+    """
+    # As exact as a step is.
+    psi = (c1 - parents).astype(np.float32).astype(np.float64)
+    alpha = alpha.astype(np.float64)
+    off = np.abs(c2 - (parents - alpha_channels(alpha, len(c2)) * psi))
+    largest = np.maximum(np.maximum(np.abs(parents), np.abs(c1)), np.abs(c2))
+    rows = np.flatnonzero((alpha[2] == MENDED) | np.any(off > ROUNDING * largest, axis=0))
+    if len(rows):
+        opacity, shrinks = halves(parents[_OPACITY, rows])
+        psi[:, rows] = 0
+        psi[_SCALE, rows] = shrinks
+        psi[_OPACITY, rows] = opacity - parents[_OPACITY, rows]
+        alpha[2:4, rows] = MENDED
+    split = Step.of_splits(level, slots, psi, alpha)
+    yield split
+    if len(rows):
+        halved = parents[:, rows] + split.psi[:, rows]
+        second = parents - alpha_channels(split.alpha, len(c2)) * split.psi
+        refined = np.concatenate([c1[:, rows] - halved, (c2 - second)[:, rows]], axis=1)
+        yield Step.of_refines(level, np.append(slots[rows], n_before + rows), refined)
+
+
+def halves(logits: F64) -> tuple[F64, F64]:
+    """Two equal splats in one place that look like one.
+
+    Where both are opaque to h, what is behind shows through by (1 - h)^2. Off the centre two hide
+    more than one of their size, so each is smaller: both hide as much in all.
+
+    Args:
+        logits: of the opacities of the splats; any shape.
+
+    Returns:
+        Logits of the opacities of the halves, and what to add to their log-scales.
+    """
+    opacity = np.minimum(1 / (1 + np.exp(-np.clip(logits, -100, 100))), MOST_OPAQUE)
+    h = -np.expm1(0.5 * np.log1p(-opacity))
+    return np.log(h) - np.log1p(-h), 0.5 * np.log((1 - h / 2) / (1 - h / 4))
