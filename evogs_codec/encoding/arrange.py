@@ -27,7 +27,7 @@ __all__ = ["arrange", "default_tiles", "leaf_order"]
 SPLATS_PER_TILE = 131_072  # packets of a few 100 kB; spec 3.5 allows any number
 FIRST_BIN = 512  # adds of level 0 in a step at least: the first scene comes early
 RECORD_BIN = 16_384  # records of later steps in a step at least; in small tiles fewer
-SHARE = 5  # of the slots of a small tile, one in so many
+SHARE = 9  # of the slots of a small tile, one in so many
 MAX_BINS = 4
 RUN = 64  # records of neighbouring slots that rank as one: gathering fewer runs is quicker
 
