@@ -62,9 +62,7 @@ def leaf_order(tree: EvolutionTree, n_tiles: int | None = None) -> I64:
         return np.empty(0, np.int64)
     orders = [builder.order for builder in _builders(tree, n_tiles or default_tiles(tree.n_leaves))]
     slots = np.concatenate(orders)
-    live = np.ones(len(slots), bool)
-    for step in tree.steps:
-        live[step.slots[step.kinds == Kind.DROP]] = False
+    _, live = tree.lineage()
     number = np.cumsum(live) - 1
     return number[slots[live[slots]]].astype(np.int64)
 

@@ -23,7 +23,7 @@ from evogs_codec.model.coded_tree import CodedStep, CodedTree
 from evogs_codec.model.components import PICKS, component_slice
 from evogs_codec.model.siblings import Siblings
 from evogs_codec.model.splats import F32, F64, I64
-from evogs_codec.model.tree import EvolutionTree, Kind, Step
+from evogs_codec.model.tree import EvolutionTree, Step
 
 __all__ = ["MAX_LAYERS", "N_LAYERS", "Layered", "expect_levels"]
 
@@ -166,16 +166,10 @@ def expect_levels(n_levels: int, n_layers: int) -> None:
 
 def _leaves_of(tile: EvolutionTree) -> tuple[I64, I64, I64]:
     """Slots (N,) of the leaves, where all slots were born from, and the first ancestors (N,)."""
-    n = sum(step.n_new for step in tile.steps)
-    born_from, ancestors, live = np.full(n, -1), np.arange(n), np.zeros(n, bool)
-    at = 0
-    for step in tile.steps:
-        parents = step.slots[step.kinds == Kind.SPLIT]
-        new = slice(at, at + len(parents))
-        born_from[new], ancestors[new] = parents, ancestors[parents]
-        live[at : at + step.n_new] = True
-        live[step.slots[step.kinds == Kind.DROP]] = False
-        at += step.n_new
+    born_from, live = tile.lineage()
+    ancestors = np.where(born_from < 0, np.arange(len(born_from)), born_from)
+    while (born_from[ancestors] >= 0).any():
+        ancestors = ancestors[ancestors]  # twice as far back each time
     slots = np.flatnonzero(live)
     return slots, born_from, ancestors[slots]
 

@@ -14,7 +14,7 @@ from evogs_codec.encoding.visibility import area, visibility
 from evogs_codec.format.directory import UNKNOWN_ERROR
 from evogs_codec.model.components import CORE, PICKS, component_slice
 from evogs_codec.model.splats import F64, I32, I64
-from evogs_codec.model.tree import EvolutionTree, Kind, Palette, Step, take_picks
+from evogs_codec.model.tree import EvolutionTree, Palette, Step, take_picks
 
 __all__ = ["LeafTracker"]
 
@@ -38,16 +38,7 @@ class LeafTracker:
         self.snapshots: list[I32] = []
         self.missing: list[npt.NDArray[np.bool_]] = []
         self.present: list[I32] = []
-        total = sum(step.n_new for step in tile.steps)
-        self.born_from = np.full(total, -1, np.int64)
-        live = np.zeros(total, bool)
-        n = 0
-        for step in tile.steps:
-            parents = step.slots[step.kinds == Kind.SPLIT]
-            self.born_from[n : n + len(parents)] = parents
-            live[n : n + step.n_new] = True
-            live[step.slots[step.kinds == Kind.DROP]] = False
-            n += step.n_new
+        self.born_from, live = tile.lineage()
         leaves = np.flatnonzero(live)
         # The sampled leaves and, from then on, whatever slot stands for each of them.
         self.leaves = leaves[:: max(1, len(leaves) // SAMPLE)]

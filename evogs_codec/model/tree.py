@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from evogs_codec.model.channels import GROUP_CHANNELS, N_GROUPS, n_channels
 from evogs_codec.model.components import Components
-from evogs_codec.model.splats import F32, F64, I32, U8, SplatParams
+from evogs_codec.model.splats import F32, F64, I32, I64, U8, SplatParams
 
 __all__ = ["EvolutionTree", "Kind", "Palette", "Slots", "Step"]
 
@@ -230,6 +230,18 @@ class EvolutionTree:
         """Live splats after the last step."""
         new = sum(step.n_new for step in self.steps)
         return new - sum(int(np.count_nonzero(step.kinds == Kind.DROP)) for step in self.steps)
+
+    def lineage(self) -> tuple[I64, npt.NDArray[np.bool_]]:
+        """(n,) the slot that each slot was born from, -1 for adds; (n,) which are live at last."""
+        n = 0
+        born_from = np.full(sum(step.n_new for step in self.steps), -1)
+        live = np.ones(len(born_from), bool)
+        for step in self.steps:
+            parents = step.slots[step.kinds == Kind.SPLIT]
+            born_from[n : n + len(parents)] = parents
+            live[step.slots[step.kinds == Kind.DROP]] = False
+            n += step.n_new
+        return born_from, live
 
     def states(self) -> Iterator[Slots]:
         """The slots after each step, evaluated in float64.
