@@ -39,7 +39,9 @@ sys.exit({FUNCTION}())
 # Modules, and the commands that import them.
 PLACES = [
     *((name, "info") for name in ("numpy", "scipy", "plyfile", "evogs_codec.cli.commands")),
-    *((name, "info") for name in ("conformance.commands", "reference_trainer.cli", "the end")),
+    ("conformance.commands", "conformance"),
+    ("reference_trainer.cli", "train"),
+    ("the end", "info"),
     *((name, "render") for name in ("numba", "llvmlite.binding", "evogs_codec.render.tiles")),
 ]
 
