@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,10 @@ __all__ = ["ErrorWeights", "cheapest"]
 MULTIPLES = (2, 4, 8, 16)  # tried beside the two nearest integers and 0, where errors matter little
 PASSES = 3
 SPAN = 1 << 12  # larger integers are rounded: they are few, and important
+BEYOND = max(MULTIPLES) // 2 + 1  # so far are options from the nearest integer, at most
 TINY = 1e-300
 UNSEEN = 0.02  # of an occurrence, so that an integer that did not occur is possible
+BINS = 2 * SPAN + 17  # integers that are possible
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,40 +78,74 @@ def _alphas(u: F64, v: F64, first: F64, second: F64, table: AlphaTable) -> U8:
 def cheapest(u: F64, weights: F64) -> F64:
     """(C, n) integers near `u`: least sum of weights times squared error, and of bits.
 
-    Bits are those of an order-0 code of each row for the integers of the pass before.
+    Bits are those of an order-0 code of each row for the integers of the pass before; at first for
+    all options, since what is an option of many is cheap to begin with.
 
     Args:
         u: (C, n) numbers in steps.
         weights: (C, n) bits that a squared error of one step is worth.
     """
     out = np.rint(u)
-    for row in range(len(u)):
-        near = np.abs(out[row]) < SPAN
-        if near.any():
-            out[row, near] = _row(u[row, near], weights[row, near])
+    if not out.size:
+        return out
+    sizes = np.abs(out)
+    sizes[sizes >= SPAN] = 0
+    most = sizes.max(axis=1).astype(np.int64) + BEYOND
+    ends = np.cumsum(2 * most + 1)
+    middles = ends - most - 1  # the bin of 0 of each row
+    loops = _loops()
+    choose, count = (_choose, _count) if loops is None else (loops.choose, loops.count)
+    counts = np.zeros(ends[-1], np.int64)
+    count(u, SPAN, middles, counts)
+    for _ in range(PASSES):
+        bits = _bits(counts, ends)
+        counts = np.zeros_like(counts)
+        choose(u, weights, SPAN, middles, bits, out, counts)
     return out
 
 
-def _row(u: F64, weights: F64) -> F64:
-    below = np.floor(u)
-    options = [below, below + 1, *(m * np.rint(u / m) for m in MULTIPLES), np.zeros_like(u)]
-    best = np.concatenate(options)  # what is an option of many is cheap to begin with
-    for _ in range(PASSES):
-        bits = _bits(best)
-        costs = [weights * np.square(q - u) + bits[_index(q)] for q in options]
-        least = np.argmin(costs, axis=0)
-        best = np.choose(least, options)
-    return best
+def _loops() -> ModuleType | None:
+    """`_count` and `_choose`, compiled; None where numba, which is an extra, is missing."""
+    try:
+        from evogs_codec.encoding import rate_loops
+    except ImportError:
+        return None
+    return rate_loops
 
 
-def _bits(q: F64) -> F64:
-    """Bits of each integer of the span, by how often it occurs."""
-    counts = np.bincount(_index(q), minlength=2 * SPAN + 17) + UNSEEN
-    bits: F64 = -np.log2(counts / counts.sum())
+def _bits(counts: I64, ends: I64) -> F64:
+    """(W,) bits of each integer of the rows, which end at `ends`, by how often it occurs."""
+    begins = np.append(0, ends[:-1])
+    totals = np.add.reduceat(counts, begins) + UNSEEN * BINS
+    bits: F64 = -np.log2((counts + UNSEEN) / np.repeat(totals, ends - begins))
     return bits
 
 
-def _index(q: F64) -> I64:
-    """Multiples may be a little beyond the span."""
-    index: I64 = q.astype(np.int64) + SPAN + 8
-    return index
+def _options(u: F64) -> list[F64]:
+    below = np.floor(u)
+    return [below, below + 1, *(m * np.rint(u / m) for m in MULTIPLES), np.zeros_like(u)]
+
+
+def _count(u: F64, span: float, middles: I64, counts: I64) -> None:
+    """`rate_loops.count` in numpy."""
+    for row, middle in zip(u, middles, strict=True):
+        near = np.concatenate(_options(row[np.abs(np.rint(row)) < span]))
+        found = np.bincount(near.astype(np.int64) + middle)
+        counts[: len(found)] += found
+
+
+def _choose(
+    u: F64, weights: F64, span: float, middles: I64, bits: F64, out: F64, counts: I64
+) -> None:
+    """`rate_loops.choose` in numpy."""
+    for row, own, middle, to in zip(u, weights, middles, out, strict=True):
+        near = np.abs(np.rint(row)) < span
+        options = _options(row[near])
+        costs = [
+            own[near] * np.square(q - row[near]) + bits[q.astype(np.int64) + middle]
+            for q in options
+        ]
+        best = np.choose(np.argmin(costs, axis=0), options)
+        to[near] = best
+        found = np.bincount(best.astype(np.int64) + middle)
+        counts[: len(found)] += found
