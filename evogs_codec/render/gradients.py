@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from evogs_codec.render.blending_gradient import ENTRY, add_up, blend_gradient
-from evogs_codec.render.compiled import n_threads
+from evogs_codec.render.compiled import kernel, n_threads
 from evogs_codec.render.forward import Drawing, Real, Splats
 from evogs_codec.render.projection_gradient import project_gradient
 
-__all__ = ["Gradients", "gradients"]
+__all__ = ["Gradients", "add_squares", "gradients"]
 
 _MAX_LIST = 1 << 24  # float32 counts exactly up to here
 
@@ -80,3 +80,10 @@ def gradients(drawing: Drawing, splats: Splats, image_gradient: Real) -> Gradien
         out.means, out.quats, out.log_scales, out.opacity_logits, out.sh, n_threads(),
     )  # fmt: skip
     return out
+
+
+@kernel
+def add_squares(total: Real, part: Real, by: float) -> None:
+    """Add the squares of a part (n,), each divided by a number, to a total (n,)."""
+    for i in range(len(total)):
+        total[i] += part[i] * part[i] / by

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.model.splats import F32, SplatParams
 from evogs_codec.render.camera import Camera
-from evogs_codec.render.forward import Drawing, draw, render
-from evogs_codec.render.gradients import gradients
+from evogs_codec.render.forward import Real, Splats, draw, render
+from evogs_codec.render.gradients import add_squares, gradients
 from evogs_codec.render.metrics import psnr
 from evogs_codec.render.viewpoints import camera_rings, cameras_around
 
 __all__ = ["DRAWN", "HELD_OUT", "Colour", "Views", "view_of"]
 
 Colour = tuple[float, float, float]
+Picture: TypeAlias = npt.NDArray[np.float32]
 MOST = 150.0  # dB of a view: of one without any error, for a mean that is a number
 DRAWN = 12  # views that the sensitivity is estimated from, at most
+COMPARED = 6  # of these, at most, compared with the scene
 HELD_OUT = 5  # every 5th of the cameras given judges what descends on the others
 
 
@@ -33,12 +35,14 @@ class Views:
         cameras: of the views.
         background: behind the splats.
         others: cameras of the views that descent goes by.
+        drawn: pictures of the scene so far.
     """
 
     scene: SplatParams
     cameras: Sequence[Camera]
     background: Colour = (1.0, 1.0, 1.0)
     others: Sequence[Camera] = ()
+    drawn: dict[Camera, Picture] = field(default_factory=dict, repr=False, compare=False)
 
     @staticmethod
     def of(
@@ -73,19 +77,15 @@ class Views:
             others = [other for k, other in enumerate(cameras) if k % HELD_OUT]
         else:
             chosen = cameras
-        every = 1 if n_views is None else -(-len(chosen) // n_views)
-        return Views(scene, chosen[::every], others=others)
+        return Views(scene, chosen if n_views is None else _at_most(chosen, n_views), others=others)
+
+    def fewer(self, n_views: int) -> Views:
+        """At most this many of the views; what one has drawn of the scene, the other has."""
+        return replace(self, cameras=_at_most(self.cameras, n_views), drawn=self.drawn)
 
     def psnr(self, splats: SplatParams) -> float:
         """Mean PSNR over the views, dB; over those that show the scene, if some do."""
-        empty = np.array(self.background, np.float32)
-        shows = [bool((picture != empty).any()) for picture in self.pictures]
-        found = [
-            min(psnr(render(splats, camera, self.background), picture), MOST)
-            for camera, picture, is_shown in zip(self.cameras, self.pictures, shows, strict=True)
-            if is_shown or not any(shows)
-        ]
-        return float(np.mean(found))
+        return self._psnr(lambda camera: render(splats, camera, self.background))
 
     def sensitivity(self, splats: SplatParams) -> F32:
         """(D, N) mean squared change of the pictures to the squared change of each number.
@@ -93,15 +93,19 @@ class Views:
         The gradient of a picture of random signs z, J^T z, has the squared length of a column of J
         as the mean of its square: one backward pass per view sees every number of every splat.
         """
-        rng = np.random.default_rng(0)
-        total: F32 = np.zeros((len(splats.channels()), len(splats)), np.float32)
-        chosen = self.cameras[:: -(-len(self.cameras) // DRAWN)]
-        for camera in chosen:
-            drawing = draw(splats, camera, self.background)
-            signs = rng.integers(0, 2, drawing.image.shape).astype(np.float32) * 2 - 1
-            total += np.square(_gradients(drawing, splats, signs)) / np.float32(signs.size)
-        total /= len(chosen)
-        return total
+        return self._sensitivity(splats, _at_most(self.cameras, DRAWN))[0]
+
+    def sensitivity_and_psnr(self, splats: SplatParams) -> tuple[F32, float]:
+        """`sensitivity`, and the PSNR of every other of the pictures that are drawn for it, dB.
+
+        Of a coarse level, with at most half of the splats of the scene, only those are drawn: each
+        splat is in more pixels.
+        """
+        drawn = self.fewer(DRAWN)
+        few = drawn.fewer(COMPARED)
+        is_coarse = 2 * len(splats) <= len(self.scene)
+        found, images = self._sensitivity(splats, (few if is_coarse else drawn).cameras)
+        return found, few._psnr(images.__getitem__)
 
     def loss_gradient(self, splats: SplatParams, iteration: int) -> F32:
         """(D, N) gradient of the mean squared error of a view of `others`, one per iteration.
@@ -113,21 +117,49 @@ class Views:
             raise ValueError("there are no other views to descend by")
         view = view_of(iteration, len(self.others))
         camera = self.others[view]
-        if view not in self._of_others:
-            self._of_others[view] = render(self.scene, camera, self.background)
         drawing = draw(splats, camera, self.background)
-        error = drawing.image - self._of_others[view]
-        return _gradients(drawing, splats, error * np.float32(2 / error.size))
+        error = drawing.image - self._picture(camera)
+        gradient = gradients(drawing, splats, error * np.float32(2 / error.size))
+        return SplatParams(*_parts(gradient)).channels()
 
-    @cached_property
-    def _of_others(self) -> dict[int, npt.NDArray[np.float32]]:
-        """Pictures of the scene that `loss_gradient` has drawn."""
-        return {}
-
-    @cached_property
-    def pictures(self) -> list[npt.NDArray[np.float32]]:
+    @property
+    def pictures(self) -> list[Picture]:
         """Of the scene, (H, W, 3) each."""
-        return [render(self.scene, camera, self.background) for camera in self.cameras]
+        return [self._picture(camera) for camera in self.cameras]
+
+    def _picture(self, camera: Camera) -> Picture:
+        if camera not in self.drawn:
+            self.drawn[camera] = render(self.scene, camera, self.background)
+        return self.drawn[camera]
+
+    def _psnr(self, of: Callable[[Camera], Picture]) -> float:
+        """Mean PSNR of these pictures of the views, as of `psnr`."""
+        empty = np.array(self.background, np.float32)
+        shows = [bool((picture != empty).any()) for picture in self.pictures]
+        found = [
+            min(psnr(of(camera), picture), MOST)
+            for camera, picture, is_shown in zip(self.cameras, self.pictures, shows, strict=True)
+            if is_shown or not any(shows)
+        ]
+        return float(np.mean(found))
+
+    def _sensitivity(
+        self, splats: SplatParams, cameras: Sequence[Camera]
+    ) -> tuple[F32, dict[Camera, Picture]]:
+        """By these views, and what they show."""
+        rng = np.random.default_rng(0)
+        totals = [np.zeros(part.shape, np.float32) for part in _parts(splats)]
+        images = {}
+        for camera in cameras:
+            drawing = draw(splats, camera, self.background)
+            images[camera] = drawing.image
+            signs = rng.integers(0, 2, drawing.image.shape).astype(np.float32) * 2 - 1
+            found = gradients(drawing, splats, signs)
+            for total, part in zip(totals, _parts(found), strict=True):
+                add_squares(total.reshape(-1), part.reshape(-1), np.float32(signs.size))
+        for total in totals:
+            total /= len(cameras)
+        return SplatParams(*totals).channels(), images
 
 
 def view_of(iteration: int, n_views: int) -> int:
@@ -136,9 +168,11 @@ def view_of(iteration: int, n_views: int) -> int:
     return int(np.random.default_rng(round_).permutation(n_views)[place])
 
 
-def _gradients(drawing: Drawing, splats: SplatParams, of: npt.NDArray[np.float32]) -> F32:
-    """(D, N) gradient to the numbers of splats, from that to the picture."""
-    found = gradients(drawing, splats, of)
-    return SplatParams(
-        found.means, found.quats, found.log_scales, found.opacity_logits, found.sh
-    ).channels()
+def _at_most(cameras: Sequence[Camera], n: int) -> Sequence[Camera]:
+    """Every so-many-th of the cameras, so that they are no more than n."""
+    return cameras[:: max(1, -(-len(cameras) // n))]
+
+
+def _parts(of: Splats) -> tuple[Real, ...]:
+    """The numbers of splats, or the gradients to them, in the order of `SplatParams`."""
+    return of.means, of.quats, of.log_scales, of.opacity_logits, of.sh
