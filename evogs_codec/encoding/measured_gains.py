@@ -6,9 +6,9 @@ beside what: estimates (`packet_gains`) are right within a level, but five times
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -17,9 +17,10 @@ from evogs_codec.model.coded_tree import CodedTree
 from evogs_codec.model.splats import F32, F64, SplatParams
 from evogs_codec.model.tree import EvolutionTree
 
-__all__ = ["ORDERING_VIEWS", "MeasuredGains", "Pictures"]
+__all__ = ["ORDERING_VIEWS", "MeasuredGains", "Pictures", "Telling", "nothing_of"]
 
 ORDERING_VIEWS = 6  # enough to put packets in order
+BAND_VIEWS = 3  # of those that are drawn for the bands alone
 LEAST = 1e-12  # mean squared error that anything gains, so that its estimates still order it
 
 
@@ -36,6 +37,14 @@ class Pictures(Protocol):
         """(D, N) gradient of the mean squared error of one view, not of those of `psnr`."""
 
 
+@runtime_checkable
+class Telling(Pictures, Protocol):
+    """Pictures that are drawn once for both."""
+
+    def sensitivity_and_psnr(self, splats: SplatParams) -> tuple[F32, float]:
+        """`sensitivity`, and the PSNR of some of the pictures that are drawn for it, dB."""
+
+
 @dataclass(frozen=True, eq=False)
 class MeasuredGains:
     """What pictures of a tree gain, in mean squared error.
@@ -50,16 +59,25 @@ class MeasuredGains:
     bands: F64
 
     @staticmethod
-    def of(tree: EvolutionTree, pictures: Pictures) -> MeasuredGains:
-        """Of a tree whose leaves are the scene of the pictures."""
+    def of(
+        tree: EvolutionTree, pictures: Pictures, shown: Sequence[float] | None = None
+    ) -> MeasuredGains:
+        """Of a tree whose leaves are the scene of the pictures.
+
+        Args:
+            tree: what is shown.
+            pictures: of its leaves.
+            shown: PSNR of nothing, and of each level but the last, where it is known.
+        """
         leaves = tree.leaves()
-        coarse = [tree.leaves(level) for level in range(tree.n_levels - 1)]
-        blank = leaves.take(np.zeros(0, np.int64))
+        if shown is None:
+            cuts = (tree.leaves(level) for level in range(tree.n_levels - 1))
+            shown = [pictures.psnr(cut) for cut in (nothing_of(leaves), *cuts)]
         degrees = range(tree.sh_degree if tree.palette is None else 1)
         plain = [replace(leaves, sh=leaves.sh[:, : (k + 1) ** 2]) for k in degrees]
         return MeasuredGains(
-            -np.diff(list(_errors(pictures, [blank, *coarse]))),
-            -np.diff(list(_errors(pictures, plain))),
+            -np.diff(_errors(shown)),
+            -np.diff(_errors([pictures.psnr(cut) for cut in plain])),
         )
 
     def rescale(self, tree: CodedTree) -> CodedTree:
@@ -89,8 +107,11 @@ class MeasuredGains:
         return replace(tree, tiles=tuple(tiles))
 
 
-def _errors(pictures: Pictures, cuts: Sequence[SplatParams]) -> Iterator[float]:
-    """Mean squared error of each, and 0 at last."""
-    for splats in cuts:
-        yield 10 ** (-pictures.psnr(splats) / 10)
-    yield 0.0
+def nothing_of(splats: SplatParams) -> SplatParams:
+    """None of the splats."""
+    return splats.take(np.zeros(0, np.int64))
+
+
+def _errors(decibels: Sequence[float]) -> list[float]:
+    """Mean squared error of each PSNR, and 0 at last."""
+    return [*(10 ** (-one / 10) for one in decibels), 0.0]

@@ -19,7 +19,7 @@ from evogs_codec.decoding.decode import decode
 from evogs_codec.encoding.arrange import arrange, default_tiles
 from evogs_codec.encoding.grids import AccuracyWarning
 from evogs_codec.encoding.layers import Layered, expect_levels
-from evogs_codec.encoding.measured_gains import MeasuredGains, Pictures
+from evogs_codec.encoding.measured_gains import MeasuredGains, Pictures, Telling, nothing_of
 from evogs_codec.encoding.polish import polished
 from evogs_codec.encoding.quantise import quantise
 from evogs_codec.encoding.ranges import Ranges
@@ -30,7 +30,7 @@ from evogs_codec.errors import InputError
 from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS
 from evogs_codec.model.coded_tree import CodedTree
 from evogs_codec.model.scene_info import SceneInfo
-from evogs_codec.model.splats import F64
+from evogs_codec.model.splats import F32, F64, SplatParams
 from evogs_codec.model.tree import EvolutionTree
 
 __all__ = ["PRICES", "TargetEncoder", "TargetMissedError"]
@@ -71,7 +71,8 @@ class TargetEncoder:
         layers: of precision (`layers`), where views decide.
         leaf_error: (5,) per group, the largest distance of the tree's leaves from the splats that
             they stand for: `within` adds it to the error of the stream.
-        ordering: views by which packets are put in order; `views` by default.
+        ordering: a few views by which packets are put in order, where those that are drawn for the
+            sensitivity do not tell; `views` by default.
         seen: part of the worth of a number that the views decide.
         n_tiles, info, progress: as of `encode`.
     """
@@ -286,9 +287,7 @@ class _Coder:
         self.importance = self.shown = self.layered = None
         if aim.views is not None:
             report("draw", 0.0)
-            drawn = aim.views.sensitivity
-            self.importance = Importance.of(self.tiles, self.n_levels, drawn, seen=aim.seen)
-            self.shown = MeasuredGains.of(aim.tree, aim.ordering or aim.views)
+            self.importance, self.shown = _drawn(aim, aim.views, self.tiles, self.n_levels)
             if aim.layers > 1 and aim.tree.n_leaves:
                 self.layered = Layered.of(self.tiles, self.n_levels, self.importance, aim.layers)
         self.ranges = Ranges.of(self.tiles, self.n_levels)
@@ -341,6 +340,26 @@ class _Coder:
     def first_table(self) -> F64:
         """(1 + n_levels, K) steps of the settings."""
         return self.aim.settings.accuracy.wanted_steps(self.ranges, self.n_levels)
+
+
+def _drawn(
+    aim: TargetEncoder, views: Pictures, tiles: Sequence[EvolutionTree], n_levels: int
+) -> tuple[Importance, MeasuredGains]:
+    """What the numbers of arranged tiles are worth, and what their packets gain."""
+    if aim.ordering is None or not isinstance(views, Telling):
+        found = Importance.of(tiles, n_levels, views.sensitivity, seen=aim.seen)
+        return found, MeasuredGains.of(aim.tree, aim.ordering or views)
+    told: list[float] = []
+
+    def sensitivity(splats: SplatParams) -> F32:
+        found, decibels = views.sensitivity_and_psnr(splats)
+        told.append(decibels)
+        return found
+
+    sensitivity(nothing_of(aim.tree.leaves()))
+    found = Importance.of(tiles, n_levels, sensitivity, seen=aim.seen)
+    shown = told[:-1] if len(told) == 1 + n_levels else None  # of each level that has splats
+    return found, MeasuredGains.of(aim.tree, aim.ordering, shown)
 
 
 def _errors(tiles: Sequence[EvolutionTree], data: bytes, sh_degree: int) -> F64:

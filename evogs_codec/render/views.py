@@ -98,12 +98,12 @@ class Views:
     def sensitivity_and_psnr(self, splats: SplatParams) -> tuple[F32, float]:
         """`sensitivity`, and the PSNR of every other of the pictures that are drawn for it, dB.
 
-        Of a coarse level, with at most half of the splats of the scene, only those are drawn: each
+        Of a coarse level, with at most a quarter of the splats of the scene, only those are drawn: each
         splat is in more pixels.
         """
         drawn = self.fewer(DRAWN)
         few = drawn.fewer(COMPARED)
-        is_coarse = 2 * len(splats) <= len(self.scene)
+        is_coarse = 4 * len(splats) <= len(self.scene)
         found, images = self._sensitivity(splats, (few if is_coarse else drawn).cameras)
         return found, few._psnr(images.__getitem__)
 
@@ -153,6 +153,8 @@ class Views:
         for camera in cameras:
             drawing = draw(splats, camera, self.background)
             images[camera] = drawing.image
+            if not len(splats):
+                continue
             signs = rng.integers(0, 2, drawing.image.shape).astype(np.float32) * 2 - 1
             found = gradients(drawing, splats, signs)
             for total, part in zip(totals, _parts(found), strict=True):

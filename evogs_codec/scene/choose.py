@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from evogs_codec.encoding.encode import encode
 from evogs_codec.encoding.layers import N_LAYERS
-from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
+from evogs_codec.encoding.measured_gains import BAND_VIEWS, ORDERING_VIEWS
 from evogs_codec.encoding.settings import SCENE_PRESET, SCENE_PRICE, TREE_PRESET, TREE_PSNR
 from evogs_codec.encoding.targets import TargetEncoder, TargetMissedError
 from evogs_codec.errors import InputError
@@ -50,7 +50,7 @@ def best_stream(
         return _best(trees, whole, lambda aim: aim.within(request.errors))
     if request.is_plain and not request.has_preset and tree.n_leaves and _draws(request):
         views = request.views(tree.leaves(), PRICED_VIEWS)
-        ordering = request.views(tree.leaves(), ORDERING_VIEWS)
+        ordering = None if views is None else views.fewer(BAND_VIEWS)
         aim = replace(whole, views=views, ordering=ordering, layers=_layers(tree, request))
         aim = aim if request.cameras else replace(aim, seen=SEEN)
         price = SCENE_PRICE / tree.n_leaves
