@@ -147,9 +147,12 @@ def _is_finite(means: Array, quats: Array, scales: Array, logit: float, sh: Arra
         zero += means[c] * 0.0 + scales[c] * 0.0
     for c in range(4):
         zero += quats[c] * 0.0
+    red = green = blue = sh.dtype.type(0)  # three sums, none of which waits for another
     for k in range(sh.shape[0]):
-        zero += sh[k, 0] * 0.0 + sh[k, 1] * 0.0 + sh[k, 2] * 0.0
-    return zero == 0.0
+        red += sh[k, 0] * sh.dtype.type(0)
+        green += sh[k, 1] * sh.dtype.type(0)
+        blue += sh[k, 2] * sh.dtype.type(0)
+    return zero + (red + green + blue) == 0.0
 
 
 @inlined
@@ -187,14 +190,15 @@ def _splat(
         return NON_FINITE, 0.0
     if not opacity >= ALPHA_MIN:
         return INVISIBLE, 0.0
-    room = math.log2(opacity) - LOG_MIN
+    log_opacity = math.log2(opacity)
+    room = log_opacity - LOG_MIN
     reach = 2.0 * room / LOG2E  # the squared distance, in standard deviations, of alpha = 1/255
     out[X] = view[FX] * (x / z) + view[CX]
     out[Y] = view[FY] * (y / z) + view[CY]
     out[WEIGHT] = math.sqrt(0.5 * LOG2E * (yy / det))
     out[SLOPE] = xy / yy
     out[CURVE] = 0.5 * LOG2E / yy
-    out[LOG_OPACITY] = math.log2(opacity)
+    out[LOG_OPACITY] = log_opacity
     out[RED] = max(0.0, red)
     out[GREEN] = max(0.0, green)
     out[BLUE] = max(0.0, blue)

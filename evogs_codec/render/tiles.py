@@ -28,6 +28,7 @@ I32 = npt.NDArray[np.int32]
 I64 = npt.NDArray[np.int64]
 
 SIDE = 16
+RUNS = 3  # rows of tiles: most splats are in no more
 CHUNK = 1 << 22  # entries of one chunk: 16 MB of lists, 150 MB of gradients
 _MIN_BLOCK = 2048  # splats that are worth a thread
 _MAX_BLOCKS = 16  # each counts all tiles: 2 MB of a picture of 8192 x 8192 pixels
@@ -63,6 +64,7 @@ class Tiles:
         width: pixels.
         records, rows: what `projection.project` made.
         order: indexes of the drawn splats, in depth order.
+        runs: (drawn, RUNS, 2) tile columns [first, last) of each in its first rows of tiles.
         block_ends: (B, tiles) how many entries of every tile's list come from blocks 0..b.
     """
 
@@ -71,6 +73,7 @@ class Tiles:
     records: Array
     rows: I32
     order: I64
+    runs: I32
     block_ends: I64
 
     @staticmethod
@@ -79,11 +82,12 @@ class Tiles:
         columns, tile_rows = -(-width // SIDE), -(-height // SIDE)
         n_blocks = max(1, min(n_threads(), _MAX_BLOCKS, len(order) // _MIN_BLOCK))
         block_ends = np.zeros((n_blocks, tile_rows, columns + 1), np.int64)
-        _count(records, rows, order, width, block_ends)
+        runs = np.empty((len(order), RUNS, 2), np.int32)
+        _count(records, rows, order, width, runs, block_ends)
         # Until here marks of where runs of tiles begin and end along rows, whose last is no tile.
         np.cumsum(np.cumsum(block_ends, axis=2), axis=0, out=block_ends)
         ends = block_ends[:, :, :-1].reshape(n_blocks, -1)
-        return Tiles(columns, width, records, rows, order, ends)
+        return Tiles(columns, width, records, rows, order, runs, ends)
 
     @property
     def counts(self) -> I64:
@@ -115,7 +119,7 @@ class Tiles:
         next_entry[1:] += block_ends[:-1]
         entries = np.empty(int(offsets[-1]), np.int32)
         _fill(
-            self.records, self.rows, self.order, self.width, self.columns,
+            self.records, self.rows, self.order, self.width, self.columns, self.runs,
             first, last, next_entry, entries,
         )  # fmt: skip
         return Chunk(first, offsets, block_ends, entries, np.argsort(-counts, kind="stable"))
@@ -183,22 +187,28 @@ def _columns_of(record: Array, first: int, last: int, row: int, width: int) -> t
 
 
 @parallel_kernel
-def _count(records: Array, rows: Array, order: Array, width: int, marks: Array) -> None:
+def _count(
+    records: Array, rows: Array, order: Array, width: int, runs: Array, marks: Array
+) -> None:  # fmt: skip
     """Mark, for each block, where runs of tiles begin and end: marks is (B, rows, columns + 1)."""
     n_blocks = len(marks)
     for block in prange(n_blocks):
         for i in range(block * len(order) // n_blocks, (block + 1) * len(order) // n_blocks):
             splat = order[i]
             top, bottom = rows[splat, 0], rows[splat, 1]
-            for row in range(top // SIDE, (bottom - 1) // SIDE + 1):
+            first_row = top // SIDE
+            for row in range(first_row, (bottom - 1) // SIDE + 1):
                 begin, end = _columns_of(records[splat], top, bottom, row, width)
+                if row - first_row < RUNS:
+                    runs[i, row - first_row, 0] = begin
+                    runs[i, row - first_row, 1] = end
                 marks[block, row, begin] += 1
                 marks[block, row, end] -= 1
 
 
 @parallel_kernel
 def _fill(
-    records: Array, rows: Array, order: Array, width: int, n_columns: int,
+    records: Array, rows: Array, order: Array, width: int, n_columns: int, runs: Array,
     first: int, last: int, next_entry: Array, entries: Array,
 ) -> None:  # fmt: skip
     """Write the lists of tiles [first, last); `next_entry` begins as where each block does."""
@@ -209,7 +219,11 @@ def _fill(
             splat = order[i]
             top, bottom = rows[splat, 0], rows[splat, 1]
             for row in range(max(top // SIDE, first_row), min((bottom - 1) // SIDE + 1, last_row)):
-                begin, end = _columns_of(records[splat], top, bottom, row, width)
+                k = row - top // SIDE
+                if k < RUNS:
+                    begin, end = runs[i, k, 0], runs[i, k, 1]
+                else:
+                    begin, end = _columns_of(records[splat], top, bottom, row, width)
                 tile = row * n_columns
                 for t in range(max(tile + begin, first), min(tile + end, last)):
                     at = next_entry[block, t - first]

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["measured_levels", "with_room"]
 
-N_VIEWS = 12
+N_VIEWS = 6
 PIXELS = 200  # of the longer side of a view
 
 
@@ -59,9 +59,10 @@ def _measures(request: Request) -> bool:
 def _cameras(tree: EvolutionTree, request: Request) -> tuple[list[Camera], str]:
     """Of the views, and what they are: others than `PRICED_VIEWS`, where nobody named any."""
     from evogs_codec.render import cameras_around
+    from evogs_codec.render.viewpoints import N_ORBIT
 
     if request.cameras is None:
-        chosen = cameras_around(tree.leaves(), request.up)[1::2]
+        chosen = cameras_around(tree.leaves(), request.up)[1 :: N_ORBIT // N_VIEWS]
         said = f"{len(chosen)} views on a circle"
     else:
         chosen = list(request.cameras[:: -(-len(request.cameras) // N_VIEWS)])
