@@ -10,6 +10,7 @@ import math
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -189,9 +190,8 @@ class TargetEncoder:
         """
         if self.views is None:
             raise ValueError("a price of a bit needs views")
-        coder = _Coder(self)
         for price in prices:
-            yield self._with_digests(coder.coded(price))
+            yield self._with_digests(self._coder.coded(price))
 
     def at_price(self, price: float) -> bytes:
         """The stream of `at_prices` for one price.
@@ -200,6 +200,15 @@ class TargetEncoder:
             ValueError: there are no views.
         """
         return next(iter(self.at_prices([price])))
+
+    @property
+    def importance(self) -> Importance | None:
+        """Of the numbers of the arranged tree, by the views; None without."""
+        return self._coder.importance
+
+    @cached_property
+    def _coder(self) -> _Coder:
+        return _Coder(self)
 
     def within(self, errors: Mapping[str, float]) -> bytes:
         """The stream no number of whose leaves is further off than its group allows.

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from evogs_codec.encoding.encode import encode
 from evogs_codec.encoding.layers import N_LAYERS
 from evogs_codec.encoding.measured_gains import BAND_VIEWS, ORDERING_VIEWS
+from evogs_codec.encoding.palette_worth import bits_of_palette, bits_of_psi
 from evogs_codec.encoding.settings import SCENE_PRESET, SCENE_PRICE, TREE_PRESET, TREE_PSNR
 from evogs_codec.encoding.targets import TargetEncoder, TargetMissedError
 from evogs_codec.errors import InputError
@@ -21,6 +22,7 @@ from evogs_codec.scene.request import Request
 __all__ = ["FoundStream", "at_tree_psnr", "best_stream"]
 
 PRICED_VIEWS = 12  # by which the default weighs errors; none judges it
+SURE = 1.2  # times as many bits, by an estimate, are more
 SEEN = 0.9  # of the worth of a number, where nobody said from where a scene is looked at
 
 
@@ -47,7 +49,7 @@ def best_stream(
         progress=request.progress,
     )
     if request.errors:
-        return _best(trees, whole, lambda aim: aim.within(request.errors))
+        return _best(_each(whole, trees), lambda aim: aim.within(request.errors))
     if request.is_plain and not request.has_preset and tree.n_leaves and _draws(request):
         views = request.views(tree.leaves(), PRICED_VIEWS)
         ordering = None if views is None else views.fewer(BAND_VIEWS)
@@ -58,7 +60,8 @@ def best_stream(
         def worth(one: TargetEncoder, data: bytes) -> float:
             return -8 * len(data) * price - 10 ** (-one.psnr(data) / 10)
 
-        return _best(trees, aim, lambda one: one.at_price(price), worth)
+        aims = _that_pay(_each(aim, trees), price)
+        return _best(aims, lambda one: one.at_price(price), worth)
     if request.is_plain:
         views = request.views(tree.leaves(), ORDERING_VIEWS) if tree.n_leaves else None
 
@@ -72,7 +75,7 @@ def best_stream(
                 progress=request.progress,
             )
 
-        return _best(trees, whole, plainly)
+        return _best(_each(whole, trees), plainly)
     if not tree.n_leaves:
         raise InputError("a scene without splats has nothing to aim at")
     views = request.views(tree.leaves(), descent=request.polish > 0)
@@ -92,10 +95,10 @@ def best_stream(
         most = request.target_bytes
         n_levels = max(tree.n_levels, 1) + layers - 1
         aim = replace(aim, info=with_room(request.info, tree, n_levels, request))
-        return _best(trees, aim, lambda one: one.at_bytes(most), TargetEncoder.psnr)
+        return _best(_each(aim, trees), lambda one: one.at_bytes(most), TargetEncoder.psnr)
     target = request.target_psnr
     assert target is not None, "there is a target"
-    return _best(trees, aim, lambda one: one.at_psnr(target))
+    return _best(_each(aim, trees), lambda one: one.at_psnr(target))
 
 
 def _layers(tree: EvolutionTree, request: Request) -> int:
@@ -111,9 +114,27 @@ def _draws(request: Request) -> bool:
     return not request.why_no_views
 
 
+def _each(aim: TargetEncoder, trees: Sequence[EvolutionTree]) -> list[TargetEncoder]:
+    return [replace(aim, tree=tree) for tree in trees]
+
+
+def _that_pay(aims: Sequence[TargetEncoder], price: float) -> Sequence[TargetEncoder]:
+    """Of a tree with a palette and one without, that of fewer bits where an estimate is sure."""
+    if len(aims) == 1:
+        return aims
+    shared, plain = aims
+    importance = shared.importance
+    if importance is None:
+        return aims
+    bits = bits_of_palette(shared.tree, importance, price)
+    instead = bits_of_psi(plain.tree, importance, price)
+    if instead > SURE * bits:
+        return [shared]
+    return [plain] if bits > SURE * instead else aims
+
+
 def _best(
-    trees: Sequence[EvolutionTree],
-    aim: TargetEncoder,
+    aims: Sequence[TargetEncoder],
     make: Callable[[TargetEncoder], bytes],
     worth: Callable[[TargetEncoder, bytes], float] | None = None,
 ) -> FoundStream:
@@ -126,19 +147,18 @@ def _best(
     """
     found: list[FoundStream] = []
     missed: list[TargetMissedError] = []
-    for tree in trees:
-        one = replace(aim, tree=tree)
+    for one in aims:
         try:
             data = make(one)
         except TargetMissedError as error:
             missed.append(error)
             continue
         if worth is None:
-            found.append(FoundStream(data, tree, -len(data)))
-        elif len(trees) == 1 or one.views is None:
-            return FoundStream(data, tree, math.inf)
+            found.append(FoundStream(data, one.tree, -len(data)))
+        elif len(aims) == 1 or one.views is None:
+            return FoundStream(data, one.tree, math.inf)
         else:
-            found.append(FoundStream(data, tree, worth(one, data)))
+            found.append(FoundStream(data, one.tree, worth(one, data)))
     if not found:
         raise min(missed, key=lambda error: error.by)
     return max(found, key=lambda one: one.merit)
