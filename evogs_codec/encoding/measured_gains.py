@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -71,8 +72,8 @@ class MeasuredGains:
         """
         leaves = tree.leaves()
         if shown is None:
-            cuts = (tree.leaves(level) for level in range(tree.n_levels - 1))
-            shown = [pictures.psnr(cut) for cut in (nothing_of(leaves), *cuts)]
+            coarse = islice(tree.levels(), max(tree.n_levels - 1, 0))
+            shown = [pictures.psnr(cut) for cut in (nothing_of(leaves), *coarse)]
         degrees = range(tree.sh_degree if tree.palette is None else 1)
         plain = [replace(leaves, sh=leaves.sh[:, : (k + 1) ** 2]) for k in degrees]
         return MeasuredGains(

@@ -62,17 +62,16 @@ class Ranges:
             middle = middle_of(tile)
             state = None
             for step, state in zip(tile.steps, tile.states(), strict=True):
-                values = state.values
+                n = state.values.shape[1]
+                values = state.values[:, np.append(step.slots, np.arange(n - step.n_new, n))]
                 for group, part in enumerate(GROUP_CHANNELS):
                     rows = values[part] - middle[:, None] if group == 0 else values[part]
                     if rows.size:
                         largest[group] = max(largest[group], float(np.abs(rows).max()))
                 for row, numbers in ((step.level, step.psi), (n_levels, step.adds)):
                     if numbers.shape[1]:
-                        for c, kind in enumerate(channels):
-                            low, high = float(numbers[c].min()), float(numbers[c].max())
-                            psi[row, kind, 0] = min(psi[row, kind, 0], low)
-                            psi[row, kind, 1] = max(psi[row, kind, 1], high)
+                        np.minimum.at(psi[row, :, 0], channels, numbers.min(axis=1))
+                        np.maximum.at(psi[row, :, 1], channels, numbers.max(axis=1))
             if state is not None:
                 leaves.append(state.values[0:3][:, state.live][:, ::every])
         if palette is not None and palette.entries.size:

@@ -9,11 +9,13 @@ Letters: K classes (spec 3.2), n slots, N splats of a cut, P refines and splits 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import repeat
 from typing import TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from evogs_codec.model.channels import channel_class, n_channels
 from evogs_codec.model.siblings import Siblings
@@ -86,7 +88,8 @@ class Importance:
         A level before the last may lose as much as the last, although it has fewer splats.
         """
         drawn = [sensitivity if k >= first else _none for k in range(n_levels)]
-        cuts = [_cut(tiles, k, draw, seen) for k, draw in enumerate(drawn)]
+        shown = zip(*(_shown(tile) for tile in tiles), strict=True)
+        cuts = [_cut(parts, draw, seen) for draw, parts in zip(drawn, shown, strict=False)]
         counts = [sum(part.shape[1] for part in cut) for cut in cuts]
         shares = [n / max(counts[-1], 1) for n in counts]
         weights = tuple(
@@ -183,15 +186,19 @@ def _of_entries(
     return sums[:, 1:].astype(np.float32)
 
 
-def _cut(
-    tiles: Sequence[EvolutionTree], level: int, sensitivity: Sensitivity, seen: float
-) -> list[F32]:
+def _shown(tile: EvolutionTree) -> Iterator[SplatParams]:
+    """The leaves of each level; a tile may end before the last level."""
+    shown = SplatParams.from_channels(np.zeros((n_channels(tile.shown_degree), 0)))
+    for shown in tile.levels():
+        yield shown
+    yield from repeat(shown)
+
+
+def _cut(parts: Sequence[SplatParams], sensitivity: Sensitivity, seen: float) -> list[F32]:
     """(K, N) weights of the leaves of a level, tile by tile, of all bands that splats have."""
-    # A tile may end before the last level.
-    parts = [tile.leaves(min(level, tile.n_levels - 1)) for tile in tiles]
     channels = np.concatenate([part.channels() for part in parts], axis=1)
     if not channels.shape[1]:
-        return [np.zeros((5 + tile.shown_degree, 0), np.float32) for tile in tiles]
+        return [np.zeros((5 + part.sh_degree, 0), np.float32) for part in parts]
     found = sensitivity(SplatParams.from_channels(channels))
     kinds = np.array([channel_class(c) for c in range(len(found))])
     weights = np.stack(
@@ -204,7 +211,7 @@ def _cut(
 
 def _of_tile(tile: EvolutionTree, cuts: Sequence[F32]) -> tuple[StepWeights, ...]:
     """Weights of each step, from the last to the first, from those of the leaves of each level."""
-    live = [state.live.copy() for state in tile.states()]
+    live = list(_live(tile))
     later = np.zeros((_n_classes(tile), sum(step.n_new for step in tile.steps)), np.float32)
     out: list[StepWeights] = []
     for k in reversed(range(len(tile.steps))):
@@ -219,6 +226,15 @@ def _of_tile(tile: EvolutionTree, cuts: Sequence[F32]) -> tuple[StepWeights, ...
         out.append(StepWeights(step.level, later[:, step.slots[has_psi]], new))
         _pass_on(later, step, n)
     return tuple(reversed(out))
+
+
+def _live(tile: EvolutionTree) -> Iterator[npt.NDArray[np.bool_]]:
+    """Which slots are live after each step."""
+    live = np.zeros(0, bool)
+    for step in tile.steps:
+        live = np.append(live, np.ones(step.n_new, bool))
+        live[step.slots[step.kinds == Kind.DROP]] = False
+        yield live
 
 
 def _pass_on(later: F32, step: Step, n: int) -> None:

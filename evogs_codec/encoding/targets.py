@@ -365,7 +365,7 @@ def _drawn(
         told.append(decibels)
         return found
 
-    sensitivity(nothing_of(aim.tree.leaves()))
+    sensitivity(nothing_of(aim.tree.leaves(0)))
     found = Importance.of(tiles, n_levels, sensitivity, seen=aim.seen)
     shown = told[:-1] if len(told) == 1 + n_levels else None  # of each level that has splats
     return found, MeasuredGains.of(aim.tree, aim.ordering, shown)

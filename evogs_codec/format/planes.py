@@ -151,15 +151,16 @@ def entropies(planes: U8, sizes: Sequence[int]) -> list[float]:
 
 def huffman_bits(symbols: npt.NDArray[np.integer]) -> float:
     """Bits that a Huffman code of its own spends on byte symbols, as Zstandard does to a plane."""
-    counts = [int(c) for c in np.bincount(symbols) if c]
-    if len(counts) < 2:
+    counts = np.bincount(symbols)
+    left: list[int] = counts[counts > 0].tolist()
+    if len(left) < 2:
         return 0.0
-    heapq.heapify(counts)
+    heapq.heapify(left)
     total = 0
-    while len(counts) > 1:
-        pair = heapq.heappop(counts) + heapq.heappop(counts)
+    while len(left) > 1:
+        pair = heapq.heappop(left) + left[0]
         total += pair
-        heapq.heappush(counts, pair)
+        heapq.heapreplace(left, pair)
     return float(total)
 
 

@@ -273,6 +273,16 @@ class EvolutionTree:
             return SplatParams.from_channels(np.zeros((n_channels(self.shown_degree), 0)))
         return next(islice(self.states(), n_steps - 1, None)).splats()
 
+    def levels(self) -> Iterator[SplatParams]:
+        """`leaves` of each level, from 0 on."""
+        states = self.states()
+        shown = SplatParams.from_channels(np.zeros((n_channels(self.shown_degree), 0)))
+        for level in range(self.n_levels):
+            n_steps = sum(step.level == level for step in self.steps)
+            if n_steps:
+                shown = next(islice(states, n_steps - 1, None)).splats()
+            yield shown
+
     @staticmethod
     def of_splats(splats: SplatParams) -> EvolutionTree:
         """The tree with one level whose roots are `splats`."""
@@ -302,6 +312,8 @@ def _apply(step: Step, values: F64, live: npt.NDArray[np.bool_], n: int) -> int:
     target = step.slots[has_psi]
     new = slice(n, n + step.alpha.shape[1])
     for alpha, channels in zip(step.alpha.astype(np.float64), GROUP_CHANNELS, strict=True):
+        if not alpha.size and not step.psi[channels].any():
+            continue  # as of the layers of precision
         for x, psi in zip(values[channels], step.psi[channels].astype(np.float64), strict=True):
             parents = x[target]
             x[target] = parents + psi

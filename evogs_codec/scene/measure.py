@@ -10,6 +10,7 @@ from evogs_codec.decoding.decode import decode
 from evogs_codec.editing.level_psnr import KEY, LevelPsnr, with_level_psnr
 from evogs_codec.format.directory import read_directory
 from evogs_codec.model.scene_info import SceneInfo
+from evogs_codec.model.splats import SplatParams
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.request import Request
 
@@ -28,8 +29,9 @@ def measured_levels(data: bytes, tree: EvolutionTree, request: Request) -> bytes
         return data
     from evogs_codec.render import Views
 
-    cameras, said = _cameras(tree, request)
-    views = Views(tree.leaves(), cameras)
+    scene = tree.leaves()
+    cameras, said = _cameras(scene, request)
+    views = Views(scene, cameras)
     if not any((picture != 1.0).any() for picture in views.pictures):  # nothing but background
         return data
     directory = read_directory(data)
@@ -47,7 +49,7 @@ def with_room(info: SceneInfo, tree: EvolutionTree, n_levels: int, request: Requ
     """The metadata with as many bytes for the PSNR of the levels as `measured_levels` takes."""
     if not _measures(request):
         return info
-    value = str(LevelPsnr((0.0,) * n_levels, _cameras(tree, request)[1]))
+    value = str(LevelPsnr((0.0,) * n_levels, _cameras(tree.leaves(), request)[1]))
     return replace(info, text={**info.text, KEY: value})
 
 
@@ -56,13 +58,13 @@ def _measures(request: Request) -> bool:
     return not request.why_no_views and not request.errors
 
 
-def _cameras(tree: EvolutionTree, request: Request) -> tuple[list[Camera], str]:
+def _cameras(scene: SplatParams, request: Request) -> tuple[list[Camera], str]:
     """Of the views, and what they are: others than `PRICED_VIEWS`, where nobody named any."""
     from evogs_codec.render import cameras_around
     from evogs_codec.render.viewpoints import N_ORBIT
 
     if request.cameras is None:
-        chosen = cameras_around(tree.leaves(), request.up)[1 :: N_ORBIT // N_VIEWS]
+        chosen = cameras_around(scene, request.up)[1 :: N_ORBIT // N_VIEWS]
         said = f"{len(chosen)} views on a circle"
     else:
         chosen = list(request.cameras[:: -(-len(request.cameras) // N_VIEWS)])
