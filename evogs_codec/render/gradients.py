@@ -83,7 +83,8 @@ def gradients(drawing: Drawing, splats: Splats, image_gradient: Real) -> Gradien
 
 
 @kernel
-def add_squares(total: Real, part: Real, by: float) -> None:
+def add_squares(total: Real, part: Real, by: int) -> None:
     """Add the squares of a part (n,), each divided by a number, to a total (n,)."""
+    divisor = total.dtype.type(by)
     for i in range(len(total)):
-        total[i] += part[i] * part[i] / by
+        total[i] += part[i] * part[i] / divisor

@@ -147,12 +147,9 @@ def _is_finite(means: Array, quats: Array, scales: Array, logit: float, sh: Arra
         zero += means[c] * 0.0 + scales[c] * 0.0
     for c in range(4):
         zero += quats[c] * 0.0
-    red = green = blue = sh.dtype.type(0)  # three sums, none of which waits for another
     for k in range(sh.shape[0]):
-        red += sh[k, 0] * sh.dtype.type(0)
-        green += sh[k, 1] * sh.dtype.type(0)
-        blue += sh[k, 2] * sh.dtype.type(0)
-    return zero + (red + green + blue) == 0.0
+        zero += sh[k, 0] * 0.0 + sh[k, 1] * 0.0 + sh[k, 2] * 0.0
+    return zero == 0.0
 
 
 @inlined

@@ -98,8 +98,8 @@ class Views:
     def sensitivity_and_psnr(self, splats: SplatParams) -> tuple[F32, float]:
         """`sensitivity`, and the PSNR of every other of the pictures that are drawn for it, dB.
 
-        Of a coarse level, with at most a quarter of the splats of the scene, only those are drawn: each
-        splat is in more pixels.
+        Of a coarse level, with at most a quarter of the splats of the scene, only those are drawn:
+        each splat is in more pixels.
         """
         drawn = self.fewer(DRAWN)
         few = drawn.fewer(COMPARED)
@@ -156,9 +156,9 @@ class Views:
             if not len(splats):
                 continue
             signs = rng.integers(0, 2, drawing.image.shape).astype(np.float32) * 2 - 1
-            found = gradients(drawing, splats, signs)
+            found, size = gradients(drawing, splats, signs), signs.size
             for total, part in zip(totals, _parts(found), strict=True):
-                add_squares(total.reshape(-1), part.reshape(-1), np.float32(signs.size))
+                add_squares(total.reshape(-1), part.reshape(-1), size)
         for total in totals:
             total /= len(cameras)
         return SplatParams(*totals).channels(), images

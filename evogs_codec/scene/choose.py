@@ -22,7 +22,9 @@ from evogs_codec.scene.request import Request
 __all__ = ["FoundStream", "at_tree_psnr", "best_stream"]
 
 PRICED_VIEWS = 12  # by which the default weighs errors; none judges it
-SURE = 1.2  # times as many bits, by an estimate, are more
+# So many times the bits, by an estimate, are more: of psi, and of picks, of which the estimate does
+# not see that neighbours have the same.
+SURE, SURE_OF_PICKS = 1.2, 2.0
 SEEN = 0.9  # of the worth of a number, where nobody said from where a scene is looked at
 
 
@@ -130,7 +132,7 @@ def _that_pay(aims: Sequence[TargetEncoder], price: float) -> Sequence[TargetEnc
     instead = bits_of_psi(plain.tree, importance, price)
     if instead > SURE * bits:
         return [shared]
-    return [plain] if bits > SURE * instead else aims
+    return [plain] if bits > SURE_OF_PICKS * instead else aims
 
 
 def _best(

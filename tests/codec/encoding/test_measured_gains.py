@@ -52,6 +52,14 @@ def test_gains_of_levels_and_bands_add_up_to_what_pictures_show(tree, views, n_t
     assert found[:, 1:].sum() == pytest.approx(without)
 
 
+def test_what_pictures_have_told_already_is_not_drawn_again(tree, views):
+    measured = MeasuredGains.of(tree, views)
+    cuts = [tree.leaves().take([]), *(tree.leaves(level) for level in range(3))]
+    told = [views.psnr(cut) for cut in cuts]
+    assert_allclose(MeasuredGains.of(tree, views, told).levels, measured.levels)
+    assert MeasuredGains.of(tree, views, [5.0, 10.0, 20.0, 30.0]).levels[-1] == pytest.approx(1e-3)
+
+
 def test_within_a_level_the_shares_stay(tree, views):
     coded = quantise(arrange(tree, 2), tree.n_levels, PRESETS["scene"])
     right = MeasuredGains.of(tree, views).rescale(coded)

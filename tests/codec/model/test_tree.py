@@ -77,6 +77,15 @@ def test_leaves_of_every_level_agree_with_a_dictionary_of_fractions(tree):
 
 @given(trees())
 @settings(max_examples=60)
+def test_levels_are_the_leaves_of_each_level(tree):
+    found = list(tree.levels())
+    assert len(found) == tree.n_levels
+    for level, shown in enumerate(found):
+        assert np.array_equal(shown.channels(), tree.leaves(level).channels())
+
+
+@given(trees())
+@settings(max_examples=60)
 def test_counts_agree_with_the_leaves_of_the_last_level(tree):
     assert tree.n_leaves == len(tree.leaves())
     assert len(list(tree.states())) == len(tree.steps)

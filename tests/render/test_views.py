@@ -1,0 +1,70 @@
+"""Views by which an encoder judges."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("numba", reason="the rasterizer is compiled")
+from evogs_codec import lift
+from evogs_codec.render import Camera, Views, cameras_around
+from evogs_codec.render import views as module
+from evogs_codec.render.demo_scene import make_scene
+
+
+@pytest.fixture(scope="module")
+def tree():
+    return lift(make_scene(400), 4)
+
+
+@pytest.fixture
+def views(tree):
+    leaves = tree.leaves()
+    return Views(leaves, cameras_around(leaves, "z", 48, n=12))
+
+
+def drawn(monkeypatch):
+    """Cameras of pictures that are drawn from now on, with gradients and without."""
+    found: dict[str, list[Camera]] = {"draw": [], "render": []}
+    for name, cameras in found.items():
+        own = getattr(module, name)
+
+        def noted(splats, camera, *more, _own=own, _cameras=cameras):
+            _cameras.append(camera)
+            return _own(splats, camera, *more)
+
+        monkeypatch.setattr(module, name, noted)
+    return found
+
+
+@pytest.mark.parametrize("level", [2, 3])
+def test_one_drawing_tells_what_two_would(tree, views, level):
+    splats = tree.leaves(level)
+    found, decibels = views.sensitivity_and_psnr(splats)
+    assert np.array_equal(found, views.sensitivity(splats))
+    assert decibels == views.fewer(module.COMPARED).psnr(splats)
+
+
+def test_of_a_coarse_level_fewer_views_are_drawn(tree, views, monkeypatch):
+    few = views.fewer(module.COMPARED)
+    assert list(few.cameras) == list(views.cameras[::2])
+    splats = tree.leaves(0)
+    assert 4 * len(splats) <= len(views.scene)
+    cameras = drawn(monkeypatch)
+    found, decibels = views.sensitivity_and_psnr(splats)
+    assert cameras == {"draw": few.cameras, "render": few.cameras}  # render: the scene
+    assert np.array_equal(found, few.sensitivity(splats))
+    assert decibels == few.psnr(splats)
+
+
+def test_of_no_splats_there_is_a_picture(tree, views):
+    blank = views.scene.take([])
+    found, decibels = views.sensitivity_and_psnr(blank)
+    assert found.shape == (59, 0)
+    assert decibels == views.fewer(module.COMPARED).psnr(blank)
+
+
+def test_the_scene_is_drawn_once(tree, views, monkeypatch):
+    cameras = drawn(monkeypatch)
+    few = views.fewer(3)
+    for one in (views, few, views.fewer(5)):
+        one.psnr(views.scene.take([]))
+    assert len(cameras["render"]) == 12 + 12 + 3 + 4
