@@ -55,7 +55,7 @@ def are_exact(frame: memoryview, decompress: Callable[[bytes, int], bytes]) -> b
                 return False
             lengths, streams = found, streams + len(tree)
         again = _HEAD + carrier + _block(section, is_last=True)
-        literals = decompress(again, n + bool(carrier))[bool(carrier) :]
+        literals = decompress(again, n + bool(carrier))[bool(carrier) :] if n else b""
         if _bits_of_streams(frame[streams:end], form) != _bits_of_codes(literals, lengths, form):
             return False
     return True

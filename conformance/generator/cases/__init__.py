@@ -39,6 +39,7 @@ from conformance.generator.cases import (
     zstd,
     zstd_huffman,
     zstd_libraries,
+    zstd_sequences,
 )
 
 __all__ = ["FAMILIES"]
@@ -52,6 +53,7 @@ FAMILIES: tuple[ModuleType, ...] = (
     shapes,
     zstd,
     zstd_libraries,
+    zstd_sequences,
     zstd_huffman,
     extension,
     metamorphic,

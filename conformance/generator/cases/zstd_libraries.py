@@ -88,7 +88,7 @@ def legal() -> Iterator[Case]:
     yield case(
         "no-sequences-in-two-bytes",
         parted(COPIED * 3, bytes([8 << 3, *COPIED, 0x80, 0]), 0, 8),
-        "R-5.10-6 R-5.10-11",
+        "R-5.10-6 R-5.10-11 R-5.10-17",
         "a Number_of_Sequences of 0 in two bytes",
         "looks for Symbol_Compression_Modes behind it, as libzstd 1.5.4 does",
         runs=(FILE,),

@@ -12,11 +12,12 @@ from conformance.decoders.cleanroom import decoder as cleanroom
 from conformance.fuzzing.literals import damaged_literals
 from conformance.generator import builder
 from conformance.generator.builder import places
-from conformance.generator.cases import zstd_huffman
+from conformance.generator.cases import zstd_huffman, zstd_libraries, zstd_sequences
 from evogs_codec.errors import StreamError
 from evogs_codec.format import frames, literals
 from evogs_codec.format.compiled_literals import are_exact
 
+RECIPES = zstd_huffman.RECIPES + zstd_libraries.RECIPES + zstd_sequences.RECIPES
 # 256 literals of a bit each in four streams, which libzstd 1.5.7 takes. Those of the last two
 # differ in the last byte of the stream before the one that lacks a bit.
 FROM_IMPLEMENTERS = [
@@ -74,7 +75,7 @@ def test_the_message_names_the_requirements():
         frames.decompress(memoryview(bytes.fromhex(FROM_IMPLEMENTERS[0])), 256, 7)
 
 
-@pytest.mark.parametrize("case", [c for recipe in zstd_huffman.RECIPES for c in recipe()])
+@pytest.mark.parametrize("case", [c for recipe in RECIPES for c in recipe()])
 def test_vectors_mean_the_same_with_and_without_compiled_loops(case, monkeypatch):
     frame, size = one_frame(case.data)
     plain = content(frame, size, monkeypatch, may_compile=False)
