@@ -39,6 +39,9 @@ from evogs_codec.errors import InputError as InputError
 from evogs_codec.errors import StreamError as StreamError
 from evogs_codec.format.directory import Directory as Directory
 from evogs_codec.format.directory import read_directory as read_directory
+from evogs_codec.io.interchange.scene_files import Scene as Scene
+from evogs_codec.io.interchange.scene_files import read_scene as read_scene
+from evogs_codec.io.interchange.scene_files import write_scene as write_scene
 from evogs_codec.io.ply import drop_non_finite as drop_non_finite
 from evogs_codec.io.ply import finite_opacities as finite_opacities
 from evogs_codec.io.ply import read_ply as read_ply
@@ -82,6 +85,7 @@ __all__ = [
     "Pictures",
     "Progress",
     "RangeBits",
+    "Scene",
     "SceneInfo",
     "Settings",
     "SplatParams",
@@ -110,8 +114,10 @@ __all__ = [
     "lift_with_order",
     "read_directory",
     "read_ply",
+    "read_scene",
     "read_tree",
     "with_palette",
     "write_ply",
+    "write_scene",
     "write_tree",
 ]

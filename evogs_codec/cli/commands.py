@@ -17,8 +17,8 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 from evogs_codec.cli import options
-from evogs_codec.cli.encode_and_lift import run_encode, run_lift
-from evogs_codec.cli.reports import comments_of, info_of, print_info
+from evogs_codec.cli.encode_and_lift import read_splats, run_encode, run_lift
+from evogs_codec.cli.reports import info_of, info_to_write, print_info
 from evogs_codec.cli.streams import (
     describe_levels,
     describe_part,
@@ -45,8 +45,7 @@ from evogs_codec.editing.presence import level_presence
 from evogs_codec.errors import Fault, InputError, StreamError
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.io.files import check_target, write_atomic
-from evogs_codec.io.makers import comment_of
-from evogs_codec.io.ply import write_ply
+from evogs_codec.io.interchange.scene_files import write_scene
 
 __all__ = ["main", "parse", "run"]
 
@@ -109,6 +108,7 @@ def _parser(asked: str = "") -> argparse.ArgumentParser:
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     options.add_encode(commands, run_encode)
     options.add_decode(commands, run_decode)
+    options.add_convert(commands, run_convert)
     options.add_lift(commands, run_lift)
     options.add_info(commands, run_info)
     options.add_validate(commands, run_validate)
@@ -140,6 +140,8 @@ def _check_output(args: argparse.Namespace) -> None:
             if name != "output" and isinstance(value, Path)
         ]
         kind, force = getattr(args, "output_kind", None), getattr(args, "force", False)
+        if callable(kind):  # the name of the output says it
+            kind = kind(args.output)
         check_target(args.output, kind, command=args.command, sources=sources, force=force)
 
 
@@ -169,9 +171,16 @@ def run_decode(args: argparse.Namespace) -> None:
             verify=args.verify,
             progress=progress,
         )
-    comments = [comment_of(args.command), *comments_of(directory)]
-    write_ply(args.output, splats, comments)
+    write_scene(args.output, splats, info_to_write(directory), made_by=args.command)
     print(f"{shown(args.output)}: {len(splats):,} splats, SH degree {splats.sh_degree}{part}")
+
+
+def run_convert(args: argparse.Namespace) -> None:
+    """`evogs convert`."""
+    scene = read_splats(args.input, drop_invalid=args.drop_invalid)
+    write_scene(args.output, scene.splats, scene.info, made_by=args.command)
+    n, degree = len(scene.splats), scene.splats.sh_degree
+    print(f"{shown(args.output)}: {n:,} splats, SH degree {degree}")
 
 
 def run_info(args: argparse.Namespace) -> None:

@@ -22,18 +22,19 @@ from evogs_codec.errors import InputError
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.io.files import KIND_BYTES, STREAM, kind_of, write_atomic
 from evogs_codec.io.foreign import hint_for_zip
-from evogs_codec.io.ply import drop_non_finite, read_ply
+from evogs_codec.io.interchange.scene_files import Scene, read_scene
+from evogs_codec.io.interchange.sog import is_sog
+from evogs_codec.io.ply import drop_non_finite
 from evogs_codec.io.tree_npz import read_tree, write_tree
 from evogs_codec.lifting.lift import lift
 from evogs_codec.model.scene_info import SceneInfo
-from evogs_codec.model.splats import SplatParams
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene import encode_scene, encode_tree
 
 if TYPE_CHECKING:
     from evogs_codec.render import Camera
 
-__all__ = ["encode_file", "run_encode", "run_lift"]
+__all__ = ["encode_file", "read_splats", "run_encode", "run_lift"]
 
 
 def run_encode(args: argparse.Namespace) -> None:
@@ -43,16 +44,23 @@ def run_encode(args: argparse.Namespace) -> None:
     preset = _preset(args, SCENE_PRESET if is_scene else TREE_PRESET)
     with progress_bar() as progress:
         if is_scene:
+            scene = read_splats(args.input, drop_invalid=args.drop_invalid)
             data = encode_scene(
-                _read_splats(args.input, drop_invalid=args.drop_invalid),
+                scene.splats,
                 levels=args.levels,
                 preset=preset,
                 palette="never" if args.no_palette else "auto",
                 improve=_refiner(args, progress),
+                info=_scene_info(args, scene.info),
                 **_options(args, progress),
             )
         else:
-            data = encode_tree(read_tree(args.input), preset=preset, **_options(args, progress))
+            data = encode_tree(
+                read_tree(args.input),
+                preset=preset,
+                info=_scene_info(args, SceneInfo()),
+                **_options(args, progress),
+            )
     write_atomic(args.output, data)
     _print_figures(args, read_directory(data), len(data))
 
@@ -80,8 +88,8 @@ def run_lift(args: argparse.Namespace) -> None:
     if not _is_scene(args.input):
         raise InputError(f"{args.input}: is a zip (.npz), not a scene: give a 3DGS .ply")
     with progress_bar() as progress:
-        splats = _read_splats(args.input, drop_invalid=args.drop_invalid)
-        tree = lift(splats, args.levels, progress=progress)
+        scene = read_splats(args.input, drop_invalid=args.drop_invalid)
+        tree = lift(scene.splats, args.levels, progress=progress)
         refine = _refiner(args, progress)
         tree = tree if refine is None else refine(tree)
     write_tree(args.output, tree, made_by=args.command)
@@ -89,7 +97,7 @@ def run_lift(args: argparse.Namespace) -> None:
 
 
 def encode_file(path: Path, progress: Progress) -> bytes:
-    """A `.ply` or a `.tree.npz` as a stream, as `evogs encode` without options makes it.
+    """A scene or a `.tree.npz` as a stream, as `evogs encode` without options makes it.
 
     Splats with NaN or infinite numbers are left out.
 
@@ -97,7 +105,8 @@ def encode_file(path: Path, progress: Progress) -> bytes:
         InputError: the file is neither.
     """
     if _is_scene(path):
-        return encode_scene(_read_splats(path, drop_invalid=True), progress=progress)
+        scene = read_splats(path, drop_invalid=True)
+        return encode_scene(scene.splats, info=scene.info, progress=progress)
     return encode_tree(read_tree(path), progress=progress)
 
 
@@ -105,11 +114,13 @@ def encode_file(path: Path, progress: Progress) -> bytes:
 
 
 def _is_scene(path: Path) -> bool:
-    """Whether to read a `.ply`, and not a `.tree.npz`: judged by the first bytes of the file.
+    """Whether to read a scene, and not a `.tree.npz`: judged by the first bytes of the file.
 
     Raises:
-        InputError: the file is a stream, or another zip.
+        InputError: the file is a stream, or a zip that is neither.
     """
+    if path.is_dir():
+        return True
     with path.open("rb") as file:
         start = file.read(KIND_BYTES)
     if kind_of(start) is STREAM:
@@ -117,14 +128,20 @@ def _is_scene(path: Path) -> bool:
             f"{path}: is an EvoGS stream already: `evogs extract` makes a smaller one;"
             f" to encode it again, decode it first: `evogs decode {path} OUT.ply`"
         )
-    is_zip = start.startswith(b"PK")
+    is_zip = start.startswith(b"PK") and not is_sog(path, start)
     if is_zip and (hint := hint_for_zip(path)):
         raise InputError(f"{path}: {hint}")
     return not is_zip
 
 
-def _read_splats(path: Path, *, drop_invalid: bool) -> SplatParams:
-    splats, n_invalid = drop_non_finite(read_ply(path))
+def read_splats(path: Path, *, drop_invalid: bool) -> Scene:
+    """The scene of a file, whose splats have finite numbers.
+
+    Raises:
+        InputError: the file cannot be used, or splats with others are not to be dropped.
+    """
+    scene = read_scene(path)
+    splats, n_invalid = drop_non_finite(scene.splats)
     if n_invalid and not drop_invalid:
         raise InputError(
             f"{path}: {n_invalid:,} of {n_invalid + len(splats):,} splats have a NaN or an infinite"
@@ -132,7 +149,7 @@ def _read_splats(path: Path, *, drop_invalid: bool) -> SplatParams:
         )
     if n_invalid:
         warnings.warn(f"{n_invalid:,} splats with NaN or infinite numbers left out", stacklevel=1)
-    return splats
+    return Scene(splats, scene.info)
 
 
 def _refiner(
@@ -198,7 +215,6 @@ def _options(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         "up": args.up,
         "n_tiles": args.tiles,
         "effort": args.effort,
-        "info": _scene_info(args),
         "progress": progress,
     }
 
@@ -206,7 +222,8 @@ def _options(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 def _target_bytes(args: argparse.Namespace) -> int | None:
     if args.target_bytes is None:
         return None
-    n_bytes: int = args.target_bytes.of(args.input.stat().st_size)
+    files = args.input.iterdir() if args.input.is_dir() else [args.input]
+    n_bytes: int = args.target_bytes.of(sum(file.stat().st_size for file in files))
     if n_bytes < 1:
         raise InputError("--target-bytes: a stream has at least one byte")
     return n_bytes
@@ -224,13 +241,20 @@ def _cameras(args: argparse.Namespace) -> list[Camera] | None:
     return cameras
 
 
-def _scene_info(args: argparse.Namespace) -> SceneInfo:
-    text = {key: getattr(args, key) for key in registry.TEXT_OPTIONS if getattr(args, key)}
+def _scene_info(args: argparse.Namespace, known: SceneInfo) -> SceneInfo:
+    """What the options say of the scene; where they say nothing, what is known of the file."""
+    given = {key: getattr(args, key) for key in registry.TEXT_OPTIONS if getattr(args, key)}
+
+    def number(names: tuple[str, ...], option: str | None, otherwise: int) -> int:
+        return otherwise if option is None else names.index(option)
+
     return SceneInfo(
-        coordinate_system=registry.COORDINATE_SYSTEMS.index(args.coordinate_system),
-        up_axis=registry.UP_AXES.index(args.up_axis),
-        unit=registry.UNITS.index(args.unit),
-        colour_space=registry.COLOUR_SPACES.index(args.colour_space),
-        antialiased=args.antialiased,
-        text=text,
+        coordinate_system=number(
+            registry.COORDINATE_SYSTEMS, args.coordinate_system, known.coordinate_system
+        ),
+        up_axis=number(registry.UP_AXES, args.up_axis, known.up_axis),
+        unit=number(registry.UNITS, args.unit, known.unit),
+        colour_space=number(registry.COLOUR_SPACES, args.colour_space, known.colour_space),
+        antialiased=args.antialiased or known.antialiased,
+        text={**known.text, **given},
     )

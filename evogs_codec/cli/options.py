@@ -14,10 +14,12 @@ from evogs_codec.cli.argument_types import error_of_group, number, parse_size
 from evogs_codec.encoding.layers import MAX_LAYERS, N_LAYERS
 from evogs_codec.encoding.settings import PRESETS, TREE_PSNR
 from evogs_codec.io import files
+from evogs_codec.io.interchange.scene_files import kind_to_write
 from evogs_codec.lifting.lift import N_LEVELS
 from evogs_codec.model.channels import GROUPS
 
 __all__ = [
+    "add_convert",
     "add_decode",
     "add_encode",
     "add_extract",
@@ -30,6 +32,7 @@ __all__ = [
 ]
 
 DEFAULT_ITERATIONS = 200
+SCENES_IN = "a .ply, plain or compressed, .spz, .sog, .splat, .ksplat, .glb or .gltf"
 
 # What argparse is not to take for an option, as it does before Python 3.14 with -1e3, and always
 # with an axis (`--up -y`).
@@ -63,8 +66,9 @@ def add_encode(commands: Commands, run: Run) -> None:
         commands,
         "encode",
         run,
-        "Encode a 3DGS scene (.ply) or a tree (.tree.npz) as one progressive stream.",
+        "Encode a 3DGS scene or a tree (.tree.npz) as one progressive stream.",
         "  evogs encode scene.ply scene.evogs\n"
+        "  evogs encode scene.spz scene.evogs\n"
         "  evogs encode scene.ply scene.evogs --levels 6 --title Bonsai --licence CC-BY-4.0\n"
         "  evogs encode lego.tree.npz lego.evogs\n"
         "  evogs encode lego.tree.npz lego.evogs --preset trained\n"
@@ -74,7 +78,7 @@ def add_encode(commands: Commands, run: Run) -> None:
         "  evogs encode scene.ply scene.evogs --max-error 0.01 position=0.0005\n"
         "  evogs encode lego.tree.npz exact.evogs --near-lossless",
     )
-    parser.add_argument("input", type=Path, metavar="IN", help="a 3DGS .ply or a .tree.npz")
+    parser.add_argument("input", type=Path, metavar="IN", help=f"{SCENES_IN}; or a .tree.npz")
     add_output(parser, "OUT.evogs", files.STREAM)
     _add_lift_options(parser, "--refine, --polish and targets")
     accuracy = parser.add_mutually_exclusive_group()
@@ -169,11 +173,13 @@ def add_encode(commands: Commands, run: Run) -> None:
         ("--unit", registry.UNITS),
         ("--colour-space", registry.COLOUR_SPACES),
     ):
-        parser.add_argument(option, choices=names, default=names[0], help="metadata of the stream")
+        parser.add_argument(
+            option, choices=names, help="metadata of the stream (default: what the input says)"
+        )
     parser.add_argument(
         "--antialiased",
         action="store_true",
-        help="mark the scene as trained with antialiasing",
+        help="mark the scene as trained with antialiasing, as the input may say too",
     )
     _add_json(parser)
 
@@ -184,19 +190,38 @@ def add_decode(commands: Commands, run: Run) -> None:
         commands,
         "decode",
         run,
-        "Decode a stream, or part of it, to a .ply.",
+        "Decode a stream, or part of it, to a .ply or another format, which the ending says.",
         "  evogs decode scene.evogs scene.ply\n"
+        "  evogs decode scene.evogs scene.spz\n"
         "  evogs decode scene.evogs coarse.ply --level 1 --sh-degree 0\n"
         "  evogs decode scene.evogs corner.ply --box 0 0 0 1 1 1\n"
         "  evogs decode download.evogs.part so-far.ply --partial",
     )
     parser.add_argument("input", type=Path, metavar="IN.evogs")
-    add_output(parser, "OUT.ply", files.SCENE)
+    add_output(parser, "OUT.ply", kind_to_write)
     _add_cut_options(parser)
     add_limits(parser)
     add_partial(parser)
     parser.add_argument(
         "--verify", action="store_true", help="check the SHA-256 digests of the stream"
+    )
+
+
+def add_convert(commands: Commands, run: Run) -> None:
+    """`evogs convert`."""
+    parser = _command(
+        commands,
+        "convert",
+        run,
+        "Convert a scene to another format, which the ending says.",
+        "  evogs convert scene.spz scene.ply\n"
+        "  evogs convert scene.sog scene.compressed.ply\n"
+        "  evogs convert scene.ply scene.glb",
+    )
+    parser.add_argument("input", type=Path, metavar="IN", help=SCENES_IN)
+    add_output(parser, "OUT", kind_to_write)
+    parser.add_argument(
+        "--drop-invalid", action="store_true", help="drop splats that have a NaN or an infinity"
     )
 
 
@@ -206,12 +231,12 @@ def add_lift(commands: Commands, run: Run) -> None:
         commands,
         "lift",
         run,
-        "Build the levels of a .ply scene and write them as a tree, uncompressed.",
+        "Build the levels of a scene and write them as a tree, uncompressed.",
         "  evogs lift scene.ply scene.tree.npz\n"
         "  evogs lift scene.ply scene.tree.npz --refine --up -y\n"
         "  evogs encode scene.tree.npz scene.evogs --preset scene",
     )
-    parser.add_argument("input", type=Path, metavar="IN.ply")
+    parser.add_argument("input", type=Path, metavar="IN.ply", help=SCENES_IN)
     add_output(parser, "OUT.tree.npz", files.TREE)
     _add_lift_options(parser, "--refine")
 
@@ -271,7 +296,11 @@ def add_extract(commands: Commands, run: Run) -> None:
     add_limits(parser)
 
 
-def add_output(parser: argparse.ArgumentParser, metavar: str, kind: files.FileKind) -> None:
+def add_output(
+    parser: argparse.ArgumentParser,
+    metavar: str,
+    kind: files.FileKind | Callable[[Path], files.FileKind],
+) -> None:
     """What a command makes, and `--force`: `cli.commands` checks both before the work."""
     parser.add_argument("output", type=Path, metavar=metavar)
     parser.add_argument(

@@ -25,7 +25,7 @@ from evogs_codec.editing.extract import extract
 from evogs_codec.editing.presence import level_presence
 from evogs_codec.errors import Fault, InputError, StreamError
 from evogs_codec.io.files import PICTURE
-from evogs_codec.io.ply import read_ply
+from evogs_codec.io.interchange.scene_files import read_scene, scene_format
 from evogs_codec.model.splats import SplatParams
 
 if TYPE_CHECKING:
@@ -157,12 +157,12 @@ def _need_numba() -> None:
 
 
 def _load_input(args: argparse.Namespace) -> tuple[SplatParams, str]:
-    """The splats of a .ply, or of a cut of a stream; and what is there of it, if `--partial`.
+    """The splats of a scene, or of a cut of a stream; and what is there of it, if `--partial`.
 
     The cut is one level, or one inside a box and another outside.
     """
-    if _is_ply(args.input):
-        return _load_ply(args.input), ""
+    if scene_format(args.input):
+        return _load_scene(args.input), ""
     data, directory = read_stream(args.input, limits_of(args))
     cut = Cut.full(directory) if args.level is None else Cut.of_level(directory, args.level)
     if getattr(args, "box", None) is not None:
@@ -177,13 +177,13 @@ def _load_input(args: argparse.Namespace) -> tuple[SplatParams, str]:
 
 
 def _load_reference(path: Path, limits: dict[str, int] | None) -> SplatParams:
-    """The splats of a .ply, or of a whole stream.
+    """The splats of a scene, or of a whole stream.
 
     Raises:
         InputError: the file cannot be used; the message names it, and not the input.
     """
-    if _is_ply(path):
-        return _load_ply(path)
+    if scene_format(path):
+        return _load_scene(path)
     data, directory = read_stream(path, limits)
     try:
         return decode(data, directory=directory).leaves()
@@ -192,13 +192,8 @@ def _load_reference(path: Path, limits: dict[str, int] | None) -> SplatParams:
         raise InputError(f"{path}: {error}{cut_short}") from error
 
 
-def _is_ply(path: Path) -> bool:
-    with path.open("rb") as file:
-        return file.read(3) == b"ply"
-
-
-def _load_ply(path: Path) -> SplatParams:
-    splats = read_ply(path)
+def _load_scene(path: Path) -> SplatParams:
+    splats = read_scene(path).splats
     n_bad = len(splats) - int(np.count_nonzero(splats.finite()))
     if n_bad:
         text = f"{path}: {n_bad:,} splats with NaN or infinite numbers are not drawn"
@@ -238,7 +233,12 @@ def _add(
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(run=run)
-    parser.add_argument("input", type=Path, metavar="IN", help="a .ply or .evogs file")
+    parser.add_argument(
+        "input",
+        type=Path,
+        metavar="IN",
+        help="a scene of any format that `evogs convert` reads, or a stream",
+    )
     if name == "psnr":
         parser.add_argument(
             "reference", type=Path, metavar="REFERENCE", help="the scene to compare with"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 from evogs_codec._generated import registry
@@ -15,19 +15,15 @@ from evogs_codec.editing.level_psnr import level_psnr
 from evogs_codec.editing.omissions import Omission
 from evogs_codec.editing.presence import LevelPresence, level_presence
 from evogs_codec.format.directory import Directory
+from evogs_codec.model.scene_info import SceneInfo
 
-__all__ = ["comments_of", "info_of", "level_figures", "print_info", "print_levels"]
-
-
-MAX_COMMENTS, MAX_COMMENT = 100, 1000  # a header of 100 kB, which every reader takes
+__all__ = ["info_of", "info_to_write", "level_figures", "print_info", "print_levels"]
 
 
-def comments_of(directory: Directory) -> list[str]:
-    """Metadata as comments of a .ply, which are ASCII without control characters."""
+def info_to_write(directory: Directory) -> SceneInfo:
+    """What a scene says of itself outside the stream: not the PSNR of levels."""
     text = {key: value for key, value in directory.info.text.items() if key != PSNR}
-    lines = [f"{key}: {value}" for key, value in text.items()][:MAX_COMMENTS]
-    ascii_ = (shown(line, MAX_COMMENT).encode("ascii", "backslashreplace") for line in lines)
-    return [shown(line.decode("ascii"), MAX_COMMENT) for line in ascii_]
+    return replace(directory.info, text=text)
 
 
 def level_figures(directory: Directory) -> list[dict[str, Any]]:

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from evogs_codec.io.files import PICTURE, STREAM, TREE, kind_of
 
-__all__ = ["hint_for_no_ply", "hint_for_zip"]
+__all__ = ["WITHOUT_MAGIC", "hint_for_no_ply", "hint_for_zip"]
 
-CONVERT = "save it as a 3DGS .ply first, for instance with splat-transform"
+CONVERT = "`read_scene` reads it, `evogs convert` makes a .ply of it"
 BEGINS = (
     (b"NGSP", f"is an .spz: {CONVERT}"),
     (b"glTF", f"is a .glb: {CONVERT}"),

@@ -1,7 +1,7 @@
 """Which command made a file: files that a command writes name it.
 
-A `.ply` has a comment, a `.tree.npz` an array `made_by`, a PNG a text chunk `Software`, a stream
-its metadata. Files of others name nothing, or something else.
+A `.ply` has a comment, a `.glb` its `generator`, a `.tree.npz` an array `made_by`, a PNG a text
+chunk `Software`, a stream its metadata. Files of others name nothing, or something else.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ __all__ = [
     "SOFTWARE",
     "comment_of",
     "encoded_stream",
+    "marked_gltf",
     "marked_picture",
     "marked_scene",
     "marked_tree",
@@ -46,6 +47,13 @@ def marked_scene(path: Path, command: str) -> bool:
         return True
     old = OLD_MARKS.get(command)
     return old is not None and any(line.startswith(old) for line in lines)
+
+
+def marked_gltf(path: Path, command: str) -> bool:
+    """Whether the JSON of a `.glb`, which begins with its asset, names the command."""
+    with path.open("rb") as file:
+        start = file.read(1 << 12)
+    return start[20:].startswith(b'{"asset":') and f'"{comment_of(command)}"'.encode() in start
 
 
 def marked_tree(path: Path, command: str) -> bool:

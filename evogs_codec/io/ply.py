@@ -28,7 +28,16 @@ from evogs_codec.io.files import write_atomic
 from evogs_codec.io.foreign import hint_for_no_ply
 from evogs_codec.model.splats import SplatParams, sh_degree_of
 
-__all__ = ["OPAQUE", "drop_non_finite", "finite_opacities", "read_ply", "write_ply"]
+__all__ = [
+    "OPAQUE",
+    "PlyHeader",
+    "drop_non_finite",
+    "finite_opacities",
+    "read_ply",
+    "read_ply_header",
+    "with_finite_opacities",
+    "write_ply",
+]
 
 PathLike: TypeAlias = "str | os.PathLike[str]"
 
@@ -63,14 +72,19 @@ def read_ply(path: PathLike) -> SplatParams:
         rows = _read_rows(path, header)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
-    splats, n_infinite = finite_opacities(_splats(rows, _n_rest(path, header.names)))
-    if n_infinite:
-        warnings.warn(
-            f"{path}: {n_infinite:,} of {len(splats):,} splats have an infinite opacity:"
-            f" {OPAQUE:g} or {-OPAQUE:g} is taken, which renders the same",
-            stacklevel=2,
-        )
-    return splats
+    return with_finite_opacities(path, _splats(rows, _n_rest(path, header.names)))
+
+
+def read_ply_header(path: PathLike) -> PlyHeader:
+    """What a `.ply` says before its numbers.
+
+    Raises:
+        InputError: the file cannot be read or is no `.ply` with vertices.
+    """
+    try:
+        return _read_header(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
 def write_ply(path: PathLike, splats: SplatParams, comments: Iterable[str] = ()) -> None:
@@ -122,6 +136,18 @@ def finite_opacities(splats: SplatParams) -> tuple[SplatParams, int]:
     return replace(splats, opacity_logits=finite), n_infinite
 
 
+def with_finite_opacities(path: PathLike, splats: SplatParams) -> SplatParams:
+    """What `finite_opacities` makes of the splats of a file; a warning says how many they were."""
+    finite, n_infinite = finite_opacities(splats)
+    if n_infinite:
+        warnings.warn(
+            f"{path}: {n_infinite:,} of {len(splats):,} splats have an infinite opacity:"
+            f" {OPAQUE:g} or {-OPAQUE:g} is taken, which renders the same",
+            stacklevel=3,
+        )
+    return finite
+
+
 def drop_non_finite(splats: SplatParams) -> tuple[SplatParams, int]:
     """`splats` without those that have a NaN or an infinity, and how many those were."""
     keep = splats.finite()
@@ -133,7 +159,7 @@ def drop_non_finite(splats: SplatParams) -> tuple[SplatParams, int]:
 
 
 @dataclass(frozen=True)
-class _Header:
+class PlyHeader:
     """What the header declares.
 
     Attributes:
@@ -143,6 +169,8 @@ class _Header:
         dtype: of one vertex.
         n_before: (rows, bytes) of the elements before the vertices; bytes None where they have
             lists.
+        elements: name, rows and dtype of a row of each element; dtype None where it has lists.
+        comments: the comment lines, without the word.
     """
 
     text: bool
@@ -150,13 +178,16 @@ class _Header:
     n_rows: int
     dtype: np.dtype[np.void]
     n_before: tuple[int, int | None]
+    elements: tuple[tuple[str, int, np.dtype[np.void] | None], ...]
+    comments: tuple[str, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
+        """Of the properties of a vertex."""
         return self.dtype.names or ()
 
 
-def _read_header(path: PathLike) -> _Header:
+def _read_header(path: PathLike) -> PlyHeader:
     if not Path(path).is_file() and Path(path).exists():
         raise InputError(f"{path}: is not a file; expected a 3DGS .ply")
     with Path(path).open("rb") as stream:
@@ -169,9 +200,10 @@ def _read_header(path: PathLike) -> _Header:
     if end < 0:
         raise InputError(f"{path}: the header has no line 'end_header'; is the file cut short?")
     body = end + 2 * len(newline) + len(b"end_header")
-    lines, counts = [], []
+    lines, counts, comments = [], [], []
     for line in start[:body].split(newline):
         if line.startswith((b"comment", b"obj_info")):
+            comments.append(line.decode("latin-1").partition(" ")[2])
             continue  # may hold any bytes in practice, which `plyfile` refuses
         element = re.fullmatch(rb"element\s+(\S+)\s+(\d{1,18})\s*", line)
         if element:
@@ -187,7 +219,7 @@ def _read_header(path: PathLike) -> _Header:
         ply = PlyData.read(BytesIO(newline.join(lines)))
     except (PlyParseError, ValueError) as error:
         raise InputError(f"{path}: the header is not that of a .ply: {shown(error)}") from error
-    return _vertex_header(path, ply, counts, body)
+    return _vertex_header(path, ply, counts, body, tuple(comments))
 
 
 def _vertex_header(
@@ -195,7 +227,8 @@ def _vertex_header(
     ply: Any,  # noqa: ANN401 - plyfile has no types
     counts: list[int],
     body: int,
-) -> _Header:
+    comments: tuple[str, ...],
+) -> PlyHeader:
     elements = list(ply.elements)
     if "vertex" not in ply:
         listed = shown(", ".join(element.name for element in elements) or "none")
@@ -208,15 +241,24 @@ def _vertex_header(
                 f"{path}: vertex property '{shown(prop.name)}' is a list; expected only numbers"
             )
     before = list(zip(elements[:at], counts[:at], strict=True))
-    has_lists = any(isinstance(p, PlyListProperty) for e, _ in before for p in e.properties)
+    has_lists = any(map(_has_lists, elements[:at]))
     n_bytes = None if has_lists else sum(e.dtype("<").itemsize * n for e, n in before)
-    return _Header(
+    return PlyHeader(
         text=bool(ply.text),
         body=body,
         n_rows=counts[at],
         dtype=elements[at].dtype(order),
         n_before=(sum(n for _, n in before), n_bytes),
+        elements=tuple(
+            (element.name, n, None if _has_lists(element) else element.dtype(order))
+            for element, n in zip(elements, counts, strict=True)
+        ),
+        comments=comments,
     )
+
+
+def _has_lists(element: Any) -> bool:  # noqa: ANN401 - plyfile has no types
+    return any(isinstance(prop, PlyListProperty) for prop in element.properties)
 
 
 def _n_rest(path: PathLike, names: tuple[str, ...]) -> int:
@@ -225,7 +267,7 @@ def _n_rest(path: PathLike, names: tuple[str, ...]) -> int:
     if missing:
         hint = "expected a 3DGS .ply"
         if "packed_position" in names:
-            hint = "this is a compressed .ply: save it as a plain 3DGS .ply first"
+            hint = "this is a compressed .ply: `evogs convert` makes a plain one of it"
         raise InputError(f"{path}: no vertex property {', '.join(missing)}; {hint}")
     n_rest = sum(name.startswith("f_rest_") for name in names)
     try:
@@ -245,7 +287,7 @@ def _n_rest(path: PathLike, names: tuple[str, ...]) -> int:
 # ------------------------------------------------------------------------------------------ body
 
 
-def _read_rows(path: PathLike, header: _Header) -> npt.NDArray[np.void]:
+def _read_rows(path: PathLike, header: PlyHeader) -> npt.NDArray[np.void]:
     """(N,) structured, one field per property."""
     _n_rest(path, header.names)  # refuse other files before paying for their rows
     n_before, bytes_before = header.n_before
@@ -273,7 +315,7 @@ def _read_rows(path: PathLike, header: _Header) -> npt.NDArray[np.void]:
     return rows
 
 
-def _parse_text(path: PathLike, header: _Header, text: TextIO) -> npt.NDArray[np.void]:
+def _parse_text(path: PathLike, header: PlyHeader, text: TextIO) -> npt.NDArray[np.void]:
     n, p = header.n_rows, len(header.names)
     try:
         with warnings.catch_warnings():

@@ -1,0 +1,1 @@
+"""Scenes of other programs: `.spz`, `.sog`, `.splat`, `.ksplat`, glTF, compressed `.ply`."""
