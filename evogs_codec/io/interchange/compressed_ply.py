@@ -126,7 +126,7 @@ def _fields(words: npt.NDArray[np.uint32], bits: tuple[int, ...], at: tuple[int,
     """(N, fields) numbers of 0 to 1 in some bits of a word."""
     most = np.array([(1 << b) - 1 for b in bits], np.uint32)
     steps = (words[:, None] >> np.array(at, np.uint32)) & most
-    parts: F32 = steps.astype(np.float32) / most.astype(np.float32)
+    parts: F32 = (steps / most).astype(np.float32)
     return parts
 
 

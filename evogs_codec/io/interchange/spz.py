@@ -218,14 +218,15 @@ def write(splats: SplatParams, info: SceneInfo, _command: str) -> bytes:
     steps = np.rint(np.abs(rest) * (QUAT_STEPS / HALF)).astype(np.uint32)
     fields = np.minimum(steps, QUAT_STEPS) | (rest < 0).astype(np.uint32) << 9
     words |= fields[:, 0] << 20 | fields[:, 1] << 10 | fields[:, 2]
-    parts = (
+    parts = [
         fixed.view(np.uint8).reshape(-1, 4)[:, :3],
         as_bytes(255 * sigmoid(splats.opacity_logits)),
         as_bytes((splats.sh[:, 0] * COLOUR + 0.5) * 255),
         as_bytes((splats.log_scales + 10) * 16),
         words.astype("<u4").view(np.uint8),
-        _sh_bytes(splats.sh[:, 1:]),
-    )
+    ]
+    if splats.sh_degree:
+        parts.append(_sh_bytes(splats.sh[:, 1:]))
     _warn_of_clipped(splats)
     frames = [zstd(part.tobytes(), EFFORT) for part in parts]
     flags = ANTIALIASED * info.antialiased
