@@ -140,7 +140,8 @@ def _check_output(args: argparse.Namespace) -> None:
             if name != "output" and isinstance(value, Path)
         ]
         kind, force = getattr(args, "output_kind", None), getattr(args, "force", False)
-        if callable(kind):  # the name of the output says it
+        if callable(kind):  # the name of the output says it, if it may be an output
+            check_target(args.output, command=args.command, sources=sources)
             kind = kind(args.output)
         check_target(args.output, kind, command=args.command, sources=sources, force=force)
 

@@ -68,7 +68,7 @@ def read(path: Path) -> tuple[SplatParams, SceneInfo]:
     if "min_r" in (chunk.dtype.names or ()):
         unpacked = _within(chunk, of_splat, ("r", "g", "b"), unpacked)
     sh[:, 0] = (unpacked - 0.5) / np.float32(C0)
-    sh[:, 1:] = _sh_table()[stored].reshape(n, 3, -1).transpose(0, 2, 1)
+    sh[:, 1:] = _sh_table()[stored].reshape(n, 3, sh.shape[1] - 1).transpose(0, 2, 1)
     return SplatParams(
         _within(chunk, of_splat, ("x", "y", "z"), _fields(position, (11, 10, 11), (21, 11, 0))),
         quats_of(rotation >> 30, (rest - 0.5) * ROOT),

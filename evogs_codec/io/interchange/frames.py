@@ -116,8 +116,10 @@ def _with_signs(sh: F32, signs: F64) -> F32:
     """(N, K, 3) coefficients of the mirrored scene: mirrors change only signs of them."""
     by_name = dict(zip("xyz", signs, strict=True))
     flips = [np.prod([by_name[axis] for axis in odd]) for odd in ODD_IN[: sh.shape[1] - 1]]
-    flipped: F32 = sh * np.array([1, *flips], np.float32)[:, None]
-    return flipped
+    flipped: F32 = sh.reshape(len(sh), 3 * sh.shape[1]) * np.repeat([1, *flips], 3).astype(
+        np.float32
+    )
+    return flipped.reshape(sh.shape)
 
 
 def _rotated_sh(sh: F32, matrix: F64) -> F32:

@@ -175,8 +175,10 @@ def _splats(header: _Header, parts: list[bytes]) -> SplatParams:
     sh = np.empty((n, 1 + kept, 3), np.float32)
     bytes_ = np.arange(256)
     sh[:, 0] = ((bytes_ / 255 - 0.5) / COLOUR).astype(np.float32)[colours].reshape(n, 3)
-    coefficients = rest.reshape(n, N_REST[header.degree], 3)[:, :kept]
-    sh[:, 1:] = ((bytes_ - 128) / 128).astype(np.float32)[coefficients]
+    coefficients = rest.reshape(n, 3 * N_REST[header.degree])[:, : 3 * kept]
+    above = sh.reshape(n, 3 + 3 * kept)[:, 3:]
+    np.subtract(coefficients, np.float32(128), out=above)
+    above /= 128
     return SplatParams(
         means,
         _smallest_three(rotations) if header.version >= 3 else _first_three(rotations),
