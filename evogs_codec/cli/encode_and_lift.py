@@ -245,8 +245,8 @@ def _scene_info(args: argparse.Namespace, known: SceneInfo) -> SceneInfo:
     """What the options say of the scene; where they say nothing, what is known of the file."""
     given = {key: getattr(args, key) for key in registry.TEXT_OPTIONS if getattr(args, key)}
 
-    def number(names: tuple[str, ...], option: str | None, otherwise: int) -> int:
-        return otherwise if option is None else names.index(option)
+    def number(names: tuple[str, ...], option: str, otherwise: int) -> int:
+        return names.index(option) or otherwise
 
     return SceneInfo(
         coordinate_system=number(

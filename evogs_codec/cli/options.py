@@ -174,7 +174,10 @@ def add_encode(commands: Commands, run: Run) -> None:
         ("--colour-space", registry.COLOUR_SPACES),
     ):
         parser.add_argument(
-            option, choices=names, help="metadata of the stream (default: what the input says)"
+            option,
+            choices=names,
+            default=names[0],
+            help="metadata of the stream (default: what the input says)",
         )
     parser.add_argument(
         "--antialiased",

@@ -9,10 +9,10 @@ import zstandard
 
 from evogs_codec.errors import InputError
 
-__all__ = ["FREE", "RATIO", "check_size", "gunzip", "read_bytes", "unzstd", "zstd"]
+__all__ = ["FREE", "RATIO", "check_size", "check_splats", "gunzip", "read_bytes", "unzstd", "zstd"]
 
-# A small file may become so many bytes, a larger one so many times its own. Scenes are compressed
-# 2 to 20 times; what is compressed 50 times has no scene in it.
+# A small file may become so many bytes of splats, a larger one so many times its own. Scenes are
+# compressed 2 to 20 times; what is compressed 50 times has no scene in it.
 FREE = 64 << 20
 RATIO = 50
 
@@ -29,6 +29,15 @@ def read_bytes(path: Path) -> bytes:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
+def check_splats(path: Path, n: int, n_coefficients: int, n_file: int) -> None:
+    """Refuse a file of `n_file` bytes that says it has `n` splats with so many SH coefficients.
+
+    Raises:
+        InputError: those are too many.
+    """
+    check_size(path, n * 4 * (11 + 3 * n_coefficients), n_file)
+
+
 def check_size(path: Path, n_bytes: int, n_file: int) -> None:
     """Refuse a file of `n_file` bytes that says it has `n_bytes` in it.
 
@@ -43,15 +52,19 @@ def check_size(path: Path, n_bytes: int, n_file: int) -> None:
 
 
 def gunzip(path: Path, data: bytes, n_bytes: int) -> bytes:
-    """The first `n_bytes` bytes of gzip data, or all if it has fewer.
+    """The first `n_bytes` bytes of gzip data, or all if it has fewer, with the right checksum.
 
     Raises:
-        InputError: the data is damaged.
+        InputError: the data is damaged or cut short.
     """
+    stream = zlib.decompressobj(wbits=31)
     try:
-        return zlib.decompressobj(wbits=31).decompress(data, n_bytes)
+        found = stream.decompress(data, n_bytes)
     except zlib.error as error:
         raise InputError(f"{path}: its gzip data is damaged: {error}") from error
+    if len(found) < n_bytes and not stream.eof:
+        raise InputError(f"{path}: cut short: its gzip data has no end")
+    return found
 
 
 def unzstd(path: Path, frame: bytes | memoryview, n_bytes: int) -> bytes:

@@ -65,7 +65,7 @@ def read(path: Path) -> tuple[SplatParams, SceneInfo]:
     rest = _fields(rotation, (10, 10, 10), (20, 10, 0))
     sh = np.empty((n, 1 + stored.shape[1] // 3, 3), np.float32)
     unpacked = _fields(colour, (8, 8, 8), (24, 16, 8))
-    if "min_r" in (chunk.dtype.names or ()):
+    if set(BOUNDS) <= set(chunk.dtype.names or ()):
         unpacked = _within(chunk, of_splat, ("r", "g", "b"), unpacked)
     sh[:, 0] = (unpacked - 0.5) / np.float32(C0)
     sh[:, 1:] = _sh_table()[stored].reshape(n, 3, sh.shape[1] - 1).transpose(0, 2, 1)

@@ -22,7 +22,7 @@ import numpy as np
 from evogs_codec._generated import registry
 from evogs_codec.common.printable import shown
 from evogs_codec.errors import InputError
-from evogs_codec.io.interchange.bounded import check_size, read_bytes
+from evogs_codec.io.interchange.bounded import check_splats, read_bytes
 from evogs_codec.io.interchange.frames import PLY_FRAME, info_of_frame, transformed, turn
 from evogs_codec.io.interchange.values import C0, as_bytes, log_scales_of, logits_of, sigmoid, unit
 from evogs_codec.io.makers import comment_of
@@ -39,7 +39,7 @@ POINTS, FLOAT, ARRAY = 0, 5126, 34962
 TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", FLOAT: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 COLOUR_SPACES = {"srgb_rec709_display": "srgb", "lin_rec709_display": "linear"}
-MAX_NODES = 100_000
+MAX_NODES = 10_000
 
 
 def is_gltf(path: Path, start: bytes) -> bool:
@@ -57,18 +57,24 @@ def read(path: Path) -> tuple[SplatParams, SceneInfo]:
         InputError: the file is damaged, or has no splats that can be read.
     """
     file = _open(path)
-    parts, spaces = [], set()
-    budget = 0
+    found: list[tuple[F64, SplatParams]] = []
+    known: dict[
+        int, SplatParams
+    ] = {}  # by the identity of its primitive, which may be placed often
+    spaces, n_splats, most = set(), 0, 0
     for placed, mesh in _placed_meshes(file):
         for primitive in file.list_of(mesh, "primitives"):
             extension = _dict(_dict(primitive).get("extensions")).get(KHR)
             if not isinstance(extension, dict):
                 continue
-            splats = _splats(file, primitive, extension)
-            budget += 4 * splats.sh.size + 44 * len(splats)
-            check_size(path, budget, file.n_bytes)
-            parts.append(transformed(splats, placed[:3, :3], placed[:3, 3]))
-            spaces.add(COLOUR_SPACES.get(str(extension.get("colorSpace")), "unspecified"))
+            if id(primitive) not in known:
+                known[id(primitive)] = _splats(file, primitive, extension)
+                spaces.add(COLOUR_SPACES.get(str(extension.get("colorSpace")), "unspecified"))
+            splats = known[id(primitive)]
+            n_splats, most = n_splats + len(splats), max(most, splats.sh.shape[1])
+            check_splats(path, n_splats, most, file.n_bytes)
+            found.append((placed, splats))
+    parts = [transformed(splats, at[:3, :3], at[:3, 3]) for at, splats in found]
     if not parts:
         raise InputError(f"{path}: it has no splats ({KHR}) in a scene; is it a mesh?")
     space = spaces.pop() if len(spaces) == 1 else "unspecified"
@@ -165,6 +171,8 @@ class _File:
         name = Path(unquote(uri))
         if ":" in uri or name.is_absolute() or ".." in name.parts or "\0" in uri:
             raise InputError(f"{self.path}: its buffer {shown(uri)} is not a file beside it")
+        if not (self.path.parent / name).is_file():
+            raise InputError(f"{self.path}: its buffer {shown(uri)} is not there")
         data = read_bytes(self.path.parent / name)
         self.n_bytes += len(data)
         return memoryview(data)

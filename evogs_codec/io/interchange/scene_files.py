@@ -75,6 +75,8 @@ def write_scene(
 ) -> None:
     """Write a `.ply`, `.compressed.ply`, `.spz` (version 4), `.splat` or `.glb`, by the ending.
 
+    A name without an ending, or of a device or pipe, gets a `.ply`.
+
     A warning says what of the splats the format cannot hold. docs/interchange.md has the rounding
     of each format.
 
@@ -201,8 +203,9 @@ def kind_to_write(path: Path) -> FileKind:
 
 
 def _target(path: Path) -> _Target:
-    if path.exists() and not path.is_file() and not path.is_dir():
-        return TARGETS[".ply"]  # a device or a pipe, whose name says nothing
+    is_device = path.exists() and not path.is_file() and not path.is_dir()
+    if is_device or not path.suffix:  # the name says nothing
+        return TARGETS[".ply"]
     name = path.name.lower()
     for ending, target in TARGETS.items():
         if name.endswith(ending):

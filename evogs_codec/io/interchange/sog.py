@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from evogs_codec.common.printable import shown
 from evogs_codec.errors import InputError
-from evogs_codec.io.interchange.bounded import check_size, read_bytes
+from evogs_codec.io.interchange.bounded import check_size, check_splats, read_bytes
 from evogs_codec.io.interchange.values import BYTE_LOGITS, quats_of
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F32, U8, SplatParams
@@ -74,6 +74,10 @@ class _Bundle:
     path: Path
     archive: zipfile.ZipFile
 
+    @property
+    def n_bytes(self) -> int:
+        return self.path.stat().st_size
+
     def member(self, name: str) -> bytes:
         prefix = next(
             (n[: -len(META)] for n in self.archive.namelist() if Path(n).name == META), ""
@@ -82,7 +86,7 @@ class _Bundle:
             info = self.archive.getinfo(prefix + name)
         except KeyError:
             raise InputError(f"{self.path}: it has no member {shown(name)}") from None
-        check_size(self.path, info.file_size, self.path.stat().st_size)
+        check_size(self.path, info.file_size, self.n_bytes)
         return self.archive.read(info)
 
 
@@ -90,6 +94,10 @@ class _Bundle:
 class _Folder:
     folder: Path
     path: Path
+
+    @property
+    def n_bytes(self) -> int:
+        return sum(file.stat().st_size for file in self.folder.iterdir() if file.is_file())
 
     def member(self, name: str) -> bytes:
         if Path(name).name != name:
@@ -202,6 +210,7 @@ def _read(source: _Bundle | _Folder) -> tuple[SplatParams, SceneInfo]:
         antialiased=value.get("model") == "antialiased" or value.get("antialias") is True
     )
     n = meta.count("count") if version == 2 else _count_1(meta)
+    check_splats(path, n, 16 if value.get("shN") else 1, source.n_bytes)
     means = _means(meta.part("means"), member, n)
     quats = _quats(meta.part("quats"), member, n)
     scales, colours = meta.part("scales"), meta.part("sh0")

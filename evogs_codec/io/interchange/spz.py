@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from evogs_codec.errors import InputError
-from evogs_codec.io.interchange.bounded import check_size, gunzip, read_bytes, unzstd, zstd
+from evogs_codec.io.interchange.bounded import check_splats, gunzip, read_bytes, unzstd, zstd
 from evogs_codec.io.interchange.frames import PLY_FRAME, info_of_frame, transformed, turn
 from evogs_codec.io.interchange.values import (
     BYTE_LOGITS,
@@ -96,13 +96,10 @@ def _read_4(path: Path, data: bytes) -> tuple[_Header, list[bytes], bytes]:
     n_streams, table = data[15], struct.unpack_from("<I", data, 16)[0]
     if table < 32 or n_streams < 5 or table + 16 * n_streams > len(data):
         raise InputError(f"{path}: its table of contents is not in the file; is it cut short?")
+    if n_streams == 5 and header.degree:
+        raise InputError(f"{path}: it has no SH, but says SH degree {header.degree}")
     at, parts = table + 16 * n_streams, []
-    for i, size in enumerate(header.sizes):
-        if i >= n_streams:
-            if size:
-                raise InputError(f"{path}: it has no SH, but says SH degree {header.degree}")
-            parts.append(b"")
-            continue
+    for i, size in enumerate(header.sizes[:n_streams]):
         n_packed, n_raw = struct.unpack_from("<QQ", data, table + 16 * i)
         if n_raw != size:
             raise InputError(f"{path}: part {i} has {n_raw:,} bytes, expected {size:,}")
@@ -111,6 +108,7 @@ def _read_4(path: Path, data: bytes) -> tuple[_Header, list[bytes], bytes]:
         packed = memoryview(data)[at : at + n_packed]
         parts.append(unzstd(path, packed, size) if size or n_packed else b"")
         at += n_packed
+    parts += [b""] * (6 - len(parts))
     return header, parts, data[32:table] if header.flags & EXTENDED else b""
 
 
@@ -142,7 +140,7 @@ def _header(path: Path, start: bytes, n_file: int) -> _Header:
     if degree > MAX_DEGREE:
         warnings.warn(f"{path}: SH of band 4 are left out", stacklevel=2)
     header = _Header(version, n, degree, fraction, flags)
-    check_size(path, sum(header.sizes), n_file)
+    check_splats(path, n, 1 + N_REST[degree], n_file)
     return header
 
 

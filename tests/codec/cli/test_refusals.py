@@ -87,7 +87,7 @@ def test_what_is_neither_scene_nor_tree_is_refused_and_the_line_says_what_to_do(
     with zipfile.ZipFile(tmp_path / "bundle", "w") as archive:
         archive.writestr("meta.json", "{}")
     (tmp_path / "zeros").write_bytes(bytes(5000))
-    words = {"bundle": "is a .sog: save it as a 3DGS .ply", "zeros": "only zeros, as of an inter"}
+    words = {"bundle": "meta.json has no object 'means'", "zeros": "only zeros, as of an inter"}
     for name, said in words.items():
         refused(command, tmp_path / name, tmp_path / "out", words=[tmp_path / name, said])
     assert not (tmp_path / "out").exists()
@@ -290,7 +290,7 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_work(tmp_path, m
     def never(*_, **__):
         raise AssertionError("the work began")
 
-    monkeypatch.setattr("evogs_codec.cli.encode_and_lift.read_ply", never)
+    monkeypatch.setattr("evogs_codec.cli.encode_and_lift.read_scene", never)
     scene = tmp_path / "scene.ply"
     scene.write_bytes(b"ply\n")
     assert main(["encode", str(scene), str(tmp_path / "no folder" / "x.evogs")]) == 1

@@ -15,6 +15,7 @@ from PIL import Image
 from evogs_codec import InputError, SceneInfo, SplatParams, read_ply, read_scene, write_scene
 from evogs_codec.io.interchange import compressed_ply, spz
 from evogs_codec.io.interchange import splat as dot_splat
+from evogs_codec.io.interchange.bounded import zstd
 from evogs_codec.io.interchange.frames import turn
 from evogs_codec.io.interchange.scene_files import kind_to_write, scene_format
 from evogs_codec.io.interchange.values import largest_and_rest, unit
@@ -134,10 +135,10 @@ def test_the_numbers_in_a_file_have_the_axes_of_its_format(tmp_path):
     data = (tmp_path / "x.glb").read_bytes()
     n_json = struct.unpack_from("<I", data, 12)[0]
     positions = np.frombuffer(data, "<f4", 15, 28 + n_json).reshape(5, 3)
-    np.testing.assert_array_equal(positions, scene.means * np.float32([-1, -1, 1]))
+    np.testing.assert_array_equal(positions, scene.means * np.array([-1, -1, 1], np.float32))
     # The bytes of a .spz, without its axes, are those of the scene with y and z negated.
     write_scene(tmp_path / "x.spz", scene)
-    as_it_is = scene.means * np.float32([1, -1, -1])
+    as_it_is = scene.means * np.array([1, -1, -1], np.float32)
     raw = spz._splats(*spz._read_4(tmp_path / "x.spz", (tmp_path / "x.spz").read_bytes())[:2])
     np.testing.assert_allclose(raw.means, as_it_is, atol=2e-4)
 
@@ -292,12 +293,17 @@ def test_the_bytes_and_not_the_name_say_what_a_file_is(tmp_path):
 
 
 def test_an_ending_that_is_not_written_is_refused_with_the_list(tmp_path):
-    for name in ("x.txt", "x", "x.ksplat", "x.sog"):
+    for name in ("x.txt", "x.evogs.part", "x.ksplat", "x.sog"):
         with pytest.raises(InputError, match=r"\.compressed\.ply, \.ply, \.spz, \.splat, \.glb"):
             kind_to_write(tmp_path / name)
     with pytest.raises(InputError, match="evogs encode"):
         write_scene(tmp_path / "x.evogs", odd_scene(4))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_name_without_an_ending_gets_a_ply(tmp_path):
+    write_scene(tmp_path / "x", odd_scene(4))
+    assert len(read_ply(tmp_path / "x")) == 4
 
 
 # --- versions and forms that we do not write ------------------------------------------------------
@@ -344,7 +350,7 @@ def test_older_versions_of_spz_are_read(version, degree, tmp_path):
     found = read_scene(tmp_path / "x.spz")
     assert found.info.antialiased
     back = replace(
-        found.splats, means=found.splats.means * np.float32([1, -1, -1]), sh=scene.sh * 0
+        found.splats, means=found.splats.means * np.array([1, -1, -1], np.float32), sh=scene.sh * 0
     )
     np.testing.assert_allclose(back.means, scene.means, atol=2e-3 if version == 1 else 2.0**-12)
     turned = np.array([1.0, -1, -1])
@@ -358,7 +364,7 @@ def test_bands_of_an_spz_above_3_are_left_out_with_a_warning(tmp_path):
     write_scene(tmp_path / "x.spz", odd_scene(6, 0))
     data = bytearray((tmp_path / "x.spz").read_bytes())
     rest = np.full(6 * 72, 130, np.uint8).tobytes()
-    frame = spz.zstd(rest, 3)
+    frame = zstd(rest, 3)
     data[12], data[15] = 4, 6
     table_end = 32 + 16 * 5
     data[table_end:table_end] = struct.pack("<QQ", len(frame), len(rest))
@@ -380,7 +386,7 @@ def test_the_record_of_axes_of_an_spz_is_followed(name, tmp_path):
     unknown = struct.pack("<III", 0xADBE0002, 4, 0)
     data[32:32] = unknown + struct.pack("<III", 0xADBE0003, 4, number)
     (tmp_path / "x.spz").write_bytes(data)
-    in_file = scene.means * np.float32([1, -1, -1])
+    in_file = scene.means * np.array([1, -1, -1], np.float32)
     expected = in_file @ turn(name, "RDF").T
     found = read_scene(tmp_path / "x.spz")
     np.testing.assert_allclose(found.splats.means, expected, atol=2e-4)

@@ -197,14 +197,14 @@ BAD = {
     "empty": (b"", "is empty; expected a 3DGS .ply"),
     "four bytes": (b"abcd", "does not start with the line 'ply'"),
     "zeros": (bytes(1000), "has only zeros, as of an interrupted copy or download: get the file"),
-    "spz 4": (b"NGSP\4\0\0\0", "is an .spz: save it as a 3DGS .ply first"),
-    "spz 1 to 3": (gzip.compress(b"NGSP\3\0\0\0" + bytes(90)), "is an .spz: save it as a 3DGS"),
+    "spz 4": (b"NGSP\4\0\0\0", "is an .spz: `read_scene` reads it"),
+    "spz 1 to 3": (gzip.compress(b"NGSP\3\0\0\0" + bytes(90)), "is an .spz: `read_scene`"),
     "gzip": (gzip.compress(b"ply\n"), "is compressed with gzip: unpack it first"),
     "cut gzip": (b"\x1f\x8b\x08", "is compressed with gzip: unpack it first"),
     "no gzip": (b"\x1f\x8b" + bytes(range(200)), "is compressed with gzip: unpack it first"),
-    "glb": (b"glTF\2\0\0\0", "is a .glb: save it as a 3DGS .ply first"),
+    "glb": (b"glTF\2\0\0\0", "is a .glb: `read_scene` reads it"),
     "stream": (SIGNATURE, "is an EvoGS stream: `evogs decode"),
-    "sog": (zip_of("meta.json"), "is a .sog: save it as a 3DGS .ply first"),
+    "sog": (zip_of("meta.json"), "is a .sog: `read_scene` reads it"),
     "zip of a ply": (zip_of("a/Scene.PLY"), "is a zip with a .ply in it: unpack it first"),
     "zip": (zip_of("x"), "is a zip, not a scene: give a 3DGS .ply"),
     "cut zip": (zip_of("meta.json")[:20], "is a zip, not a scene: give a 3DGS .ply"),
@@ -230,7 +230,7 @@ BAD = {
     "property twice": (GOOD.replace(b"float nx", b"float x"), "two properties with same name"),
     "no vertices": (GOOD.replace(b"element vertex", b"element point"), "no element 'vertex' (elem"),
     "a point cloud": (POINTS, "no vertex property f_dc_0, f_dc_1, f_dc_2, opacity"),
-    "compressed": (ply_bytes(PACKED), "save it as a plain 3DGS .ply first"),
+    "compressed": (ply_bytes(PACKED), "`evogs convert` makes a plain one"),
     "a property missing": (ply_bytes(NO_ROT), "no vertex property rot_3; expected a 3DGS .ply"),
     "eight f_rest": (ply_bytes(EIGHT_REST), "8 properties f_rest_*; expected 0, 9, 24 or 45"),
     "twelve f_rest": (ply_bytes(TWELVE), "12 properties f_rest_*; expected 0, 9, 24 or 45"),
@@ -264,7 +264,7 @@ def test_a_bad_file_is_refused_in_one_line_that_names_it(read, data, message):
 @pytest.mark.parametrize("name", ["a.splat", "a.KSPLAT"])
 def test_what_has_no_magic_is_told_by_its_name(tmp_path, name):
     (tmp_path / name).write_bytes(bytes(range(1, 65)))
-    with pytest.raises(InputError, match=rf"seems to be a {name[1:].lower()}: save it as a 3DGS"):
+    with pytest.raises(InputError, match=rf"seems to be a {name[1:].lower()}: `read_scene`"):
         read_ply(tmp_path / name)
 
 

@@ -1,0 +1,460 @@
+"""Damaged and hostile files of every format: one line each, and memory in proportion to the file.
+
+For each format: files that are cut short, with bits changed, of zeros, with counts and sizes that
+are not true, and bombs.
+"""
+
+import gzip
+import json
+import random
+import struct
+import tracemalloc
+import warnings
+import zipfile
+import zlib
+from io import BytesIO
+
+import numpy as np
+import pytest
+import zstandard
+from hypothesis import settings
+
+from evogs_codec import InputError, read_scene, write_scene
+from evogs_codec.io.interchange.bounded import FREE
+from tests.codec.io.test_interchange import old_spz, sog_1
+from tests.support import damaged_files as damage
+from tests.support.odd_scenes import odd_scene
+
+MAX_SAID = 1000  # characters of a message
+KINDS = ("compressed.ply", "spz", "old.spz", "splat", "ksplat", "sog", "glb", "gltf")
+pytestmark = pytest.mark.filterwarnings("ignore:.*(infinite opacity|no SH above|band 4)")
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The bytes of an undamaged file of each kind."""
+    folder, scene = tmp_path_factory.mktemp("whole"), odd_scene(20, 1)
+    files = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for kind in ("compressed.ply", "spz", "splat", "glb"):
+            write_scene(folder / f"x.{kind}", scene)
+            files[kind] = (folder / f"x.{kind}").read_bytes()
+    files["old.spz"] = old_spz(scene, 3)
+    files["sog"] = zipped(sog_1(scene))
+    files["ksplat"] = ksplat(scene)
+    files["gltf"] = json.dumps(gltf_of(files["glb"])).encode()
+    return files
+
+
+def zipped(files, how=zipfile.ZIP_STORED):
+    stream = BytesIO()
+    with zipfile.ZipFile(stream, "w", how) as archive:
+        for name, data in files.items():
+            archive.writestr(name, data)
+    return stream.getvalue()
+
+
+def ksplat(scene, level=1):
+    """A `.ksplat` of one section and two buckets."""
+    n = len(scene)
+    head = bytearray(4096)
+    head[:2] = 0, 1
+    struct.pack_into("<IIIIH", head, 4, 1, 1, n, n, level)
+    section = bytearray(1024)
+    # splats, room, splats of a bucket, buckets, block, bytes of a bucket, range, -, full, partial
+    struct.pack_into("<IIIIfHxxIIIIH", section, 0, n, n, 12, 2, 12.0, 12, 32767, 0, 1, 1, 0)
+    centres = np.array([[1.3, -0.7, 2.1]] * 2, "<f4")
+    positions = np.rint((scene.means - centres[0]) / 6 * 32767 + 32767).astype("<u2")
+    rows = [
+        positions.view(np.uint8).reshape(n, 6),
+        np.exp(scene.log_scales).astype("<f2").view(np.uint8).reshape(n, 6),
+        scene.quats.astype("<f2").view(np.uint8).reshape(n, 8),
+        np.full((n, 4), 200, np.uint8),
+    ]
+    body = struct.pack("<I", n - 12) + centres.tobytes() + np.concatenate(rows, axis=1).tobytes()
+    return bytes(head + section) + body
+
+
+def gltf_of(glb):
+    """The JSON of a `.glb`, with its bytes as a data URI."""
+    n_json = struct.unpack_from("<I", glb, 12)[0]
+    root = json.loads(glb[20 : 20 + n_json])
+    payload = glb[28 + n_json :]
+    uri = "data:application/octet-stream;base64," + __import__("base64").b64encode(payload).decode()
+    root["buffers"] = [{"byteLength": len(payload), "uri": uri}]
+    return root
+
+
+def glb_of(root, payload=b""):
+    text = json.dumps(root).encode() if isinstance(root, dict) else root
+    text += b" " * (-len(text) % 4)
+    head = struct.pack("<4sIIII", b"glTF", 2, 28 + len(text) + len(payload), len(text), 0x4E4F534A)
+    return head + text + struct.pack("<II", len(payload), 0x004E4942) + payload
+
+
+def path_of(folder, kind):
+    return folder / f"x.{kind.removeprefix('old.')}"
+
+
+def refusal(path, peak=FREE + (64 << 20)):
+    """The line with which a file is refused; less than `peak` bytes are allocated on the way."""
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError) as refused:
+            read_scene(path)
+        assert tracemalloc.get_traced_memory()[1] < peak
+    finally:
+        tracemalloc.stop()
+    said = str(refused.value).removeprefix(str(path))
+    assert said != str(refused.value)  # it names the file
+    assert said.isprintable()
+    assert len(said) < MAX_SAID
+    return said
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_files_are_read_where_they_are_not_damaged(kind, whole, tmp_path):
+    path_of(tmp_path, kind).write_bytes(whole[kind])
+    found = read_scene(path_of(tmp_path, kind)).splats
+    assert len(found) == 20
+    assert found.finite().all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_files_that_are_cut_short_or_have_bits_changed_are_read_or_refused(kind, whole, tmp_path):
+    seed = 1 if settings().derandomize else random.SystemRandom().randrange(1 << 32)
+    print(f"seed {seed}")
+    random_, path, refused = random.Random(seed), path_of(tmp_path, kind), 0
+    for number in range(120):
+        change = damage.cut_short if number % 2 else damage.flipped
+        path.write_bytes(change(whole[kind], random_))
+        try:
+            with np.errstate(all="ignore"):
+                read_scene(path)
+        except InputError as error:
+            refused += 1
+            said = str(error).removeprefix(str(path))
+            assert said.isprintable()
+            assert len(said) < MAX_SAID, said
+    assert refused > (5 if kind == "splat" else 30)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_prefix_of_a_file_is_refused(kind, whole, tmp_path):
+    data, path = whole[kind], path_of(tmp_path, kind)
+    ends = {*range(0, 80, 5), *(len(data) * i // 20 for i in range(1, 20)), len(data) - 1}
+    for end in sorted(ends):
+        if kind == "splat" and end % 32 == 0 and end > 0:
+            continue  # whole splats: nothing tells that there were more
+        path.write_bytes(data[:end])
+        refusal(path)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("size", [0, 1, 32, 5000, 100_000])
+def test_a_file_of_zeros_is_refused(kind, size, tmp_path):
+    path_of(tmp_path, kind).write_bytes(bytes(size))
+    assert ("only zeros" if size else "is empty") in refusal(path_of(tmp_path, kind))
+
+
+def with_words(data, **words):
+    """The data with little-endian words at offsets: `at_8=1`."""
+    out = bytearray(data)
+    for name, value in words.items():
+        size = 8 if name.startswith("q") else 4
+        at = int(name.split("_")[1])
+        out[at : at + size] = value.to_bytes(size, "little")
+    return bytes(out)
+
+
+def test_spz_files_whose_counts_are_not_true_are_refused(whole, tmp_path):
+    path, data = tmp_path / "x.spz", whole["spz"]
+    toc = 32
+    changes = {
+        "version 5": with_words(data, at_4=5),
+        "version 0": with_words(data, at_4=0),
+        "version 3": with_words(data, at_4=3),
+        "more than 50 times": with_words(data, at_8=0xFFFFFFFF),
+        "part 0 has": with_words(data, at_8=21),
+        "SH degree 9": data[:12] + b"\x09" + data[13:],
+        "at most 31": data[:13] + b"\x40" + data[14:],
+        "table of contents": with_words(data, at_16=1 << 31),
+        "its table of contents is": with_words(data, at_16=0),
+        "cut short: part 0": with_words(data, q_32=1 << 62),
+        "part 1 has": with_words(data, q_56=1 << 62),
+        "expected 180": with_words(data, q_40=1 << 40),
+        "no SH, but says": data[:15] + b"\x05" + data[16:],
+        "Zstandard data is damaged": data[: toc + 96] + b"\xff" * (len(data) - toc - 96),
+        "coordinate system 99": with_words(
+            data[:14] + b"\x02" + data[15:32] + struct.pack("<III", 0xADBE0003, 4, 99) + data[32:],
+            at_16=44,
+        ),
+    }
+    for said, changed in changes.items():
+        path.write_bytes(changed)
+        assert said in refusal(path, 4 << 20)
+    for said, head in {
+        "more than 50 times": (3, 0xFFFFFFF0, 3, 12, 0),
+        "cut short: it has": (2, 5000, 3, 12, 0),
+        ".spz version 4 ": (9, 5, 0, 12, 0),
+    }.items():
+        if head[0] == 9:
+            continue
+        path.write_bytes(gzip.compress(struct.pack("<4sIIBBBx", b"NGSP", *head)))
+        assert said in refusal(path)
+
+
+def test_bombs_are_refused_before_they_unfold(tmp_path):
+    path = tmp_path / "x.spz"
+    n = 400_000_000
+    gzip_bomb = zlib.compressobj(9, wbits=31)
+    head = struct.pack("<4sIIBBBx", b"NGSP", 3, n, 3, 12, 0)
+    bomb = gzip_bomb.compress(head) + gzip_bomb.compress(bytes(200 << 20)) + gzip_bomb.flush()
+    path.write_bytes(bomb)
+    assert "more than 50 times" in refusal(path)
+    # One whose count is small, but whose gzip data is large: only what is needed is unfolded.
+    head = struct.pack("<4sIIBBBx", b"NGSP", 3, 10, 0, 12, 0)
+    path.write_bytes(gzip.compress(head + bytes(200 << 20)))
+    tracemalloc.start()
+    assert len(read_scene(path).splats) == 10
+    assert tracemalloc.get_traced_memory()[1] < 8 << 20
+    tracemalloc.stop()
+    # Zstandard frames that state more than the table of contents does, or nothing.
+    frames = [zstandard.ZstdCompressor(write_content_size=known).compress(bytes(300 << 20))
+              for known in (True, False)]  # fmt: skip
+    for frame in frames:
+        sizes = (90, 10, 30, 30, 40)
+        table = b"".join(struct.pack("<QQ", len(frame), size) for size in sizes)
+        head = struct.pack("<4sIIBBBBI12x", b"NGSP", 4, 10, 0, 12, 0, 5, 32)
+        path.write_bytes(head + table + frame * 5)
+        refusal(path, 8 << 20)
+
+
+def test_sog_files_that_are_not_what_they_say_are_refused(tmp_path):
+    path, files = tmp_path / "x.sog", sog_1(odd_scene(20, 1))
+    meta = json.loads(files["meta.json"])
+
+    def changed(**parts):
+        return files | {"meta.json": json.dumps(meta | parts).encode()}
+
+    means, rest = meta["means"], meta["shN"]
+    cases = {
+        "version 3": changed(version=3),
+        "version '": changed(version="'\x1b[31m"),
+        "is no JSON object": files | {"meta.json": b"[1]"},
+        "is not JSON": files | {"meta.json": b"[" * 200_000},
+        "meta.json is not": files | {"meta.json": b"\xff\xfe"},
+        "no object 'means'": changed(means=5),
+        "has no shape": changed(means=means | {"shape": 3}),
+        "no number of splats": changed(means=means | {"shape": [1e9, 3]}),
+        "'count' of": changed(version=2, count=-1),
+        "more than 50 times": changed(means=means | {"shape": [4_000_000_000, 3]}),
+        "expected about 3,000": changed(means=means | {"shape": [3000, 3]}),
+        "does not name 2 files": changed(means=means | {"files": ["a"]}),
+        "no member": changed(means=means | {"files": ["a", "b"]}),
+        "is not 3 numbers": changed(means=means | {"mins": [0, 1]}),
+        "'mins' of 'means'": changed(means=means | {"mins": ["x", 1, 2]}),
+        "too large": changed(means=means | {"mins": [10**400, 1, 2]}),
+        "columns": changed(shN=rest | {"files": ["means_l.webp", "labels.webp"]}),
+        "no object 'shN'": changed(shN=[1]),
+        "is no picture": files | {"quats.webp": b"RIFF____WEBP"},
+        "quats.webp is no": files | {"quats.webp": files["quats.webp"][:40]},
+        "has 16 x 4 pixels": changed(sh0=meta["sh0"] | {"files": ["many.webp"]}),
+    }
+    cases["has 16 x 4 pixels"]["many.webp"] = files["quats.webp"]
+    del cases["has 16 x 4 pixels"]
+    for said, case in cases.items():
+        path.write_bytes(zipped(case))
+        assert said in refusal(path)
+
+
+def test_pictures_and_zips_that_unfold_far_are_refused(tmp_path):
+    from PIL import Image
+
+    path, files = tmp_path / "x.sog", sog_1(odd_scene(20, 1))
+    stream = BytesIO()
+    Image.new("RGBA", (8000, 8000)).save(stream, "WEBP", lossless=True)
+    path.write_bytes(zipped(files | {"quats.webp": stream.getvalue()}))
+    assert "8000 x 8000 pixels" in refusal(path, 8 << 20)
+    path.write_bytes(zipped(files | {"quats.webp": bytes(200 << 20)}, zipfile.ZIP_DEFLATED))
+    assert "more than 50 times" in refusal(path, 8 << 20)
+    path.write_bytes(zipped(files | {"meta.json": b" " * (20 << 20)}))
+    assert "at most" in refusal(path)
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    for name, data in files.items():
+        (folder / name).write_bytes(data)
+    meta = json.loads(files["meta.json"])
+    meta["quats"]["files"] = ["../x.sog"]
+    (folder / "meta.json").write_text(json.dumps(meta))
+    assert "no name of a file beside it" in refusal(folder)
+    (folder / "meta.json").unlink()
+    with pytest.raises(InputError, match="is not a file"):
+        read_scene(folder)
+
+
+def test_compressed_plys_whose_counts_are_not_true_are_refused(whole, tmp_path):
+    path, data = tmp_path / "x.ply", whole["compressed.ply"]
+    cases = {
+        "cut short": data.replace(b"element vertex 20", b"element vertex 999999999999"),
+        "has 1 chunks": data.replace(b"element chunk 1", b"element chunk 0"),
+        "of 20 splats": data.replace(b"float min_x", b"float min_q"),
+        "expected 0, 9, 24": data.replace(b"uchar f_rest_8", b"uchar rest_8"),
+        "expected 0, 9": data.replace(b"uchar f_rest_0", b"uchar f_rest_99"),
+        "is text": data.replace(b"binary_little_endian", b"ascii"),
+        "has lists": data.replace(
+            b"element chunk", b"element a 0\nproperty list uchar int b\nelement chunk"
+        ),
+        "not a byte": data.replace(b"uchar f_rest_3", b"char f_rest_3"),
+        "element sh is not": data.replace(b"element sh 20", b"element sh 19"),
+        "of chunk end": data.replace(b"element chunk 1", b"element chunk 88888888"),
+    }  # fmt: skip
+    for said, case in cases.items():
+        assert case != data
+        path.write_bytes(case)
+        assert said in refusal(path, 4 << 20)
+
+
+def test_ksplats_whose_counts_are_not_true_are_refused(whole, tmp_path):
+    path, data = tmp_path / "x.ksplat", whole["ksplat"]
+    cases = {
+        "section headers": with_words(data, at_4=0xFFFFFFFF),
+        "other than": with_words(data, at_16=21),
+        "compression level 7": data[:20] + b"\x07\x00" + data[22:],
+        "section 0 ends": with_words(data, at_4096=0xFFFFFFF0),
+        "section 0 has SH degree": data[:4136] + b"\x09\x00" + data[4138:],
+        "buckets that do not": with_words(data, at_4108=0),
+        "cut short: section": with_words(data, at_4108=0xFFFFFFFF),
+        "do not fit together": with_words(data, at_4128=0xFFFFFFFF),
+        "fewer splats": with_words(data, at_5120=1),
+        "its numbers are not": b"\x01\x00" + data[2:],
+    }
+    for said, case in cases.items():
+        path.write_bytes(case)
+        assert said in refusal(path, 4 << 20)
+
+
+def test_splats_whose_numbers_are_no_scene_are_refused(tmp_path):
+    path, random_ = tmp_path / "x.splat", random.Random(3)
+    for n in (32, 320, 32_000, 32_001, 50):
+        path.write_bytes(random_.randbytes(n))
+        assert "not those of one" in refusal(path)
+    path.write_bytes(b"a text of some lines\n" * 320)
+    assert "not those of one" in refusal(path)
+    path.with_suffix(".other").write_bytes(random_.randbytes(320))
+    assert "expected a 3DGS .ply" in refusal(path.with_suffix(".other"))
+
+
+def test_gltf_files_that_are_not_what_they_say_are_refused(whole, tmp_path):
+    path, glb = tmp_path / "x.gltf", whole["glb"]
+
+    def root(change):
+        made = gltf_of(glb)
+        change(made)
+        return made
+
+    def sets(*place):
+        *keys, last, value = place
+
+        def change(made):
+            for key in keys:
+                made = made[key]
+            made[last] = value
+
+        return root(change)
+
+    primitive = ("meshes", 0, "primitives", 0)
+    khr = "KHR_gaussian_splatting"
+    two_fold = {"nodes": [{"children": [0, 0]}]}
+    cases = {
+        "no number 7 in 'meshes'": sets("nodes", 0, "mesh", 7),
+        "no number 999 in 'accessors'": sets(*primitive, "attributes", "POSITION", 999),
+        "kernel": sets(*primitive, "extensions", khr, "kernel", "\x1b]0;x"),
+        "is it a mesh": sets(*primitive, "extensions", {}),
+        "no attribute POSITION": sets(*primitive, "attributes", {}),
+        "compressed (KHR_x)": root(lambda made: (
+            made["meshes"][0]["primitives"][0].update(attributes={}),
+            made["meshes"][0]["primitives"][0]["extensions"][khr].update(extensions={"KHR_x": {}}),
+        )),
+        "is not VEC3": sets("accessors", 0, "type", "VEC2"),
+        "of a known type": sets("accessors", 0, "componentType", "float"),
+        "ends after": sets("accessors", 0, "count", 10**11),
+        "number of bytes or splats": sets("accessors", 0, "count", -1),
+        "'count' is no": sets("accessors", 0, "count", 1e300),
+        "is sparse": sets("accessors", 0, "sparse", {}),
+        "different lengths": sets("accessors", 0, "count", 19),
+        "after the end of its bytes": sets("bufferViews", 0, "byteOffset", 10**9),
+        "end of its bytes": sets("bufferViews", 0, "byteStride", 1),
+        "(EXT_meshopt)": sets("bufferViews", 0, "extensions", {"EXT_meshopt": {}}),
+        "cut short: buffer 0": sets("buffers", 0, "byteLength", 10**9),
+        "not a file beside it": sets("buffers", 0, "uri", "../../etc/passwd"),
+        "is not a file": sets("buffers", 0, "uri", "/etc/passwd"),
+        "buffer https": sets("buffers", 0, "uri", "https://example.org/x.bin"),
+        "is not there": sets("buffers", 0, "uri", "absent.bin"),
+        "data URI": sets("buffers", 0, "uri", "data:;base64,AAA"),
+        "no uri": root(lambda made: (
+            made["buffers"].append({}), made["bufferViews"][0].update(buffer=1)
+        )),
+        "unevenly": sets("nodes", 0, "scale", [1, 2, 1]),
+        "a node is not 3 numbers": sets("nodes", 0, "scale", [1, "2", 1]),
+        "is not 16 numbers": sets("nodes", 0, "matrix", [1e308] * 16),
+        "no tree": root(lambda made: made.update(two_fold)),
+        "nodes are no tree": sets("nodes", 0, "children", [0]),
+        "'nodes' is no list": sets("nodes", 5),
+        "'primitives' is no list": sets("meshes", 0, "primitives", "x"),
+    }  # fmt: skip
+    for said, case in cases.items():
+        path.write_text(json.dumps(case))
+        assert said in refusal(path), said
+    for said, data in {
+        "JSON is damaged": b'{"asset":' + b"[" * 100_000,
+        "its JSON is": b'{"asset": \xff}',
+        "is damaged": b'{"asset": 1' + b"0" * 5000 + b"}",
+    }.items():
+        path.write_bytes(data)
+        assert said in refusal(path)
+
+
+def test_one_mesh_at_many_nodes_is_refused_before_memory_is_full(whole, tmp_path):
+    made = gltf_of(whole["glb"])
+    made["nodes"] = [{"mesh": 0}] * 9000
+    made["scenes"] = [{"nodes": list(range(9000))}]
+    made["meshes"][0]["primitives"] *= 10
+    (tmp_path / "x.gltf").write_text(json.dumps(made))
+    assert "more than 50 times" in refusal(tmp_path / "x.gltf", 200 << 20)
+    made["nodes"] *= 2
+    made["meshes"][0]["primitives"] = made["meshes"][0]["primitives"][:1]
+    made["scenes"] = [{"nodes": list(range(18_000))}]
+    (tmp_path / "x.gltf").write_text(json.dumps(made))
+    assert "over 10,000" in refusal(tmp_path / "x.gltf", 200 << 20)
+
+
+def test_glbs_whose_sizes_are_not_true_are_refused(whole, tmp_path):
+    path, data = tmp_path / "x.glb", whole["glb"]
+    cases = {
+        "version 2": with_words(data, at_4=1),
+        "cut short": with_words(data, at_8=1 << 31),
+        "cut short: ": with_words(data, at_12=1 << 31),
+        "begins with JSON": with_words(data, at_16=5),
+        "JSON is damaged": with_words(data, at_12=100),
+        "is no object": glb_of(b"[1, 2]  "),
+        "no splats": glb_of({"asset": {"version": "2.0"}}),
+    }
+    for said, case in cases.items():
+        path.write_bytes(case)
+        assert said in refusal(path, 4 << 20)
+
+
+def test_small_pictures_of_very_many_splats_are_refused(tmp_path):
+    from PIL import Image
+
+    stream = BytesIO()
+    Image.new("RGBA", (8000, 8000)).save(stream, "WEBP", lossless=True)
+    files = {name: stream.getvalue() for name in sog_1(odd_scene(20, 1))}
+    meta = json.loads(sog_1(odd_scene(20, 1))["meta.json"])
+    meta["means"]["shape"] = [64_000_000, 3]
+    path = tmp_path / "x.sog"
+    path.write_bytes(zipped(files | {"meta.json": json.dumps(meta).encode()}))
+    assert path.stat().st_size < 100_000
+    assert "more than 50 times" in refusal(path, 4 << 20)
