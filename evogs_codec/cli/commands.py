@@ -172,16 +172,15 @@ def run_decode(args: argparse.Namespace) -> None:
             verify=args.verify,
             progress=progress,
         )
-    write_scene(args.output, splats, info_to_write(directory), made_by=args.command)
-    print(f"{shown(args.output)}: {len(splats):,} splats, SH degree {splats.sh_degree}{part}")
+    degree = write_scene(args.output, splats, info_to_write(directory), made_by=args.command)
+    print(f"{shown(args.output)}: {len(splats):,} splats, SH degree {degree}{part}")
 
 
 def run_convert(args: argparse.Namespace) -> None:
     """`evogs convert`."""
     scene = read_splats(args.input, drop_invalid=args.drop_invalid)
-    write_scene(args.output, scene.splats, scene.info, made_by=args.command)
-    n, degree = len(scene.splats), scene.splats.sh_degree
-    print(f"{shown(args.output)}: {n:,} splats, SH degree {degree}")
+    degree = write_scene(args.output, scene.splats, scene.info, made_by=args.command)
+    print(f"{shown(args.output)}: {len(scene.splats):,} splats, SH degree {degree}")
 
 
 def run_info(args: argparse.Namespace) -> None:

@@ -72,7 +72,7 @@ def write_scene(
     info: SceneInfo | None = None,
     *,
     made_by: str = "evogs",
-) -> None:
+) -> int:
     """Write a `.ply`, `.compressed.ply`, `.spz` (version 4), `.splat` or `.glb`, by the ending.
 
     A name without an ending, or of a device or pipe, gets a `.ply`.
@@ -87,6 +87,9 @@ def write_scene(
             a `.ply`, where a format has axes of its own.
         made_by: the program, which is named in the file if it has a place for it.
 
+    Returns:
+        The SH degree that the file has, which is that of the splats if the format holds it.
+
     Raises:
         InputError: the ending is of no format that is written, or the splats do not fit in it.
         OSError: the file cannot be written.
@@ -95,7 +98,7 @@ def write_scene(
     target = _target(at)
     if target.write is None:
         write_ply(at, splats, [comment_of(made_by), *ply_comments.comments_of(info)])
-        return
+        return splats.sh_degree
     n_bad = len(splats) - int(splats.finite().sum())
     if n_bad:
         raise InputError(
@@ -108,6 +111,7 @@ def write_scene(
     except InputError as error:
         raise InputError(f"{at}: {error}") from error
     write_atomic(at, data)
+    return min(splats.sh_degree, target.max_degree)
 
 
 # --- formats --------------------------------------------------------------------------------------
@@ -169,11 +173,13 @@ class _Target:
         kind: of file, for what is replaced.
         write: makes its bytes; None for a `.ply`, which is written piece by piece.
         frame: of its axes; None where they are those of the scene.
+        max_degree: of SH.
     """
 
     kind: FileKind
     write: Write | None = None
     frame: str | None = None
+    max_degree: int = 3
 
 
 def _by_nobody(_path: Path, _command: str) -> bool:
@@ -186,7 +192,7 @@ TARGETS = {
     ".spz": _Target(
         FileKind(".spz", (spz.MAGIC, spz.GZIP), made_by=_by_nobody), spz.write, spz.FRAME
     ),
-    ".splat": _Target(FileKind(".splat", (b"",), made_by=_by_nobody), splat.write),
+    ".splat": _Target(FileKind(".splat", (b"",), made_by=_by_nobody), splat.write, max_degree=0),
     ".glb": _Target(
         FileKind(".glb", (gltf.MAGIC,), made_by=makers.marked_gltf), gltf.write, gltf.FRAME
     ),
