@@ -239,7 +239,7 @@ def add_lift(commands: Commands, run: Run) -> None:
         "  evogs lift scene.ply scene.tree.npz --refine --up -y\n"
         "  evogs encode scene.tree.npz scene.evogs --preset scene",
     )
-    parser.add_argument("input", type=Path, metavar="IN.ply", help=SCENES_IN)
+    parser.add_argument("input", type=Path, metavar="IN", help=SCENES_IN)
     add_output(parser, "OUT.tree.npz", files.TREE)
     _add_lift_options(parser, "--refine")
 
