@@ -19,6 +19,7 @@ from pathlib import Path
 from evogs_codec.cli import options
 from evogs_codec.cli.encode_and_lift import read_splats, run_encode, run_lift
 from evogs_codec.cli.reports import info_of, info_to_write, print_info
+from evogs_codec.cli.standard_streams import standard_streams
 from evogs_codec.cli.streams import (
     describe_levels,
     describe_part,
@@ -71,7 +72,7 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
 def run(args: argparse.Namespace) -> int:
     """Run the command of these options; returns the exit code."""
     try:
-        with plain_warnings():
+        with plain_warnings(), standard_streams(args):
             _check_output(args)
             code = int(args.run(args) or 0)
             sys.stdout.flush()

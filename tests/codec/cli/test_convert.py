@@ -1,5 +1,8 @@
 """Every command takes scenes of any format; `convert` and `decode` write what the ending says."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -158,3 +161,29 @@ def test_a_folder_that_is_no_sog_is_refused_in_one_line(refused, tmp_path):
     (tmp_path / "folder").mkdir()
     for command in ("convert", "encode", "lift"):
         refused(command, tmp_path / "folder", tmp_path / "out", words=["is not a file"])
+
+
+def piped(*words, data=b""):
+    """A command of its own with bytes on standard input; (exit code, bytes out, text of errors)."""
+    command = [sys.executable, "-m", "evogs", *map(str, words)]
+    done = subprocess.run(command, input=data, capture_output=True, check=False)
+    return done.returncode, done.stdout, done.stderr.decode()
+
+
+def test_a_dash_is_standard_input_or_output(scenes, made, tmp_path):
+    data = (scenes / "x.spz").read_bytes()
+    code, out, said = piped("convert", "-", "-", data=data)
+    assert code == 0
+    assert said.splitlines()[-1].endswith("300 splats, SH degree 3")
+    (tmp_path / "x.ply").write_bytes(out)
+    expected = read_scene(scenes / "x.spz").splats
+    np.testing.assert_array_equal(read_scene(tmp_path / "x.ply").splats.means, expected.means)
+    code, out, said = piped("convert", "-", tmp_path / "x.glb", data=data)
+    assert (code, len(read_scene(tmp_path / "x.glb").splats)) == (0, 300)
+    assert out.decode().startswith(str(tmp_path / "x.glb"))
+    stream = (made / "scene.evogs").read_bytes()
+    code, out, said = piped("extract", "-", "-", "--level", 2, data=stream)
+    assert (code, len(decode_leaves(out))) == (0, 768), said
+    code, out, said = piped("decode", "-", "-", data=b"no stream")
+    assert (code, out, said.count("\n")) == (1, b"", 1)
+    assert "standard-input" in said
