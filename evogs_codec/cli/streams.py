@@ -9,7 +9,8 @@ from evogs_codec.decoding.cut import Cut
 from evogs_codec.editing.presence import LevelPresence, bytes_for_first_splats, level_presence
 from evogs_codec.errors import Fault, InputError, StreamError
 from evogs_codec.format.directory import HEADER_SIZE, Directory, read_directory, read_header
-from evogs_codec.io.files import PICTURE, SCENE, TREE, kind_of
+from evogs_codec.io.files import PICTURE, TREE, kind_of
+from evogs_codec.io.interchange.scene_files import scene_format
 from evogs_codec.io.json_files import read_limits
 
 __all__ = [
@@ -74,8 +75,8 @@ def _hint_for_short_file(data: memoryview) -> str:
 def _hint_for_other_file(data: memoryview, path: Path) -> str:
     """What the file is instead, and what to give."""
     kind = kind_of(data)
-    if kind is SCENE:
-        return f"is a .ply scene, not a stream: `evogs encode {path} OUT.evogs` makes one"
+    if (name := scene_format(path)) is not None:
+        return f"is a .{name} scene, not a stream: `evogs encode {path} OUT.evogs` makes one"
     if kind is TREE:
         return f"is a zip (.npz), not a stream: `evogs encode {path} OUT.evogs` encodes a tree"
     if kind is PICTURE:

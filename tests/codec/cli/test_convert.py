@@ -124,6 +124,12 @@ def test_a_stream_is_not_converted_but_decoded(made, refused, tmp_path):
     refused("convert", made / "scene.evogs", tmp_path / "x.spz", words=["evogs decode"])
 
 
+@pytest.mark.parametrize(("ending", "name"), [("spz", ".spz"), ("glb", ".gltf"), ("ply", ".ply")])
+def test_a_scene_given_as_a_stream_is_told_what_it_is(ending, name, scenes, refused):
+    words = [f"is a {name} scene, not a stream", "evogs encode"]
+    refused("info", scenes / f"x.{ending}", words=words)
+
+
 def test_a_file_that_names_no_maker_is_replaced_with_force_alone(scenes, evogs, refused, tmp_path):
     for ending in ("spz", "splat"):
         words = ["convert", scenes / "x.ply", tmp_path / f"y.{ending}"]

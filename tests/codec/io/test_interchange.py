@@ -440,6 +440,8 @@ def sog_1(scene):
             "files": ["centroids.webp", "labels.webp"],
         },
     }  # fmt: skip
+    if not k:
+        del meta["shN"]
     return {
         "meta.json": json.dumps(meta).encode(),
         "means_l.webp": webp(steps & 255),
@@ -447,13 +449,13 @@ def sog_1(scene):
         "scales.webp": webp(scale_bytes),
         "quats.webp": webp(np.concatenate([three, largest[:, None] + 252], axis=1)),
         "sh0.webp": webp(colour_bytes),
-        "centroids.webp": webp(entries.reshape(-1, 3), 64 * k),
+        "centroids.webp": webp(entries.reshape(-1, 3), 64 * k) if k else b"",
         "labels.webp": webp(labels),
     }
 
 
 @pytest.mark.parametrize("form", ["zip", "zip with a folder", "folder", "meta.json"])
-@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("degree", range(4))
 def test_a_sog_of_version_1_is_read_from_a_zip_and_from_a_folder(form, degree, tmp_path):
     scene = odd_scene(degree=degree)
     files, path = sog_1(scene), tmp_path / "scene"
