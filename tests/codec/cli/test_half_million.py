@@ -21,7 +21,7 @@ def scene(shared):
 @pytest.fixture(scope="module")
 def stream(scene, tmp_path_factory):
     path = tmp_path_factory.mktemp("playbot") / "playbot.evogs"
-    assert main(["encode", str(scene), str(path)]) == 0
+    assert main(["encode", str(scene), str(path), "--preset", "scene"]) == 0
     return path
 
 
