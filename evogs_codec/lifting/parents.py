@@ -9,7 +9,8 @@ Scale and opacity choose from a small table, since a parent should cover both ch
 lies beyond the larger child: alpha < 0. C2 is the larger of the two, so that alpha stays in
 (-1, 1], and an error of psi is nowhere amplified.
 The line cannot enlarge children that are alike. Where that would be seen, the parent has the shape
-that the moments ask for, on no line, and a refine puts C2 right after the split (`MENDED`).
+that the moments ask for, on no line: it is split into two halves (`splitting`), and a refine makes
+them the children (`MENDED`).
 
 Letters: n Gaussians or pairs, D channels (`splats`) with rotations as (1, g) (`orientations`).
 """
@@ -52,8 +53,8 @@ PRICE = 0.03
 OPACITY_WEIGHT = 0.01
 PRICE_ROUNDS = 3  # an alpha is cheap if many take it, and many take it if it is cheap
 MAX_WEIGHT = 1e6  # in masses of the median splat
-# Alpha of the scale where C2 is mended: both children have that of C1 until then, which is a good
-# guess of C2. And the misfit from which on it pays.
+# Alpha of the scale, and of the opacity of halves, where a refine follows: until then both children
+# have those of C1. And the misfit from which on it pays.
 MENDED = -1.0
 MEND_COST = 1000.0
 MAX_OPACITY = 0.99
@@ -144,8 +145,8 @@ def line_parents(c1: F64, c2: F64, target: Moments, unit_mass: float) -> tuple[F
         unit_mass: of the median splat: how much is seen of what.
 
     Returns:
-        The parents (D, n) and alpha (5, n), of which rows 2 and 3 vary. Where row 2 is `MENDED`,
-        the shape of the parent is on no line, and that of c2 has to be put right after the split.
+        The parents (D, n) and alpha (5, n), of which rows 2 and 3 vary. Where both are `MENDED`,
+        the shape of the parent is on no line, and the children are put right after the split.
     """
     n = c1.shape[1]
     alpha = np.ones((len(GROUP_CHANNELS), n))
@@ -173,6 +174,7 @@ def line_parents(c1: F64, c2: F64, target: Moments, unit_mass: float) -> tuple[F
     weight *= OPACITY_WEIGHT
     alpha[3], _ = _best_alpha(c1[_OPACITY], c2[_OPACITY], wanted, ALPHAS_OPACITY, weight)
     parent[_OPACITY] = _on_line(c1[_OPACITY], c2[_OPACITY], alpha[3])
+    alpha[3, alpha[2] == MENDED] = MENDED  # the halves of such a parent are as opaque as each other
     return parent, alpha
 
 

@@ -32,10 +32,11 @@ def split_steps(
     c2: F64,
     alpha: F32 | F64,
 ) -> Iterator[Step]:
-    """A split, and where children are on no line with their parent a refine of both.
+    """A split, and where children are on no line with their parent a refine.
 
-    Such a parent is split into two halves of itself (`halves`), so that pictures of the state
-    between the two steps are about those of the parents.
+    Where alpha of scale and of opacity are `MENDED`, the parent is split into two halves of itself
+    (`halves`) and both children are refined: pictures of the state between the two steps are about
+    those of the parents. Of other pairs on no line the C2 alone is refined, which costs less.
 
     Args:
         level: of the steps.
@@ -44,27 +45,28 @@ def split_steps(
         parents: (D, S).
         c1: (D, S) children that take the slots of the parents.
         c2: (D, S) children that take new slots.
-        alpha: (5, S) of the splits; `MENDED` pairs are on no line.
+        alpha: (5, S) of the splits.
     """
     # As exact as a step is.
     psi = (c1 - parents).astype(np.float32).astype(np.float64)
     alpha = alpha.astype(np.float64)
     off = np.abs(c2 - (parents - alpha_channels(alpha, len(c2)) * psi))
     largest = np.maximum(np.maximum(np.abs(parents), np.abs(c1)), np.abs(c2))
-    rows = np.flatnonzero((alpha[2] == MENDED) | np.any(off > ROUNDING * largest, axis=0))
+    is_off = (alpha[2] == MENDED) | np.any(off > ROUNDING * largest, axis=0)
+    rows = np.flatnonzero((alpha[2:4] == MENDED).all(axis=0))
     if len(rows):
         opacity, shrinks = halves(parents[_OPACITY, rows])
         psi[:, rows] = 0
         psi[_SCALE, rows] = shrinks
         psi[_OPACITY, rows] = opacity - parents[_OPACITY, rows]
-        alpha[2:4, rows] = MENDED
     split = Step.of_splits(level, slots, psi, alpha)
     yield split
-    if len(rows):
+    seconds = np.flatnonzero(is_off)
+    if len(seconds):
         halved = parents[:, rows] + split.psi[:, rows]
         second = parents - alpha_channels(split.alpha, len(c2)) * split.psi
-        refined = np.concatenate([c1[:, rows] - halved, (c2 - second)[:, rows]], axis=1)
-        yield Step.of_refines(level, np.append(slots[rows], n_before + rows), refined)
+        refined = np.concatenate([c1[:, rows] - halved, (c2 - second)[:, seconds]], axis=1)
+        yield Step.of_refines(level, np.append(slots[rows], n_before + seconds), refined)
 
 
 def halves(logits: F64) -> tuple[F64, F64]:

@@ -74,8 +74,11 @@ def test_a_tenth_of_the_pairs_is_mended_that_lifting_has_not_mended():
         n = len(split.slots)
         n_mended = np.count_nonzero(split.alpha[2] == MENDED)
         assert n / 10 - 1 < n_mended < n / 4
-        assert len(refine.slots) == 2 * n_mended  # both children
+        n_halved = np.count_nonzero((split.alpha[2:4] == MENDED).all(axis=0))
+        assert len(refine.slots) == n_mended + n_halved  # C2, and C1 of halves
         assert refine.psi[SCALE].any(axis=0).all()
+        if not n_halved:
+            assert not refine.psi[10:].any()
 
 
 def test_distilling_again_gives_the_same_numbers():

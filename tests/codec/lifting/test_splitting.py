@@ -43,16 +43,16 @@ def pair(alpha_scale):
     c1[[0, 7]], c2[[0, 4, 7]] = [[0.6], [-2.0]], [[-0.4], [0.3], [-0.5]]
     c1[11:14], c2[11:14] = 1.0, -1.0
     alpha = np.ones((5, 1))
-    alpha[2] = alpha_scale
+    alpha[2:4] = alpha_scale
     return parent, c1, c2, alpha
 
 
-@pytest.mark.parametrize("alpha_scale", [MENDED, 0.5])
-def test_children_on_no_line_are_what_they_are_after_two_steps(alpha_scale):
+@pytest.mark.parametrize(("alpha_scale", "refined"), [(MENDED, [0, 1]), (0.5, [1])])
+def test_children_on_no_line_are_what_they_are_after_two_steps(alpha_scale, refined):
     parent, c1, c2, alpha = pair(alpha_scale)
     split, refine = split_steps(1, np.array([0]), 1, parent, c1, c2, alpha)
     assert (split.kinds == Kind.SPLIT).all()
-    np.testing.assert_array_equal(refine.slots, [0, 1])
+    np.testing.assert_array_equal(refine.slots, refined)
     tree = EvolutionTree(3, (Step.of_adds(0, parent.astype(np.float32)), split, refine))
     np.testing.assert_allclose(tree.leaves().channels(), np.hstack([c1, c2]), atol=1e-6)
 
