@@ -29,6 +29,8 @@ from evogs_codec.model.splats import F32, U8, SplatParams
 __all__ = ["META", "is_sog", "read"]
 
 META = "meta.json"
+# What `zipfile` raises of a damaged zip, and of one that it cannot read.
+DAMAGED = (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError)
 MAX_META = 16 << 20  # bytes
 ROW = 64  # palette entries in a row of the picture
 N_REST = (0, 3, 8, 15)  # coefficients above band 0, by SH degree
@@ -59,9 +61,7 @@ def read(path: Path) -> tuple[SplatParams, SceneInfo]:
         try:
             with zipfile.ZipFile(path) as archive:
                 return _read(_Bundle(path, archive))
-        except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError) as error:
-            raise InputError(f"{path}: the zip is damaged: {shown(error)}") from error
-        except zlib.error as error:
+        except DAMAGED as error:
             raise InputError(f"{path}: the zip is damaged: {shown(error)}") from error
     return _read(_Folder(path if path.is_dir() else path.parent, path))
 
