@@ -8,7 +8,8 @@ Letters: K steps of a tile.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,7 +20,28 @@ from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import F64
 from evogs_codec.model.tree import Kind
 
-__all__ = ["leaf_shares", "packet_order", "palette_packets"]
+__all__ = [
+    "TileGains",
+    "gains_of_tile",
+    "leaf_shares",
+    "order_of_tiles",
+    "packet_order",
+    "palette_packets",
+]
+
+
+@dataclass(frozen=True)
+class TileGains:
+    """What decides the place of the packets of a tile.
+
+    Attributes:
+        n_leaves: of the tile.
+        steps: (K, B) what the packet of each step and component takes off the squared error of
+            pictures of the tile.
+    """
+
+    n_leaves: int
+    steps: F64
 
 
 def packet_order(tree: CodedTree, sizes: Mapping[PacketId, int]) -> list[PacketId]:
@@ -29,29 +51,60 @@ def packet_order(tree: CodedTree, sizes: Mapping[PacketId, int]) -> list[PacketI
         tree: with the gains of its steps; without, it goes step by step.
         sizes: bytes of each packet.
     """
-    keyed = []
     most = _most_of_picks(tree, sizes)
-    for number, (share, tile) in enumerate(zip(leaf_shares(tree), tree.tiles, strict=True)):
-        core = np.full(len(tile.steps), np.inf)
-        for column, component in enumerate(tree.components.of_tiles):
-            packets = [PacketId(number, component, k) for k in range(len(tile.steps))]
-            gains = [share * step.gain[column] if step.gain else 0.0 for step in tile.steps]
-            slopes = np.minimum(_falling(gains, [sizes[packet] for packet in packets]), core)
-            if most and component == PICKS:
-                caps = [most.get(step.level, np.inf) for step in tile.steps]
-                slopes = np.minimum.accumulate(np.minimum(slopes, caps))
-            core = slopes if component == 0 else core
-            keyed += [
-                ((-slope, p.step, number), p) for slope, p in zip(slopes, packets, strict=True)
-            ]
+    caps = [[most.get(step.level, np.inf) for step in tile.steps] for tile in tree.tiles]
+    ordered = order_of_tiles(
+        [gains_of_tile(tree, tile) for tile in tree.tiles],
+        tree.components.of_tiles,
+        sizes,
+        caps if most else None,
+    )
     order: list[PacketId] = []
     palette = list(zip(palette_packets(tree), tree.palette_levels, strict=True))
-    for _, packet in sorted(keyed):
+    for packet in ordered:
         label = tree.tiles[packet.tile].steps[packet.step].level
         while palette and packet.component == PICKS and palette[0][1] <= label:
             order.append(palette.pop(0)[0])
         order.append(packet)
     return [*order, *(packet for packet, _ in palette)]  # what no pick requires
+
+
+def order_of_tiles(
+    tiles: Sequence[TileGains],
+    components: Sequence[int],
+    sizes: Mapping[PacketId, int],
+    caps: Sequence[Sequence[float]] | None = None,
+) -> list[PacketId]:
+    """The packets of tiles as `packet_order` has them.
+
+    Args:
+        tiles: all of a stream.
+        components: of tiles, by column.
+        sizes: bytes of each packet.
+        caps: per tile (K,) gain per byte of picks at most.
+    """
+    keyed = []
+    n_leaves = max(sum(tile.n_leaves for tile in tiles), 1)
+    for number, tile in enumerate(tiles):
+        core = np.full(len(tile.steps), np.inf)
+        for column, component in enumerate(components):
+            packets = [PacketId(number, component, k) for k in range(len(tile.steps))]
+            gains = tile.steps[:, column] * (tile.n_leaves / n_leaves)
+            slopes = np.minimum(_falling(gains, [sizes[packet] for packet in packets]), core)
+            if caps is not None and component == PICKS:
+                slopes = np.minimum.accumulate(np.minimum(slopes, caps[number]))
+            core = slopes if component == 0 else core
+            keyed += [
+                ((-slope, p.step, number), p) for slope, p in zip(slopes, packets, strict=True)
+            ]
+    return [packet for _, packet in sorted(keyed)]
+
+
+def gains_of_tile(tree: CodedTree, tile: CodedTile) -> TileGains:
+    """The gains of the steps of a tile; 0 where they have none."""
+    nothing = (0.0,) * len(tree.components.of_tiles)
+    gains = [step.gain or nothing for step in tile.steps]
+    return TileGains(_n_leaves(tile), np.reshape(gains, (len(gains), len(nothing))))
 
 
 def palette_packets(tree: CodedTree) -> list[PacketId]:
@@ -98,7 +151,7 @@ def _n_leaves(tile: CodedTile) -> int:
     return sum(int(step.adds.shape[1]) for step in tile.steps) + splits - drops
 
 
-def _falling(gains: Sequence[float], sizes: Sequence[float]) -> F64:
+def _falling(gains: Iterable[float], sizes: Sequence[float]) -> F64:
     """(K,) gain per byte along a chain; what pays less than the next counts together with it."""
     runs: list[tuple[float, float, int]] = []  # gain, bytes, packets
     for gain, size in zip(gains, sizes, strict=True):

@@ -48,7 +48,7 @@ from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F32, F64, I32, I64, U8
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
-__all__ = ["quantise"]
+__all__ = ["quantise", "quantise_on"]
 
 NEAR = 0.999  # grid units that near-lossless coding leaves: 1 less what float64 may err
 
@@ -80,22 +80,25 @@ def quantise(
     Raises:
         NotRepresentableError: values too large for any grid.
     """
-    sh_degree, palette = tiles[0].sh_degree, tiles[0].palette
+    sh_degree = tiles[0].sh_degree
     ranges = Ranges.of(tiles, n_levels)
     steps = settings.accuracy.wanted_steps(ranges, n_levels)
     exponents = grid_exponents(settings, ranges, steps)
-    report = progress or no_progress
+    alpha = alpha_tables(tiles, settings)
     while True:
         grid = Grid.of(sh_degree, n_levels, exponents, steps, settings)
-        alpha = alpha_tables(tiles, settings)
-        coded = []
         try:
-            if palette is not None:
-                q = quantised_entries(palette, grid, entry_weights, price)
-            for k, tile in enumerate(tiles):
-                report("quantise", k / len(tiles))
-                own = None if weights is None else weights[k]
-                coded.append(_TileCoder(tile, grid, alpha, settings, own, price).code())
+            coded = quantise_on(
+                tiles,
+                grid,
+                alpha,
+                settings,
+                weights=weights,
+                entry_weights=entry_weights,
+                price=price,
+                info=info,
+                progress=progress,
+            )
         except TooFineError as error:
             if exponents[error.group] <= -16:
                 raise NotRepresentableError(
@@ -103,12 +106,39 @@ def quantise(
                 ) from None
             exponents = tuple(e - (g == error.group) for g, e in enumerate(exponents))
             continue
-        break
-    warn_if_coarser(grid, steps, settings)
+        warn_if_coarser(grid, steps, settings)
+        return coded
+
+
+def quantise_on(
+    tiles: Sequence[EvolutionTree],
+    grid: Grid,
+    alpha: dict[tuple[int, int], AlphaTable],
+    settings: Settings,
+    *,
+    weights: Sequence[Sequence[StepWeights | None]] | None = None,
+    entry_weights: F32 | None = None,
+    price: float = 1.0,
+    info: SceneInfo | None = None,
+    progress: Progress | None = None,
+) -> CodedTree:
+    """`quantise` on a grid that is known, with these tables of alphas.
+
+    Raises:
+        TooFineError: a number leaves its range on this grid.
+    """
+    report, palette = progress or no_progress, tiles[0].palette
+    if palette is not None:
+        q = quantised_entries(palette, grid, entry_weights, price)
+    coded = []
+    for k, tile in enumerate(tiles):
+        report("quantise", k / len(tiles))
+        own = None if weights is None else weights[k]
+        coded.append(_TileCoder(tile, grid, alpha, settings, own, price).code())
     tree = CodedTree(
         sh_degree=tiles[0].shown_degree,
-        n_levels=n_levels,
-        grid_exponents=exponents,
+        n_levels=len(grid.quantisers) - 1,
+        grid_exponents=grid.exponents,
         quantisers=grid.quantisers,
         alpha=alpha,
         tiles=tuple(coded),

@@ -34,7 +34,7 @@ from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F32, F64, SplatParams
 from evogs_codec.model.tree import EvolutionTree
 
-__all__ = ["PRICES", "TargetEncoder", "TargetMissedError"]
+__all__ = ["PRICES", "Prepared", "TargetEncoder", "TargetMissedError"]
 
 FIRST_PRICE = 1e-11  # mean squared error that a bit is worth: about 45 dB
 PRICES = (1e-18, 1e-5)
@@ -97,7 +97,7 @@ class TargetEncoder:
             InputError: no price of a bit gives it.
             ValueError: there are no views.
         """
-        coder = _Coder(self)
+        coder = Prepared(self)
         tries = max(MOST_TRIES, min(MORE_TRIES, TRIED // max(self.tree.n_leaves, 1)))
 
         def measure(coded: CodedTree) -> tuple[float, CodedTree]:
@@ -149,7 +149,7 @@ class TargetEncoder:
         Raises:
             InputError: no price of a bit gives it.
         """
-        coder = _Coder(self)
+        coder = Prepared(self)
 
         def search(code: Callable[[float], CodedTree], start: float) -> _Found[bytes]:
             def measure(price: float) -> tuple[float, bytes]:
@@ -191,7 +191,7 @@ class TargetEncoder:
         if self.views is None:
             raise ValueError("a price of a bit needs views")
         for price in prices:
-            yield self._with_digests(self._coder.coded(price))
+            yield self._with_digests(self.prepared.coded(price))
 
     def at_price(self, price: float) -> bytes:
         """The stream of `at_prices` for one price.
@@ -204,11 +204,11 @@ class TargetEncoder:
     @property
     def importance(self) -> Importance | None:
         """Of the numbers of the arranged tree, by the views; None without."""
-        return self._coder.importance
+        return self.prepared.importance
 
     @cached_property
-    def _coder(self) -> _Coder:
-        return _Coder(self)
+    def prepared(self) -> Prepared:
+        return Prepared(self)
 
     def within(self, errors: Mapping[str, float]) -> bytes:
         """The stream no number of whose leaves is further off than its group allows.
@@ -225,7 +225,7 @@ class TargetEncoder:
         asked = np.array([errors.get(name, math.inf) for name in GROUPS])
         if np.any(self.leaf_error > asked):
             raise self._missed(asked, np.array(self.leaf_error))
-        coder = _Coder(replace(self, views=None, polish=0, layers=1))
+        coder = Prepared(replace(self, views=None, polish=0, layers=1))
         finest = replace(self.settings, accuracy=NearLossless())
         table = coder.first_table()
         groups = np.minimum(np.arange(table.shape[1]), 4)
@@ -247,7 +247,7 @@ class TargetEncoder:
             table = table * np.maximum(finer, 0.02)[groups]
         raise self._missed(asked, found)
 
-    def _errors_of(self, coder: _Coder, data: bytes) -> F64:
+    def _errors_of(self, coder: Prepared, data: bytes) -> F64:
         """(5,) largest error of a stream per group, with those of the tree."""
         return _errors(coder.tiles, data, self.tree.shown_degree) + self.leaf_error
 
@@ -279,7 +279,7 @@ class TargetEncoder:
         return write(coded, effort=self.settings.effort, progress=self.progress)
 
 
-class _Coder:
+class Prepared:
     """A tree arranged once, and quantised as often as it takes."""
 
     def __init__(self, aim: TargetEncoder) -> None:
