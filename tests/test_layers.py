@@ -14,7 +14,7 @@ TOPS = ("evogs_codec", "conformance", "reference_trainer", "tools")
 CODEC = "evogs_codec"
 TABLE = "<!-- layers -->\n"
 # Libraries that may be missing: what needs them says so, and the rest works.
-OPTIONAL = {"numba", "llvmlite", "isal", "PIL"}
+OPTIONAL = {"numba", "llvmlite", "isal", "PIL", "distributed"}
 
 
 def rows():

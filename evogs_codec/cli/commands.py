@@ -140,6 +140,7 @@ def _check_output(args: argparse.Namespace) -> None:
             for name, value in vars(args).items()
             if name != "output" and isinstance(value, Path)
         ]
+        sources += getattr(args, "others", [])
         kind, force = getattr(args, "output_kind", None), getattr(args, "force", False)
         if callable(kind):  # the name of the output says it, if it may be an output
             check_target(args.output, command=args.command, sources=sources)

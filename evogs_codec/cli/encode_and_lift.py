@@ -7,12 +7,16 @@ import json
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from evogs_codec._generated import registry
+from evogs_codec.cli.large_scenes import encode_large, wants_jobs
 from evogs_codec.cli.reports import level_figures, print_levels
 from evogs_codec.cli.terminal import progress_bar
 from evogs_codec.common.printable import shown
@@ -26,7 +30,7 @@ from evogs_codec.io.interchange.scene_files import Scene, read_scene
 from evogs_codec.io.interchange.sog import is_sog
 from evogs_codec.io.ply import drop_non_finite
 from evogs_codec.io.tree_npz import read_tree, write_tree
-from evogs_codec.lifting.lift import lift
+from evogs_codec.lifting.lift import N_LEVELS, lift
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene import encode_scene, encode_tree
@@ -42,12 +46,18 @@ def run_encode(args: argparse.Namespace) -> None:
     is_scene = _is_scene(args.input)
     _check(args, is_scene=is_scene)
     preset = _preset(args, SCENE_PRESET if is_scene else TREE_PRESET)
+    if is_scene and wants_jobs(args):
+        with progress_bar() as progress:
+            encode_large(args, partial(_scene_info, args), progress)
+        size = args.output.stat().st_size
+        _print_figures(args, read_directory(np.memmap(args.output, np.uint8, "r").data), size)
+        return
     with progress_bar() as progress:
         if is_scene:
             scene = read_splats(args.input, drop_invalid=args.drop_invalid)
             data = encode_scene(
                 scene.splats,
-                levels=args.levels,
+                levels=args.levels or N_LEVELS,
                 preset=preset,
                 palette="never" if args.no_palette else "auto",
                 improve=_refiner(args, progress),
@@ -89,7 +99,7 @@ def run_lift(args: argparse.Namespace) -> None:
         raise InputError(f"{args.input}: is a zip (.npz), not a scene: give a 3DGS .ply")
     with progress_bar() as progress:
         scene = read_splats(args.input, drop_invalid=args.drop_invalid)
-        tree = lift(scene.splats, args.levels, progress=progress)
+        tree = lift(scene.splats, args.levels or N_LEVELS, progress=progress)
         refine = _refiner(args, progress)
         tree = tree if refine is None else refine(tree)
     write_tree(args.output, tree, made_by=args.command)

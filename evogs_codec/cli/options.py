@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 from evogs_codec._generated import registry
 from evogs_codec._generated.limits import LIMITS
 from evogs_codec.cli.argument_types import error_of_group, number, parse_size
+from evogs_codec.cli.large_scenes import add_large_options
 from evogs_codec.encoding.layers import MAX_LAYERS, N_LAYERS
 from evogs_codec.encoding.settings import PRESETS, TREE_PSNR
 from evogs_codec.io import files
@@ -72,13 +73,19 @@ def add_encode(commands: Commands, run: Run) -> None:
         "  evogs encode scene.ply scene.evogs --levels 6 --title Bonsai --licence CC-BY-4.0\n"
         "  evogs encode lego.tree.npz lego.evogs\n"
         "  evogs encode lego.tree.npz lego.evogs --preset trained\n"
+        "  evogs encode city-1.ply city-2.ply city.evogs --workers 8\n"
         "  evogs encode scene.ply scene.evogs --target-psnr 45 --up -y\n"
         "  evogs encode scene.ply scene.evogs --target-bytes 5000000\n"
         "  evogs encode scene.ply scene.evogs --target-psnr 40 --polish\n"
         "  evogs encode scene.ply scene.evogs --max-error 0.01 position=0.0005\n"
         "  evogs encode lego.tree.npz exact.evogs --near-lossless",
     )
-    parser.add_argument("input", type=Path, metavar="IN", help=f"{SCENES_IN}; or a .tree.npz")
+    parser.add_argument(
+        "input", type=Path, metavar="IN", help=f"{SCENES_IN}; a folder of them; or a .tree.npz"
+    )
+    parser.add_argument(
+        "others", type=Path, nargs="*", metavar="IN", help="other parts of the same scene"
+    )
     add_output(parser, "OUT.evogs", files.STREAM)
     _add_lift_options(parser, "--refine, --polish and targets")
     accuracy = parser.add_mutually_exclusive_group()
@@ -184,6 +191,7 @@ def add_encode(commands: Commands, run: Run) -> None:
         action="store_true",
         help="mark the scene as trained with antialiasing, as the input may say too",
     )
+    add_large_options(parser)
     _add_json(parser)
 
 
@@ -338,9 +346,8 @@ def _add_lift_options(parser: argparse.ArgumentParser, uses: str) -> None:
     parser.add_argument(
         "--levels",
         type=number(int, 1, 64),
-        default=N_LEVELS,
         metavar="N",
-        help=f"number of levels to build from a .ply (default: {N_LEVELS})",
+        help=f"number of levels to build from a scene (default: {N_LEVELS})",
     )
     parser.add_argument(
         "--drop-invalid", action="store_true", help="drop splats that have a NaN or an infinity"

@@ -5,7 +5,7 @@ Letters: S splits, C channels of a group.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -15,7 +15,15 @@ from evogs_codec.model.channels import GROUP_CHANNELS
 from evogs_codec.model.splats import F64, U8
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
-__all__ = ["alpha_tables", "cheapest_alphas", "nearest", "serving_both", "serving_second"]
+__all__ = [
+    "alpha_tables",
+    "cheapest_alphas",
+    "nearest",
+    "serving_both",
+    "serving_second",
+    "tables_of",
+    "weighted_alphas",
+]
 
 FEW_ALPHAS = 64  # of which each has an entry, if there are shifts that hold them
 FEW_ALPHA_BITS = 9  # K of a table that has an entry for every alpha of the tree
@@ -26,17 +34,27 @@ def alpha_tables(
     tiles: Sequence[EvolutionTree], settings: Settings
 ) -> dict[tuple[int, int], AlphaTable]:
     """Tables per (level, group); none where alpha is 1."""
-    tables = {}
-    levels = sorted({step.level for tile in tiles for step in tile.steps})
-    for level in levels:
+    return tables_of(weighted_alphas(tiles), settings)
+
+
+def weighted_alphas(tiles: Sequence[EvolutionTree]) -> dict[tuple[int, int], tuple[F64, F64]]:
+    """(n,) alphas and (n,) what each weighs, above 0, per (level, group)."""
+    found = {}
+    for level in sorted({step.level for tile in tiles for step in tile.steps}):
         steps = [step for tile in tiles for step in tile.steps if step.level == level]
         for group, part in enumerate(GROUP_CHANNELS):
             alphas = np.concatenate([np.empty(0), *(step.alpha[group] for step in steps)])
             weights = np.concatenate([np.empty(0), *(_psi_energy(step, part) for step in steps)])
-            table = _alpha_table(alphas[weights > 0], weights[weights > 0], settings)
-            if table is not None:
-                tables[level, group] = table
-    return tables
+            found[level, group] = alphas[weights > 0], weights[weights > 0]
+    return found
+
+
+def tables_of(
+    weighted: Mapping[tuple[int, int], tuple[F64, F64]], settings: Settings
+) -> dict[tuple[int, int], AlphaTable]:
+    """`alpha_tables` of what `weighted_alphas` found."""
+    tables = {place: _alpha_table(*found, settings) for place, found in weighted.items()}
+    return {place: table for place, table in tables.items() if table is not None}
 
 
 def _psi_energy(step: Step, part: slice) -> F64:

@@ -76,6 +76,7 @@ class TargetEncoder:
             sensitivity do not tell; `views` by default.
         seen: part of the worth of a number that the views decide.
         n_tiles, info, progress: as of `encode`.
+        n_levels: of the first layer; by default those of the tree.
     """
 
     tree: EvolutionTree
@@ -89,6 +90,7 @@ class TargetEncoder:
     n_tiles: int | None = None
     info: SceneInfo | None = None
     progress: Progress | None = None
+    n_levels: int = 1
 
     def at_psnr(self, decibels: float) -> bytes:
         """The stream whose leaves have this PSNR against the tree's, within 0.2 dB.
@@ -208,6 +210,7 @@ class TargetEncoder:
 
     @cached_property
     def prepared(self) -> Prepared:
+        """The tree, arranged and weighed."""
         return Prepared(self)
 
     def within(self, errors: Mapping[str, float]) -> bytes:
@@ -284,7 +287,7 @@ class Prepared:
 
     def __init__(self, aim: TargetEncoder) -> None:
         self.aim = aim
-        self.n_levels = max(aim.tree.n_levels, 1)
+        self.n_levels = max(aim.tree.n_levels, aim.n_levels)
         if (aim.polish or aim.layers > 1) and aim.views is None:
             raise ValueError(f"{'polishing needs' if aim.polish else 'layers need'} views")
         if aim.layers > 1:

@@ -30,6 +30,7 @@ from evogs_codec.model.splats import SplatParams, sh_degree_of
 
 __all__ = [
     "OPAQUE",
+    "PlyBlocks",
     "PlyHeader",
     "drop_non_finite",
     "finite_opacities",
@@ -73,6 +74,55 @@ def read_ply(path: PathLike) -> SplatParams:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
     return with_finite_opacities(path, _splats(rows, _n_rest(path, header.names)))
+
+
+@dataclass(frozen=True, eq=False)
+class PlyBlocks:
+    """A binary `.ply` whose rows can be read from anywhere.
+
+    Attributes:
+        rows: (N,) structured, mapped from the file.
+        n_rest: properties `f_rest_*`.
+        comments: as of `PlyHeader`.
+    """
+
+    rows: npt.NDArray[np.void]
+    n_rest: int
+    comments: tuple[str, ...]
+
+    @staticmethod
+    def of(path: PathLike) -> PlyBlocks | None:
+        """Of a 3DGS `.ply`; None if it is text, or has lists before its vertices.
+
+        Raises:
+            InputError: the file cannot be read or is no 3DGS `.ply`.
+        """
+        try:
+            header = _read_header(path)
+            n_rest = _n_rest(path, header.names)
+            if header.text or header.n_before[1] is None:
+                return None
+            return PlyBlocks(_read_rows(path, header), n_rest, header.comments)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+    @property
+    def n(self) -> int:
+        """N."""
+        return len(self.rows)
+
+    @property
+    def sh_degree(self) -> int:
+        """Degree of the SH coefficients, 0..3."""
+        return sh_degree_of(1 + self.n_rest // 3)
+
+    def read(self, start: int, stop: int) -> tuple[npt.NDArray[np.float64], SplatParams]:
+        """(n, 3) positions, as exact as the file has them, and the splats of these rows."""
+        rows = np.asarray(self.rows[start:stop])
+        means = np.empty((len(rows), 3))
+        for axis, name in enumerate(MEANS):
+            means[:, axis] = rows[name]
+        return means, _splats(rows, self.n_rest)
 
 
 def read_ply_header(path: PathLike) -> PlyHeader:

@@ -19,7 +19,7 @@ from evogs_codec.model.tree import EvolutionTree
 if TYPE_CHECKING:
     from evogs_codec.render import Camera, Views
 
-__all__ = ["MaxError", "Request", "SceneOptions", "TreeOptions"]
+__all__ = ["NO_NUMBA", "MaxError", "Request", "SceneOptions", "TreeOptions", "with_generator"]
 
 NO_NUMBA = "numba is missing: pip install -e '.[render]'"
 
@@ -113,7 +113,7 @@ class Request:
             cameras=options.get("cameras"),
             up=options.get("up", "z"),
             n_tiles=n_tiles,
-            info=_with_generator(options.get("info") or SceneInfo()),
+            info=with_generator(options.get("info") or SceneInfo()),
             progress=options.get("progress") or no_progress,
         )
 
@@ -159,5 +159,6 @@ def _errors_of(max_error: MaxError | None) -> dict[str, float]:
     return dict(max_error)
 
 
-def _with_generator(info: SceneInfo) -> SceneInfo:
+def with_generator(info: SceneInfo) -> SceneInfo:
+    """The metadata, with this program as the `generator` if it names none."""
     return replace(info, text={**info.text, "generator": f"evogs {__version__}"} | dict(info.text))

@@ -14,7 +14,7 @@ from evogs_codec import (
 from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.layers import Layered
 from evogs_codec.encoding.sensitivity import Importance
-from evogs_codec.encoding.targets import TargetEncoder, _Coder
+from evogs_codec.encoding.targets import TargetEncoder, Prepared
 from evogs_codec.encoding.write import write
 from evogs_codec.model.channels import N_GROUPS, n_channels
 from evogs_codec.model.tree import Kind, Step
@@ -46,7 +46,7 @@ def aim(tree=None, **more):
 
 def at_a_price(tree, layers, price=PRICE, **more):
     """A stream that nothing was searched for."""
-    return write(_Coder(aim(tree, layers=layers, **more)).coded(price), effort=1)
+    return write(Prepared(aim(tree, layers=layers, **more)).coded(price), effort=1)
 
 
 @cache

@@ -22,7 +22,7 @@ from evogs_codec import (
 from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.layers import MAX_LAYERS, Layered
 from evogs_codec.encoding.sensitivity import Importance
-from evogs_codec.encoding.targets import TargetEncoder, _Coder
+from evogs_codec.encoding.targets import TargetEncoder, Prepared
 from evogs_codec.encoding.write import write
 from evogs_codec.render import cameras_around
 from evogs_codec.render.demo_scene import make_scene
@@ -106,7 +106,7 @@ def test_no_splats_have_no_layers():
         encode_scene(empty, target_psnr=40, layers=2)
     tree = scene()[0]
     gone = dropping(tree, np.arange(tree.n_leaves))
-    data = write(_Coder(TargetEncoder(gone, SETTINGS, scene()[1], layers=2)).coded(PRICE))
+    data = write(Prepared(TargetEncoder(gone, SETTINGS, scene()[1], layers=2)).coded(PRICE))
     assert (decode(data).n_leaves, read_directory(data).n_levels) == (0, N_LEVELS)
 
 

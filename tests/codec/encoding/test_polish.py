@@ -15,7 +15,7 @@ from evogs_codec import PRESETS, decode, lift
 from evogs_codec.cli.commands import main
 from evogs_codec.encoding import polish, targets
 from evogs_codec.encoding.polish import polished
-from evogs_codec.encoding.targets import TargetEncoder, _Coder
+from evogs_codec.encoding.targets import TargetEncoder, Prepared
 from evogs_codec.encoding.write import write
 from evogs_codec.io.ply import write_ply
 from evogs_codec.model.arithmetic import RangeError
@@ -72,14 +72,14 @@ class Noise:
 
 @pytest.mark.parametrize(("price", "gain"), [(1e-9, 0.3), (1e-8, 1.0)])
 def test_pictures_err_less_for_no_more_bytes(price, gain):
-    coded = _Coder(aim()).coded(price)
+    coded = Prepared(aim()).coded(price)
     before, after = write(coded), write(quietly(coded, scene()[1], price, 150))
     assert psnr(after) > psnr(before) + gain
     assert len(after) < 1.03 * len(before)
 
 
 def test_only_integers_of_the_last_level_move_and_zeros_do_not():
-    coded = _Coder(aim()).coded(1e-10)
+    coded = Prepared(aim()).coded(1e-10)
     found = quietly(coded, scene()[1], 1e-10, 20)
     for old, new in zip(coded.tiles[0].steps, found.tiles[0].steps, strict=True):
         moved = old.psi != new.psi
@@ -103,14 +103,14 @@ def test_a_tile_whose_integers_leave_the_range_stays_as_it_was(monkeypatch):
     def too_large(*_):
         raise RangeError
 
-    coded = _Coder(aim()).coded(1e-10)
+    coded = Prepared(aim()).coded(1e-10)
     monkeypatch.setattr(polish, "apply_channel", too_large)
     assert quietly(coded, scene()[1], 1e-10, 2).tiles == coded.tiles
 
 
 @pytest.mark.parametrize("iterations", [0, 3])
 def test_a_tile_whose_sums_of_siblings_leave_the_range_stays_as_it_was(monkeypatch, iterations):
-    coded = _Coder(aim(layers=2)).coded(1e-10)
+    coded = Prepared(aim(layers=2)).coded(1e-10)
     assert coded.tiles[0].steps[-1].siblings
     calls = []
 
@@ -127,7 +127,7 @@ def test_a_tile_whose_sums_of_siblings_leave_the_range_stays_as_it_was(monkeypat
 
 
 def test_a_tile_whose_sums_leave_the_range_while_it_descends_is_put_back(monkeypatch):
-    coded = _Coder(aim(layers=2)).coded(1e-10)
+    coded = Prepared(aim(layers=2)).coded(1e-10)
     sums, calls = Siblings.sums, []
 
     def beyond(siblings, differences):
@@ -145,7 +145,7 @@ def test_a_tile_whose_sums_leave_the_range_while_it_descends_is_put_back(monkeyp
 
 
 def test_a_tile_whose_integers_need_too_many_bits_stays_as_it_was(monkeypatch):
-    coded = _Coder(aim()).coded(1e-10)
+    coded = Prepared(aim()).coded(1e-10)
     monkeypatch.setattr(polish, "MAX_STORED", 4)
     assert quietly(coded, scene()[1], 1e-10, 2).tiles == coded.tiles
 
@@ -197,7 +197,7 @@ def test_a_number_of_bytes_is_met_with_better_pictures():
 
 
 def test_it_is_the_same_every_time():
-    coded = _Coder(aim()).coded(1e-10)
+    coded = Prepared(aim()).coded(1e-10)
     first, second = (write(quietly(coded, scene()[1], 1e-10, 20)) for _ in range(2))
     assert first == second
 

@@ -1,0 +1,133 @@
+"""`evogs encode` of scenes that are larger than memory, or of several files as one."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from evogs_codec.common.progress import Progress
+from evogs_codec.encoding.layers import N_LAYERS
+from evogs_codec.errors import InputError
+from evogs_codec.io.interchange.scene_files import scene_format
+from evogs_codec.io.ply import PlyBlocks
+from evogs_codec.jobs import Engine, JobOptions, encode_files
+from evogs_codec.jobs.blocks import SplatFiles
+from evogs_codec.model.scene_info import SceneInfo
+
+__all__ = ["LARGE", "add_large_options", "encode_large", "wants_jobs"]
+
+LARGE = 1_000_000  # splats: beyond, a scene takes over 1 GiB to encode in one piece
+ENGINES = ("processes", "serial", "dask")
+# What needs the whole scene at once: names of the options.
+WHOLE = (
+    *("preset", "bits", "near_lossless", "finer", "max_error", "target_psnr", "target_bytes"),
+    *("polish", "refine", "camera", "tiles"),
+)
+
+
+def add_large_options(parser: argparse.ArgumentParser) -> None:
+    """The options that ask for jobs."""
+    group = parser.add_argument_group(
+        "large scenes",
+        f"A .ply of more than {LARGE:,} splats, a folder of scenes, or several of them are encoded"
+        " tile by tile, each in a process of its own, with about 600 MB for each process whatever"
+        " the size. The stream is the same for any number of processes.",
+    )
+    group.add_argument("--workers", type=int, metavar="N", help="processes (default: processors)")
+    group.add_argument(
+        "--engine",
+        choices=ENGINES,
+        help="processes of this machine (default), serial, or dask: a Dask cluster",
+    )
+    group.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="of Dask, for instance tcp://10.0.0.5:8786; its workers must see the scratch folder"
+        " (default: a cluster on this machine)",
+    )
+    group.add_argument(
+        "--scratch",
+        type=Path,
+        metavar="FOLDER",
+        help="for what is in work, up to twice the size of the input (default: OUT.evogs.parts)",
+    )
+    group.add_argument(
+        "--resume", action="store_true", help="go on where a run that failed has stopped"
+    )
+
+
+def wants_jobs(args: argparse.Namespace) -> bool:
+    """Whether a scene is to be encoded tile by tile.
+
+    Raises:
+        InputError: the options ask for that, and others do not allow it.
+    """
+    asked = bool(
+        args.others or args.workers or args.engine or args.scheduler or args.scratch or args.resume
+    )
+    is_folder = args.input.is_dir() and scene_format(args.input) is None
+    whole = [f"--{name.replace('_', '-')}" for name in WHOLE if getattr(args, name)]
+    if (asked or is_folder) and whole:
+        raise InputError(f"{', '.join(whole)} needs the whole scene at once, in one file")
+    return asked or is_folder or (not whole and _is_large(args.input))
+
+
+def encode_large(
+    args: argparse.Namespace, info_of: Callable[[SceneInfo], SceneInfo], progress: Progress
+) -> None:
+    """Write the stream of all input files.
+
+    Args:
+        args: of `evogs encode`.
+        info_of: the metadata, from what the first file says.
+        progress: called with a stage and the part of it that is done.
+
+    Raises:
+        InputError, OSError: as `encode_files`.
+    """
+    if args.workers is not None and args.workers < 1:
+        raise InputError("--workers: at least 1")
+    if args.scheduler and args.engine not in (None, "dask"):
+        raise InputError("--scheduler is for --engine dask")
+    files = _files([args.input, *args.others])
+    options = JobOptions(
+        levels=args.levels or JobOptions.levels,
+        layers=args.layers or N_LAYERS,
+        up=args.up,
+        effort=args.effort or JobOptions.effort,
+        drop_invalid=args.drop_invalid,
+        info=info_of(SplatFiles(files).info),
+    )
+    encode_files(
+        files,
+        args.output,
+        options,
+        engine=Engine(
+            args.engine or ("dask" if args.scheduler else "processes"), args.workers, args.scheduler
+        ),
+        scratch=args.scratch,
+        resume=args.resume,
+        progress=progress,
+    )
+
+
+def _is_large(path: Path) -> bool:
+    if path.is_dir() or scene_format(path) != "ply":
+        return False
+    blocks = PlyBlocks.of(path)
+    return blocks is not None and blocks.n > LARGE
+
+
+def _files(paths: Sequence[Path]) -> list[Path]:
+    """The scenes of these paths; of a folder, those directly in it."""
+    found: list[Path] = []
+    for path in paths:
+        if not path.is_dir() or scene_format(path) is not None:
+            found.append(path)
+            continue
+        inside = [one for one in sorted(path.iterdir()) if one.is_file() and scene_format(one)]
+        if not inside:
+            raise InputError(f"{path}: no scene is in this folder")
+        found += inside
+    return found

@@ -1,0 +1,242 @@
+"""A stream of any number of splats: partition, survey, a job for each tile, merge."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evogs_codec.common.progress import Progress, no_progress
+from evogs_codec.common.version import __version__
+from evogs_codec.encoding.layers import N_LAYERS
+from evogs_codec.errors import InputError
+from evogs_codec.jobs.blocks import SplatFiles
+from evogs_codec.jobs.engines import Call, Engine, run_jobs
+from evogs_codec.jobs.merge import merge
+from evogs_codec.jobs.partition import PER_TILE, Partition, Tree, partition, rows_of, stand_ins_of
+from evogs_codec.jobs.plan import Plan, Survey, surveyed
+from evogs_codec.jobs.tile_job import TileJob, code_tile, survey_tile
+from evogs_codec.model.scene_info import SceneInfo
+from evogs_codec.scene.request import NO_NUMBA, with_generator
+
+__all__ = ["JobOptions", "encode_files"]
+
+LEVELS = 6  # level 0 of a tile has some thousand splats
+MARK = "evogs-scratch.json"  # a folder that has it is ours to delete
+
+
+@dataclass(frozen=True)
+class JobOptions:
+    """How files are encoded.
+
+    Attributes:
+        levels: of the tree of each tile.
+        layers: of precision.
+        up: axis that is up in views.
+        effort: Zstandard level.
+        per_tile: splats of a tile, about.
+        drop_invalid: leave out splats with a NaN or an infinite number.
+        info: metadata; None: what the first file says.
+    """
+
+    levels: int = LEVELS
+    layers: int = N_LAYERS
+    up: str = "z"
+    effort: int = 19
+    per_tile: int = PER_TILE
+    drop_invalid: bool = False
+    info: SceneInfo | None = None
+
+
+def encode_files(
+    paths: Sequence[str | os.PathLike[str]],
+    out: str | os.PathLike[str],
+    options: JobOptions | None = None,
+    *,
+    engine: Engine | None = None,
+    scratch: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    progress: Progress | None = None,
+) -> None:
+    """Write the stream of the splats of some files, with memory for a few tiles alone.
+
+    The bytes are the same for any number of workers, on any engine, in whatever order jobs end and
+    files are given, and after a run that was interrupted.
+
+    Args:
+        paths: scenes as of `read_scene`, all of one SH degree, which become one.
+        out: the stream to make or replace.
+        options: how.
+        engine: where jobs run; by default in a process for each processor.
+        scratch: folder for what is in work, up to twice the size of the input; by default beside
+            `out`. It is deleted at the end, and stays if the run fails.
+        resume: go on with what an earlier run of the same files and options left there.
+        progress: called with a stage and the part of it that is done.
+
+    Raises:
+        InputError: a file cannot be used, workers die again and again, or the scratch folder is of
+            another run or not ours.
+        NotRepresentableError: values too large for any grid of the format.
+        OSError: a disk is full, or `out` cannot be written.
+    """
+    if find_spec("numba") is None:
+        raise InputError(f"scenes of any size are encoded by views: {NO_NUMBA}")
+    run = _Run(
+        SplatFiles([Path(path) for path in paths], (options or JobOptions()).drop_invalid),
+        options or JobOptions(),
+        engine or Engine(),
+        Path(f"{os.fspath(out)}.parts") if scratch is None else Path(scratch),
+        progress or no_progress,
+    )
+    run.begin(resume)
+    merge(run.parts(), Path(out))
+    shutil.rmtree(run.folder)
+
+
+@dataclass
+class _Run:
+    files: SplatFiles
+    options: JobOptions
+    engine: Engine
+    folder: Path
+    report: Progress
+    partition: Partition = field(init=False)
+
+    def begin(self, resume: bool) -> None:
+        """Make the scratch folder and the partition, or find them there."""
+        mark = self.folder / MARK
+        ours = {"run": self._identity(), "evogs": __version__}
+        if self.folder.exists() and any(self.folder.iterdir()):
+            if not mark.exists():
+                raise InputError(f"{self.folder}: is not empty and not a scratch folder of evogs")
+            if resume and json.loads(mark.read_text()) != ours:
+                raise InputError(
+                    f"{self.folder}: is of other files, options or another version: without"
+                    " --resume it is made anew"
+                )
+            if not resume:
+                shutil.rmtree(self.folder)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        mark.write_text(json.dumps(ours))
+        found = self.folder / "partition.npz"
+        if found.exists():
+            self.partition = _read_partition(self.folder, found, self.files.sh_degree)
+            return
+        self.partition = partition(self.files, self.folder, self.report, self.options.per_tile)
+        if self.files.n_opaque:
+            warnings.warn(
+                f"{self.files.n_opaque:,} splats have an infinite opacity: a finite one is taken,"
+                " which renders the same",
+                stacklevel=3,
+            )
+        if self.files.n_invalid:
+            warnings.warn(
+                f"{self.files.n_invalid:,} splats with NaN or infinite numbers left out",
+                stacklevel=3,
+            )
+        _write_partition(found, self.partition)
+
+    def parts(self) -> list[Path]:
+        """The streams of all tiles that have splats, in order."""
+        tiles = np.flatnonzero(self.partition.counts).tolist()
+        chosen = surveyed(self.partition).tolist()
+        surveys = [self.folder / f"{tile:06d}.survey" for tile in chosen]
+        calls: list[Call] = [
+            (self._job(tile), str(path)) for tile, path in zip(chosen, surveys, strict=True)
+        ]
+        self._do("survey", survey_tile, calls)
+        info = with_generator(self.options.info or self.files.info)
+        plan = Plan.of(
+            self.partition, [Survey.read(path) for path in surveys], self.options.levels, info
+        )
+        while True:
+            name = "_".join(map(str, plan.exponents))
+            parts = [self.folder / f"{tile:06d}.{name}.evogs" for tile in tiles]
+            calls = [
+                (self._job(tile), plan, str(path)) for tile, path in zip(tiles, parts, strict=True)
+            ]
+            too_fine = self._do("encode", code_tile, calls)
+            if too_fine is None:
+                return parts
+            plan = plan.with_less_of(too_fine)
+
+    def _do(self, stage: str, function: Callable[..., Any], calls: Sequence[Call]) -> int | None:
+        """Run the jobs whose files, their last arguments, are not there.
+
+        Returns:
+            The first of their results that is not None.
+        """
+        todo = [call for call in calls if not Path(call[-1]).exists()]
+        done = len(calls) - len(todo)
+        for _, found in run_jobs(self.engine, function, todo):
+            if found is not None:
+                return int(found)
+            done += 1
+            self.report(stage, done / len(calls))
+        return None
+
+    def _job(self, tile: int) -> TileJob:
+        tree = self.partition.tree
+        x, y, z = tree.origins[tile].tolist()
+        block = np.flatnonzero(tree.blocks == tree.blocks[tile])
+        offsets = tree.origins - tree.origins[tile]
+        return TileJob(
+            rows=str(rows_of(self.folder, tile)),
+            sh_degree=self.partition.sh_degree,
+            origin=(x, y, z),
+            stand_ins=str(stand_ins_of(self.folder, tile)),
+            around=tuple(
+                (str(stand_ins_of(self.folder, other)), tuple(offsets[other].tolist()))
+                for other in block.tolist()
+                if other != tile
+            ),
+            n_around=int(self.partition.counts[block].sum()),
+            n_levels=self.options.levels,
+            n_layers=self.options.layers,
+            up=self.options.up,
+            effort=self.options.effort,
+        )
+
+    def _identity(self) -> str:
+        """Of the files and options of a run."""
+        files = [
+            (str(path.resolve()), path.stat().st_size, path.stat().st_mtime_ns)
+            for path in self.files.paths
+        ]
+        options = asdict(replace(self.options, info=None))
+        said = json.dumps([sorted(files), options, repr(self.options.info)])
+        return hashlib.sha256(said.encode()).hexdigest()
+
+
+def _write_partition(path: Path, made: Partition) -> None:
+    tree = made.tree
+    temporary = path.with_suffix(".tmp.npz")
+    np.savez(
+        temporary,
+        axis=tree.axis,
+        value=tree.value,
+        child=tree.child,
+        origins=tree.origins,
+        blocks=tree.blocks,
+        counts=made.counts,
+        largest=made.largest,
+        sizes=made.sizes,
+    )
+    temporary.replace(path)
+
+
+def _read_partition(folder: Path, path: Path, sh_degree: int) -> Partition:
+    with np.load(path) as found:
+        tree = Tree(
+            found["axis"], found["value"], found["child"], found["origins"], found["blocks"]
+        )
+        return Partition(folder, tree, sh_degree, found["counts"], found["largest"], found["sizes"])

@@ -1,0 +1,131 @@
+"""Engines: where jobs run. Each is a `concurrent.futures.Executor`."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
+
+from evogs_codec.errors import InputError
+
+__all__ = ["Engine", "run_jobs"]
+
+Call: TypeAlias = "tuple[Any, ...]"
+
+RETRIES = 3  # of jobs whose worker died
+# A job is one thread: there are as many workers as processors.
+ONE_THREAD = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
+)
+
+
+@dataclass(frozen=True)
+class Engine:
+    """Where jobs run.
+
+    Attributes:
+        name: `processes` of this machine, `serial` in this process, or `dask`.
+        workers: processes; by default one for each processor.
+        scheduler: address of a Dask scheduler; by default a cluster of this machine.
+    """
+
+    name: Literal["processes", "serial", "dask"] = "processes"
+    workers: int | None = None
+    scheduler: str | None = None
+
+    @property
+    def n_workers(self) -> int:
+        """Processes."""
+        return self.workers or os.cpu_count() or 1
+
+    def executor(self) -> AbstractContextManager[Executor]:
+        """A new executor; what it started ends with it.
+
+        Raises:
+            InputError: Dask is missing, or there is no scheduler at the address.
+        """
+        if self.name == "dask":
+            return _dask(self)
+        return ProcessPoolExecutor(self.n_workers, mp_context=multiprocessing.get_context("spawn"))
+
+
+def run_jobs(
+    engine: Engine, function: Callable[..., Any], calls: Sequence[Call]
+) -> Iterator[tuple[int, Any]]:
+    """(number of the call, what it returned) as they end, in any order.
+
+    A job whose worker dies is started again, and gives what it would have given.
+
+    Raises:
+        InputError: workers died too often.
+    """
+    if engine.name == "serial":
+        for number, call in enumerate(calls):
+            yield number, function(*call)
+        return
+    left = dict(enumerate(calls))
+    for _ in range(1 + RETRIES):
+        with _one_thread_each(), engine.executor() as executor:
+            futures = {executor.submit(function, *call): number for number, call in left.items()}
+            try:
+                for future in as_completed(futures):
+                    found = future.result()
+                    del left[futures[future]]
+                    yield futures[future], found
+                return
+            except BrokenProcessPool:
+                continue
+            finally:
+                _cancel(futures)
+    raise InputError(
+        f"workers were killed {1 + RETRIES} times: is there too little memory? Try fewer workers,"
+        " then --resume"
+    )
+
+
+def _cancel(futures: dict[Future[Any], int]) -> None:
+    for future in futures:
+        future.cancel()
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Processes that are started meanwhile compute in one thread."""
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(ONE_THREAD)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def _dask(engine: Engine) -> Iterator[Executor]:
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError:
+        raise InputError("Dask is missing: pip install -e '.[cluster]'") from None
+    if engine.scheduler is None:
+        with (
+            LocalCluster(
+                n_workers=engine.n_workers, threads_per_worker=1, dashboard_address=None
+            ) as cluster,
+            Client(cluster) as client,
+        ):
+            yield client.get_executor(retries=RETRIES)
+        return
+    try:
+        client = Client(engine.scheduler, timeout="30s")
+    except OSError as error:
+        raise InputError(f"{engine.scheduler}: no Dask scheduler answers: {error}") from None
+    with client:
+        yield client.get_executor(retries=RETRIES)

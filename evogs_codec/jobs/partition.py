@@ -1,0 +1,259 @@
+"""Partition: splats into tiles of about the same number, out of core and whatever their order.
+
+A k-d tree over a sample of the positions says which tile a position is in. What is in the sample is
+decided by a hash of the position, so that the tiles are the same in whatever order the splats come.
+
+Letters: n points, T tiles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec.common.progress import Progress
+from evogs_codec.errors import InputError
+from evogs_codec.jobs.blocks import SplatFiles
+from evogs_codec.model.channels import GROUP_CHANNELS, N_GROUPS
+from evogs_codec.model.splats import F32, F64, I64
+
+__all__ = [
+    "PER_TILE",
+    "STAND_IN",
+    "Partition",
+    "Tree",
+    "partition",
+    "rows_of",
+    "stand_ins_of",
+]
+
+PER_TILE = 1 << 17  # splats: a job takes some 500 MiB
+SAMPLE = 1 << 19  # positions
+BLOCK = 8  # tiles of a neighbourhood at most
+STAND_IN = 16  # splats of a tile for which one stands in the views of its neighbours
+MOST = 4  # times the splats that a tile was to have: more are refused
+SIZES = (-40.0, 40.0, 0.25)  # of logarithms of the size of a splat: lowest, highest, width of a bin
+
+
+@dataclass(frozen=True, eq=False)
+class Tree:
+    """A k-d tree.
+
+    Attributes:
+        axis: (M,) of every node, -1 of a leaf.
+        value: (M,) positions below it are left.
+        child: (M,) the left child, before the right one; of a leaf the number of its tile.
+        origins: (T, 3) a point in the middle of each tile, multiples of a power of two.
+        blocks: (T,) number of the neighbourhood of each tile; those of one are next to each other.
+    """
+
+    axis: npt.NDArray[np.int8]
+    value: F64
+    child: I64
+    origins: F64
+    blocks: I64
+
+    @staticmethod
+    def of(sample: F64, n_tiles: int) -> Tree:
+        """Over a sample (n, 3) of the points, each tile with about as many of them."""
+        axis, value, child = [-1], [0.0], [0]
+        middles: list[F64] = []
+        blocks: list[int] = []
+        n_blocks = 0
+        todo = [(0, sample, n_tiles, False)]
+        while todo:
+            node, points, n, is_inside = todo.pop()
+            n_blocks += n <= BLOCK and not is_inside
+            is_inside = n <= BLOCK
+            split = _split(points, n) if n > 1 else None
+            if split is None:
+                child[node] = len(middles)
+                low = points.min(axis=0) if len(points) else np.zeros(3)
+                high = points.max(axis=0) if len(points) else np.zeros(3)
+                middles.append((low + high) / 2)
+                blocks.append(n_blocks)
+                continue
+            axis[node], value[node] = split
+            child[node] = len(axis)
+            axis += [-1, -1]
+            value += [0.0, 0.0]
+            child += [0, 0]
+            is_left = points[:, axis[node]] < value[node]
+            todo.append((child[node] + 1, points[~is_left], n - n // 2, is_inside))
+            todo.append((child[node], points[is_left], n // 2, is_inside))
+        extent = float(np.ptp(sample, axis=0).max(initial=0.0)) if len(sample) else 0.0
+        quantum = 2.0 ** np.floor(np.log2(max(extent, 1e-30) / 2**16))
+        origins = np.rint(np.array(middles) / quantum) * quantum
+        return Tree(
+            np.array(axis, np.int8), np.array(value), np.array(child), origins, np.array(blocks)
+        )
+
+    @property
+    def n_tiles(self) -> int:
+        """T."""
+        return len(self.origins)
+
+    def tile_of(self, points: F64) -> I64:
+        """(n,) the tile of each point (n, 3)."""
+        node = np.zeros(len(points), np.int64)
+        inner = np.arange(len(points)) if self.axis[0] >= 0 else np.empty(0, np.int64)
+        while len(inner):
+            at = node[inner]
+            is_right = points[inner, self.axis[at]] >= self.value[at]
+            node[inner] = self.child[at] + is_right
+            inner = inner[self.axis[node[inner]] >= 0]
+        return self.child[node]
+
+
+def _split(points: F64, n_tiles: int) -> tuple[int, float] | None:
+    """Along the longest axis, in parts for n // 2 tiles and for the rest; None if in one place."""
+    if len(points) < 2:
+        return None
+    low, high = np.percentile(points, (2, 98), axis=0)
+    for axis in (int(np.argmax(high - low)), int(np.argmax(np.ptp(points, axis=0)))):
+        row = np.sort(points[:, axis])
+        value = float(row[len(row) * (n_tiles // 2) // n_tiles])
+        if value > row[0]:
+            return axis, value
+        above = row[row > row[0]]
+        if len(above):
+            return axis, float(above[0])
+    return None
+
+
+@dataclass(eq=False)
+class Partition:
+    """Tiles on disk.
+
+    Attributes:
+        folder: of a file of rows (n, D) float32 for each tile, positions from its origin.
+        tree: which tile a position is in.
+        sh_degree: of the splats.
+        counts: (T,) splats of each tile.
+        largest: (5,) largest magnitude of a number per group; of positions, from the origin of
+            their tile.
+        sizes: (T, bins) how many splats are of a size.
+    """
+
+    folder: Path
+    tree: Tree
+    sh_degree: int
+    counts: I64
+    largest: F64
+    sizes: I64
+
+    def size(self, tile: int) -> float:
+        """The median size of the splats of a tile, scene units: the mean of their log-scales."""
+        half = np.searchsorted(np.cumsum(self.sizes[tile]), (self.counts[tile] + 1) // 2)
+        return float(np.exp(SIZES[0] + SIZES[2] * (half + 0.5)))
+
+
+@dataclass
+class _Tally:
+    """What is counted while rows are written."""
+
+    n_tiles: int
+    counts: I64 = field(init=False)
+    largest: F64 = field(init=False)
+    sizes: I64 = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.counts = np.zeros(self.n_tiles, np.int64)
+        self.largest = np.zeros(N_GROUPS)
+        n_bins = int((SIZES[1] - SIZES[0]) / SIZES[2])
+        self.sizes = np.zeros((self.n_tiles, n_bins), np.int64)
+
+    def take(self, tiles: I64, rows: F32) -> None:
+        self.counts += np.bincount(tiles, minlength=self.n_tiles)
+        for group, part in enumerate(GROUP_CHANNELS):
+            most = np.abs(rows[:, part]).max(initial=0)
+            self.largest[group] = max(self.largest[group], float(most))
+        bins = ((rows[:, 7:10].mean(axis=1) - SIZES[0]) / SIZES[2]).astype(np.int64)
+        bins = np.clip(bins, 0, self.sizes.shape[1] - 1)
+        np.add.at(self.sizes, (tiles, bins), 1)
+
+
+def partition(
+    files: SplatFiles, folder: Path, report: Progress, per_tile: int = PER_TILE
+) -> Partition:
+    """The splats of files, in two passes, as rows of tiles in a folder.
+
+    Raises:
+        InputError: there are no splats, or too many are in one place.
+        OSError: the disk is full.
+    """
+    n = files.n_declared
+    tree = Tree.of(_sample(files, n, report), max(1, -(-n // per_tile)))
+    tally = _Tally(tree.n_tiles)
+    done = 0
+    for tile in range(tree.n_tiles):
+        for path in (rows_of(folder, tile), stand_ins_of(folder, tile)):
+            path.write_bytes(b"")
+    for block in files.blocks():
+        tiles = tree.tile_of(block.means)
+        rows = block.rows(tree.origins[tiles])
+        tally.take(tiles, rows)
+        order = np.argsort(tiles, kind="stable")
+        ends = np.cumsum(np.bincount(tiles, minlength=tree.n_tiles))
+        for tile in np.unique(tiles).tolist():
+            start = 0 if tile == 0 else int(ends[tile - 1])
+            own = order[start : ends[tile]]
+            _append(rows_of(folder, tile), rows[own])
+            stands_in = _hash(block.means[own]) % np.uint64(STAND_IN) == 0
+            _append(stand_ins_of(folder, tile), rows[own[stands_in]])
+        done += len(tiles)
+        report("partition", 0.5 + 0.5 * done / max(n, 1))
+    if not done:
+        raise InputError("a scene without splats has no tiles")
+    crowded = int(np.argmax(tally.counts))
+    if tally.counts[crowded] > MOST * per_tile:
+        raise InputError(
+            f"{tally.counts[crowded]:,} splats are in one place, near"
+            f" {tree.origins[crowded].round(3).tolist()}: more than a tile can have"
+        )
+    return Partition(folder, tree, files.sh_degree, tally.counts, tally.largest, tally.sizes)
+
+
+def rows_of(folder: Path, tile: int) -> Path:
+    """The file of the rows of a tile."""
+    return folder / f"{tile:06d}.rows"
+
+
+def stand_ins_of(folder: Path, tile: int) -> Path:
+    """The file of the rows of those splats of a tile that stand for all, one of `STAND_IN`."""
+    return folder / f"{tile:06d}.stand-ins"
+
+
+def _append(path: Path, rows: F32) -> None:
+    with path.open("ab") as file:
+        file.write(rows.astype("<f4").tobytes())
+
+
+def _sample(files: SplatFiles, n: int, report: Progress) -> F64:
+    """(S, 3) positions, those whose hash says so, in order of size."""
+    every = max(1, n // SAMPLE)
+    parts = [np.empty((0, 3))]
+    for k, means in enumerate(_positions(files)):
+        parts.append(means[_hash(means) % np.uint64(every) == 0])
+        report("partition", 0.5 * min(1.0, k * len(means) / max(n, 1)))
+    return np.concatenate(parts)
+
+
+def _positions(files: SplatFiles) -> Iterator[F64]:
+    for block in files.blocks():
+        yield block.means
+
+
+def _hash(means: F64) -> npt.NDArray[np.uint64]:
+    """(n,) of positions (n, 3): the finaliser of splitmix64 over the bits of each axis."""
+    found = np.zeros(len(means), np.uint64)
+    for axis in range(3):
+        x = found ^ (means[:, axis] + 0.0).view(np.uint64)
+        for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
+            x = (x ^ (x >> np.uint64(shift))) * np.uint64(factor)
+        found = x ^ (x >> np.uint64(31))
+    return found

@@ -1,0 +1,189 @@
+"""The plan: what all tiles of a stream share, from surveys of a few of them.
+
+The header, the quantisers and the tables of alphas are of the whole stream. A tile whose numbers
+need less takes whole multiples of the steps, powers of two.
+
+Letters: K classes (spec 3.2), L levels with those of layers, T tiles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from evogs_codec.encoding.alpha_tables import tables_of
+from evogs_codec.encoding.grids import Grid, NotRepresentableError, grid_exponents
+from evogs_codec.encoding.ranges import Ranges
+from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, Settings, StepTable
+from evogs_codec.io.files import write_atomic
+from evogs_codec.jobs.partition import Partition
+from evogs_codec.model.arithmetic import AlphaTable, Quantiser
+from evogs_codec.model.channels import GROUPS
+from evogs_codec.model.scene_info import SceneInfo
+from evogs_codec.model.splats import F64, I64
+
+__all__ = ["Plan", "Survey", "surveyed"]
+
+SURVEYED, OF_FEW = 8, 4  # tiles at most; of few, one in so many
+ROOM = 2.0  # times the largest number of a splat: parents and errors of coarse levels
+MOST_SHIFT = 20
+OF_SIZE = 0.2  # of the size of its splats is the step of the positions of a tile: moved by a tenth
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """What a tile would have on its own.
+
+    Attributes:
+        steps: (1 + L, K) of adds, then of psi per level, scene units.
+        alphas: per (level, group), (n,) alphas and (n,) what they weigh.
+    """
+
+    steps: F64
+    alphas: Mapping[tuple[int, int], tuple[F64, F64]]
+
+    def write(self, path: Path) -> None:
+        """To a file that `read` reads."""
+        arrays = {
+            f"{name}_{level}_{group}": row
+            for (level, group), found in self.alphas.items()
+            for name, row in zip(("alpha", "weight"), found, strict=True)
+        }
+        arrays["steps"] = self.steps
+        write_atomic(path, lambda file: np.savez(file, allow_pickle=False, **arrays))
+
+    @staticmethod
+    def read(path: Path) -> Survey:
+        """From a file that `write` wrote."""
+        with np.load(path) as found:
+            places = sorted(
+                tuple(map(int, name.split("_")[1:])) for name in found if name.startswith("alpha")
+            )
+            alphas = {
+                (a, b): (found[f"alpha_{a}_{b}"], found[f"weight_{a}_{b}"]) for a, b in places
+            }
+            return Survey(found["steps"], alphas)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What all tiles share.
+
+    Attributes:
+        sh_degree, info: of the scene.
+        n_levels: with those of layers.
+        exponents: of the grids.
+        steps: (1 + L, K) scene units.
+        quantisers: nearest to the steps.
+        alpha: tables per (level, group).
+        settings: how tiles are quantised.
+    """
+
+    sh_degree: int
+    info: SceneInfo
+    n_levels: int
+    exponents: tuple[int, ...]
+    steps: F64
+    quantisers: tuple[tuple[Quantiser, ...], ...]
+    alpha: dict[tuple[int, int], AlphaTable]
+    settings: Settings
+
+    @staticmethod
+    def of(partition: Partition, surveys: Sequence[Survey], n_coarse: int, info: SceneInfo) -> Plan:
+        """From the surveys of the tiles that `surveyed` names.
+
+        Raises:
+            NotRepresentableError: numbers are too large for any grid.
+        """
+        steps = _shared_steps(np.stack([survey.steps for survey in surveys]), n_coarse)
+        finest = min(partition.size(tile) for tile in range(len(partition.counts)))
+        steps[-1, 0] = min(steps[-1, 0], max(OF_SIZE * finest, 1e-12))
+        settings = Settings(StepTable.of(steps), n_alpha=N_ALPHA, alpha_bits=ALPHA_BITS)
+        ranges = Ranges(
+            extent=1.0,
+            largest=tuple((ROOM * partition.largest).tolist()),
+            furthest=float(np.abs(partition.tree.origins).max()),
+            psi=(),
+        )
+        places = sorted({place for survey in surveys for place in survey.alphas})
+        pooled = {place: _pooled(place, surveys) for place in places}
+        plan = Plan(
+            sh_degree=partition.sh_degree,
+            info=info,
+            n_levels=len(steps) - 1,
+            exponents=grid_exponents(settings, ranges, steps),
+            steps=steps,
+            quantisers=(),
+            alpha=tables_of(pooled, settings),
+            settings=settings,
+        )
+        return plan._with_quantisers()
+
+    def with_less_of(self, group: int) -> Plan:
+        """The plan with a grid of half as many units for a group.
+
+        Raises:
+            NotRepresentableError: there is none.
+        """
+        if self.exponents[group] <= -16:
+            raise NotRepresentableError(f"{GROUPS[group]}: a value is too large for any grid")
+        exponents = tuple(e - (g == group) for g, e in enumerate(self.exponents))
+        return replace(self, exponents=exponents)._with_quantisers()
+
+    def coarser(self, steps: F64) -> tuple[int, ...]:
+        """Per class, the power of two by which a tile that has these steps has coarser ones."""
+        ratio = np.log2(np.maximum(steps, 1e-300) / self.steps)
+        found = np.clip(np.rint(np.median(ratio, axis=0)), 0, MOST_SHIFT)
+        return tuple(int(shift) for shift in found)
+
+    def grid(self, shifts: Sequence[int]) -> Grid:
+        """The grid of a tile whose steps are 2**shifts of those of the plan, per class."""
+        plain = self._grid()
+        quantisers = tuple(
+            tuple(
+                Quantiser(q.mantissa, q.shift + shift) for q, shift in zip(row, shifts, strict=True)
+            )
+            for row in self.quantisers
+        )
+        return replace(plain, quantisers=quantisers)
+
+    def _grid(self) -> Grid:
+        return Grid.of(self.sh_degree, self.n_levels, self.exponents, self.steps, self.settings)
+
+    def _with_quantisers(self) -> Plan:
+        return replace(self, quantisers=self._grid().quantisers)
+
+
+def surveyed(partition: Partition) -> I64:
+    """The tiles that are surveyed: evenly among all in order of the size of their splats."""
+    n = len(partition.counts)
+    order = np.array(sorted(range(n), key=lambda tile: (partition.size(tile), tile)))
+    some = order[partition.counts[order] > 0]
+    n_surveyed = min(SURVEYED, -(-len(some) // OF_FEW))
+    return np.unique(some[np.linspace(0, len(some) - 1, 1 + n_surveyed).astype(int)[:n_surveyed]])
+
+
+def _pooled(place: tuple[int, int], surveys: Sequence[Survey]) -> tuple[F64, F64]:
+    """The alphas of a level and group of all surveys, and what they weigh."""
+    found = [survey.alphas[place] for survey in surveys if place in survey.alphas]
+    alphas, weights = zip(*found, strict=True)
+    return np.concatenate(alphas), np.concatenate(weights)
+
+
+def _shared_steps(steps: F64, n_coarse: int) -> F64:
+    """(1 + L, K) steps that suit tiles with `steps` (S, 1 + L, K).
+
+    The median; where a tile needs less than about 0.7 of it, a half, a quarter and so on. Those of
+    a layer are those of the last coarse level over an odd number, nearly, as in `layers`.
+    """
+    shared: F64 = np.median(steps, axis=0)
+    lacks = np.log2(shared / steps).max(axis=(0, 1))
+    shared /= 2.0 ** np.maximum(np.ceil(lacks - 0.5), 0)
+    last = shared[n_coarse]
+    for row in shared[1 + n_coarse :]:
+        odd = 2 * np.rint((last / row - 1) / 2) + 1
+        row[:] = last / np.maximum(odd, 1)
+    return shared

@@ -1,0 +1,96 @@
+"""Views of a tile among its neighbours, which hide parts of it and are far larger.
+
+What a tile alone shows, cut out of its scene, is not what a viewer sees: cut faces, insides, all of
+it near. So its views are those of its neighbourhood, where some splats of each other tile, larger
+than they are, stand for all.
+
+Letters: N splats of the tile, D channels.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from evogs_codec.model.channels import n_channels
+from evogs_codec.model.splats import F32, SplatParams
+
+if TYPE_CHECKING:
+    from evogs_codec.render import Views
+
+__all__ = ["Neighbourhood", "enlarged"]
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbourhood:
+    """Pictures of a tile among others (`encoding.measured_gains.Telling`).
+
+    Attributes:
+        views: of the tile and what is around it.
+        around: what stands for the other tiles.
+    """
+
+    views: Views
+    around: SplatParams
+
+    @staticmethod
+    def of(
+        splats: SplatParams, own: SplatParams, around: SplatParams, up: str, n_views: int
+    ) -> Neighbourhood:
+        """From cameras around all of it.
+
+        Args:
+            splats: of the tile.
+            own: what stands for them in the views of other tiles.
+            around: the same of the other tiles.
+            up: axis that is up.
+            n_views: at most.
+        """
+        from evogs_codec.render import Views, cameras_around
+
+        stands_in = _joined(own, around)
+        cameras = cameras_around(stands_in if len(stands_in) else splats, up)
+        return Neighbourhood(Views.of(_joined(splats, around), cameras, n_views=n_views), around)
+
+    def fewer(self, n_views: int) -> Neighbourhood:
+        """At most this many of the views."""
+        return replace(self, views=self.views.fewer(n_views))
+
+    def psnr(self, splats: SplatParams) -> float:
+        """Mean PSNR of the views with the tile as these splats, dB."""
+        return self.views.psnr(_joined(splats, self.around))
+
+    def sensitivity(self, splats: SplatParams) -> F32:
+        """(D, N) mean squared change of the pictures to the squared change of each number."""
+        return self._own(self.views.sensitivity(_joined(splats, self.around)), splats)
+
+    def sensitivity_and_psnr(self, splats: SplatParams) -> tuple[F32, float]:
+        """Both, of pictures that are drawn once."""
+        found, decibels = self.views.sensitivity_and_psnr(_joined(splats, self.around))
+        return self._own(found, splats), decibels
+
+    def loss_gradient(self, splats: SplatParams, iteration: int) -> F32:
+        """(D, N) gradient of the mean squared error of one view."""
+        found = self.views.loss_gradient(_joined(splats, self.around), iteration)
+        return self._own(found, splats)
+
+    def _own(self, found: F32, splats: SplatParams) -> F32:
+        return found[: n_channels(splats.sh_degree), : len(splats)]
+
+
+def enlarged(splats: SplatParams, every: int) -> SplatParams:
+    """Splats of which each stands for `every`, with the area of all."""
+    return replace(splats, log_scales=splats.log_scales + np.float32(math.log(every) / 2))
+
+
+def _joined(splats: SplatParams, around: SplatParams) -> SplatParams:
+    """These, then those around, at the higher of their SH degrees."""
+    parts: Sequence[SplatParams] = splats, around
+    d = max(n_channels(part.sh_degree) for part in parts)
+    rows = [part.channels() for part in parts]
+    padded = [np.pad(x, ((0, d - len(x)), (0, 0))) for x in rows]
+    return SplatParams.from_channels(np.concatenate(padded, axis=1))

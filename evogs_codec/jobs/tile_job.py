@@ -1,0 +1,200 @@
+"""Tile jobs: what is done to a tile, from the bytes of its rows to those of a stream.
+
+A job needs its arguments and nothing else, so that it gives the same bytes wherever it runs, and
+may be run again.
+
+Letters: K classes (spec 3.2), L levels with those of layers.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from evogs_codec.encoding.alpha_tables import weighted_alphas
+from evogs_codec.encoding.grids import TooFineError
+from evogs_codec.encoding.measured_gains import BAND_VIEWS
+from evogs_codec.encoding.packet_order import gains_of_tile
+from evogs_codec.encoding.quantise import quantise_on
+from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, SCENE_PRICE, Settings, StepTable
+from evogs_codec.encoding.targets import Prepared, TargetEncoder
+from evogs_codec.encoding.write import write
+from evogs_codec.io.files import write_atomic
+from evogs_codec.jobs.partition import STAND_IN
+from evogs_codec.jobs.plan import Plan, Survey
+from evogs_codec.jobs.surroundings import Neighbourhood, enlarged
+from evogs_codec.lifting.lift import lift
+from evogs_codec.model.channels import GROUP_CHANNELS, channel_class, n_channels
+from evogs_codec.model.coded_tree import CodedTile
+from evogs_codec.model.splats import F32, F64, SplatParams
+
+__all__ = ["TileJob", "code_tile", "survey_tile"]
+
+VIEWS = 8  # of a tile, by which its numbers are weighed
+ALPHAS = 4096  # of a level and group that a survey keeps
+SEEN = 0.9  # of the worth of a number, where nobody said from where a scene is looked at
+
+
+@dataclass(frozen=True)
+class TileJob:
+    """A tile, and how it is encoded.
+
+    Attributes:
+        rows: file of (n, D) float32, positions from `origin`.
+        sh_degree: of its splats.
+        origin: scene units.
+        stand_ins: file of the splats that stand for the tile in the views of others.
+        around: the same of each other tile of the neighbourhood, and where the origins of these
+            tiles are from that of this one.
+        n_around: splats of the neighbourhood, those of this tile among them.
+        n_levels: of the tree.
+        n_layers: of precision.
+        up: axis that is up in views.
+        effort: Zstandard level.
+    """
+
+    rows: str
+    sh_degree: int
+    origin: tuple[float, float, float]
+    stand_ins: str
+    around: tuple[tuple[str, tuple[float, float, float]], ...]
+    n_around: int
+    n_levels: int
+    n_layers: int
+    up: str
+    effort: int
+
+
+def survey_tile(job: TileJob, out: str) -> None:
+    """Write the `Survey` of a tile to a file."""
+    prepared = _prepared(job)
+    kept = {}
+    for place, (alphas, weights) in weighted_alphas(prepared.tiles).items():
+        every = max(1, len(alphas) // ALPHAS)
+        kept[place] = alphas[::every], weights[::every]
+    Survey(_steps(prepared, _price(job)), kept).write(Path(out))
+
+
+def code_tile(job: TileJob, plan: Plan, out: str) -> int | None:
+    """Write the stream of a tile to a file, and its gains beside it (`gains_of`).
+
+    Returns:
+        None; or the group whose grid is too fine for a number of the tile, and nothing is written.
+    """
+    prepared = _prepared(job)
+    price, extent = _price(job), prepared.ranges.extent
+    own = plan.coarser(_steps(prepared, price))
+    layered, importance = prepared.layered, prepared.importance
+    assert importance is not None, "there are views"
+    weights = layered.weights(price, extent) if layered else importance.raised(price, extent)
+    tiles = layered.tiles if layered else prepared.tiles
+    try:
+        coded = quantise_on(
+            tiles, plan.grid(own), plan.alpha, plan.settings, weights=weights, price=price
+        )
+        tile = _on_the_grid(coded.tiles[0], own)
+    except TooFineError as error:
+        return error.group
+    coded = layered.with_gains(coded) if layered else coded
+    coded = prepared.shown.rescale(coded) if prepared.shown else coded
+    gains = gains_of_tile(coded, coded.tiles[0])
+    moved = _moved(tile, [round(x * 2.0 ** plan.exponents[0]) for x in job.origin])
+    of_stream = replace(coded, tiles=(moved,), quantisers=plan.quantisers, info=plan.info)
+    data = write(of_stream, effort=job.effort)
+    found = io.BytesIO()
+    # Views are of the neighbourhood: what they gain counts as much as all of its splats.
+    np.save(found, np.concatenate([[[job.n_around] * gains.steps.shape[1]], gains.steps]))
+    write_atomic(f"{out}.gains", found.getvalue())
+    write_atomic(out, data)
+    return None
+
+
+def _moved(tile: CodedTile, way: Sequence[int]) -> CodedTile:
+    """A tile elsewhere, by so many grid units along each axis."""
+    x, y, z = (a + b for a, b in zip(tile.origin, way, strict=True))
+    return replace(tile, origin=(x, y, z))
+
+
+def _prepared(job: TileJob) -> Prepared:
+    """The tile, lifted, arranged and weighed."""
+    splats = _splats(job)
+    tree = lift(splats, job.n_levels)
+    views = ordering = None
+    if find_spec("numba") is not None:
+        own, around = (
+            _stand_ins([(job.stand_ins, (0.0, 0.0, 0.0))], job),
+            _stand_ins(job.around, job),
+        )
+        views = Neighbourhood.of(splats, own, around, job.up, VIEWS)
+        ordering = views.fewer(BAND_VIEWS)
+    aim = TargetEncoder(
+        tree,
+        Settings(StepTable(()), n_alpha=N_ALPHA, alpha_bits=ALPHA_BITS),
+        views,
+        layers=job.n_layers,
+        ordering=ordering,
+        seen=SEEN,
+        n_tiles=1,
+        n_levels=job.n_levels,
+    )
+    return aim.prepared
+
+
+def _splats(job: TileJob) -> SplatParams:
+    """In an order that does not depend on that of the rows."""
+    return SplatParams.from_channels(_rows(job.rows, job.sh_degree).T)
+
+
+def _stand_ins(
+    files: Sequence[tuple[str, tuple[float, float, float]]], job: TileJob
+) -> SplatParams:
+    """What stands for tiles, whose origins are so far from that of the job."""
+    parts = [np.empty((0, n_channels(job.sh_degree)), np.float32)]
+    for path, offset in files:
+        rows = _rows(path, job.sh_degree)
+        rows[:, 0:3] += np.array(offset, np.float32)
+        parts.append(rows)
+    return enlarged(SplatParams.from_channels(np.concatenate(parts).T), STAND_IN)
+
+
+def _rows(path: str, sh_degree: int) -> F32:
+    """(n, D) rows of a file, sorted."""
+    d = n_channels(sh_degree)
+    rows = np.fromfile(path, "<f4").reshape(-1, d)
+    order = np.argsort(np.ascontiguousarray(rows).view(f"S{4 * d}")[:, 0], kind="stable")
+    return rows[order].astype(np.float32)
+
+
+def _price(job: TileJob) -> float:
+    return SCENE_PRICE / max(job.n_around, 1)
+
+
+def _steps(prepared: Prepared, price: float) -> F64:
+    """(1 + L, K) that the tile would have on its own, in scene units."""
+    source = prepared.layered or prepared.importance
+    assert source is not None, "there are views, or what stands for them"
+    return source.steps(price, prepared.ranges.extent)
+
+
+def _on_the_grid(tile: CodedTile, shifts: tuple[int, ...]) -> CodedTile:
+    """A tile whose steps are 2**shifts of those of the stream, per class, in these."""
+    if not any(shifts):
+        return tile
+    steps = []
+    for step in tile.steps:
+        by_channel = np.array([shifts[channel_class(c)] for c in range(len(step.psi))])[:, None]
+        psi, adds = (
+            step.psi.astype(np.int64) << by_channel,
+            step.adds.astype(np.int64) << by_channel,
+        )
+        for group, part in enumerate(GROUP_CHANNELS):
+            for numbers in (psi[part], adds[part]):
+                if np.abs(numbers).max(initial=0) >= 1 << 23:
+                    raise TooFineError(group)
+        steps.append(replace(step, psi=psi.astype(np.int32), adds=adds.astype(np.int32)))
+    return replace(tile, steps=tuple(steps))
