@@ -5,7 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
@@ -19,9 +19,8 @@ Call: TypeAlias = "tuple[Any, ...]"
 
 RETRIES = 3  # of jobs whose worker died
 # A job is one thread: there are as many workers as processors.
-ONE_THREAD = dict.fromkeys(
-    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
-)
+LIBRARIES = "OMP", "OPENBLAS", "MKL", "NUMBA"
+ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in LIBRARIES}
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,13 @@ def run_jobs(
             yield number, function(*call)
         return
     left = dict(enumerate(calls))
-    for _ in range(1 + RETRIES):
+    n_broken = 0
+    while left:
+        if n_broken > RETRIES:
+            raise InputError(
+                f"workers were killed {n_broken} times: is there too little memory? Try fewer"
+                " --workers, and --resume"
+            )
         with _one_thread_each(), engine.executor() as executor:
             futures = {executor.submit(function, *call): number for number, call in left.items()}
             try:
@@ -77,20 +82,11 @@ def run_jobs(
                     found = future.result()
                     del left[futures[future]]
                     yield futures[future], found
-                return
             except BrokenProcessPool:
-                continue
+                n_broken += 1
             finally:
-                _cancel(futures)
-    raise InputError(
-        f"workers were killed {1 + RETRIES} times: is there too little memory? Try fewer workers,"
-        " then --resume"
-    )
-
-
-def _cancel(futures: dict[Future[Any], int]) -> None:
-    for future in futures:
-        future.cancel()
+                for future in futures:
+                    future.cancel()
 
 
 @contextmanager
