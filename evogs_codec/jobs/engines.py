@@ -120,7 +120,7 @@ def _dask(engine: Engine) -> Iterator[Executor]:
             yield client.get_executor(retries=RETRIES)
         return
     try:
-        client = Client(engine.scheduler, timeout="30s")
+        client = Client(engine.scheduler, timeout="10s")
     except OSError as error:
         raise InputError(f"{engine.scheduler}: no Dask scheduler answers: {error}") from None
     with client:

@@ -1,0 +1,163 @@
+"""Scenes that are encoded tile by tile: the same bytes wherever and whenever jobs run."""
+
+import hashlib
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from evogs_codec import InputError, decode, encode_scene, read_directory, write_ply
+from evogs_codec.jobs import Engine, JobOptions, encode_files
+from evogs_codec.jobs.engines import run_jobs
+from evogs_codec.render import Views
+from evogs_codec.render.demo_scene import make_scene
+from tests.support.dying_jobs import dies_always, dies_at_first, doubled
+
+pytest.importorskip("numba")
+
+N, PER_TILE = 1000, 250
+OPTIONS = JobOptions(levels=3, per_tile=PER_TILE, effort=3)
+SERIAL = Engine("serial")
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return make_scene(N)
+
+
+@pytest.fixture(scope="module")
+def folder(scene, tmp_path_factory):
+    """Files of the scene, whole and in parts that are not in order."""
+    made = tmp_path_factory.mktemp("large")
+    write_ply(made / "whole.ply", scene)
+    order = np.random.default_rng(1).permutation(N)
+    for number, rows in enumerate(np.array_split(order, 3)):
+        write_ply(made / f"part-{number}.ply", scene.take(rows))
+    return made
+
+
+@pytest.fixture(scope="module")
+def right(folder):
+    """The stream that all others are to be."""
+    encode_files([folder / "whole.ply"], folder / "right.evogs", OPTIONS, engine=SERIAL)
+    return (folder / "right.evogs").read_bytes()
+
+
+def test_the_stream_shows_the_scene(scene, right):
+    directory = read_directory(right)
+    decoded = decode(right, verify=True)
+    assert len(directory.tiles) == 4
+    assert decoded.n_leaves == N
+    views = Views.of(scene, n_views=6)
+    whole = encode_scene(scene, levels=3, palette="never", n_tiles=4)
+    assert views.psnr(decoded.leaves()) > views.psnr(decode(whole).leaves()) - 1.0
+    assert len(right) < 1.15 * len(whole)
+
+
+def test_the_order_of_files_and_splats_changes_no_byte(folder, right, tmp_path):
+    parts = [folder / f"part-{number}.ply" for number in (2, 0, 1)]
+    encode_files(parts, tmp_path / "a.evogs", OPTIONS, engine=SERIAL)
+    assert (tmp_path / "a.evogs").read_bytes() == right
+    assert os.listdir(tmp_path) == ["a.evogs"], "the scratch folder is gone"
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("engine", [Engine(workers=1), Engine(workers=2), Engine("dask", 2)])
+def test_no_engine_changes_a_byte(engine, folder, right, tmp_path):
+    if engine.name == "dask":
+        pytest.importorskip("distributed")
+    encode_files([folder / "whole.ply"], tmp_path / "a.evogs", OPTIONS, engine=engine)
+    assert (tmp_path / "a.evogs").read_bytes() == right
+
+
+@pytest.mark.thorough
+def test_a_run_that_was_killed_is_resumed(folder, right, tmp_path):
+    out = tmp_path / "a.evogs"
+    code = (
+        "from evogs_codec.jobs import *;"
+        f"encode_files([{str(folder / 'whole.ply')!r}], {str(out)!r},"
+        f" JobOptions(levels=3, per_tile={PER_TILE}, effort=3), engine=Engine('serial'))"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code])
+    scratch = tmp_path / "a.evogs.parts"
+    deadline = time.monotonic() + 120
+    while not list(scratch.glob("*.evogs")) and time.monotonic() < deadline:
+        assert process.poll() is None, "it ended before a tile was encoded"
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert not out.exists()
+    kept = {path: path.stat().st_mtime_ns for path in scratch.glob("*.evogs")}
+    assert 1 <= len(kept) < 4
+    encode_files([folder / "whole.ply"], out, OPTIONS, engine=SERIAL, resume=True)
+    assert hashlib.sha256(out.read_bytes()).digest() == hashlib.sha256(right).digest()
+    assert not scratch.exists()
+
+
+@pytest.mark.thorough
+def test_what_was_done_is_not_done_again(folder, right, tmp_path, monkeypatch):
+    def full(*_arguments):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("evogs_codec.jobs.encode.merge", full)
+        with pytest.raises(OSError, match="No space left"):
+            encode_files([folder / "whole.ply"], tmp_path / "a.evogs", OPTIONS, engine=SERIAL)
+    monkeypatch.setattr("evogs_codec.jobs.encode.code_tile", None)
+    monkeypatch.setattr("evogs_codec.jobs.encode.survey_tile", None)
+    monkeypatch.setattr("evogs_codec.jobs.encode.partition", None)
+    encode_files([folder / "whole.ply"], tmp_path / "a.evogs", OPTIONS, engine=SERIAL, resume=True)
+    assert (tmp_path / "a.evogs").read_bytes() == right
+
+
+def test_the_scratch_of_other_options_is_not_resumed(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr("evogs_codec.jobs.encode.partition", None)
+    with pytest.raises(TypeError):
+        encode_files([folder / "whole.ply"], tmp_path / "a.evogs", OPTIONS, engine=SERIAL)
+    other = JobOptions(levels=2, per_tile=PER_TILE)
+    with pytest.raises(InputError, match="is of other files, options or another version"):
+        encode_files([folder / "whole.ply"], tmp_path / "a.evogs", other, resume=True)
+
+
+def test_a_folder_that_is_not_ours_is_not_deleted(folder, tmp_path):
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    (mine / "photo.png").write_bytes(b"mine")
+    with pytest.raises(InputError, match="is not empty and not a scratch folder"):
+        encode_files([folder / "whole.ply"], tmp_path / "a.evogs", OPTIONS, scratch=mine)
+    assert (mine / "photo.png").read_bytes() == b"mine"
+
+
+# --- engines --------------------------------------------------------------------------------------
+
+
+@pytest.mark.thorough
+def test_a_job_whose_worker_is_killed_is_done_again(tmp_path):
+    calls = [(number, str(tmp_path / "mark")) for number in range(6)]
+    found = dict(run_jobs(Engine(workers=2), dies_at_first, calls))
+    assert found == {number: 2 * number for number in range(6)}
+
+
+@pytest.mark.thorough
+def test_workers_that_always_die_end_the_run_with_one_line():
+    with pytest.raises(InputError, match="workers were killed 4 times"):
+        list(run_jobs(Engine(workers=1), dies_always, [(1,)]))
+
+
+@pytest.mark.thorough
+def test_a_worker_of_dask_that_is_killed_changes_nothing(tmp_path):
+    pytest.importorskip("distributed")
+    calls = [(number, str(tmp_path / "mark")) for number in range(4)]
+    found = dict(run_jobs(Engine("dask", 2), dies_at_first, calls))
+    assert found == {number: 2 * number for number in range(4)}
+
+
+@pytest.mark.thorough
+def test_no_scheduler_at_an_address_is_one_line():
+    pytest.importorskip("distributed")
+    with pytest.raises(InputError, match="no Dask scheduler answers"):
+        list(run_jobs(Engine("dask", scheduler="tcp://127.0.0.1:9"), doubled, [(1,)]))

@@ -1,0 +1,28 @@
+"""Jobs that kill their worker, for the tests of engines; a worker imports them by name."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+__all__ = ["dies_at_first", "dies_always", "doubled"]
+
+
+def doubled(number: int) -> int:
+    """Twice the number."""
+    return 2 * number
+
+
+def dies_at_first(number: int, mark: str) -> int:
+    """Twice the number; the first of all kills its process as the system does without memory."""
+    if not Path(mark).exists():
+        Path(mark).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 2 * number
+
+
+def dies_always(_number: int) -> int:
+    """Kills its process."""
+    os.kill(os.getpid(), signal.SIGKILL)
+    return 0
