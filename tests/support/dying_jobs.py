@@ -6,7 +6,7 @@ import os
 import signal
 from pathlib import Path
 
-__all__ = ["dies_at_first", "dies_always", "doubled"]
+__all__ = ["dies_always", "dies_at_first", "doubled"]
 
 
 def doubled(number: int) -> int:

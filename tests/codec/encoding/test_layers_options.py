@@ -22,7 +22,7 @@ from evogs_codec import (
 from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.layers import MAX_LAYERS, Layered
 from evogs_codec.encoding.sensitivity import Importance
-from evogs_codec.encoding.targets import TargetEncoder, Prepared
+from evogs_codec.encoding.targets import Prepared, TargetEncoder
 from evogs_codec.encoding.write import write
 from evogs_codec.render import cameras_around
 from evogs_codec.render.demo_scene import make_scene

@@ -15,7 +15,7 @@ from evogs_codec import PRESETS, decode, lift
 from evogs_codec.cli.commands import main
 from evogs_codec.encoding import polish, targets
 from evogs_codec.encoding.polish import polished
-from evogs_codec.encoding.targets import TargetEncoder, Prepared
+from evogs_codec.encoding.targets import Prepared, TargetEncoder
 from evogs_codec.encoding.write import write
 from evogs_codec.io.ply import write_ply
 from evogs_codec.model.arithmetic import RangeError

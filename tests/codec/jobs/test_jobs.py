@@ -1,7 +1,6 @@
 """Scenes that are encoded tile by tile: the same bytes wherever and whenever jobs run."""
 
 import hashlib
-import os
 import signal
 import subprocess
 import sys
@@ -62,7 +61,7 @@ def test_the_order_of_files_and_splats_changes_no_byte(folder, right, tmp_path):
     parts = [folder / f"part-{number}.ply" for number in (2, 0, 1)]
     encode_files(parts, tmp_path / "a.evogs", OPTIONS, engine=SERIAL)
     assert (tmp_path / "a.evogs").read_bytes() == right
-    assert os.listdir(tmp_path) == ["a.evogs"], "the scratch folder is gone"
+    assert list(tmp_path.iterdir()) == [tmp_path / "a.evogs"], "the scratch folder is gone"
 
 
 @pytest.mark.thorough

@@ -114,7 +114,7 @@ def test_more_splats_in_one_place_than_a_tile_can_have_are_refused(tmp_path):
 
 
 def test_files_of_other_degrees_are_refused(tmp_path):
-    with pytest.raises(InputError, match="has SH degree 0, .* has 1"):
+    with pytest.raises(InputError, match=r"has SH degree 0, .* has 1"):
         parted(tmp_path / "a", [make_scene(100, 1), make_scene(100, 0)])
 
 
