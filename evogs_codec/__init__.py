@@ -48,6 +48,9 @@ from evogs_codec.io.ply import read_ply as read_ply
 from evogs_codec.io.ply import write_ply as write_ply
 from evogs_codec.io.tree_npz import read_tree as read_tree
 from evogs_codec.io.tree_npz import write_tree as write_tree
+from evogs_codec.jobs import Engine as Engine
+from evogs_codec.jobs import JobOptions as JobOptions
+from evogs_codec.jobs import encode_files as encode_files
 from evogs_codec.lifting.lift import Lifted as Lifted
 from evogs_codec.lifting.lift import lift as lift
 from evogs_codec.lifting.lift import lift_with_order as lift_with_order
@@ -71,11 +74,13 @@ __all__ = [
     "Decoder",
     "Directory",
     "EncodedScene",
+    "Engine",
     "EvogsError",
     "EvolutionTree",
     "Fault",
     "FixedSteps",
     "InputError",
+    "JobOptions",
     "Kind",
     "LevelPsnr",
     "Lifted",
@@ -103,6 +108,7 @@ __all__ = [
     "decode_prefix",
     "drop_non_finite",
     "encode",
+    "encode_files",
     "encode_scene",
     "encode_scene_with_order",
     "encode_tree",

@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from evogs_codec.cli.argument_types import number
 from evogs_codec.common.progress import Progress
 from evogs_codec.encoding.layers import N_LAYERS
 from evogs_codec.errors import InputError
@@ -34,7 +35,9 @@ def add_large_options(parser: argparse.ArgumentParser) -> None:
         " tile by tile, each in a process of its own, with about 600 MB for each process whatever"
         " the size. The stream is the same for any number of processes.",
     )
-    group.add_argument("--workers", type=int, metavar="N", help="processes (default: processors)")
+    group.add_argument(
+        "--workers", type=number(int, 1, 1024), metavar="N", help="processes (default: processors)"
+    )
     group.add_argument(
         "--engine",
         choices=ENGINES,
@@ -86,8 +89,6 @@ def encode_large(
     Raises:
         InputError, OSError: as `encode_files`.
     """
-    if args.workers is not None and args.workers < 1:
-        raise InputError("--workers: at least 1")
     if args.scheduler and args.engine not in (None, "dask"):
         raise InputError("--scheduler is for --engine dask")
     files = _files([args.input, *args.others])
