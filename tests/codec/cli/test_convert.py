@@ -165,8 +165,12 @@ def test_a_damaged_file_is_refused_in_one_line_by_every_command(command, scenes,
 
 def test_a_folder_that_is_no_sog_is_refused_in_one_line(refused, tmp_path):
     (tmp_path / "folder").mkdir()
-    for command in ("convert", "encode", "lift"):
-        refused(command, tmp_path / "folder", tmp_path / "out", words=["is not a file"])
+    for command, said in (
+        ("convert", "is not a file"),
+        ("encode", "no scene is in this folder"),
+        ("lift", "is not a file"),
+    ):
+        refused(command, tmp_path / "folder", tmp_path / "out", words=[said])
 
 
 def piped(*words, data=b""):
