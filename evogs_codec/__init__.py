@@ -65,6 +65,8 @@ from evogs_codec.scene import EncodedScene as EncodedScene
 from evogs_codec.scene import encode_scene as encode_scene
 from evogs_codec.scene import encode_scene_with_order as encode_scene_with_order
 from evogs_codec.scene import encode_tree as encode_tree
+from evogs_codec.stores.client import put_object as put_object
+from evogs_codec.stores.remote_file import RemoteFile as RemoteFile
 
 __all__ = [
     "PRESETS",
@@ -90,6 +92,7 @@ __all__ = [
     "Pictures",
     "Progress",
     "RangeBits",
+    "RemoteFile",
     "Scene",
     "SceneInfo",
     "Settings",
@@ -118,6 +121,7 @@ __all__ = [
     "level_psnr",
     "lift",
     "lift_with_order",
+    "put_object",
     "read_directory",
     "read_ply",
     "read_scene",

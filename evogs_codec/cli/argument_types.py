@@ -1,4 +1,4 @@
-"""Types of arguments: sizes (`5000000`, `5MB`, `20%` of a file), numbers of a range, errors."""
+"""Types of arguments: sizes (`5000000`, `5MB`, `20%`), numbers of a range, errors, files."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ import argparse
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
+from evogs_codec.errors import InputError
 from evogs_codec.model.channels import GROUPS
+from evogs_codec.stores.urls import Url, is_url
 
-__all__ = ["Size", "error_of_group", "number", "parse_size"]
+__all__ = ["Size", "error_of_group", "number", "parse_size", "path_or_url"]
 
 UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9} | {
     "KIB": 1 << 10,
@@ -71,3 +74,15 @@ def number(kind: type[int] | type[float], low: float, high: float) -> Callable[[
 
     parse.__name__ = kind.__name__
     return parse
+
+
+def path_or_url(text: str) -> Path | Url:
+    """An argparse type: a file on the disk, or one that is elsewhere.
+
+    Raises:
+        argparse.ArgumentTypeError: it is a URL that names no file.
+    """
+    try:
+        return Url.parse(text) if is_url(text) else Path(text)
+    except InputError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error

@@ -18,15 +18,15 @@ from pathlib import Path
 
 from evogs_codec.cli import options
 from evogs_codec.cli.encode_and_lift import read_splats, run_encode, run_lift
+from evogs_codec.cli.remote_files import remote_files, say_fetched
 from evogs_codec.cli.reports import info_of, info_to_write, print_info
 from evogs_codec.cli.standard_streams import standard_streams
 from evogs_codec.cli.streams import (
     describe_levels,
     describe_part,
     limits_of,
+    open_stream,
     part_there,
-    read_bytes,
-    read_stream,
 )
 from evogs_codec.cli.terminal import (
     complain,
@@ -47,9 +47,12 @@ from evogs_codec.errors import Fault, InputError, StreamError
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.io.files import check_target, write_atomic
 from evogs_codec.io.interchange.scene_files import write_scene
+from evogs_codec.stores.remote_file import RemoteFile
+from evogs_codec.stores.sources import bytes_of, source_of
 
 __all__ = ["main", "parse", "run"]
 
+STAGES = {"decode": "validate"}  # for those who validate
 BENCH = "benchmarks work in a checkout: python -m tools.bench, python -m tools.bench.paper"
 
 
@@ -72,7 +75,8 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
 def run(args: argparse.Namespace) -> int:
     """Run the command of these options; returns the exit code."""
     try:
-        with plain_warnings(), standard_streams(args):
+        ranged = args.run in (run_decode, run_info, run_validate, run_extract)
+        with plain_warnings(), standard_streams(args), remote_files(args, keeps_input=ranged):
             _check_output(args)
             code = int(args.run(args) or 0)
             sys.stdout.flush()
@@ -160,20 +164,21 @@ def _fail(args: argparse.Namespace, message: object, *, path: object = None) -> 
 
 def run_decode(args: argparse.Namespace) -> None:
     """`evogs decode`."""
-    data, directory = read_stream(args.input, limits_of(args))
+    source, directory = open_stream(args.input, limits_of(args))
     cut, part = _cut(directory, args), ""
     if args.partial:
-        cut = part_there(directory, len(data), cut, args.input)
-        part = f", from {describe_part(directory, len(data))}"
+        cut = part_there(directory, source.size, cut, args.input)
+        part = f", from {describe_part(directory, source.size)}"
     with progress_bar() as progress:
         splats = decode_leaves(
-            data,
+            source,
             cut,
             sh_degree=_sh_degree(directory, args),
             directory=directory,
             verify=args.verify,
             progress=progress,
         )
+    say_fetched(source)
     degree = write_scene(args.output, splats, info_to_write(directory), made_by=args.command)
     print(f"{shown(args.output)}: {len(splats):,} splats, SH degree {degree}{part}")
 
@@ -187,11 +192,16 @@ def run_convert(args: argparse.Namespace) -> None:
 
 def run_info(args: argparse.Namespace) -> None:
     """`evogs info`."""
-    data, directory = read_stream(args.input, limits_of(args))
-    whole = len(data) >= directory.size
+    source, directory = open_stream(args.input, limits_of(args))
+    # Bytes by group need all packets, so they are not said of a URL.
+    remote = source if isinstance(source, RemoteFile) else None
+    whole = source.size >= directory.size and remote is None
+    data = bytes_of(source) if whole else memoryview(b"")
     groups = bytes_by_group(directory, data) if whole else {}
     left_out = omissions(directory, data) if whole else []
-    info = info_of(directory, len(data), groups, left_out)
+    info = info_of(directory, source.size, groups, left_out)
+    if remote is not None:
+        info |= {"bytes_fetched": remote.n_fetched, "requests": remote.n_requests}
     if args.json:
         print(json.dumps(info, indent=2))
     else:
@@ -201,14 +211,15 @@ def run_info(args: argparse.Namespace) -> None:
 def run_validate(args: argparse.Namespace) -> int:
     """`evogs validate`."""
     try:
-        data, limits = read_bytes(args.input), limits_of(args)
+        source, limits = source_of(args.input), limits_of(args)
         with progress_bar() as progress:
             decoded = decode(
-                data,
+                source,
                 verify=True,
                 limits=limits,
-                progress=lambda _, part: progress("validate", part),
+                progress=lambda stage, part: progress(STAGES.get(stage, stage), part),
             )
+        say_fetched(source)
     except StreamError as error:
         if not args.json:
             raise
@@ -232,12 +243,14 @@ def run_validate(args: argparse.Namespace) -> int:
 
 def run_extract(args: argparse.Namespace) -> None:
     """`evogs extract`."""
-    data, directory = read_stream(args.input, limits_of(args))
+    source, directory = open_stream(args.input, limits_of(args))
     if directory.has_palette and 0 < (args.sh_degree or 0) < directory.sh_degree:
         said = "the entries of a palette have all SH bands: only --sh-degree 0 leaves packets out"
         warnings.warn(said, stacklevel=1)
     cut = _cut(directory, args)
-    smaller = extract(data, cut, box=args.box, directory=directory)
+    with progress_bar() as progress:
+        smaller = extract(source, cut, box=args.box, directory=directory, progress=progress)
+    say_fetched(source)
     write_atomic(args.output, smaller)
     # Levels are counted against all levels of the tiles and SH bands that were asked for.
     whole = choose_cut(directory, sh_degree=_sh_degree(directory, args), box=args.box)

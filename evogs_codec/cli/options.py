@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 
 from evogs_codec._generated import registry
 from evogs_codec._generated.limits import LIMITS
-from evogs_codec.cli.argument_types import error_of_group, number, parse_size
+from evogs_codec.cli.argument_types import error_of_group, number, parse_size, path_or_url
 from evogs_codec.cli.large_scenes import add_large_options
 from evogs_codec.encoding.layers import MAX_LAYERS, N_LAYERS
 from evogs_codec.encoding.settings import PRESETS, TREE_PSNR
@@ -78,13 +78,13 @@ def add_encode(commands: Commands, run: Run) -> None:
         "  evogs encode scene.ply scene.evogs --target-bytes 5000000\n"
         "  evogs encode scene.ply scene.evogs --target-psnr 40 --polish\n"
         "  evogs encode scene.ply scene.evogs --max-error 0.01 position=0.0005\n"
-        "  evogs encode lego.tree.npz exact.evogs --near-lossless",
+        "  evogs encode lego.tree.npz exact.evogs --near-lossless\n"
+        "  evogs encode https://example.org/scene.ply s3://bucket/scene.evogs",
     )
+    several = f"{SCENES_IN}; a folder of them; or a .tree.npz"
+    parser.add_argument("input", type=path_or_url, metavar="IN", help=several)
     parser.add_argument(
-        "input", type=Path, metavar="IN", help=f"{SCENES_IN}; a folder of them; or a .tree.npz"
-    )
-    parser.add_argument(
-        "others", type=Path, nargs="*", metavar="IN", help="other parts of the same scene"
+        "others", type=path_or_url, nargs="*", metavar="IN", help="other parts of the same scene"
     )
     add_output(parser, "OUT.evogs", files.STREAM)
     _add_lift_options(parser, "--refine, --polish and targets")
@@ -206,9 +206,10 @@ def add_decode(commands: Commands, run: Run) -> None:
         "  evogs decode scene.evogs scene.spz\n"
         "  evogs decode scene.evogs coarse.ply --level 1 --sh-degree 0\n"
         "  evogs decode scene.evogs corner.ply --box 0 0 0 1 1 1\n"
-        "  evogs decode download.evogs.part so-far.ply --partial",
+        "  evogs decode download.evogs.part so-far.ply --partial\n"
+        "  evogs decode s3://bucket/scene.evogs corner.ply --box 0 0 0 1 1 1",
     )
-    parser.add_argument("input", type=Path, metavar="IN.evogs")
+    parser.add_argument("input", type=path_or_url, metavar="IN.evogs")
     add_output(parser, "OUT.ply", kind_to_write)
     _add_cut_options(parser)
     add_limits(parser)
@@ -229,7 +230,7 @@ def add_convert(commands: Commands, run: Run) -> None:
         "  evogs convert scene.sog scene.compressed.ply\n"
         "  evogs convert scene.ply scene.glb",
     )
-    parser.add_argument("input", type=Path, metavar="IN", help=SCENES_IN)
+    parser.add_argument("input", type=path_or_url, metavar="IN", help=SCENES_IN)
     add_output(parser, "OUT", kind_to_write)
     parser.add_argument(
         "--drop-invalid", action="store_true", help="drop splats that have a NaN or an infinity"
@@ -247,7 +248,7 @@ def add_lift(commands: Commands, run: Run) -> None:
         "  evogs lift scene.ply scene.tree.npz --refine --up -y\n"
         "  evogs encode scene.tree.npz scene.evogs --preset scene",
     )
-    parser.add_argument("input", type=Path, metavar="IN", help=SCENES_IN)
+    parser.add_argument("input", type=path_or_url, metavar="IN", help=SCENES_IN)
     add_output(parser, "OUT.tree.npz", files.TREE)
     _add_lift_options(parser, "--refine")
 
@@ -269,7 +270,7 @@ def add_info(commands: Commands, run: Run) -> None:
         "over order-0: how far the bytes exceed the order-0 entropy of the integers\n\n"
         "Of a file whose end is missing, each level is marked present, in part or missing."
     )
-    parser.add_argument("input", type=Path, metavar="IN.evogs")
+    parser.add_argument("input", type=path_or_url, metavar="IN.evogs")
     add_limits(parser)
     _add_json(parser)
 
@@ -284,7 +285,7 @@ def add_validate(commands: Commands, run: Run) -> None:
         "  evogs validate scene.evogs\n  evogs validate scene.evogs --json\n"
         "  evogs validate download.evogs --limits limits.json",
     )
-    parser.add_argument("input", type=Path, metavar="IN.evogs")
+    parser.add_argument("input", type=path_or_url, metavar="IN.evogs")
     add_limits(parser)
     _add_json(parser)
 
@@ -301,7 +302,7 @@ def add_extract(commands: Commands, run: Run) -> None:
         "  evogs extract scene.evogs small.evogs --max-bytes 500000\n"
         "  evogs extract scene.evogs corner.evogs --box 0 0 0 1 1 1 --sh-degree 0",
     )
-    parser.add_argument("input", type=Path, metavar="IN.evogs")
+    parser.add_argument("input", type=path_or_url, metavar="IN.evogs")
     add_output(parser, "OUT.evogs", files.STREAM)
     _add_cut_options(parser)
     add_limits(parser)
@@ -313,7 +314,7 @@ def add_output(
     kind: files.FileKind | Callable[[Path], files.FileKind],
 ) -> None:
     """What a command makes, and `--force`: `cli.commands` checks both before the work."""
-    parser.add_argument("output", type=Path, metavar=metavar)
+    parser.add_argument("output", type=path_or_url, metavar=metavar)
     parser.add_argument(
         "--force",
         action="store_true",

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from tqdm import tqdm
 
+from evogs_codec.cli.argument_types import path_or_url
 from evogs_codec.cli.options import add_limits, add_output, add_partial
 from evogs_codec.cli.streams import describe_part, limits_of, part_there, read_stream
 from evogs_codec.common.printable import shown
@@ -235,13 +236,13 @@ def _add(
     parser.set_defaults(run=run)
     parser.add_argument(
         "input",
-        type=Path,
+        type=path_or_url,
         metavar="IN",
         help="a scene of any format that `evogs convert` reads, or a stream",
     )
     if name == "psnr":
         parser.add_argument(
-            "reference", type=Path, metavar="REFERENCE", help="the scene to compare with"
+            "reference", type=path_or_url, metavar="REFERENCE", help="the scene to compare with"
         )
     else:
         add_output(parser, "OUT.png", PICTURE)
@@ -252,7 +253,7 @@ def _add(
         )
         parser.add_argument(
             "--reference",
-            type=Path,
+            type=path_or_url,
             metavar="FILE",
             help="with --sheet: compare every level with this scene and show it in the last row"
             " (default: compare with the last level)",

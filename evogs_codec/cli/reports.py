@@ -93,6 +93,9 @@ def print_info(directory: Directory, info: dict[str, Any], groups: dict[str, Gro
         print(f"{shown(key):>18}  {shown(value)}")
     if info["psnr_views"] is not None:
         print(f"{'PSNR of':>18}  {shown(info['psnr_views'])}")
+    if "bytes_fetched" in info:
+        fetched = f"{info['bytes_fetched']:,} bytes, answers: {info['requests']}"
+        print(f"{'fetched':>18}  {fetched}; bytes by group need all packets")
     present = info["bytes_present"]
     if present < directory.size:
         print(f"{'truncated':>18}  {present:,} of {directory.size:,} bytes are there")

@@ -10,15 +10,18 @@ from evogs_codec.editing.presence import LevelPresence, bytes_for_first_splats, 
 from evogs_codec.errors import Fault, InputError, StreamError
 from evogs_codec.format.directory import HEADER_SIZE, Directory, read_directory, read_header
 from evogs_codec.io.files import PICTURE, TREE, kind_of
-from evogs_codec.io.interchange.scene_files import scene_format
+from evogs_codec.io.interchange.scene_files import START, scene_format
 from evogs_codec.io.json_files import read_limits
+from evogs_codec.stores.remote_file import RemoteFile
+from evogs_codec.stores.sources import ByteSource, bytes_of, source_of
+from evogs_codec.stores.urls import Url
 
 __all__ = [
     "describe_levels",
     "describe_part",
     "limits_of",
+    "open_stream",
     "part_there",
-    "read_bytes",
     "read_stream",
 ]
 
@@ -28,13 +31,14 @@ def limits_of(args: argparse.Namespace) -> dict[str, int] | None:
     return None if args.limits is None else read_limits(args.limits)
 
 
-def read_bytes(path: Path) -> memoryview:
-    """The bytes of a file.
+def open_stream(at: Path | Url, limits: dict[str, int] | None) -> tuple[ByteSource, Directory]:
+    """A stream, perhaps without its end, and its directory; of a URL only that is fetched.
 
     Raises:
-        OSError: it cannot be read.
+        InputError, OSError, StreamError: as `_read_directory`, or the file cannot be read.
     """
-    return memoryview(path.read_bytes())
+    source = source_of(at)
+    return source, _read_directory(source, at, limits)
 
 
 def read_stream(path: Path, limits: dict[str, int] | None) -> tuple[memoryview, Directory]:
@@ -43,11 +47,11 @@ def read_stream(path: Path, limits: dict[str, int] | None) -> tuple[memoryview, 
     Raises:
         InputError, OSError, StreamError: as `_read_directory`, or the file cannot be read.
     """
-    data = read_bytes(path)
-    return data, _read_directory(data, path, limits)
+    source, directory = open_stream(path, limits)
+    return bytes_of(source), directory
 
 
-def _read_directory(data: memoryview, path: Path, limits: dict[str, int] | None) -> Directory:
+def _read_directory(source: ByteSource, at: Path | Url, limits: dict[str, int] | None) -> Directory:
     """The directory of a stream, of which at least so much must be there.
 
     Raises:
@@ -55,30 +59,33 @@ def _read_directory(data: memoryview, path: Path, limits: dict[str, int] | None)
         StreamError: header or chunks are not legal, or over the limits.
     """
     try:
-        return read_directory(data, limits)
+        return read_directory(source, limits)
     except StreamError as error:
         if error.fault is Fault.E_SIGNATURE:
-            raise InputError(f"{path}: {_hint_for_other_file(data, path)}") from error
+            raise InputError(f"{at}: {_hint_for_other_file(source, at)}") from error
         if error.fault is Fault.E_TRUNCATED:
-            raise InputError(f"{path}: {error}; {_hint_for_short_file(data)}") from error
+            raise InputError(f"{at}: {error}; {_hint_for_short_file(source)}") from error
         raise
 
 
-def _hint_for_short_file(data: memoryview) -> str:
+def _hint_for_short_file(source: ByteSource) -> str:
     """How much of a file is needed to read its directory."""
-    if len(data) < HEADER_SIZE:
+    if source.size < HEADER_SIZE:
         return f"get at least the header of {HEADER_SIZE} bytes and the directory behind it"
+    data = source.having([(0, HEADER_SIZE)])[:HEADER_SIZE]
     n_bytes = HEADER_SIZE + read_header(data)["chunks_size"]
     return f"get at least the header and the directory, {n_bytes:,} bytes"
 
 
-def _hint_for_other_file(data: memoryview, path: Path) -> str:
+def _hint_for_other_file(source: ByteSource, at: Path | Url) -> str:
     """What the file is instead, and what to give."""
+    path = source.path if isinstance(source, RemoteFile) else Path(str(at))
+    data = source.having([(0, START)])[:START]
     kind = kind_of(data)
     if (name := scene_format(path)) is not None:
-        return f"is a .{name} scene, not a stream: `evogs encode {path} OUT.evogs` makes one"
+        return f"is a .{name} scene, not a stream: `evogs encode {at} OUT.evogs` makes one"
     if kind is TREE:
-        return f"is a zip (.npz), not a stream: `evogs encode {path} OUT.evogs` encodes a tree"
+        return f"is a zip (.npz), not a stream: `evogs encode {at} OUT.evogs` encodes a tree"
     if kind is PICTURE:
         return "is a PNG, not a stream: give a file that `evogs encode` made"
     if not any(data):
@@ -89,7 +96,7 @@ def _hint_for_other_file(data: memoryview, path: Path) -> str:
 # --- of a part ------------------------------------------------------------------------------------
 
 
-def part_there(directory: Directory, n_bytes: int, asked: Cut, path: Path) -> Cut:
+def part_there(directory: Directory, n_bytes: int, asked: Cut, path: Path | Url) -> Cut:
     """What `--partial` takes: of the cut `asked`, the packets in the first `n_bytes` of the file.
 
     Raises:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from evogs_codec.decoding.cut import Cut
 from evogs_codec.format.directory import Directory
+from evogs_codec.stores.ranges import Range
 
-__all__ = ["byte_ranges"]
+__all__ = ["byte_ranges", "packet_ranges"]
 
 
 def byte_ranges(
@@ -43,3 +46,13 @@ def byte_ranges(
     is_last = np.append(is_first[1:], True)
     first, size = begins[is_first], ends[is_last] - begins[is_first]
     return list(zip(first.tolist(), size.tolist(), strict=True))
+
+
+def packet_ranges(directory: Directory, cut: Cut) -> Iterator[Range]:
+    """`byte_ranges` as `ByteSource.having` takes them: nothing is done unless they are looked at.
+
+    Raises:
+        ValueError: the cut has steps that the file does not have.
+    """
+    for offset, size in byte_ranges(directory, cut):
+        yield offset, offset + size

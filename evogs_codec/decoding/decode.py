@@ -10,8 +10,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from evogs_codec.common.progress import Progress
-from evogs_codec.common.sources import Source, bytes_of
+from evogs_codec.common.progress import Progress, no_progress
+from evogs_codec.decoding.byte_ranges import packet_ranges
 from evogs_codec.decoding.cut import Cut
 from evogs_codec.decoding.float_view import FloatView, float_view
 from evogs_codec.decoding.replay import replay_tiles
@@ -19,6 +19,7 @@ from evogs_codec.decoding.tile_state import TileState
 from evogs_codec.format import layout
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.model.splats import SplatParams
+from evogs_codec.stores.sources import Source, bytes_of, source_of
 
 __all__ = ["Decoded", "decode", "decode_leaves", "decode_prefix", "replay"]
 
@@ -93,23 +94,26 @@ def decode(
     """Decode a whole file.
 
     Args:
-        data: all bytes of the file, or its path.
+        data: all bytes of the file, its path, or its URL, of which the packets of the cut are
+            fetched.
         cut: the cut, or a function that makes it from the directory; everything by default.
         level: instead of a cut, the cut of this level.
         directory: of the stream, if it was read before; no limits are then checked.
         verify: check the digests of states that the cut passes (R-5.7-3).
         limits: limits of this decoder by name (spec 8.3).
         progress: called with the stage "decode" and the part of the packets that is done, perhaps
-            by several threads.
+            by several threads; for a URL with the stage "fetch" before.
 
     Raises:
         StreamError: the stream is not legal, or over the limits.
+        OSError: the file cannot be read.
         TypeError: `data` is neither bytes nor a path, or `cut` is no cut.
         ValueError: the stream has no such cut.
     """
-    view = bytes_of(data)
-    directory = read_directory(view, limits) if directory is None else directory
+    source = source_of(data)
+    directory = read_directory(source, limits) if directory is None else directory
     chosen = _chosen(directory, cut, level)
+    view = source.having(packet_ranges(directory, chosen), progress or no_progress)
     return replay(directory, view, chosen, verify=verify, progress=_of_stage(progress))
 
 
@@ -117,7 +121,7 @@ def decode_prefix(data: Source, *, limits: Mapping[str, int] | None = None) -> D
     """Decode the complete packets of a truncated file (R-6.4-1).
 
     Args:
-        data: its bytes from the first on, or its path.
+        data: its bytes from the first on, its path, or its URL.
         limits: limits of this decoder by name (spec 8.3).
 
     Raises:
@@ -143,7 +147,8 @@ def decode_leaves(
     """`decode(data, cut, ...).leaves(sh_degree=...)`, with one tile at a time in integers.
 
     Args:
-        data: all bytes of the file, or its path.
+        data: all bytes of the file, its path, or its URL, of which the packets of the cut are
+            fetched.
         cut: the cut, or a function that makes it from the directory; everything by default.
         level: instead of a cut, the cut of this level.
         sh_degree: degree of the result; by default the highest band of the cut.
@@ -151,14 +156,15 @@ def decode_leaves(
         verify: check the digests of states that the cut passes (R-5.7-3).
         limits: limits of this decoder by name (spec 8.3).
         progress: called with the stage "decode" and the part of the packets that is done, perhaps
-            by several threads.
+            by several threads; for a URL with the stage "fetch" before.
 
     Raises:
-        StreamError, TypeError, ValueError: as `decode`.
+        StreamError, OSError, TypeError, ValueError: as `decode`.
     """
-    view = bytes_of(data)
-    directory = read_directory(view, limits) if directory is None else directory
+    source = source_of(data)
+    directory = read_directory(source, limits) if directory is None else directory
     cut = _chosen(directory, cut, level)
+    view = source.having(packet_ranges(directory, cut), progress or no_progress)
     selected = cut.packets(directory)
     of_tiles = selected & (directory.columns >= 0)
     rows = directory.packets[of_tiles]

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from evogs_codec.common.sources import Source, bytes_of
+from evogs_codec.common.progress import Progress, no_progress
+from evogs_codec.decoding.byte_ranges import packet_ranges
 from evogs_codec.decoding.cut import Cut, tiles_meeting
 from evogs_codec.errors import Fault, StreamError
 from evogs_codec.format.directory import (
@@ -20,6 +21,7 @@ from evogs_codec.format.layout import DIGEST_ENTRY, PACKET_ENTRY, size_of
 from evogs_codec.format.write_directory import rebuild_directory
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import I64
+from evogs_codec.stores.sources import Source, source_of
 
 __all__ = ["choose_cut", "extract"]
 
@@ -66,23 +68,31 @@ def choose_cut(
 
 
 def extract(
-    data: Source, cut: Cut, *, box: Box | None = None, directory: Directory | None = None
+    data: Source,
+    cut: Cut,
+    *,
+    box: Box | None = None,
+    directory: Directory | None = None,
+    progress: Progress = no_progress,
 ) -> bytes:
     """The stream of a cut: its packets verbatim, a new packet table.
 
     Args:
-        data: a whole stream, or its path; only the packets of the cut must be there.
+        data: a whole stream, its path or its URL; only the packets of the cut must be there.
         cut: as `choose_cut` gives it.
         box: leave tiles that do not meet it out of the tile table too.
         directory: of the stream, if it was read before.
+        progress: called with the stage "fetch" and the part of the packets of a URL that has come.
 
     Raises:
         StreamError: header or chunks are not legal, or a packet of the cut is cut short.
+        OSError: the file cannot be read.
         TypeError: `data` is neither bytes nor a path.
         ValueError: the stream has no such cut, or it has packets of tiles outside the box.
     """
-    view = bytes_of(data)
-    directory = read_directory(view) if directory is None else directory
+    source = source_of(data)
+    directory = read_directory(source) if directory is None else directory
+    view = source.having(packet_ranges(directory, cut), progress)
     selected, kept = cut.packets(directory), _kept_tiles(directory, box)
     of_palette = np.zeros(len(selected), bool)
     of_palette[directory.palette_packets] = True

@@ -9,9 +9,9 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from evogs_codec.common.sources import Source, bytes_of
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.format.write_directory import rebuild_directory
+from evogs_codec.stores.sources import Source, bytes_of
 
 __all__ = ["KEY", "LevelPsnr", "level_psnr", "with_level_psnr"]
 

@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from evogs_codec._generated.limits import LIMITS
 from evogs_codec.common.frozen_bytes import frozen
-from evogs_codec.common.sources import Source, bytes_of
 from evogs_codec.errors import Fault, StreamError
 from evogs_codec.format import layout
 from evogs_codec.format.chunks import (
@@ -33,6 +32,7 @@ from evogs_codec.model.components import PALETTE, PICKS, Components
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import I32, I64
+from evogs_codec.stores.sources import Source, source_of
 
 __all__ = ["Directory", "check_crc", "read_directory", "read_header", "read_tables"]
 
@@ -246,15 +246,20 @@ def read_directory(data: Source, limits: Mapping[str, int] | None = None) -> Dir
     """Header and chunks of a stream, all checked (spec 6.1 steps 1 to 3).
 
     Args:
-        data: at least the header and the chunks, or the path of a file that has them.
+        data: at least the header and the chunks; or the path or URL of a file that has them, of
+            which a URL is read no further.
         limits: the decoder's own limits by name (spec 8.3).
 
     Raises:
         StreamError: with any fault of these steps.
+        OSError: the file cannot be read.
         TypeError: `data` is neither bytes nor a path.
     """
-    view = bytes_of(data)
-    return read_tables(read_header(frozen(view[:HEADER_SIZE]), limits), view, limits)
+    source = source_of(data)
+    head = frozen(source.having([(0, HEADER_SIZE)])[:HEADER_SIZE])
+    header = read_header(head, limits)
+    view = source.having([(0, HEADER_SIZE + header["chunks_size"])])
+    return read_tables(header, view, limits)
 
 
 def read_tables(

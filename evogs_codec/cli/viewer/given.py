@@ -14,15 +14,15 @@ from evogs_codec.common.printable import shown
 from evogs_codec.errors import InputError
 from evogs_codec.io.files import KIND_BYTES, STREAM, kind_of
 
-__all__ = ["folder_of_streams", "is_stream", "is_url", "newly_encoded", "stream_of"]
+__all__ = ["folder_of_streams", "is_stream", "is_of_web", "newly_encoded", "stream_of"]
 
-_URL = re.compile(r"https?://", re.IGNORECASE)
+_WEB = re.compile(r"https?://", re.IGNORECASE)
 _TIMEOUT = 60  # s without a byte
 
 
-def is_url(given: str) -> bool:
-    """Whether it names what a server has."""
-    return _URL.match(given) is not None
+def is_of_web(given: str) -> bool:
+    """Whether it names what a browser can fetch by itself."""
+    return _WEB.match(given) is not None
 
 
 def is_stream(path: Path) -> bool:
