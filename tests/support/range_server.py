@@ -6,6 +6,7 @@ import time
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from urllib.parse import unquote
 
 MOST = 64 << 20  # bytes that a server sends which would never end
 
@@ -19,8 +20,10 @@ class Site:
         tag: the ETag of all of them; None for none.
         manner: what is wrong with it; "good" if nothing is.
         asked: the Range header of each request, or None.
+        conditions: the If-Match header of each request, or None.
         n_sent: bytes of bodies.
-        dies_after: answers after which the next breaks off in its middle; and how many do.
+        n_breaks: so many bodies break off in their middle.
+        url: where the files are; it ends with a slash.
     """
 
     files: dict[str, bytes]
@@ -46,9 +49,12 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self):
         site = self.site
+        if site.manner == "gone":
+            self.close_connection = True
+            return
         site.asked.append(self.headers.get("Range"))
         site.conditions.append(self.headers.get("If-Match"))
-        data = site.files.get(self.path.partition("?")[0].removeprefix("/"))
+        data = site.files.get(self._name())
         if data is None:
             self._say(404, b"not here <script>")
         elif site.manner == "forbidden":
@@ -57,6 +63,16 @@ class _Handler(BaseHTTPRequestHandler):
             self._say(412, b"")
         else:
             self._send(data)
+
+    def _name(self):
+        return unquote(self.path.partition("?")[0].removeprefix("/"))
+
+    def do_PUT(self):
+        self.site.files[self._name()] = self.rfile.read(int(self.headers["Content-Length"]))
+        self.send_response(200)
+        self.send_header("Content-Length", "0")
+        self.send_header("ETag", '"new"')
+        self.end_headers()
 
     def _send(self, data):
         site = self.site
@@ -94,6 +110,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_header("Content-Length", str(size))
         if content_range:
             self.send_header("Content-Range", content_range)
+        self.send_header("Last-Modified", "Mon, 23 Nov 2026 09:00:00 GMT")
         if self.site.tag:
             self.send_header("ETag", self.site.tag)
         self.end_headers()
@@ -146,6 +163,7 @@ def serving(files, **manners):
     try:
         yield site
     finally:
+        site.manner = "gone"  # of connections that are open still
         server.shutdown()
         thread.join()
         server.server_close()

@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from evogs_codec.cli.argument_types import number
+from evogs_codec.cli.argument_types import number, path_or_url
 from evogs_codec.cli.options import add_output
+from evogs_codec.cli.remote_files import fetched
 from evogs_codec.cli.terminal import complain
 from evogs_codec.cli.viewer.given import (
     folder_of_streams,
+    is_of_web,
     is_stream,
-    is_url,
     newly_encoded,
     stream_of,
 )
@@ -27,6 +28,7 @@ from evogs_codec.common.printable import shown
 from evogs_codec.errors import InputError
 from evogs_codec.format.directory import read_directory
 from evogs_codec.io.files import write_atomic
+from evogs_codec.stores.urls import Url, is_url
 
 __all__ = ["add_export", "add_view"]
 
@@ -36,6 +38,7 @@ EXAMPLES = """examples:
   evogs view scene.ply                      # encoded first, to a temporary file
   evogs view scenes/                        # a list of the streams in a folder
   evogs view https://example.org/scene.evogs
+  evogs view s3://bucket/scene.evogs        # fetched first, to a temporary file
   evogs view scene.evogs --no-browser --host 0.0.0.0 --port 8000    # for other machines, too"""
 EXPORT_HELP = "Write a page that holds a scene and its viewer, and needs no server."
 EXPORT_EXAMPLES = """examples:
@@ -81,7 +84,7 @@ def add_export(commands: Any) -> None:  # noqa: ANN401 - argparse's sub-parsers 
     )
     parser.add_argument(
         "scene",
-        type=lambda given: given if is_url(given) else Path(given),
+        type=lambda given: given if is_of_web(given) else path_or_url(given),
         metavar="FILE|FOLDER|URL",
         help="a stream, a 3DGS .ply, a .tree.npz, or a folder with one stream",
     )
@@ -126,9 +129,9 @@ def _built_page() -> dict[str, bytes]:
 
 def _scenes(given: str, stack: ExitStack) -> tuple[Scenes, str]:
     """What to serve, and what to open of it: an address without that of the server."""
-    if is_url(given):
+    if is_of_web(given):
         return NoScenes(), f"?src={quote(given, safe='')}"
-    path = Path(given)
+    path = fetched(Url.parse(given), stack) if is_url(given) else Path(given)
     if path.is_dir():
         folder, names = folder_of_streams(path)
         return folder, address_of(names[0]) if len(names) == 1 else SCENE_PATH.removeprefix("/")

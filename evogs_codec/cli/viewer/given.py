@@ -14,7 +14,7 @@ from evogs_codec.common.printable import shown
 from evogs_codec.errors import InputError
 from evogs_codec.io.files import KIND_BYTES, STREAM, kind_of
 
-__all__ = ["folder_of_streams", "is_stream", "is_of_web", "newly_encoded", "stream_of"]
+__all__ = ["folder_of_streams", "is_of_web", "is_stream", "newly_encoded", "stream_of"]
 
 _WEB = re.compile(r"https?://", re.IGNORECASE)
 _TIMEOUT = 60  # s without a byte
