@@ -85,7 +85,7 @@ def cut_off(address, *, up=None, down=None):
     listener = socket.create_server(("127.0.0.1", 0))
     left = {"up": up, "down": down}
     lock = threading.Lock()
-    open_sockets = []
+    open_sockets: list[socket.socket] = []
 
     def end():
         with suppress(OSError):

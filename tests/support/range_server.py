@@ -42,7 +42,8 @@ class _Handler(BaseHTTPRequestHandler):
 
     @property
     def site(self) -> Site:
-        return self.server.site  # type: ignore[attr-defined]
+        assert isinstance(self.server, _Server)
+        return self.server.site
 
     def log_message(self, *_):
         pass
@@ -147,6 +148,10 @@ class _Handler(BaseHTTPRequestHandler):
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
 
+    def __init__(self, site: Site):
+        self.site = site
+        super().__init__(("127.0.0.1", 0), _Handler)
+
     def handle_error(self, *_):
         pass  # clients go away
 
@@ -155,8 +160,7 @@ class _Server(ThreadingHTTPServer):
 def serving(files, **manners):
     """A `Site` that is served; its `url` ends with a slash."""
     site = Site(dict(files), **manners)
-    server = _Server(("127.0.0.1", 0), _Handler)
-    server.site = site
+    server = _Server(site)
     site.url = f"http://127.0.0.1:{server.server_address[1]}/"
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
     thread.start()

@@ -201,7 +201,7 @@ def test_a_bug_is_not_dressed_up_as_a_bad_file(made, monkeypatch):
     def bug(*_, **__):
         raise IndexError("a bug")
 
-    monkeypatch.setattr(commands, "read_stream", bug)
+    monkeypatch.setattr(commands, "open_stream", bug)
     with pytest.raises(IndexError):
         main(["info", str(made / "scene.evogs")])
 
