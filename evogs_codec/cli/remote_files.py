@@ -12,6 +12,7 @@ from io import StringIO, TextIOBase
 from pathlib import Path
 from typing import TextIO
 
+from evogs_codec.cli.reports import fetched_text
 from evogs_codec.cli.terminal import complain, progress_bar
 from evogs_codec.errors import InputError, StreamError
 from evogs_codec.format.directory import HEADER_SIZE, read_header
@@ -35,7 +36,7 @@ def remote_files(args: argparse.Namespace, *, keeps_input: bool) -> Iterator[Non
 
     Args:
         args: of the command; in the end they are as they were.
-        keeps_input: the command reads its input by ranges, so that it keeps the URL.
+        keeps_input: the command reads its input by ranges, so that it gets a `RemoteFile`.
 
     Raises:
         InputError: an output cannot be written, or must not be.
@@ -43,7 +44,7 @@ def remote_files(args: argparse.Namespace, *, keeps_input: bool) -> Iterator[Non
     """
     urls = {name: value for name, value in vars(args).items() if isinstance(value, Url)}
     stood_for = {name: url for name, url in urls.items() if name != "input" or not keeps_input}
-    if not stood_for:
+    if not urls:
         yield
         return
     with ExitStack() as stack:
@@ -55,6 +56,8 @@ def remote_files(args: argparse.Namespace, *, keeps_input: bool) -> Iterator[Non
                 args.output = Path(folder) / output.name
                 names[str(args.output)] = str(output)
                 _check_object(args, output, list(urls.values()), names)
+            if "input" in urls and keeps_input:
+                args.input = stack.enter_context(RemoteFile(urls["input"]))
             for name, url in stood_for.items():
                 path = fetched(url, stack)
                 setattr(args, name, path)
@@ -93,9 +96,8 @@ def fetched(url: Url, stack: ExitStack) -> Path:
 def say_fetched(source: ByteSource) -> None:
     """Say on standard error how much of a URL was fetched; nothing of a file on the disk."""
     if isinstance(source, RemoteFile):
-        requests = "1 request" if source.n_requests == 1 else f"{source.n_requests} requests"
-        said = f"{source.n_fetched:,} of {source.size:,} bytes fetched in {requests}"
-        complain(f"{source.url}: {said}")
+        said = fetched_text(source.n_fetched, source.n_requests)
+        complain(f"{source}: fetched {said}, of {source.size:,}")
 
 
 def _check_object(

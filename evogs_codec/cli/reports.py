@@ -17,7 +17,14 @@ from evogs_codec.editing.presence import LevelPresence, level_presence
 from evogs_codec.format.directory import Directory
 from evogs_codec.model.scene_info import SceneInfo
 
-__all__ = ["info_of", "info_to_write", "level_figures", "print_info", "print_levels"]
+__all__ = [
+    "fetched_text",
+    "info_of",
+    "info_to_write",
+    "level_figures",
+    "print_info",
+    "print_levels",
+]
 
 
 def info_to_write(directory: Directory) -> SceneInfo:
@@ -94,7 +101,7 @@ def print_info(directory: Directory, info: dict[str, Any], groups: dict[str, Gro
     if info["psnr_views"] is not None:
         print(f"{'PSNR of':>18}  {shown(info['psnr_views'])}")
     if "bytes_fetched" in info:
-        fetched = f"{info['bytes_fetched']:,} bytes, answers: {info['requests']}"
+        fetched = fetched_text(info["bytes_fetched"], info["requests"])
         print(f"{'fetched':>18}  {fetched}; bytes by group need all packets")
     present = info["bytes_present"]
     if present < directory.size:
@@ -111,6 +118,11 @@ def print_info(directory: Directory, info: dict[str, Any], groups: dict[str, Gro
             f"{name:>15} {part.n_bytes:>12,.0f} {part.n_bytes / n:>8.3f} {share:>5.1f} % {over:>13}"
         )
     print_omissions(info["left_out"])
+
+
+def fetched_text(n_bytes: int, n_requests: int) -> str:
+    """How much was fetched of a URL."""
+    return f"{n_bytes:,} bytes in {n_requests} request{'s' if n_requests > 1 else ''}"
 
 
 def print_omissions(left_out: list[dict[str, Any]]) -> None:

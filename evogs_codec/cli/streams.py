@@ -14,7 +14,6 @@ from evogs_codec.io.interchange.scene_files import START, scene_format
 from evogs_codec.io.json_files import read_limits
 from evogs_codec.stores.remote_file import RemoteFile
 from evogs_codec.stores.sources import ByteSource, bytes_of, source_of
-from evogs_codec.stores.urls import Url
 
 __all__ = [
     "describe_levels",
@@ -31,7 +30,9 @@ def limits_of(args: argparse.Namespace) -> dict[str, int] | None:
     return None if args.limits is None else read_limits(args.limits)
 
 
-def open_stream(at: Path | Url, limits: dict[str, int] | None) -> tuple[ByteSource, Directory]:
+def open_stream(
+    at: Path | RemoteFile, limits: dict[str, int] | None
+) -> tuple[ByteSource, Directory]:
     """A stream, perhaps without its end, and its directory; of a URL only that is fetched.
 
     Raises:
@@ -51,7 +52,9 @@ def read_stream(path: Path, limits: dict[str, int] | None) -> tuple[memoryview, 
     return bytes_of(source), directory
 
 
-def _read_directory(source: ByteSource, at: Path | Url, limits: dict[str, int] | None) -> Directory:
+def _read_directory(
+    source: ByteSource, at: Path | RemoteFile, limits: dict[str, int] | None
+) -> Directory:
     """The directory of a stream, of which at least so much must be there.
 
     Raises:
@@ -77,9 +80,9 @@ def _hint_for_short_file(source: ByteSource) -> str:
     return f"get at least the header and the directory, {n_bytes:,} bytes"
 
 
-def _hint_for_other_file(source: ByteSource, at: Path | Url) -> str:
+def _hint_for_other_file(source: ByteSource, at: Path | RemoteFile) -> str:
     """What the file is instead, and what to give."""
-    path = source.path if isinstance(source, RemoteFile) else Path(str(at))
+    path = at.path if isinstance(at, RemoteFile) else at
     data = source.having([(0, START)])[:START]
     kind = kind_of(data)
     if (name := scene_format(path)) is not None:
@@ -96,7 +99,7 @@ def _hint_for_other_file(source: ByteSource, at: Path | Url) -> str:
 # --- of a part ------------------------------------------------------------------------------------
 
 
-def part_there(directory: Directory, n_bytes: int, asked: Cut, path: Path | Url) -> Cut:
+def part_there(directory: Directory, n_bytes: int, asked: Cut, path: Path | RemoteFile) -> Cut:
     """What `--partial` takes: of the cut `asked`, the packets in the first `n_bytes` of the file.
 
     Raises:

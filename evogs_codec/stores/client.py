@@ -13,11 +13,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import timedelta
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from evogs_codec.errors import InputError
+from evogs_codec.stores.background import apart
 from evogs_codec.stores.urls import Url
 
 __all__ = ["Answer", "Client", "RangesIgnoredError", "Version", "changed", "put_object"]
@@ -158,7 +160,8 @@ def put_object(url: str | Url, source: bytes | Path) -> None:
     size = len(source) if isinstance(source, bytes) else source.stat().st_size
     obstore = _loaded(url)
     with _errors(url, obstore, verb="written"):
-        obstore.put(
+        put = partial(
+            obstore.put,
             _store(url, obstore, RANGE_TIMEOUT),
             url.path,
             source,
@@ -166,6 +169,7 @@ def put_object(url: str | Url, source: bytes | Path) -> None:
             chunk_size=max(PART, -(-size // MAX_PARTS)),
             max_concurrency=N_PARTS,
         )
+        apart(put)
 
 
 def _loaded(url: Url) -> Any:  # noqa: ANN401 - a module whose types are not followed

@@ -9,14 +9,14 @@ import tempfile
 import warnings
 import weakref
 from collections.abc import Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from threading import Event, Lock
+from threading import Lock
 from types import TracebackType
 from typing import BinaryIO
 
 from evogs_codec.common.progress import Progress, no_progress
+from evogs_codec.stores.background import apart, each_apart
 from evogs_codec.stores.client import Answer, Client, RangesIgnoredError, Version, changed
 from evogs_codec.stores.ranges import Range, length, merged, pieces, without
 from evogs_codec.stores.urls import Url
@@ -68,11 +68,14 @@ class RemoteFile:
         self._file = self.path.open("w+b", buffering=0)
         self._close = weakref.finalize(self, _remove, self._file, folder)
         try:
-            self._begin()
+            in_order = apart(self._begin)
             self._make_room()
         except BaseException:
             self.close()
             raise
+        if in_order:
+            said = f"{self.url}: the server ignores ranges: the file is read from its first byte on"
+            warnings.warn(said, stacklevel=2)
 
     def __enter__(self) -> RemoteFile:
         return self
@@ -81,6 +84,9 @@ class RemoteFile:
         self, _type: type[BaseException] | None, _: BaseException | None, _at: TracebackType | None
     ) -> None:
         self.close()
+
+    def __str__(self) -> str:
+        return str(self.url)
 
     def __repr__(self) -> str:
         return f"RemoteFile({str(self.url)!r}, {self.n_fetched} of {self.size} bytes fetched)"
@@ -108,7 +114,7 @@ class RemoteFile:
         wanted = merged(((max(begin, 0), min(end, self.size)) for begin, end in ranges), GAP)
         missing = without(wanted, self._have)
         if missing and self._stream is not None:
-            self._read_on(missing[-1][1], progress)
+            apart(partial(self._read_on, missing[-1][1], progress))
         elif missing:
             self._fetch(missing, progress)
         if self._map is None and self.size:
@@ -126,43 +132,34 @@ class RemoteFile:
 
     # --- requests ---------------------------------------------------------------------------------
 
-    def _begin(self) -> None:
-        """Get the version of the file, and the first bytes with it."""
+    def _begin(self) -> bool:
+        """Get the version of the file, and first bytes with it; whether ranges are ignored."""
         try:
             answer = self._client.get(0, FIRST)
         except RangesIgnoredError:
-            said = f"{self.url}: the server ignores ranges: the file is read from its first byte on"
-            warnings.warn(said, stacklevel=3)
             self._version = self._begin_stream()
-            return
+            return True
         except OSError as error:
             if "416" not in (error.strerror or ""):
                 raise
             self._version = self._client.get_whole().version  # an empty file has no range
-            return
+            return False
         self._version, first = answer.version, (0, answer.end)
         self._copy_retrying(first, answer)
         self._have = [first]
+        return False
 
     def _fetch(self, missing: list[Range], progress: Progress) -> None:
         """These ranges, some of them at a time."""
-        parts = pieces(missing, PIECE)
-        self._check_disk(length(missing))
         goal, n_come = length(missing), 0
-        stopped = Event()
-        executor = ThreadPoolExecutor(min(N_REQUESTS, len(parts)), thread_name_prefix="fetch")
-        try:
-            for part in executor.map(partial(self._fetch_piece, stopped), parts):
-                self._have = merged([*self._have, part])
-                n_come += part[1] - part[0]
-                progress("fetch", n_come / goal)
-        finally:
-            stopped.set()
-            executor.shutdown(cancel_futures=True)
+        self._check_disk(goal)
+        for part in each_apart(self._fetch_piece, pieces(missing, PIECE), N_REQUESTS):
+            self._have = merged([*self._have, part])
+            n_come += part[1] - part[0]
+            progress("fetch", n_come / goal)
 
-    def _fetch_piece(self, stopped: Event, part: Range) -> Range:
-        if not stopped.is_set():
-            self._copy_retrying(part, self._ask(part), stopped)
+    def _fetch_piece(self, part: Range) -> Range:
+        self._copy_retrying(part, self._ask(part))
         return part
 
     def _ask(self, part: Range) -> Answer:
@@ -176,11 +173,11 @@ class RemoteFile:
             raise changed(self.url)
         return answer
 
-    def _copy_retrying(self, part: Range, answer: Answer, stopped: Event | None = None) -> None:
+    def _copy_retrying(self, part: Range, answer: Answer) -> None:
         """Copy an answer; ask again where it breaks off."""
         for n_left in reversed(range(TRIES)):
             try:
-                self._copy(part, answer, stopped)
+                self._copy(part, answer)
             except _BrokenError as broken:
                 if not n_left:
                     raise broken.cause from None
@@ -188,13 +185,11 @@ class RemoteFile:
             else:
                 return
 
-    def _copy(self, part: Range, answer: Answer, stopped: Event | None) -> None:
+    def _copy(self, part: Range, answer: Answer) -> None:
         with self._lock:
             self.n_requests += 1
         at, end = part
         for piece in self._unbroken(answer.body):
-            if stopped is not None and stopped.is_set():
-                return
             self._write(at, piece[: end - at])
             at += len(piece)
             if at >= end:

@@ -3,6 +3,7 @@
 import re
 import threading
 import time
+from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -23,6 +24,7 @@ class Site:
         conditions: the If-Match header of each request, or None.
         n_sent: bytes of bodies.
         n_breaks: so many bodies break off in their middle.
+        on_silence: called where a "silent" server is asked; it answers nothing until `ended`.
         url: where the files are; it ends with a slash.
     """
 
@@ -33,6 +35,8 @@ class Site:
     conditions: list[str | None] = field(default_factory=list)
     n_sent: int = 0
     n_breaks: int = 0
+    on_silence: Callable[[], object] = lambda: None
+    ended: threading.Event = field(default_factory=threading.Event)
     url: str = ""
 
 
@@ -52,6 +56,10 @@ class _Handler(BaseHTTPRequestHandler):
         site = self.site
         if site.manner == "gone":
             self.close_connection = True
+            return
+        if site.manner == "silent":
+            site.on_silence()
+            site.ended.wait(20)
             return
         site.asked.append(self.headers.get("Range"))
         site.conditions.append(self.headers.get("If-Match"))
@@ -167,6 +175,7 @@ def serving(files, **manners):
     try:
         yield site
     finally:
+        site.ended.set()
         site.manner = "gone"  # of connections that are open still
         server.shutdown()
         thread.join()

@@ -3,13 +3,16 @@
 import errno
 import gc
 import json
+import signal
 import sys
+import threading
 from collections import namedtuple
+from datetime import timedelta
 
 import pytest
 
 from evogs_codec import InputError, RemoteFile, put_object
-from evogs_codec.stores import remote_file
+from evogs_codec.stores import client, remote_file
 from evogs_codec.stores.remote_file import FIRST, GAP
 from tests.codec.stores.conftest import BYTES
 from tests.support.range_server import MOST, serving
@@ -148,6 +151,22 @@ def test_a_server_that_is_gone_is_given_up():
         remote = RemoteFile(f"{site.url}a.bin")
     with remote, pytest.raises(OSError, match="cannot be read"):
         remote.having(CORNERS)
+
+
+def test_a_server_that_falls_silent_is_given_up(site, monkeypatch):
+    monkeypatch.setattr(client, "READ_TIMEOUT", timedelta(milliseconds=100))
+    monkeypatch.setitem(client.RETRIES, "max_retries", 1)
+    with RemoteFile(f"{site.url}a.bin") as remote:
+        site.manner = "silent"
+        with pytest.raises(OSError, match="cannot be read"):
+            remote.having(CORNERS)
+
+
+def test_waiting_for_a_server_can_be_interrupted(site):
+    main = threading.get_ident()
+    site.manner, site.on_silence = "silent", lambda: signal.pthread_kill(main, signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        RemoteFile(f"{site.url}a.bin")
 
 
 # --- servers that ignore ranges -------------------------------------------------------------------
