@@ -112,7 +112,7 @@ def _check_object(
     try:
         remote = RemoteFile(url)
     except FileNotFoundError as error:
-        if "bucket" in str(error):
+        if "bucket" in (error.strerror or ""):
             raise
         return
     with remote:

@@ -24,7 +24,7 @@ from evogs_codec.stores.urls import Url
 __all__ = ["RemoteFile"]
 
 FIRST = 1 << 15  # bytes that are always fetched: small directories are in them
-GAP = 1 << 15  # bytes between two ranges that take less time than another request
+GAP = 1 << 14  # bytes between two ranges that take less time than another request
 PIECE = 8 << 20  # bytes of a request
 N_REQUESTS = 8  # at a time
 TRIES = 3  # of a piece; obstore repeats requests, and the rest of a body where an ETag allows it

@@ -7,13 +7,13 @@ import socket
 import subprocess
 import sys
 import threading
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 
 import pytest
 
 from tests.support.range_server import wait_until
 
-BUCKET = "scenes"
+BUCKET = "bucket"
 KEYS = {"AWS_ACCESS_KEY_ID": "test", "AWS_SECRET_ACCESS_KEY": "test", "AWS_REGION": "us-east-1"}
 
 
@@ -37,6 +37,9 @@ class Bucket:
             aws_access_key_id=KEYS["AWS_ACCESS_KEY_ID"],
             aws_secret_access_key=KEYS["AWS_SECRET_ACCESS_KEY"],
         )
+
+    def close(self):
+        self._client.close()
 
     def make(self):
         self._client.create_bucket(Bucket=BUCKET)
@@ -65,7 +68,8 @@ def object_store():
         wait_until(lambda: is_open(port) or process.poll() is not None)
         assert process.poll() is None
         address = f"http://127.0.0.1:{port}"
-        Bucket(address).make()
+        with closing(Bucket(address)) as bucket:
+            bucket.make()
         yield address
     finally:
         process.send_signal(signal.SIGKILL)

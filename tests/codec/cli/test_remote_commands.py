@@ -1,6 +1,7 @@
 """Commands whose input or output is a URL, against an S3 server on this machine."""
 
 import json
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -26,7 +27,8 @@ def address():
 def store(address, monkeypatch):
     """The bucket, which the commands reach."""
     credentials(monkeypatch, address)
-    return Bucket(address)
+    with closing(Bucket(address)) as bucket:
+        yield bucket
 
 
 @pytest.fixture(scope="module")
@@ -51,15 +53,15 @@ def test_a_scene_of_the_web_is_encoded_to_an_object(evogs, made, store, scratch,
     options = ["--preset", "scene"]
     with serving({"scene.ply": (made / "scene.ply").read_bytes()}) as site:
         source = f"{site.url}scene.ply?sig=secret"
-        code, out, err = evogs("encode", source, "s3://scenes/a b/scene.evogs", *options)
+        code, out, err = evogs("encode", source, "s3://bucket/a b/scene.evogs", *options)
     assert code == 0
-    assert out.startswith("s3://scenes/a b/scene.evogs: 3,000 splats")
+    assert out.startswith("s3://bucket/a b/scene.evogs: 3,000 splats")
     assert err.startswith(f"evogs: {site.url}scene.ply: ")
     assert ": fetched " in err
     assert "secret" not in out + err
     assert evogs("encode", made / "scene.ply", tmp_path / "same.evogs", *options)[0] == 0
     assert store["a b/scene.evogs"] == (tmp_path / "same.evogs").read_bytes()
-    code, out, err = evogs("decode", "s3://scenes/a b/scene.evogs", tmp_path / "same.ply")
+    code, out, err = evogs("decode", "s3://bucket/a b/scene.evogs", tmp_path / "same.ply")
     assert (code, len(read_ply(tmp_path / "same.ply"))) == (0, 3000)
 
 
@@ -70,7 +72,7 @@ def test_a_region_of_an_object_is_decoded_by_its_ranges(
     store["tiled.evogs"] = tiled
     (tmp_path / "tiled.evogs").write_bytes(tiled)
     options = ["--box", -20, -20, -20, 0, 0, 20, "--level", 2]
-    code, _, err = evogs("decode", "s3://scenes/tiled.evogs", tmp_path / "a.ply", *options)
+    code, _, err = evogs("decode", "s3://bucket/tiled.evogs", tmp_path / "a.ply", *options)
     n_fetched = int(err.split(": fetched ")[1].split(" bytes")[0].replace(",", ""))
     assert (code, n_fetched < 0.6 * len(tiled)) == (0, True)
     assert evogs("decode", tmp_path / "tiled.evogs", tmp_path / "b.ply", *options)[0] == 0
@@ -80,11 +82,11 @@ def test_a_region_of_an_object_is_decoded_by_its_ranges(
 
 def test_info_of_an_object_fetches_the_directory(evogs, store, scratch, tiled):
     store["tiled.evogs"] = tiled
-    code, out, err = evogs("info", "s3://scenes/tiled.evogs")
+    code, out, err = evogs("info", "s3://bucket/tiled.evogs")
     assert (code, err) == (0, "")
     assert "fetched  32,768 bytes in 1 request;" in out
     assert "present" not in out
-    code, out, _ = evogs("info", "s3://scenes/tiled.evogs", "--json")
+    code, out, _ = evogs("info", "s3://bucket/tiled.evogs", "--json")
     found = json.loads(out)
     assert (found["size"], found["bytes_present"]) == (len(tiled), len(tiled))
     assert (found["bytes_fetched"], found["requests"], found["groups"]) == (32768, 1, {})
@@ -94,30 +96,30 @@ def test_an_object_is_extracted_from_and_to_the_store(evogs, store, scratch, til
     store["tiled.evogs"] = tiled
     (tmp_path / "tiled.evogs").write_bytes(tiled)
     code, out, err = evogs(
-        "extract", "s3://scenes/tiled.evogs", "s3://scenes/s.evogs", "--level", 1
+        "extract", "s3://bucket/tiled.evogs", "s3://bucket/s.evogs", "--level", 1
     )
     assert (code, ": fetched " in err) == (0, True)
-    assert out.startswith("s3://scenes/s.evogs: 2 of 5 levels")
+    assert out.startswith("s3://bucket/s.evogs: 2 of 5 levels")
     assert evogs("extract", tmp_path / "tiled.evogs", tmp_path / "s.evogs", "--level", 1)[0] == 0
     assert store["s.evogs"] == (tmp_path / "s.evogs").read_bytes()
-    code, out, _ = evogs("validate", "s3://scenes/s.evogs")
-    assert (code, out.startswith("s3://scenes/s.evogs: valid")) == (0, True)
+    code, out, _ = evogs("validate", "s3://bucket/s.evogs")
+    assert (code, out.startswith("s3://bucket/s.evogs: valid")) == (0, True)
 
 
 def test_other_formats_are_converted_in_the_store(evogs, made, store, scratch):
     store["c.ply"] = (made / "scene.ply").read_bytes()
-    assert evogs("convert", "s3://scenes/c.ply", "s3://scenes/c.glb")[0] == 0
-    code, out, _ = evogs("lift", "s3://scenes/c.glb", "s3://scenes/c.tree.npz")
-    assert (code, out) == (0, "s3://scenes/c.tree.npz: 3,000 splats, 5 levels\n")
-    code, out, _ = evogs("encode", "s3://scenes/c.tree.npz", "s3://scenes/c.evogs", "--json",
+    assert evogs("convert", "s3://bucket/c.ply", "s3://bucket/c.glb")[0] == 0
+    code, out, _ = evogs("lift", "s3://bucket/c.glb", "s3://bucket/c.tree.npz")
+    assert (code, out) == (0, "s3://bucket/c.tree.npz: 3,000 splats, 5 levels\n")
+    code, out, _ = evogs("encode", "s3://bucket/c.tree.npz", "s3://bucket/c.evogs", "--json",
                          "--preset", "scene")  # fmt: skip
-    assert (code, json.loads(out)["output"]) == (0, "s3://scenes/c.evogs")
+    assert (code, json.loads(out)["output"]) == (0, "s3://bucket/c.evogs")
     assert read_directory(store["c.evogs"]).size == len(store["c.evogs"])
 
 
 def test_an_object_goes_through_standard_output(made, store, scratch, capfdbinary):
     store["p.evogs"] = (made / "scene.evogs").read_bytes()
-    assert main(["decode", "s3://scenes/p.evogs", "-"]) == 0
+    assert main(["decode", "s3://bucket/p.evogs", "-"]) == 0
     assert capfdbinary.readouterr().out.startswith(b"ply\n")
 
 
@@ -130,7 +132,7 @@ def test_an_object_is_viewed(evogs, store, scratch, tiled, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Server, "serve_forever", serve)
-    code, out, _ = evogs("view", "s3://scenes/v.evogs", "--no-browser")
+    code, out, _ = evogs("view", "s3://bucket/v.evogs", "--no-browser")
     assert (code, found["scene"]) == (0, tiled)
     assert "?src=/scenes/v.evogs" in out
 
@@ -140,30 +142,30 @@ def test_an_object_is_viewed(evogs, store, scratch, tiled, monkeypatch):
 
 def test_an_object_is_replaced_if_the_same_command_made_it(evogs, refused, made, store, scratch):
     store["in.evogs"] = (made / "scene.evogs").read_bytes()
-    decode = ["decode", "s3://scenes/in.evogs", "s3://scenes/out.ply"]
+    decode = ["decode", "s3://bucket/in.evogs", "s3://bucket/out.ply"]
     assert evogs(*decode)[0] == 0
     first = store["out.ply"]
     assert evogs(*decode, "--level", 1)[0] == 0
     second = store["out.ply"]
     assert len(second) < len(first)
-    words = ["s3://scenes/out.ply: exists and was not made by `evogs convert`", "--force"]
-    refused("convert", made / "scene.ply", "s3://scenes/out.ply", words=words)
+    words = ["s3://bucket/out.ply: exists and was not made by `evogs convert`", "--force"]
+    refused("convert", made / "scene.ply", "s3://bucket/out.ply", words=words)
     assert store["out.ply"] == second
-    assert evogs("convert", made / "scene.ply", "s3://scenes/out.ply", "--force")[0] == 0
+    assert evogs("convert", made / "scene.ply", "s3://bucket/out.ply", "--force")[0] == 0
     assert store["out.ply"] != second
 
 
 def test_an_object_of_another_kind_is_not_replaced(refused, made, store, scratch):
     store["mine.evogs"] = b"a letter"
-    words = ["s3://scenes/mine.evogs: exists and is no EvoGS stream"]
-    refused("encode", made / "scene.ply", "s3://scenes/mine.evogs", words=words)
+    words = ["s3://bucket/mine.evogs: exists and is no EvoGS stream"]
+    refused("encode", made / "scene.ply", "s3://bucket/mine.evogs", words=words)
     assert store["mine.evogs"] == b"a letter"
 
 
 def test_an_object_is_no_output_of_its_own_command(refused, store, scratch, tiled):
     store["t.evogs"] = tiled
-    words = ["s3://scenes/t.evogs: is an input of the command"]
-    arguments = ["extract", "s3://scenes/t.evogs", "s3://scenes/t.evogs", "--level", 1, "--force"]
+    words = ["s3://bucket/t.evogs: is an input of the command"]
+    arguments = ["extract", "s3://bucket/t.evogs", "s3://bucket/t.evogs", "--level", 1, "--force"]
     refused(*arguments, words=words)
     assert store["t.evogs"] == tiled
 
@@ -173,23 +175,24 @@ def test_an_object_is_no_output_of_its_own_command(refused, store, scratch, tile
 
 def test_what_is_not_there_or_cannot_be_written_is_one_line(refused, made, store, scratch):
     scene = made / "scene.ply"
-    refused("info", "s3://scenes/gone.evogs", words=["s3://scenes/gone.evogs: is not there"])
+    refused("info", "s3://bucket/gone.evogs", words=["s3://bucket/gone.evogs: is not there"])
     refused("convert", "s3://gone/a.ply", "x.ply", words=["s3://gone/a.ply: its bucket is not th"])
     refused("encode", scene, "s3://gone/a.evogs", words=["s3://gone/a.evogs: its bucket is not th"])
-    refused("convert", scene, "s3://scenes/a.xyz", words=["s3://scenes/a.xyz: scenes are written"])
+    refused("convert", scene, "s3://bucket/a.xyz", words=["s3://bucket/a.xyz: scenes are written"])
     words = ["https://h/a.evogs: an output is written to a file, s3:// or gs://"]
     refused("encode", scene, "https://h/a.evogs", words=words)
-    refused("encode", scene, "s3://scenes/", words=["s3://scenes/: names no file"], code=2)
+    refused("encode", scene.with_name("x"), "s3://bucket/a.evogs", words=["x: No such file"])
+    refused("encode", scene, "s3://bucket/", words=["s3://bucket/: names no file"], code=2)
 
 
 def test_an_object_of_another_kind_is_named_by_its_url(evogs, refused, made, store, scratch):
     store["k.ply"] = (made / "scene.ply").read_bytes()
-    words = ["s3://scenes/k.ply: is a .ply scene", "`evogs encode s3://scenes/k.ply OUT.evogs`"]
-    refused("info", "s3://scenes/k.ply", words=words)
+    words = ["s3://bucket/k.ply: is a .ply scene", "`evogs encode s3://bucket/k.ply OUT.evogs`"]
+    refused("info", "s3://bucket/k.ply", words=words)
     store["k.bin"] = b"no scene"
-    code, out, err = evogs("lift", "s3://scenes/k.bin", "s3://scenes/k.tree.npz")
+    code, out, err = evogs("lift", "s3://bucket/k.bin", "s3://bucket/k.tree.npz")
     assert (code, out) == (1, "")
-    assert err.splitlines()[1].startswith("evogs: s3://scenes/k.bin: does not start with")
+    assert err.splitlines()[1].startswith("evogs: s3://bucket/k.bin: does not start with")
 
 
 def test_without_credentials_it_is_said_what_to_set(refused, store, scratch, monkeypatch, tmp_path):
@@ -198,8 +201,8 @@ def test_without_credentials_it_is_said_what_to_set(refused, store, scratch, mon
     monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
     for name in ("AWS_SHARED_CREDENTIALS_FILE", "AWS_CONFIG_FILE"):
         monkeypatch.setenv(name, str(tmp_path / "none"))
-    words = ["s3://scenes/a.evogs: cannot be read: no credentials", "AWS_ACCESS_KEY_ID"]
-    refused("info", "s3://scenes/a.evogs", words=words)
+    words = ["s3://bucket/a.evogs: cannot be read: no credentials", "AWS_ACCESS_KEY_ID"]
+    refused("info", "s3://bucket/a.evogs", words=words)
 
 
 # --- a store that goes away -----------------------------------------------------------------------
@@ -212,8 +215,8 @@ def test_nothing_is_left_of_an_input_that_breaks_off(
     store["far.evogs"] = tiled
     with cut_off(address, down=60_000) as proxy:
         monkeypatch.setenv("AWS_ENDPOINT_URL", proxy)
-        words = ["s3://scenes/far.evogs: cannot be read"]
-        refused("decode", "s3://scenes/far.evogs", tmp_path / "far.ply", words=words)
+        words = ["s3://bucket/far.evogs: cannot be read"]
+        refused("decode", "s3://bucket/far.evogs", tmp_path / "far.ply", words=words)
     assert not (tmp_path / "far.ply").exists()
 
 
@@ -229,8 +232,8 @@ def test_there_is_no_half_object_where_the_store_goes_away(
         store[key] = b"ply\nold"
     with cut_off(address, up=200_000) as proxy:
         monkeypatch.setenv("AWS_ENDPOINT_URL", proxy)
-        words = [f"s3://scenes/{key}: cannot be written"]
-        arguments = ["decode", made / "scene.evogs", f"s3://scenes/{key}", "--force"]
+        words = [f"s3://bucket/{key}: cannot be written"]
+        arguments = ["decode", made / "scene.evogs", f"s3://bucket/{key}", "--force"]
         refused(*arguments, words=words)
     assert (key in store) == is_there
     if is_there:
@@ -243,5 +246,5 @@ def test_an_object_of_many_parts_is_whole(evogs, made, store, scratch, monkeypat
     path = scratch.parent / "large.ply"
     write_ply(path, splats)
     assert path.stat().st_size > 2 * client.PART
-    assert evogs("convert", path, "s3://scenes/large.ply")[0] == 0
+    assert evogs("convert", path, "s3://bucket/large.ply")[0] == 0
     assert len(store["large.ply"]) > 2 * client.PART
