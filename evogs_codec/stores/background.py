@@ -37,6 +37,7 @@ def each_apart(
             try:
                 done.put((call(item), None))
             except BaseException as error:
+                stopped.set()
                 done.put((None, error))
 
     for _ in range(min(n_threads, len(items))):
