@@ -33,6 +33,7 @@ __all__ = [
 ]
 
 DEFAULT_ITERATIONS = 200
+STREAM_IN = "a stream: a file, or a URL (s3://, gs://, https://)"
 SCENES_IN = "a .ply, plain or compressed, .spz, .sog, .splat, .ksplat, .glb or .gltf"
 
 # What argparse is not to take for an option, as it does before Python 3.14 with -1e3, and always
@@ -209,7 +210,7 @@ def add_decode(commands: Commands, run: Run) -> None:
         "  evogs decode download.evogs.part so-far.ply --partial\n"
         "  evogs decode s3://bucket/scene.evogs corner.ply --box 0 0 0 1 1 1",
     )
-    parser.add_argument("input", type=path_or_url, metavar="IN.evogs")
+    parser.add_argument("input", type=path_or_url, metavar="IN.evogs", help=STREAM_IN)
     add_output(parser, "OUT.ply", kind_to_write)
     _add_cut_options(parser)
     add_limits(parser)
@@ -270,7 +271,7 @@ def add_info(commands: Commands, run: Run) -> None:
         "over order-0: how far the bytes exceed the order-0 entropy of the integers\n\n"
         "Of a file whose end is missing, each level is marked present, in part or missing."
     )
-    parser.add_argument("input", type=path_or_url, metavar="IN.evogs")
+    parser.add_argument("input", type=path_or_url, metavar="IN.evogs", help=STREAM_IN)
     add_limits(parser)
     _add_json(parser)
 
@@ -285,7 +286,7 @@ def add_validate(commands: Commands, run: Run) -> None:
         "  evogs validate scene.evogs\n  evogs validate scene.evogs --json\n"
         "  evogs validate download.evogs --limits limits.json",
     )
-    parser.add_argument("input", type=path_or_url, metavar="IN.evogs")
+    parser.add_argument("input", type=path_or_url, metavar="IN.evogs", help=STREAM_IN)
     add_limits(parser)
     _add_json(parser)
 
@@ -302,7 +303,7 @@ def add_extract(commands: Commands, run: Run) -> None:
         "  evogs extract scene.evogs small.evogs --max-bytes 500000\n"
         "  evogs extract scene.evogs corner.evogs --box 0 0 0 1 1 1 --sh-degree 0",
     )
-    parser.add_argument("input", type=path_or_url, metavar="IN.evogs")
+    parser.add_argument("input", type=path_or_url, metavar="IN.evogs", help=STREAM_IN)
     add_output(parser, "OUT.evogs", files.STREAM)
     _add_cut_options(parser)
     add_limits(parser)
@@ -314,7 +315,7 @@ def add_output(
     kind: files.FileKind | Callable[[Path], files.FileKind],
 ) -> None:
     """What a command makes, and `--force`: `cli.commands` checks both before the work."""
-    parser.add_argument("output", type=path_or_url, metavar=metavar)
+    parser.add_argument("output", type=path_or_url, metavar=metavar, help="a file, s3:// or gs://")
     parser.add_argument(
         "--force",
         action="store_true",

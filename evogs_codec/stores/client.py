@@ -29,11 +29,11 @@ MAX_PARTS = 9000  # of an upload; S3 takes 10,000
 N_PARTS = 4  # in memory at a time
 PIECE = 1 << 20  # bytes of a body in memory at a time
 
-CONNECT_TIMEOUT = timedelta(seconds=10)
+CONNECT_TIMEOUT = timedelta(seconds=5)
 READ_TIMEOUT = timedelta(seconds=30)  # without a byte
 RANGE_TIMEOUT = timedelta(minutes=3)  # of a request for a range or for a part of an upload
 WHOLE_TIMEOUT = timedelta(hours=12)  # of a request for a whole file
-RETRIES = {
+RETRIES: dict[str, Any] = {
     "max_retries": 3,
     "retry_timeout": timedelta(minutes=1),
     "backoff": {
@@ -51,6 +51,12 @@ CREDENTIALS = (
     "AWS_CONTAINER_CREDENTIALS_FULL_URI",
     "AWS_SKIP_SIGNATURE",
 )
+# Where credentials are looked for last, and what to set where there are none.
+LAST_RESORT = re.compile(r"169\.254\.169\.254|metadata\.google|session\.get_credentials")
+TO_SET = {
+    "s3": "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_SKIP_SIGNATURE=true",
+    "gs": "GOOGLE_SERVICE_ACCOUNT to its file, or GOOGLE_SKIP_SIGNATURE=true",
+}
 
 
 class RangesIgnoredError(Exception):
@@ -229,9 +235,9 @@ def _errors(url: Url, obstore: Any, verb: str = "read") -> Iterator[None]:  # no
     except kinds.NotSupportedError as error:
         if "RangeNotSupported" in str(error):
             raise RangesIgnoredError from error
-        raise OSError(errno.EIO, _reason(error, verb), str(url)) from error
+        raise OSError(errno.EIO, _reason(url, error, verb), str(url)) from error
     except (kinds.BaseError, ValueError) as error:
-        raise OSError(errno.EIO, _reason(error, verb), str(url)) from error
+        raise OSError(errno.EIO, _reason(url, error, verb), str(url)) from error
 
 
 def changed(url: Url) -> OSError:
@@ -239,14 +245,11 @@ def changed(url: Url) -> OSError:
     return OSError(errno.EIO, "has changed while it was read: start again", str(url))
 
 
-def _reason(error: Exception, verb: str) -> str:
+def _reason(url: Url, error: Exception, verb: str) -> str:
     """What is wrong, in one line without the address, which may have a signature in it."""
     line = str(error).partition("\n")[0].strip()
-    if "169.254.169.254" in line or "session.get_credentials" in line:
-        return (
-            f"cannot be {verb}: no credentials: set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or"
-            " AWS_SKIP_SIGNATURE=true for what is public"
-        )
+    if url.scheme in TO_SET and LAST_RESORT.search(line):
+        return f"cannot be {verb}: no credentials: set {TO_SET[url.scheme]} for what is public"
     told = re.sub(r"^Generic \w+ error: ", "", line).rpartition(" - ")[2]
     told = told.removeprefix("Server returned non-2xx status code: ").partition(": <")[0]
     return f"cannot be {verb}: {told.rstrip(': ')}"

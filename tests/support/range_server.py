@@ -24,6 +24,7 @@ class Site:
         conditions: the If-Match header of each request, or None.
         n_sent: bytes of bodies.
         n_breaks: so many bodies break off in their middle.
+        n_busy: so many requests are answered with 503.
         on_silence: called where a "silent" server is asked; it answers nothing until `ended`.
         url: where the files are; it ends with a slash.
     """
@@ -35,6 +36,7 @@ class Site:
     conditions: list[str | None] = field(default_factory=list)
     n_sent: int = 0
     n_breaks: int = 0
+    n_busy: int = 0
     on_silence: Callable[[], object] = lambda: None
     ended: threading.Event = field(default_factory=threading.Event)
     url: str = ""
@@ -64,7 +66,10 @@ class _Handler(BaseHTTPRequestHandler):
         site.asked.append(self.headers.get("Range"))
         site.conditions.append(self.headers.get("If-Match"))
         data = site.files.get(self._name())
-        if data is None:
+        if site.n_busy:
+            site.n_busy -= 1
+            self._say(503, b"busy")
+        elif data is None:
             self._say(404, b"not here <script>")
         elif site.manner == "forbidden":
             self._say(403, b"no")
@@ -104,6 +109,9 @@ class _Handler(BaseHTTPRequestHandler):
         elif site.manner == "other range":
             self._head(206, len(part), f"bytes {begin + 1}-{end}/{size}")
             self._body(part)
+        elif site.manner == "too short":
+            self._head(206, len(part) // 2, f"bytes {begin}-{end - 1}/{size}")
+            self._body(part[: len(part) // 2])
         elif site.manner == "huge":
             self._head(206, len(part), f"bytes {begin}-{end - 1}/{1 << 62}")
             self._body(part)

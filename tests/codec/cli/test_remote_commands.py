@@ -135,6 +135,9 @@ def test_an_object_is_viewed(evogs, store, scratch, tiled, monkeypatch):
     code, out, _ = evogs("view", "s3://bucket/v.evogs", "--no-browser")
     assert (code, found["scene"]) == (0, tiled)
     assert "?src=/scenes/v.evogs" in out
+    code, out, _ = evogs("export-html", "s3://bucket/v.evogs", "s3://bucket/v.html")
+    assert (code, out.startswith("s3://bucket/v.html: ")) == (0, True)
+    assert b"<html" in store["v.html"]
 
 
 # --- what is there already ------------------------------------------------------------------------

@@ -135,6 +135,13 @@ def test_an_answer_that_breaks_off_is_asked_for_again(site, tag):
         assert same(remote.having([(1_000_000, 2_000_000)]), [(1_000_000, 2_000_000)])
 
 
+def test_a_busy_server_is_asked_again(site, monkeypatch):
+    monkeypatch.setitem(client.RETRIES["backoff"], "init_backoff", timedelta(milliseconds=10))
+    site.n_busy = 2
+    with RemoteFile(f"{site.url}small") as remote:
+        assert bytes(remote.having([(0, 5)])) == b"small"
+
+
 def test_a_server_that_always_breaks_off_is_given_up(site):
     site.tag = None
     with RemoteFile(f"{site.url}a.bin") as remote:
@@ -209,6 +216,7 @@ def test_a_server_that_ignores_ranges_later_is_refused(site):
     [
         ("forbidden", "may not be read: the credentials do not allow it"),
         ("other range", "cannot be read: Requested 0..32768, got 1..32769"),
+        ("too short", "16,384 bytes came of 32,768 that were asked for"),
         ("endless", "cannot be read: Content-Length Header missing"),
         ("huge", "has 4,611,686,018,427,387,904 bytes, for which there is no scratch file"),
     ],
