@@ -42,34 +42,32 @@ def remote_files(args: argparse.Namespace, *, keeps_input: bool) -> Iterator[Non
         InputError: an output cannot be written, or must not be.
         OSError: a file cannot be read or written; the error names the URL.
     """
-    urls = {name: value for name, value in vars(args).items() if isinstance(value, Url)}
-    stood_for = {name: url for name, url in urls.items() if name != "input" or not keeps_input}
+    before = dict(vars(args))
+    urls = [url for value in before.values() for url in _urls_of(value)]
     if not urls:
         yield
         return
     with ExitStack() as stack:
         names: dict[str, str] = {}
         try:
-            output = stood_for.pop("output", None)
-            if output is not None:
+            output = before.get("output")
+            _check_resume(args, urls)
+            if isinstance(output, Url):
                 folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="evogs-"))
                 args.output = Path(folder) / output.name
                 names[str(args.output)] = str(output)
-                _check_object(args, output, list(urls.values()), names)
-            if "input" in urls and keeps_input:
-                args.input = stack.enter_context(RemoteFile(urls["input"]))
-            for name, url in stood_for.items():
-                path = fetched(url, stack)
-                setattr(args, name, path)
-                names[str(path)] = str(url)
+                _check_object(args, output, urls, names)
+            for name in before.keys() - {"output"}:
+                is_kept = keeps_input and name == "input"
+                setattr(args, name, _stand_in(before[name], is_kept, names, stack))
             # What a command says of its output is printed when that is where it says.
-            out = sys.stdout if output is None else StringIO()
+            out = StringIO() if isinstance(output, Url) else sys.stdout
             with (
                 redirect_stdout(_Renamed(out, names)),
                 redirect_stderr(_Renamed(sys.stderr, names)),
             ):
                 yield
-            if output is not None and args.output.is_file():
+            if isinstance(output, Url) and args.output.is_file():
                 put_object(output, args.output)
             if isinstance(out, StringIO):
                 print(out.getvalue(), end="")
@@ -80,8 +78,31 @@ def remote_files(args: argparse.Namespace, *, keeps_input: bool) -> Iterator[Non
                 raise
             raise OSError(error.errno, error.strerror, names[str(error.filename)]) from error
         finally:
-            for name, url in urls.items():
-                setattr(args, name, url)
+            vars(args).update(before)
+
+
+def _urls_of(value: object) -> list[Url]:
+    """The URLs of an option, which may be one, or some of a list."""
+    return [one for one in (value if isinstance(value, list) else [value]) if isinstance(one, Url)]
+
+
+def _stand_in(value: object, is_kept: bool, names: dict[str, str], stack: ExitStack) -> object:
+    """An option with files in place of URLs, or a `RemoteFile` in place of one that is kept."""
+    if isinstance(value, list):
+        return [_stand_in(one, is_kept, names, stack) for one in value]
+    if not isinstance(value, Url):
+        return value
+    if is_kept:
+        return stack.enter_context(RemoteFile(value))
+    path = fetched(value, stack)
+    names[str(path)] = str(value)
+    return path
+
+
+def _check_resume(args: argparse.Namespace, urls: list[Url]) -> None:
+    """Refuse to go on with a run of which nothing can be left."""
+    if getattr(args, "resume", False) and (urls != [args.output] or not args.scratch):
+        raise InputError("--resume: needs inputs on the disk, and --scratch if the output is a URL")
 
 
 def fetched(url: Url, stack: ExitStack) -> Path:

@@ -117,6 +117,21 @@ def test_other_formats_are_converted_in_the_store(evogs, made, store, scratch):
     assert read_directory(store["c.evogs"]).size == len(store["c.evogs"])
 
 
+@pytest.mark.thorough
+def test_several_objects_are_encoded_as_one_scene(evogs, refused, store, scratch, tmp_path):
+    for name, seed in (("one.ply", 1), ("two.ply", 2)):
+        write_ply(tmp_path / name, make_scene(1500, seed=seed))
+        store[name] = (tmp_path / name).read_bytes()
+    objects = ["s3://bucket/one.ply", "s3://bucket/two.ply", "s3://bucket/both.evogs"]
+    code, out, err = evogs("encode", *objects, "--engine", "serial")
+    assert (code, out.splitlines()[0].split(" splats")[0]) == (0, "s3://bucket/both.evogs: 3,000")
+    assert err.count(": fetched ") == 2
+    files = [tmp_path / name for name in ("one.ply", "two.ply", "both.evogs")]
+    assert evogs("encode", *files, "--engine", "serial")[0] == 0
+    assert store["both.evogs"] == files[-1].read_bytes()
+    refused("encode", *objects, "--resume", words=["--resume: needs inputs on the disk"])
+
+
 def test_an_object_goes_through_standard_output(made, store, scratch, capfdbinary):
     store["p.evogs"] = (made / "scene.evogs").read_bytes()
     assert main(["decode", "s3://bucket/p.evogs", "-"]) == 0
