@@ -223,6 +223,17 @@ def test_without_credentials_it_is_said_what_to_set(refused, store, scratch, mon
     refused("info", "s3://bucket/a.evogs", words=words)
 
 
+def test_credentials_of_a_file_are_found_by_boto3(evogs, store, tiled, monkeypatch, tmp_path):
+    store["tiled.evogs"] = tiled
+    for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
+        monkeypatch.delenv(name)
+    (tmp_path / "keys").write_text(
+        "[default]\naws_access_key_id = test\naws_secret_access_key = test\n"
+    )
+    monkeypatch.setenv("AWS_SHARED_CREDENTIALS_FILE", str(tmp_path / "keys"))
+    assert evogs("info", "s3://bucket/tiled.evogs")[0] == 0
+
+
 # --- a store that goes away -----------------------------------------------------------------------
 
 
