@@ -20,6 +20,7 @@ from evogs_codec.render.demo_scene import make_scene
 from tools.bench import pictures, raster, trained
 from tools.bench.decimate import decimate
 from tools.bench.extremes import page as extremes
+from tools.bench.large import large
 from tools.bench.loss import Losses, scene_without_bands
 from tools.bench.page import Rows, text_of, write
 from tools.bench.parts import PARTS
@@ -87,6 +88,8 @@ def _measurements(args: argparse.Namespace, folder: Path) -> Iterator[Measuremen
         yield from _of_subjects(args, folder)
     if "scale" in args.only:
         yield "scale", "Time and memory as scenes grow", partial(scale, folder)
+    if "large" in args.only:
+        yield "large", "Scenes that are encoded tile by tile", partial(large, folder)
     if "worst" in args.only:
         title = "Worst cases of 100,000 bytes"
         yield "worst", title, partial(worst, args.before, args.tries, args.rows)
