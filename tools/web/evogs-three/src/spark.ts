@@ -11,7 +11,10 @@ type SplatSource = NonNullable<SplatMeshOptions["splats"]>;
 
 /** Where the alpha of the most opaque splat, 0.99, falls to 1/255 (spec/rasterizer.md). */
 const MAX_STD_DEV = Math.sqrt(2 * Math.log(0.99 * 255));
-/** Splats are drawn however far aside their centres are: those of a sky are large. */
+/**
+ * Splats are drawn however far aside their centres are, and however many pixels they cover: those of a sky are large.
+ * Spark draws a wider one smaller.
+ */
 const WIDEST = 1e6;
 /** Added to the variance of a footprint, in square pixels. */
 const DILATION = 0.3;
@@ -39,7 +42,7 @@ export class SparkSplats implements SplatRenderer {
       sortRadial: false,
       enableLod: false,
       maxStdDev: MAX_STD_DEV,
-      maxPixelRadius: 2048,
+      maxPixelRadius: WIDEST,
       minAlpha: 1 / 255,
       clipXY: WIDEST,
     });
