@@ -38,6 +38,15 @@ def test_a_file_in_one_request_pays_for_one():
     assert arrival.seconds(SIZE) == pytest.approx(1.2)
 
 
+def test_a_client_may_say_what_each_request_asks_for():
+    asked: list[ByteRange] = []
+    arrival = replay(constant(1e6, 0.1), SIZE, asked.append, first=10, requests=[10, SIZE - 10])
+    assert asked == [(0, 10), (10, SIZE)]
+    assert arrival.seconds(SIZE) == pytest.approx(0.3 + SIZE / 1e6)
+    with pytest.raises(ValueError, match="requests of 10 bytes"):
+        replay(constant(1e6), SIZE, asked.append, requests=[10])
+
+
 def test_nothing_comes_while_the_connection_is_gone():
     rates = np.full(1000, 1e6)
     rates[2:12] = 0
@@ -66,7 +75,8 @@ def test_a_small_scene_over_all_connections(tmp_path):
 
     streams = Streams(lambda: [Subject.of_scene("small", make_scene(1500), "z")], tmp_path)
     rows = streams.table()
-    assert len(rows) == 3 * len(TRACES)
+    assert len(rows) == 5 * len(TRACES)
+    files = {row["file"] for row in rows}
     first, last = (
         {(row["connection"], row["file"]): float(str(row[key])) for row in rows}
         for key in ("first picture, s", "all, s")
@@ -74,6 +84,7 @@ def test_a_small_scene_over_all_connections(tmp_path):
     assert all(first[run] <= last[run] for run in first)
     assert first["2 Mbit/s", "evogs"] < last["2 Mbit/s", "evogs"]
     assert first["2 Mbit/s", "evogs"] < first["2 Mbit/s", "SPZ 4"]
+    assert all(f"streamed SOG, {way}" in files for way in ("every level", "coarsest, finest"))
     curves = streams.curves()
     final = {row["file"]: row["30 s"] for row in curves if row["connection"] == "50 Mbit/s"}
     assert final["evogs"] == final["evogs, by level"]

@@ -123,11 +123,14 @@ def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement
     if "first" in args.only:
         yield "first", "Time to the first picture", partial(first, of, folder)
     if "stream" in args.only:
-        from tools.bench.stream import Streams  # needs gsply
+        from tools.bench.moves import moves  # these need gsply
+        from tools.bench.stream import Streams
 
         streams = Streams(lambda: (*shipped, *of), folder)
         yield "stream", "Streams over replayed connections", streams.table
         yield "stream-curves", "PSNR after seconds of replayed connections", streams.curves
+        title = "Streams while the camera moves"
+        yield "stream-moves", title, partial(moves, (*shipped, *of), folder)
     if "decimate" in args.only and command:
         title = "Coarse levels against decimation, over 24 views"
         yield "decimate", title, partial(decimate, (of[0], *shipped), command, folder)

@@ -23,6 +23,7 @@ from evogs_codec.render.views import Views
 from tools.bench.page import Rows
 from tools.bench.peers import from_gsply, with_fewer_sh_bits, write_spz
 from tools.bench.prefix import by_level
+from tools.bench.streamed_sog import SogStream, stream_levels
 from tools.bench.subjects import Subject
 from tools.bench.traces import FIRST, TRACES, Arrival, ByteRange, Trace, replay
 
@@ -36,6 +37,7 @@ PLACES = 40  # of a stream, at which its picture is judged
 GOOD = 30.0  # dB
 MOST_OF = 0.9  # of the final PSNR
 STALL = 0.5  # s
+SOG_CHUNK = 512 * 1024  # splats of a set, the default of splat-transform
 SECONDS = (0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.7, 1, 1.5, 2, 3, 4, 5, 7, 10, 15, 20, 30)
 
 
@@ -56,9 +58,15 @@ class Streams:
 
         The stream is that of `evogs encode` without options, with its packets in the order of the
         file, or level by level. The SPZ file is that of gsply, with SH rounded as SPZ's reference
-        encoder rounds them, and comes in one request. Requests go to the server of `evogs view`,
-        and what comes is compared with the file; nobody waits for the clock. The client asks as
-        `evogs-fetch` does: 64 kB with the directory first, then what comes in a second, one request
+        encoder rounds them, and comes in one request. The streamed SOG is a model: its layout is
+        that of PlayCanvas, seven levels with half the splats each, every one of them a SOG set on
+        its own; but the levels are those of our lifting instead of decimation, and the sets are
+        written here, since splat-transform needs minutes for the SH of 40,000 splats. A client
+        takes `lod-meta.json`, then the sets from the coarsest on, or the coarsest and the finest.
+        Of a set with its seven or eight files it pays for one request. Requests go to the server of
+        `evogs view`, and what comes is compared with the file; nobody waits for the clock. The
+        client asks as `evogs-fetch` does: 64 kB with the directory first, then what comes in a
+        second, one request
         ahead. A connection takes a round trip, and so does a request: 20 ms, 60 ms like LTE, and
         200 ms. Like LTE: the rate wanders between 0.5 and 60 Mbit/s, around 12. Dropping: of each 5
         s nothing comes for 3 s. Decoding and drawing are not in the times. PSNR is over 6 views,
@@ -100,6 +108,7 @@ class _File:
         first: bytes of the first request.
         places: (n,) numbers of bytes, rising, after which there is a better picture.
         decibels: (n,) of these pictures.
+        requests: bytes of each request, if the client does not choose them.
     """
 
     name: str
@@ -107,6 +116,7 @@ class _File:
     first: int
     places: I64
     decibels: F64
+    requests: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +187,7 @@ def _replayed(trace: Trace, file: _File, fetch: Callable[[ByteRange], bytes]) ->
             raise RuntimeError(f"other bytes than those of {file.path}")
         came += asked[1] - asked[0]
 
-    arrival = replay(trace, len(data), checked, first=file.first)
+    arrival = replay(trace, len(data), checked, first=file.first, requests=file.requests)
     if came != len(data):
         raise RuntimeError(f"{came} of {len(data)} bytes came")
     return arrival
@@ -225,6 +235,33 @@ def _files(subject: Subject, views: Views, folder: Path) -> Iterator[_File]:
     size = spz.stat().st_size
     worth = views.psnr(from_gsply(gsply.read_spz(spz), splats))
     yield _File("SPZ 4", spz, size, np.array([size]), np.array([worth]))
+    yield from _sog_files(subject, views, folder)
+
+
+def _sog_files(subject: Subject, views: Views, folder: Path) -> Iterator[_File]:
+    """A streamed SOG as two clients fetch it."""
+    name = f"stream-{subject.name}-sog"
+    levels = stream_levels(subject.views.scene)
+    stream = SogStream.of(levels, SOG_CHUNK, folder / name)
+    every = range(len(stream.sets))
+    ends = [i for i in every if stream.sets[i].level in (0, len(levels) - 1)]
+    known: dict[tuple[int, ...], float] = {}
+    for policy, order in (("every level", every), ("coarsest, finest", ends)):
+        requests = [len(stream.manifest), *(len(stream.sets[i].data) for i in order)]
+        path = folder / f"{name}-{len(order)}.bin"
+        path.write_bytes(b"".join([stream.manifest, *(stream.sets[i].data for i in order)]))
+        decibels = []
+        coarsest = sum(stream.sets[i].level == 0 for i in order)
+        for n in range(coarsest, len(order) + 1):
+            there = tuple(order[:n])
+            if there not in known:
+                known[there] = views.psnr(stream.shown(there))
+            decibels.append(known[there])
+        places = np.cumsum(requests)[coarsest:]
+        first = requests[0]
+        yield _File(
+            f"streamed SOG, {policy}", path, first, places, np.array(decibels), tuple(requests)
+        )
 
 
 def _in_order(data: bytes, directory: Directory, order: I64) -> bytes:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,7 +88,12 @@ class Arrival:
 
 
 def replay(
-    trace: Trace, size: int, fetch: Callable[[ByteRange], object], *, first: int = FIRST
+    trace: Trace,
+    size: int,
+    fetch: Callable[[ByteRange], object],
+    *,
+    first: int = FIRST,
+    requests: Sequence[int] = (),
 ) -> Arrival:
     """Ask for a file in requests one after the other, and say when its bytes came.
 
@@ -100,13 +105,21 @@ def replay(
         size: of the file.
         fetch: called with the range of each request.
         first: bytes of the first request.
+        requests: bytes of each request, if they are known: all of the file together. Otherwise,
+            after the first, what comes in a second.
+
+    Raises:
+        ValueError: the requests are not for the whole file.
     """
+    if requests and sum(requests) != size:
+        raise ValueError(f"requests of {sum(requests)} bytes for {size}")
     starts: list[int] = [0]
     capacities: list[float] = []
     ends: list[float] = []
     most = first
     while starts[-1] < size:
         k, start = len(ends), starts[-1]
+        most = requests[k] if requests else most
         sent = ends[max(0, k - AHEAD)] if k else trace.round_trip
         begin = max(sent + trace.round_trip, ends[-1] if k else 0)
         end = min(start + most, size)
