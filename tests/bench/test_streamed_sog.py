@@ -1,6 +1,7 @@
 """SOG sets that are written here, and streams of them."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -37,12 +38,8 @@ def test_a_set_is_read_as_it_was_written(scene, tmp_path):
 def test_few_different_sh_are_the_palette_itself(scene, tmp_path):
     sh = scene.sh.copy()
     sh[:, 1:] = sh[np.arange(len(sh)) % 50, 1:]
-    write_set(SplatParams(*_geometry(scene), sh), tmp_path / "set")
+    write_set(replace(scene, sh=sh), tmp_path / "set")
     assert json.loads((tmp_path / "set" / "meta.json").read_text())["shN"]["count"] <= 50
-
-
-def _geometry(scene):
-    return scene.means, scene.quats, scene.log_scales, scene.opacity_logits
 
 
 @pytest.fixture(scope="module")
