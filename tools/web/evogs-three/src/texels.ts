@@ -1,8 +1,8 @@
 /** What changed in a scene, as rows of textures. It imports no renderer, so that it can run in a worker. */
 
-import { CORE, type Change, PICKS, type Scene, ShownChannels, channelsOf, slotFloats } from "evogs";
+import { CORE, type Change, PICKS, type Scene, ShownChannels, channelsOf, groupOf, slotFloats } from "evogs";
 import { type Layout, TEXELS, layoutOf } from "./layout.js";
-import { half, lnScale, packRotation } from "./pack.js";
+import { Halves, half, lnScale, packRotation } from "./pack.js";
 
 export { type Layout, TEXELS, layoutOf } from "./layout.js";
 
@@ -29,13 +29,17 @@ export class TexelWriter {
   /** The rows of each tile, in the order of its slots. */
   private readonly rowsOf: number[][] = [];
   private readonly shown: ShownChannels;
+  private readonly halves: Halves;
   private floats: Float32Array[] = [];
+  /** Texels of the entries of the palette so far, for each SH band. */
+  private readonly entries: { count: number; texels: Uint32Array }[] = [];
 
   constructor(
     private readonly scene: Scene,
     readonly layout: Layout = layoutOf(scene.directory),
   ) {
     this.shown = new ShownChannels(scene);
+    this.halves = new Halves(2 ** -scene.directory.header.gridExponents[groupOf(N_CORE)]);
   }
 
   /** Splats to draw: those of the rows that are used. Places without a splat are transparent. */
@@ -133,17 +137,50 @@ export class TexelWriter {
 
   /** The coefficients of an SH band, two in a word: red, green and blue of each function. */
   private bandTexels(tile: number, band: number, start: number, n: number): Uint32Array {
-    const words = 4 * TEXELS[band];
-    const out = new Uint32Array(words * n);
+    if (this.scene.directory.header.hasPalette) return this.pickedTexels(tile, band, start, n);
     const { first, count } = channelsOf(band, this.layout.shDegree);
-    const c = this.channels(tile, first, count, start, n);
-    for (let k = 0; k < count; k++) {
-      const shift = 16 * (k & 1);
-      const numbers = c[k];
-      for (let u = 0, at = k >> 1; u < n; u++, at += words) {
-        if (numbers[u] !== 0) out[at] |= half(numbers[u]) << shift;
-      }
+    const channels = Array.from({ length: count }, (_, k) => this.shown.read(tile, first + k, start, start + n));
+    return packBand(band, channels, n, this.halves);
+  }
+
+  /** As `bandTexels`: texels of entries, which never change. */
+  private pickedTexels(tile: number, band: number, start: number, n: number): Uint32Array {
+    const words = 4 * TEXELS[band];
+    const entries = this.entryTexels(band);
+    const picks = this.shown.readPicks(tile, start, start + n);
+    const out = new Uint32Array(words * n);
+    for (let u = 0, at = 0; u < n; u++, at += words) {
+      const from = words * (picks[u] - 1);
+      if (from >= 0) for (let word = 0; word < words; word++) out[at + word] = entries[from + word];
     }
     return out;
   }
+
+  /** Texels of a band of all entries of the palette; those that came before are kept. */
+  private entryTexels(band: number): Uint32Array {
+    const { palette } = this.scene;
+    const words = 4 * TEXELS[band];
+    const { count: had, texels: old } = this.entries[band] ?? { count: 0, texels: new Uint32Array(0) };
+    if (had === palette.count) return old;
+    const { first, count } = channelsOf(band, this.layout.shDegree);
+    const channels = Array.from({ length: count }, (_, k) => palette.channel(first - N_CORE + k).subarray(had));
+    const texels = new Uint32Array(words * palette.count);
+    texels.set(old);
+    texels.set(packBand(band, channels, palette.count - had, this.halves), words * had);
+    this.entries[band] = { count: palette.count, texels };
+    return texels;
+  }
+}
+
+/** Texels of `n` splats, of the integers of the channels of an SH band. */
+function packBand(band: number, channels: readonly Int32Array[], n: number, halves: Halves): Uint32Array {
+  const words = 4 * TEXELS[band];
+  const out = new Uint32Array(words * n);
+  const none = new Int32Array(n);
+  for (let k = 0; k < channels.length; k += 2) {
+    const low = channels[k];
+    const high = channels[k + 1] ?? none;
+    for (let u = 0, at = k >> 1; u < n; u++, at += words) out[at] = halves.of(low[u]) | (halves.of(high[u]) << 16);
+  }
+  return out;
 }

@@ -1,9 +1,9 @@
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
-import { Decoder, decode, slotFloats } from "evogs";
+import { Decoder, channelsOf, decode, slotFloats } from "evogs";
 import { chance, core, packet, stream } from "../../evogs/test/streams.mjs";
-import { half, lnScale, packRotation } from "../dist/pack.js";
+import { Halves, half, lnScale, packRotation } from "../dist/pack.js";
 import { TEXELS, TexelWriter, layoutOf } from "../dist/texels.js";
 
 /** The number that 16 bits stand for, by IEEE 754. */
@@ -25,6 +25,13 @@ test("every binary16 number is packed as itself, and numbers between as the near
     assert.equal(half((low + high) / 2), bits + (bits & 1));
   }
   assert.equal(ofHalf(half(1e9)), 65504);
+});
+
+test("integers are packed as the numbers that they stand for, in the table and beyond it", () => {
+  const halves = new Halves(2 ** -9);
+  for (const n of [0, 1, -1, 511, 32767, -32768, 32768, -32769, 1 << 24, -(1 << 30), 2 ** 31 - 1]) {
+    assert.equal(halves.of(n), half(n / 512), n);
+  }
 });
 
 /** As the shader reads it. */
@@ -129,6 +136,55 @@ test("a texel has the numbers of its slot", () => {
   for (let axis = 0; axis < 3; axis++) assert.equal(floats[8 * 5 + axis], slotFloats(whole, 0, axis, 5, 6)[0]);
   const opacity = 1 / (1 + Math.exp(-slotFloats(whole, 0, 10, 5, 6)[0]));
   assert.equal(first.data[8 * 5 + 3] & 0xffff, half(opacity));
+});
+
+/** What the texels of a band must be: two coefficients in a word, as `slotFloats` has them. */
+function expectedBand(scene, tile, band, slot) {
+  const { first, count } = channelsOf(band, scene.directory.header.shDegree);
+  const words = new Uint32Array(4 * TEXELS[band]);
+  for (let k = 0; k < count; k++) {
+    words[k >> 1] |= half(slotFloats(scene, tile, first + k, slot, slot + 1)[0]) << (16 * (k & 1));
+  }
+  return words;
+}
+
+const PALETTES = [
+  new URL("../../../../spec/example-2.evogs", import.meta.url),
+  new URL("../../../../conformance/vectors/palette/palette-arrival-palette-last.evogs", import.meta.url),
+];
+
+test("texels of picks are those of the entries that are shown, whatever has come", () => {
+  for (const path of PALETTES) {
+    const file = new Uint8Array(readFileSync(path));
+    const decoder = new Decoder();
+    let writer = null;
+    let textures = null;
+    let compared = 0;
+    for (let at = 0; at < file.length; at++) {
+      decoder.feed(file.subarray(at, at + 1));
+      const { scene } = decoder;
+      if (scene === null) continue;
+      writer ??= new TexelWriter(scene);
+      textures ??= new Textures(writer.layout);
+      const changes = decoder.takeChanges();
+      textures.write(writer.write(changes));
+      if (changes.length === 0) continue;
+      const { nTiles, shDegree } = scene.directory.header;
+      const again = new Textures(writer.layout);
+      again.write(writer.writeAll());
+      assert.deepEqual(textures.words, again.words);
+      for (let tile = 0; tile < nTiles; tile++) {
+        for (let slot = 0; slot < scene.tile(tile).nSlots; slot++) {
+          for (let band = 1; band <= shDegree; band++) {
+            const [update] = writer.write([{ tile, component: band, ranges: [{ start: slot, count: 1 }] }]);
+            assert.deepEqual(update.data, expectedBand(scene, tile, band, slot), `${at}: ${tile} ${slot} ${band}`);
+            compared++;
+          }
+        }
+      }
+    }
+    assert.ok(compared > 0 && decoder.scene.palette.count > 0);
+  }
 });
 
 test("dropped splats are transparent", () => {

@@ -48,16 +48,32 @@ export class ShownChannels {
         .block(component)
         .channel(channel - first)
         .subarray(from, to);
+    const sources = this.sourcesOf(t, component);
+    const out = new Int32Array(to - from);
+    if (component === PICKS) readPicked(tile, scene.palette, channel - first, sources, from, out);
+    else if (tile.bands[component]) readLate(tile.block(component).channel(channel - first), sources, from, out);
+    return out;
+  }
+
+  /** The picks that the slots from .. to - 1 of tile `t` show: 0, or the number of an entry from 1 on. */
+  readPicks(t: number, from: number, to: number): Int32Array {
+    const { picks } = this.scene.tile(t);
+    const sources = this.sourcesOf(t, PICKS);
+    if (sources === null) return picks.subarray(from, to);
+    const out = new Int32Array(to - from);
+    for (let i = 0; i < out.length; i++) if (sources[from + i] >= 0) out[i] = picks[sources[from + i]];
+    return out;
+  }
+
+  /** The slots that the slots of tile `t` show, or null if all show themselves. */
+  private sourcesOf(t: number, component: number): Int32Array | null {
     if (this.tile !== t || this.component !== component) {
+      const tile = this.scene.tile(t);
       this.tile = t;
       this.component = component;
-      this.sources = isLate ? shownSlots(tile, component) : null;
+      this.sources = tile.isLate(component) ? shownSlots(tile, component) : null;
     }
-    const out = new Int32Array(to - from);
-    if (component === PICKS) readPicked(tile, scene.palette, channel - first, this.sources, from, out);
-    else if (tile.bands[component])
-      readLate(tile.block(component).channel(channel - first), this.sources, from, out);
-    return out;
+    return this.sources;
   }
 
   private componentOf(channel: number): number {
