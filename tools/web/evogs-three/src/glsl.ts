@@ -30,6 +30,33 @@ export const READ_CORE = `
   }
 `;
 
+/**
+ * A splat between two states, as Annex D of the spec has it, but for second children: they grow from their
+ * ancestor's state with opacity 0, since two copies of it are denser than one, whatever their opacity.
+ * `part` is that of the later state in all but opacity, and `from` is the place of the earlier one.
+ */
+export const READ_BETWEEN = `
+  void evogsBetween(
+    usampler2D before, usampler2D sources, int width, int index, float time,
+    inout vec3 center, inout vec3 scales, inout vec4 quaternion, inout vec4 rgba,
+    out float part, out int from
+  ) {
+    uint source = texelFetch(sources, ivec2(index % width, index / width), 0).x;
+    from = source == 0u ? index : int(source) - 1;
+    vec3 center0, scales0;
+    vec4 quaternion0, rgba0;
+    evogsCore(before, width, from, center0, scales0, quaternion0, rgba0);
+    part = rgba0.a == 0.0 ? 1.0 : rgba.a == 0.0 ? 0.0 : time;
+    float alpha = mix(source == 0u ? rgba0.a : 0.0, rgba.a, time);
+    center = mix(center0, center, part);
+    if (part > 0.0 && part < 1.0) scales = exp(mix(log(scales0), log(scales), part));
+    else if (part == 0.0) scales = scales0;
+    if (dot(quaternion0, quaternion) < 0.0) quaternion0 = -quaternion0;
+    quaternion = normalize(mix(quaternion0, quaternion, part));
+    rgba = vec4(mix(rgba0.rgb, rgba.rgb, part), alpha);
+  }
+`;
+
 /** SH of bands 1 to 3, of the direction from the eye. */
 export const READ_BANDS = [
   `

@@ -8,6 +8,9 @@ import type { Directory } from "evogs";
  */
 export const TEXELS = [2, 2, 2, 3] as const;
 
+/** The texture that says from where splats grow while a step is shown: a word for each splat. */
+export const SOURCES = TEXELS.length;
+
 export interface Layout {
   /** Splats in a row. A row belongs to one tile. */
   width: number;

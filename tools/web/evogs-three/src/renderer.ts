@@ -22,11 +22,16 @@ export interface SplatRenderer {
   readonly maxTextureSize: number;
   /** Makes room for a scene, and forgets the one before. */
   open(layout: Layout): void;
-  /** Writes texels; `count` splats are drawn from now on. */
-  update(updates: readonly TexelUpdate[], count: number): void;
+  /**
+   * Writes texels; `count` splats are drawn from now on. For so many seconds they move from their states before to
+   * those after, if the scene is not too large for it. What still moved is at its end then.
+   */
+  update(updates: readonly TexelUpdate[], count: number, seconds?: number): void;
   setShDegree(degree: number): void;
   resize(width: number, height: number, pixelRatio: number): void;
   draw(pose: CameraPose): void;
+  /** Whether splats are on their way: draw again. */
+  readonly isMoving: boolean;
   /** Whether the picture is that of the last camera and the last texels: sorting takes some time. */
   readonly isSettled: boolean;
   dispose(): void;

@@ -2,8 +2,8 @@
 
 import { SparkRenderer, SplatMesh, type SplatMeshOptions, dyno } from "@sparkjsdev/spark";
 import * as THREE from "three";
-import { READ_BANDS, READ_CORE } from "./glsl.js";
-import { type Layout, TEXELS } from "./layout.js";
+import { READ_BANDS, READ_BETWEEN, READ_CORE } from "./glsl.js";
+import { type Layout, SOURCES, TEXELS } from "./layout.js";
 import type { CameraPose, SplatRenderer } from "./renderer.js";
 import type { TexelUpdate } from "./texels.js";
 
@@ -16,6 +16,8 @@ const MAX_STD_DEV = Math.sqrt(2 * Math.log(0.99 * 255));
  * Spark draws a wider one smaller.
  */
 const WIDEST = 1e6;
+/** Splats of a larger scene do not move: their states before would take as much memory again. */
+const MOST_MOVING = 2 ** 21;
 /** Added to the variance of a footprint, in square pixels. */
 const DILATION = 0.3;
 
@@ -23,12 +25,16 @@ export class SparkSplats implements SplatRenderer {
   onDirty = () => {};
   onLost = () => {};
   readonly maxTextureSize: number;
+  /** Seconds by which splats move. */
+  clock = () => performance.now() / 1000;
   private readonly renderer: THREE.WebGLRenderer;
   private readonly scene = new THREE.Scene();
   private readonly camera = new THREE.PerspectiveCamera();
   private readonly spark: SparkRenderer;
   private mesh: SplatMesh | null = null;
   private source: TextureSource | null = null;
+  /** When splats began to move, and for how long. */
+  private motion = { start: 0, seconds: 0 };
 
   /** Throws an Error if the browser has no WebGL2. */
   constructor(readonly canvas: HTMLCanvasElement) {
@@ -63,10 +69,12 @@ export class SparkSplats implements SplatRenderer {
     this.onDirty();
   }
 
-  update(updates: readonly TexelUpdate[], count: number): void {
+  update(updates: readonly TexelUpdate[], count: number, seconds = 0): void {
     if (this.source === null) return;
     this.source.write(updates);
     this.source.count = count;
+    this.motion = { start: this.clock(), seconds: this.source.canMove ? seconds : 0 };
+    this.source.time.value = this.time;
     this.mesh?.updateVersion();
     this.onDirty();
   }
@@ -87,6 +95,7 @@ export class SparkSplats implements SplatRenderer {
 
   draw(pose: CameraPose): void {
     const { camera } = this;
+    this.move();
     const [right, up, back] = pose.rotation;
     const [x, y, z] = pose.eye;
     camera.matrixAutoUpdate = false;
@@ -101,14 +110,36 @@ export class SparkSplats implements SplatRenderer {
     this.renderer.render(this.scene, camera);
   }
 
+  get isMoving(): boolean {
+    return this.source !== null && this.source.time.value < 1;
+  }
+
   get isSettled(): boolean {
-    const { spark } = this;
-    return !spark.sorting && !spark.sortDirty && spark.display === spark.current;
+    const { spark, source } = this;
+    const isThere = source === null || source.time.value === this.time;
+    return isThere && !spark.sorting && !spark.sortDirty && spark.display === spark.current;
   }
 
   dispose(): void {
     this.close();
     this.renderer.dispose();
+  }
+
+  /** How far splats have moved from their states before: 1 at the end. */
+  private get time(): number {
+    const { start, seconds } = this.motion;
+    return seconds > 0 ? Math.min(1, Math.max(0, (this.clock() - start) / seconds)) : 1;
+  }
+
+  /** Moves splats to where they are now. */
+  private move(): void {
+    const { source, time } = this;
+    if (source === null) return;
+    if (source.time.value !== time) {
+      source.time.value = time;
+      this.mesh?.updateVersion();
+    }
+    if (time === 1) source.settle();
   }
 
   private close(): void {
@@ -117,6 +148,7 @@ export class SparkSplats implements SplatRenderer {
     this.source?.dispose();
     this.mesh = null;
     this.source = null;
+    this.motion = { start: 0, seconds: 0 };
   }
 }
 
@@ -134,50 +166,67 @@ function boundSlopes(spark: SparkRenderer): void {
   material.vertexShader = material.vertexShader.replace(plain, bounded);
 }
 
-/** Textures that only their changed rows are written to. */
+/** Textures that only their changed rows are written to: of the last states, and of those before. */
 class TextureSource implements SplatSource {
   count = 0;
   readonly maxSh = new dyno.DynoInt({ value: 3 });
-  private readonly textures: THREE.DataTexture[];
+  /** From the states before to the last ones. */
+  readonly time = new dyno.DynoFloat({ value: 1 });
+  readonly canMove: boolean;
+  private readonly after: THREE.DataTexture[];
+  private readonly before: THREE.DataTexture[];
+  private readonly sources: THREE.DataTexture;
+  /** What the states before lack. */
+  private last: readonly TexelUpdate[] = [];
 
   constructor(
     private readonly renderer: THREE.WebGLRenderer,
     private readonly layout: Layout,
   ) {
-    const { width, rows, shDegree } = layout;
-    this.textures = TEXELS.slice(0, shDegree + 1).map((texels) => {
-      const texture = new THREE.DataTexture(
-        null,
-        texels * width,
-        rows,
-        THREE.RGBAIntegerFormat,
-        THREE.UnsignedIntType,
-      );
-      texture.internalFormat = "RGBA32UI";
-      texture.unpackAlignment = 4;
-      // Memory is taken, and is 0: no copy of it is kept here.
-      texture.source.dataReady = false;
-      texture.needsUpdate = true;
-      return texture;
-    });
+    const texels = TEXELS.slice(0, layout.shDegree + 1);
+    this.after = texels.map((n) => newTexture(layout, n, "RGBA32UI"));
+    this.canMove = layout.width * layout.rows <= MOST_MOVING;
+    this.before = this.canMove ? texels.map((n) => newTexture(layout, n, "RGBA32UI")) : this.after;
+    this.sources = newTexture(this.canMove ? layout : { ...layout, rows: 1 }, 1, "R32UI");
   }
 
   write(updates: readonly TexelUpdate[]): void {
-    const { renderer, textures } = this;
+    this.settle();
+    for (const update of updates) {
+      if (update.texture !== SOURCES) this.upload(this.after[update.texture], update);
+      else if (this.canMove) this.upload(this.sources, update);
+    }
+    if (this.canMove) this.last = updates;
+    this.renderer.state.unbindTexture();
+  }
+
+  /** Makes the last states those before the next ones. */
+  settle(): void {
+    if (this.last.length === 0) return;
+    for (const update of this.last) {
+      if (update.texture !== SOURCES) this.upload(this.before[update.texture], update);
+      else this.upload(this.sources, { ...update, data: new Uint32Array(update.data.length) });
+    }
+    this.last = [];
+    this.renderer.state.unbindTexture();
+  }
+
+  private upload(
+    texture: THREE.DataTexture,
+    { column, row, columns, rows, data, texture: kind }: TexelUpdate,
+  ): void {
+    const { renderer } = this;
     const gl = renderer.getContext() as WebGL2RenderingContext;
     const { state } = renderer;
-    for (const { texture, column, row, columns, rows, data } of updates) {
-      renderer.initTexture(textures[texture]);
-      const { __webglTexture } = renderer.properties.get(textures[texture]) as { __webglTexture: WebGLTexture };
-      state.bindTexture(gl.TEXTURE_2D, __webglTexture);
-      state.pixelStorei(gl.UNPACK_FLIP_Y_WEBGL, false);
-      state.pixelStorei(gl.UNPACK_PREMULTIPLY_ALPHA_WEBGL, false);
-      state.pixelStorei(gl.UNPACK_ALIGNMENT, 4);
-      const n = TEXELS[texture];
-      const format = [gl.RGBA_INTEGER, gl.UNSIGNED_INT] as const;
-      gl.texSubImage2D(gl.TEXTURE_2D, 0, n * column, row, n * columns, rows, ...format, data);
-    }
-    state.unbindTexture();
+    renderer.initTexture(texture);
+    const { __webglTexture } = renderer.properties.get(texture) as { __webglTexture: WebGLTexture };
+    state.bindTexture(gl.TEXTURE_2D, __webglTexture);
+    state.pixelStorei(gl.UNPACK_FLIP_Y_WEBGL, false);
+    state.pixelStorei(gl.UNPACK_PREMULTIPLY_ALPHA_WEBGL, false);
+    state.pixelStorei(gl.UNPACK_ALIGNMENT, 4);
+    const n = kind === SOURCES ? 1 : TEXELS[kind];
+    const format = kind === SOURCES ? gl.RED_INTEGER : gl.RGBA_INTEGER;
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, n * column, row, n * columns, rows, format, gl.UNSIGNED_INT, data);
   }
 
   prepareFetchSplat(): void {}
@@ -200,52 +249,86 @@ class TextureSource implements SplatSource {
   forEachSplat(): void {}
 
   dispose(): void {
-    for (const texture of this.textures) texture.dispose();
+    for (const texture of [...this.after, ...this.before, this.sources]) texture.dispose();
   }
 
   fetchSplat({ index, viewOrigin }: Parameters<SplatSource["fetchSplat"]>[0]): dyno.DynoVal<typeof dyno.Gsplat> {
     const { width, shDegree } = this.layout;
-    const [core, ...bands] = this.textures.map((value) => new dyno.DynoUsampler2D({ value }));
+    const [core, ...bands] = this.after.map((value) => new dyno.DynoUsampler2D({ value }));
+    const [core0, ...bands0] = this.before.map((value) => new dyno.DynoUsampler2D({ value }));
     const inputs = {
       index,
       viewOrigin,
       maxSh: this.maxSh,
+      time: this.time,
+      sources: new dyno.DynoUsampler2D({ value: this.sources }),
       core,
       band1: bands[0],
       band2: bands[1],
       band3: bands[2],
+      core0,
+      band10: bands0[0],
+      band20: bands0[1],
+      band30: bands0[2],
     };
     const inTypes = {
       index: "int",
       viewOrigin: "vec3",
       maxSh: "int",
+      time: "float",
+      sources: "usampler2D",
       core: "usampler2D",
       band1: "usampler2D",
       band2: "usampler2D",
       band3: "usampler2D",
+      core0: "usampler2D",
+      band10: "usampler2D",
+      band20: "usampler2D",
+      band30: "usampler2D",
     } as const;
     const node = new dyno.Dyno({
       inTypes,
       outTypes: { gsplat: dyno.Gsplat },
       inputs,
-      globals: () => [dyno.defineGsplat, READ_CORE, ...READ_BANDS.slice(0, shDegree)],
+      globals: () => [dyno.defineGsplat, READ_CORE, READ_BETWEEN, ...READ_BANDS.slice(0, shDegree)],
       statements: ({ inputs: at, outputs: { gsplat: g } }) => {
+        const splat = `${g}.center, ${g}.scales, ${g}.quaternion, ${g}.rgba`;
         const lines = [
-          `evogsCore(${at.core}, ${width}, ${at.index}, ${g}.center, ${g}.scales, ${g}.quaternion, ${g}.rgba);`,
+          "{",
+          "float part = 1.0;",
+          "int from = 0;",
+          `evogsCore(${at.core}, ${width}, ${at.index}, ${splat});`,
+          `if (${at.time} < 1.0) evogsBetween(${at.core0}, ${at.sources}, ${width}, ${at.index}, ${at.time}, ${splat}, part, from);`,
           `${g}.index = ${at.index};`,
           `${g}.flags = ${g}.rgba.a > 0.0 ? GSPLAT_FLAG_ACTIVE : 0u;`,
         ];
-        if (at.viewOrigin === undefined) return lines;
+        if (at.viewOrigin === undefined) return [...lines, "}"];
+        lines.push(`vec3 direction = normalize(${g}.center - ${at.viewOrigin});`);
         for (let band = 1; band <= shDegree; band++) {
-          const texture = [at.band1, at.band2, at.band3][band - 1];
-          const direction = `normalize(${g}.center - ${at.viewOrigin})`;
+          const after = [at.band1, at.band2, at.band3][band - 1];
+          const before = [at.band10, at.band20, at.band30][band - 1];
           lines.push(
-            `if (${at.maxSh} >= ${band}) ${g}.rgba.rgb += evogsBand${band}(${texture}, ${width}, ${at.index}, ${direction});`,
+            `if (${at.maxSh} >= ${band}) {`,
+            `  vec3 colour = evogsBand${band}(${after}, ${width}, ${at.index}, direction);`,
+            `  if (part < 1.0) colour = mix(evogsBand${band}(${before}, ${width}, from, direction), colour, part);`,
+            `  ${g}.rgba.rgb += colour;`,
+            "}",
           );
         }
-        return lines;
+        return [...lines, "}"];
       },
     });
     return node.outputs.gsplat;
   }
+}
+
+/** A texture of some texels for each splat, whose memory is 0: no copy of it is kept here. */
+function newTexture({ width, rows }: Layout, texels: number, format: "RGBA32UI" | "R32UI"): THREE.DataTexture {
+  const channels = format === "R32UI" ? THREE.RedIntegerFormat : THREE.RGBAIntegerFormat;
+  const texture = new THREE.DataTexture(null, texels * width, rows, channels, THREE.UnsignedIntType);
+  texture.internalFormat = format;
+  texture.unpackAlignment = 4;
+  texture.source.dataReady = false;
+  texture.needsUpdate = true;
+  return texture;
 }

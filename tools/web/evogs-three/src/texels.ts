@@ -1,20 +1,20 @@
 /** What changed in a scene, as rows of textures. It imports no renderer, so that it can run in a worker. */
 
 import { CORE, type Change, PICKS, type Scene, ShownChannels, channelsOf, groupOf, slotFloats } from "evogs";
-import { type Layout, TEXELS, layoutOf } from "./layout.js";
+import { type Layout, SOURCES, TEXELS, layoutOf } from "./layout.js";
 import { Halves, half, lnScale, packRotation } from "./pack.js";
 
-export { type Layout, TEXELS, layoutOf } from "./layout.js";
+export { type Layout, SOURCES, TEXELS, layoutOf } from "./layout.js";
 
 /** New texels of a texture: of `columns` splats from `column` on, in `rows` rows from `row` on. */
 export interface TexelUpdate {
-  /** 0 for core, or the SH band. */
+  /** 0 for core, the SH band, or `SOURCES`. */
   texture: number;
   column: number;
   row: number;
   columns: number;
   rows: number;
-  /** Four words for each texel. */
+  /** Four words for each texel; of `SOURCES` one. */
   data: Uint32Array;
 }
 
@@ -28,6 +28,8 @@ export class TexelWriter {
   usedRows = 0;
   /** The rows of each tile, in the order of its slots. */
   private readonly rowsOf: number[][] = [];
+  /** Slots of each tile that were written. */
+  private readonly written: number[] = [];
   private readonly shown: ShownChannels;
   private readonly halves: Halves;
   private floats: Float32Array[] = [];
@@ -47,13 +49,14 @@ export class TexelWriter {
     return this.usedRows * this.layout.width;
   }
 
-  /** Texels of what `Decoder.takeChanges` gave. */
+  /** Texels of what `Decoder.takeChanges` gave. Second children are told from where they grow. */
   write(changes: readonly Change[]): TexelUpdate[] {
     this.shown.reset();
     const updates: TexelUpdate[] = [];
     for (const { tile, component, ranges } of changes) {
       this.reserve(tile);
       const { nSlots } = this.scene.tile(tile);
+      if (component === CORE) this.writeSources(tile, updates);
       for (const { start, count } of ranges) {
         const end = Math.min(start + count, nSlots);
         if (component === PICKS) {
@@ -86,8 +89,42 @@ export class TexelWriter {
     while (rows.length < need) rows.push(this.usedRows++);
   }
 
-  /** Cuts a range of slots where its rows are not neighbours: whole rows go together. */
+  /** Of slots that were not written yet: 1 + the place of the ancestor that was, or 0 without one. */
+  private writeSources(tile: number, updates: TexelUpdate[]): void {
+    const { nSlots, bornFrom } = this.scene.tile(tile);
+    const had = this.written[tile] ?? 0;
+    this.written[tile] = nSlots;
+    if (had === 0 || had === nSlots) return;
+    const ancestors = new Int32Array(nSlots - had);
+    for (let u = had; u < nSlots; u++) {
+      const parent = bornFrom[u];
+      ancestors[u - had] = parent < had ? parent : ancestors[parent - had];
+    }
+    const { width } = this.layout;
+    const rowsOf = this.rowsOf[tile];
+    this.cut(tile, had, nSlots, (s, n, column, row, rows) => {
+      const data = Uint32Array.from({ length: n }, (_, i) => {
+        const u = ancestors[s - had + i];
+        return u < 0 ? 0 : 1 + rowsOf[Math.floor(u / width)] * width + (u % width);
+      });
+      updates.push({ texture: SOURCES, column, row, columns: n / rows, rows, data });
+    });
+  }
+
   private writeSlots(tile: number, component: number, start: number, end: number, updates: TexelUpdate[]): void {
+    this.cut(tile, start, end, (s, n, column, row, rows) => {
+      const data = component === CORE ? this.coreTexels(tile, s, n) : this.bandTexels(tile, component, s, n);
+      updates.push({ texture: component, column, row, columns: n / rows, rows, data });
+    });
+  }
+
+  /** Cuts a range of slots where its rows are not neighbours: whole rows go together. */
+  private cut(
+    tile: number,
+    start: number,
+    end: number,
+    take: (from: number, n: number, column: number, row: number, rows: number) => void,
+  ): void {
     const { width } = this.layout;
     const rowsOf = this.rowsOf[tile];
     for (let s = start; s < end; ) {
@@ -99,8 +136,7 @@ export class TexelWriter {
         while ((rows + 1) * width <= end - s && rowsOf[first + rows] === rowsOf[first] + rows) rows++;
         n = rows * width;
       }
-      const data = component === CORE ? this.coreTexels(tile, s, n) : this.bandTexels(tile, component, s, n);
-      updates.push({ texture: component, column, row: rowsOf[first], columns: n / rows, rows, data });
+      take(s, n, column, rowsOf[first], rows);
       s += n;
     }
   }

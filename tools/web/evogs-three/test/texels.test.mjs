@@ -4,7 +4,7 @@ import { test } from "node:test";
 import { Decoder, channelsOf, decode, slotFloats } from "evogs";
 import { chance, core, packet, stream } from "../../evogs/test/streams.mjs";
 import { Halves, half, lnScale, packRotation } from "../dist/pack.js";
-import { TEXELS, TexelWriter, layoutOf } from "../dist/texels.js";
+import { SOURCES, TEXELS, TexelWriter, layoutOf } from "../dist/texels.js";
 
 /** The number that 16 bits stand for, by IEEE 754. */
 function ofHalf(bits) {
@@ -93,6 +93,7 @@ class Textures {
 
   write(updates) {
     for (const { texture, column, row, columns, rows, data } of updates) {
+      if (texture === SOURCES) continue;
       const n = 4 * TEXELS[texture];
       assert.equal(data.length, n * columns * rows);
       for (let r = 0; r < rows; r++) {
@@ -184,6 +185,41 @@ test("texels of picks are those of the entries that are shown, whatever has come
       }
     }
     assert.ok(compared > 0 && decoder.scene.palette.count > 0);
+  }
+});
+
+test("second children grow from the place of the ancestor that was there before", () => {
+  const file = new Uint8Array(readFileSync(new URL("../../../../spec/example.evogs", import.meta.url)));
+  for (const step of [1, 40, file.length]) {
+    const decoder = new Decoder();
+    let writer = null;
+    let had = [];
+    let born = 0;
+    for (let at = 0; at < file.length; at += step) {
+      decoder.feed(file.subarray(at, at + step));
+      const { scene } = decoder;
+      if (scene === null) continue;
+      writer ??= new TexelWriter(scene);
+      const { width } = writer.layout;
+      const told = new Map();
+      for (const { texture, column, row, columns, data } of writer.write(decoder.takeChanges())) {
+        if (texture !== SOURCES) continue;
+        data.forEach((word, i) =>
+          told.set(width * (row + Math.floor(i / columns)) + column + (i % columns), word),
+        );
+      }
+      // The example has one tile, whose slots stand one after the other.
+      const { nSlots, bornFrom } = scene.tile(0);
+      for (let u = had.length; u < nSlots && had.length > 0; u++) {
+        let ancestor = bornFrom[u];
+        while (ancestor >= had.length) ancestor = bornFrom[ancestor];
+        assert.equal(told.get(u), 1 + ancestor, `slot ${u}`);
+        if (ancestor >= 0) born++;
+      }
+      assert.ok([...told.keys()].every((u) => u >= had.length && u < nSlots));
+      had = Array.from({ length: nSlots });
+    }
+    assert.equal(born > 0, step < file.length, `${step}`);
   }
 });
 

@@ -25,6 +25,8 @@ declare global {
 /** The page tries again by itself so often, in ms, after the connection was lost. */
 const RETRY_EVERY = 10_000;
 const SLOWEST_FRAME = 0.2;
+/** Seconds in which splats move to what came. */
+const MOTION = 0.25;
 
 class Viewer {
   progress: Progress | null = null;
@@ -36,6 +38,8 @@ class Viewer {
   private bounds: { middle: Vec; radius: number } | null = null;
   private hasView = false;
   private needsDraw = true;
+  /** The worker waits to hear that its texels were drawn. */
+  private hasNews = false;
   private isSceneOpen = false;
   private last = 0;
   private frames: number[] = [];
@@ -154,10 +158,9 @@ class Viewer {
         if (!this.isSceneOpen) return;
         if (message.isFresh) this.renderer.open(message.layout);
         this.renderer.setShDegree(this.panel.wants.shDegree);
-        this.renderer.update(message.updates, message.count);
+        this.renderer.update(message.updates, message.count, message.isFresh ? 0 : MOTION);
         this.needsDraw = true;
-        // The next texels come when these are on the screen.
-        requestAnimationFrame(() => this.send({ kind: "drawn" }));
+        this.hasNews = true;
         break;
       case "progress":
         this.show(message.progress);
@@ -267,10 +270,15 @@ class Viewer {
     this.last = now;
     if (this.controls.step(seconds)) this.moved();
     this.frames = this.frames.filter((at) => at > now - 1000);
-    if (this.needsDraw) {
+    if (this.needsDraw || this.renderer.isMoving) {
       this.needsDraw = false;
       this.renderer.draw(this.camera.pose);
       this.frames.push(now);
+    }
+    // The next texels come when these are on the screen, and splats are where they belong.
+    if (this.hasNews && !this.renderer.isMoving) {
+      this.hasNews = false;
+      this.send({ kind: "drawn" });
     }
     this.panel.showFrames(this.frames.length > 1 ? this.frames.length : null);
   }

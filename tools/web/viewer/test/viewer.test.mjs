@@ -131,6 +131,38 @@ inBrowser("quality never falls over 20 snapshots", async (context) => {
   assert.ok(found[19] > found[0] + 20);
 });
 
+// Splits of level 1; and tiles that have no splat before, beside splits of others.
+for (const [name, sizes] of [
+  ["sh3", [6574, 9000]],
+  ["tiles", [16700, 22000]],
+]) {
+  inBrowser(`splats of ${name} move from the picture before to the one after`, async (context) => {
+    const { pose, pictures } = references(name, sizes);
+    server.gate = 0;
+    await open(`${name}.evogs`);
+    await setPose(pose);
+    const before = await letThrough(sizes[0]);
+    const at = (seconds) =>
+      page.evaluate((seconds) => {
+        window.evogsViewer.renderer.clock = () => seconds;
+      }, seconds);
+    await at(0);
+    const shown = [await letThrough(sizes[1])];
+    for (const seconds of [0.05, 0.1, 0.15, 0.2, 0.25]) {
+      await at(seconds);
+      shown.push(await picture(page));
+    }
+    const popped = psnr(before, shown.at(-1));
+    const steps = shown.slice(1).map((rgb, k) => psnr(rgb, shown[k]));
+    context.diagnostic(
+      `at once ${popped.toFixed(1)} dB; in steps ${steps.map((db) => db.toFixed(1)).join(", ")} dB`,
+    );
+    assert.ok(psnr(before, shown[0]) > 50, `${psnr(before, shown[0])} dB at the beginning`);
+    assert.ok(Math.min(...steps) > popped + 4);
+    assert.ok(psnr(shown.at(-1), pictures[1]) >= 42);
+  });
+}
+
 inBrowser("a throttled connection fills the picture, and no byte comes twice", async () => {
   server.bytesPerSecond = 60000;
   await open("sh3.evogs");
