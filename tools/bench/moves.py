@@ -27,7 +27,7 @@ LOOKS = 3
 ZOOM = 3  # times as near as the cameras around a scene
 SAMPLES = 8  # pictures of a look that are judged
 PART = 0.75  # of our file comes until the last look ends
-GOOD = 30.0  # dB
+GOOD = 25.0  # dB
 TILES = 16
 SET_PART = 16  # a set has so much of the splats, or less
 
@@ -78,17 +78,19 @@ class Trip:
 
 
 def moves(of: Sequence[Subject], folder: Path) -> Rows:
-    """Three looks at a scene, each from another side and a third as wide as in the tables above.
+    """What a camera that moves sees, and what came for nothing.
 
-    They end when three quarters of our file would be there. Pieces come one after the other, the
-    most urgent first. After a move the client asks anew: what was on its way is left, unless it is
-    still first, and a round trip passes. The streams are of 16 tiles, otherwise as `evogs encode`
-    makes them; `evogs-fetch` orders packets by view, or takes those of the file. The streamed SOG
-    is the model of above, in sets of a sixteenth of the splats: level by level, or the coarsest
-    and then the finest, always what is seen before the rest. Bytes are used if a picture was made
-    of them: of their packet if its tile was in sight, of their set if a box in sight showed its
-    level. Seconds under 30 dB are those of the looks in which their picture is worse, to an eighth
-    of a look: what a viewer waits. PSNR is against the scene, when each look ends.
+    It looks at the scene three times, from another side each time, at a third of the width of the
+    views above. The last look ends when three quarters of our file would be there. Pieces come one
+    after the other, the most urgent first. After a move the client asks anew: what was on its way
+    is left, unless it is still first, and a round trip passes. The streams have 16 tiles, and are
+    otherwise as `evogs encode` makes them; packets come by view as `evogs-fetch` orders them, or in
+    the order of the file. The streamed SOG is the model of above, in sets of a sixteenth of the
+    splats: every level, or the coarsest and the finest, and what is in sight before the rest.
+    Bytes are used if a picture was made of them: a packet if its tile was in sight, a set if a box
+    in sight showed its level. What is left at the end of a look counts as not used, until it comes
+    whole. PSNR is that of the view against the scene, when each look ends; seconds under 25 dB are
+    those without a better picture, to an eighth of a look.
     """
     return [row for subject in of for row in _rows(subject, folder)]
 

@@ -63,16 +63,16 @@ class Streams:
         its own; but the levels are those of our lifting instead of decimation, and the sets are
         written here, since splat-transform needs minutes for the SH of 40,000 splats. A client
         takes `lod-meta.json`, then the sets from the coarsest on, or the coarsest and the finest.
-        Of a set with its seven or eight files it pays for one request. Requests go to the server of
-        `evogs view`, and what comes is compared with the file; nobody waits for the clock. The
-        client asks as `evogs-fetch` does: 64 kB with the directory first, then what comes in a
-        second, one request
-        ahead. A connection takes a round trip, and so does a request: 20 ms, 60 ms like LTE, and
-        200 ms. Like LTE: the rate wanders between 0.5 and 60 Mbit/s, around 12. Dropping: of each 5
-        s nothing comes for 3 s. Decoding and drawing are not in the times. PSNR is over 6 views,
-        against the scene: of the first splats, and after each of 39 equal parts of the other bytes,
-        so that other times are up to 2.6 % of the bytes late. Stalls are the seconds after the
-        first picture without a byte for more than 0.5 s.
+        Of a set with its seven or eight files it pays for one request. The scene playbot was itself
+        decoded from SOG, so that a SOG of it is nearly exact. Requests go to the server of `evogs
+        view`, and what comes is compared with the file; nobody waits for the clock. The client asks
+        as `evogs-fetch` does: 64 kB with the directory first, then what comes in a second, one
+        request ahead. A connection takes a round trip, and so does a request: 20 ms, 60 ms like
+        LTE, and 200 ms. Like LTE: the rate wanders between 0.5 and 60 Mbit/s, around 12. Dropping:
+        of each 5 s nothing comes for 3 s. Decoding and drawing are not in the times. PSNR is over 6
+        views, against the scene: of the first splats, and after each of 39 equal parts of the other
+        bytes, so that other times are up to 2.6 % of the bytes late. Stalls are the seconds after
+        the first picture without a byte for more than 0.5 s.
         """
         return [_row(run) for run in self._measured]
 
