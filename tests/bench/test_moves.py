@@ -1,5 +1,7 @@
 """What comes while a camera moves, and in which order it is asked for."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -88,6 +90,16 @@ def test_after_a_move_the_client_asks_anew():
     # Without a move nothing is asked for again.
     still = trip(by_view, trace, [AHEAD, AHEAD], 2.0)
     assert still.n_bytes == pytest.approx(350_000, abs=5)
+
+
+def test_pieces_without_bytes_come_with_those_before_them():
+    pytest.importorskip("gsply")
+    from tools.bench.moves import trip
+
+    some_empty = replace(source(lambda _: [0, 1, 2, 3]), sizes=[0, 100_000, 0, 100_000])
+    came = trip(some_empty, constant(1e5, 0.0), [AHEAD, AHEAD], 0.9)
+    assert came.pieces == [0, 1, 2]
+    assert came.there(1.1) == (0, 1, 2)
 
 
 @pytest.mark.thorough

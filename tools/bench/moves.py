@@ -99,23 +99,26 @@ def trip(source: Source, trace: Trace, cameras: Sequence[Camera], dwell: float) 
     """Fetch while the camera stays `dwell` seconds at each place."""
     left = list(source.sizes)
     there: list[int] = []
+    came_whole: set[int] = set()
     seconds: list[float] = []
     used: set[int] = set()
     at = trace.capacity(2 * trace.round_trip) + source.head
     on_its_way = -1
     for look, camera in enumerate(cameras):
-        wanted = [i for i in dict.fromkeys([*source.first, *source.order(camera)]) if left[i] > 0]
-        if look and wanted[:1] != [on_its_way]:
+        wanted = dict.fromkeys([*source.first, *source.order(camera)])
+        missing = [i for i in wanted if i not in came_whole]
+        if look and missing[:1] != [on_its_way]:
             at = max(at, trace.capacity(look * dwell + trace.round_trip))
         end = trace.capacity((look + 1) * dwell)
         used |= source.drawn(there, camera)
-        for on_its_way in wanted:
+        for on_its_way in missing:
             came = int(min(left[on_its_way], max(0, end - at)))
             at += came
             left[on_its_way] -= came
             if left[on_its_way] > 0:
                 break
             there.append(on_its_way)
+            came_whole.add(on_its_way)
             seconds.append(float(trace.when(at)))
             used |= source.drawn(there, camera)
     came_of = [size - rest for size, rest in zip(source.sizes, left, strict=True)]
