@@ -17,6 +17,7 @@ import numpy as np
 
 from evogs_codec._generated import registry
 from evogs_codec.cli.large_scenes import encode_large, wants_jobs
+from evogs_codec.cli.looking import find_up
 from evogs_codec.cli.reports import level_figures, print_levels
 from evogs_codec.cli.terminal import progress_bar
 from evogs_codec.common.printable import shown
@@ -36,7 +37,7 @@ from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene import encode_scene, encode_tree
 
 if TYPE_CHECKING:
-    from evogs_codec.render import Camera
+    from evogs_codec.render import Camera, Up
 
 __all__ = ["encode_file", "read_splats", "run_encode", "run_lift"]
 
@@ -55,6 +56,7 @@ def run_encode(args: argparse.Namespace) -> None:
     with progress_bar() as progress:
         if is_scene:
             scene = read_splats(args.input, drop_invalid=args.drop_invalid)
+            up = find_up(args, scene.splats, _scene_info(args, scene.info))
             data = encode_scene(
                 scene.splats,
                 levels=args.levels or N_LEVELS,
@@ -65,17 +67,21 @@ def run_encode(args: argparse.Namespace) -> None:
                 **_options(args, progress),
             )
         else:
+            tree = read_tree(args.input)
+            up = find_up(args, tree.leaves(), _scene_info(args, SceneInfo()))
             data = encode_tree(
-                read_tree(args.input),
+                tree,
                 preset=preset,
                 info=_scene_info(args, SceneInfo()),
                 **_options(args, progress),
             )
     write_atomic(args.output, data)
-    _print_figures(args, read_directory(data), len(data))
+    _print_figures(args, read_directory(data), len(data), up)
 
 
-def _print_figures(args: argparse.Namespace, directory: Directory, size: int) -> None:
+def _print_figures(
+    args: argparse.Namespace, directory: Directory, size: int, up: Up | None
+) -> None:
     figures = level_figures(directory)
     n = figures[-1]["n_leaves"]
     each = size / max(n, 1)
@@ -86,11 +92,14 @@ def _print_figures(args: argparse.Namespace, directory: Directory, size: int) ->
             "bytes": size,
             "bytes_per_splat": round(each, 3),
             "levels": figures,
+            "up": None if up is None else {"axis": up.name, "source": up.source},
         }
         print(json.dumps(found))
         return
     print(f"{shown(args.output)}: {n:,} splats, {size:,} bytes, {each:.2f} a splat")
     print_levels(directory)
+    if up is not None:
+        print(f"\nviews: {up}")
 
 
 def run_lift(args: argparse.Namespace) -> None:
@@ -100,6 +109,8 @@ def run_lift(args: argparse.Namespace) -> None:
     with progress_bar() as progress:
         scene = read_splats(args.input, drop_invalid=args.drop_invalid)
         tree = lift(scene.splats, args.levels or N_LEVELS, progress=progress)
+        if args.refine:
+            find_up(args, scene.splats, scene.info)
         refine = _refiner(args, progress)
         tree = tree if refine is None else refine(tree)
     write_tree(args.output, tree, made_by=args.command)

@@ -12,6 +12,7 @@ from evogs_codec._generated import registry
 from evogs_codec._generated.limits import LIMITS
 from evogs_codec.cli.argument_types import error_of_group, number, parse_size, path_or_url
 from evogs_codec.cli.large_scenes import add_large_options
+from evogs_codec.cli.looking import add_camera
 from evogs_codec.encoding.layers import MAX_LAYERS, N_LAYERS
 from evogs_codec.encoding.settings import PRESETS, TREE_PSNR
 from evogs_codec.io import files
@@ -75,7 +76,7 @@ def add_encode(commands: Commands, run: Run) -> None:
         "  evogs encode lego.tree.npz lego.evogs\n"
         "  evogs encode lego.tree.npz lego.evogs --preset trained\n"
         "  evogs encode city-1.ply city-2.ply city.evogs --workers 8\n"
-        "  evogs encode scene.ply scene.evogs --target-psnr 45 --up -y\n"
+        "  evogs encode scene.ply scene.evogs --target-psnr 45 --camera transforms.json\n"
         "  evogs encode scene.ply scene.evogs --target-bytes 5000000\n"
         "  evogs encode scene.ply scene.evogs --target-psnr 40 --polish\n"
         "  evogs encode scene.ply scene.evogs --max-error 0.01 position=0.0005\n"
@@ -360,19 +361,7 @@ def _add_lift_options(parser: argparse.ArgumentParser, uses: str) -> None:
         "improve the coarse levels of a .ply by gradient descent on rendered views (default:"
         f" {DEFAULT_ITERATIONS} iterations per level)",
     )
-    parser.add_argument(
-        "--camera",
-        type=Path,
-        metavar="FILE.json",
-        help=f"cameras for {uses} (default: a circle around the scene)",
-    )
-    parser.add_argument(
-        "--up",
-        choices=("x", "y", "z", "-x", "-y", "-z"),
-        default="z",
-        help="up axis of the scene, for the default cameras (default: z; many trainers export"
-        " scenes with -y up)",
-    )
+    add_camera(parser, uses)
 
 
 def _add_descent(parser: argparse.ArgumentParser, option: str, help_: str) -> None:

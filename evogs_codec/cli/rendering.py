@@ -7,9 +7,7 @@ without.
 from __future__ import annotations
 
 import argparse
-import warnings
 from collections.abc import Callable, Iterator
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -17,6 +15,8 @@ import numpy as np
 from tqdm import tqdm
 
 from evogs_codec.cli.argument_types import path_or_url
+from evogs_codec.cli.loading import Loaded, load_part, load_whole
+from evogs_codec.cli.looking import add_look, cameras_of, need_numba
 from evogs_codec.cli.options import add_limits, add_output, add_partial
 from evogs_codec.cli.streams import describe_part, limits_of, part_there, read_stream
 from evogs_codec.common.printable import shown
@@ -24,13 +24,11 @@ from evogs_codec.decoding.cut import Cut, tiles_meeting
 from evogs_codec.decoding.decode import decode
 from evogs_codec.editing.extract import extract
 from evogs_codec.editing.presence import level_presence
-from evogs_codec.errors import Fault, InputError, StreamError
-from evogs_codec.io.files import PICTURE
-from evogs_codec.io.interchange.scene_files import read_scene, scene_format
-from evogs_codec.model.splats import SplatParams
+from evogs_codec.format.directory import Directory
+from evogs_codec.io.files import JPEG
+from evogs_codec.io.pictures import kind_of_picture
 
 if TYPE_CHECKING:
-    from evogs_codec.render import Camera
     from evogs_codec.render.png import Real
 
 __all__ = ["register"]
@@ -38,7 +36,6 @@ __all__ = ["register"]
 Commands = Any  # argparse's sub-parsers have no public type
 Item = TypeVar("Item")
 SHEET_VIEWS = 3  # columns of a contact sheet
-BACKGROUNDS = {"white": (1.0, 1.0, 1.0), "black": (0.0, 0.0, 0.0)}
 
 
 def register(commands: Commands) -> None:
@@ -47,12 +44,13 @@ def register(commands: Commands) -> None:
         commands,
         "render",
         run_render,
-        "Render a .ply, a stream or part of a stream to a PNG.",
+        "Render a scene, a stream or part of a stream to a .png or .jpg.",
         "  evogs render scene.evogs scene.png\n"
         "  evogs render scene.evogs sheet.png --sheet\n"
         "  evogs render scene.evogs mixed.png --box 0 0 0 1 1 1 --level 4 --outside 1\n"
         "  evogs render download.evogs.part so-far.png --partial\n"
-        "  evogs render scene.ply view.png --camera cameras.json --view 3 --size 800",
+        "  evogs render scene.ply view.jpg --camera transforms.json --view 3 --background black\n"
+        "  evogs render scene.ply view.png --camera colmap/sparse/0 --size 1200",
     )
     _add(
         commands,
@@ -66,28 +64,30 @@ def register(commands: Commands) -> None:
 
 def run_render(args: argparse.Namespace) -> None:
     """`evogs render`."""
-    _need_numba()
+    need_numba()
+    _need_pillow(args.output)
     from evogs_codec.render import render
-    from evogs_codec.render.png import write_png
+    from evogs_codec.render.viewpoints import PICTURE_SIZE
 
     if args.sheet:
         _render_sheet(args)
         return
     if args.reference is not None:
         raise ValueError("--reference needs --sheet; `evogs psnr` compares two files")
-    scene, part = _load_input(args)
-    cameras = _cameras(args, scene)
+    scene = _load_input(args)
+    cameras, up = cameras_of(args, scene.splats, scene.info, size=PICTURE_SIZE)
     if not 0 <= args.view < len(cameras):
         raise ValueError(f"view {args.view} is not one of 0..{len(cameras) - 1}")
-    picture = render(scene, cameras[args.view], BACKGROUNDS[args.background])
-    write_png(args.output, picture, made_by=args.command)
-    print(f"{shown(args.output)}: {len(scene):,} splats, 1 view{part}")
+    _write(args, render(scene.splats, cameras[args.view], args.background))
+    found = "" if up is None else f"{up}, "
+    print(f"{shown(args.output)}: {found}{len(scene.splats):,} splats, 1 view{scene.part}")
 
 
 def _render_sheet(args: argparse.Namespace) -> None:
     """A row for each level, and one for the reference if there is one."""
     from evogs_codec.render import render
-    from evogs_codec.render.png import contact_sheet, write_png
+    from evogs_codec.render.png import contact_sheet
+    from evogs_codec.render.viewpoints import SIZE
 
     limits = limits_of(args)
     data, directory = read_stream(args.input, limits)
@@ -102,15 +102,17 @@ def _render_sheet(args: argparse.Namespace) -> None:
     scenes = [decode(data, cut, directory=directory).leaves() for cut in cuts]
     n_bytes = [len(extract(data, cut, directory=directory)) for cut in cuts]
     names = [f"level {level}" for level in numbers]
+    infos = [directory.info]
     if args.reference is not None:
-        scenes.append(_load_reference(args.reference, limits))
-        n_bytes.append(args.reference.stat().st_size)
+        reference = load_whole(args.reference, limits)
+        scenes.append(reference.splats)
+        infos.append(reference.info)
+        n_bytes.append(reference.n_bytes)
         names.append("reference")
-    cameras = _cameras(args, scenes[len(cuts) - 1])
+    cameras, up = cameras_of(args, scenes[len(cuts) - 1], *infos, size=SIZE)
     chosen = cameras[:: max(1, len(cameras) // SHEET_VIEWS)][:SHEET_VIEWS]
-    background = BACKGROUNDS[args.background]
     rows = [
-        [render(scene, camera, background) for camera in chosen]
+        [render(scene, camera, args.background) for camera in chosen]
         for scene in _with_bar(scenes, "render")
     ]
     labels = [
@@ -119,9 +121,25 @@ def _render_sheet(args: argparse.Namespace) -> None:
     ]
     for number, row in enumerate(rows[:-1]):
         labels[number] += f", {_mean_psnr(row, rows[-1]):.1f} dB"
-    write_png(args.output, contact_sheet(rows, labels=labels), made_by=args.command)
+    _write(args, contact_sheet(rows, labels=labels))
+    found = "" if up is None else f"{up}, "
     n_splats = len(scenes[len(cuts) - 1])
-    print(f"{shown(args.output)}: {n_splats:,} splats, {len(chosen)} views{part}")
+    print(f"{shown(args.output)}: {found}{n_splats:,} splats, {len(chosen)} views{part}")
+
+
+def _need_pillow(path: Path) -> None:
+    from evogs_codec.render.jpeg import need_pillow
+
+    if kind_of_picture(path) is JPEG:
+        need_pillow(path)
+
+
+def _write(args: argparse.Namespace, picture: Real) -> None:
+    from evogs_codec.render.jpeg import write_jpeg
+    from evogs_codec.render.png import write_png
+
+    write = write_jpeg if kind_of_picture(args.output) is JPEG else write_png
+    write(args.output, picture, made_by=args.command)
 
 
 def _mean_psnr(views: list[Real], others: list[Real]) -> float:
@@ -132,18 +150,22 @@ def _mean_psnr(views: list[Real], others: list[Real]) -> float:
 
 def run_psnr(args: argparse.Namespace) -> None:
     """`evogs psnr`."""
-    _need_numba()
+    need_numba()
     from evogs_codec.render import psnr, render
+    from evogs_codec.render.viewpoints import SIZE
 
-    scene, part = _load_input(args)
-    reference = _load_reference(args.reference, limits_of(args))
-    background = BACKGROUNDS[args.background]
+    scene, reference = _load_input(args), load_whole(args.reference, limits_of(args))
+    cameras, up = cameras_of(args, reference.splats, reference.info, scene.info, size=SIZE)
     found = [
-        psnr(render(scene, camera, background), render(reference, camera, background))
-        for camera in _with_bar(_cameras(args, reference), "psnr")
+        psnr(*(render(one.splats, camera, args.background) for one in (scene, reference)))
+        for camera in _with_bar(cameras, "psnr")
     ]
     mean, least = float(np.mean(found)), min(found)
-    print(f"{mean:.2f} dB on average, {least:.2f} dB at least, over {len(found)} views{part}")
+    said = "" if up is None else f"{up}, "
+    print(
+        f"{mean:.2f} dB on average, {least:.2f} dB at least, {said}over {len(found)} views"
+        f"{scene.part}"
+    )
 
 
 def _with_bar(items: list[Item], what: str) -> Iterator[Item]:
@@ -152,71 +174,21 @@ def _with_bar(items: list[Item], what: str) -> Iterator[Item]:
     return bar
 
 
-def _need_numba() -> None:
-    if find_spec("numba") is None:
-        raise InputError("pictures need numba: pip install -e '.[render]'")
-
-
-def _load_input(args: argparse.Namespace) -> tuple[SplatParams, str]:
-    """The splats of a scene, or of a cut of a stream; and what is there of it, if `--partial`.
+def _load_input(args: argparse.Namespace) -> Loaded:
+    """The splats of a scene, or of a cut of a stream.
 
     The cut is one level, or one inside a box and another outside.
     """
-    if scene_format(args.input):
-        return _load_scene(args.input), ""
-    data, directory = read_stream(args.input, limits_of(args))
-    cut = Cut.full(directory) if args.level is None else Cut.of_level(directory, args.level)
-    if getattr(args, "box", None) is not None:
+
+    def choose(directory: Directory) -> Cut:
+        cut = Cut.full(directory) if args.level is None else Cut.of_level(directory, args.level)
+        if getattr(args, "box", None) is None:
+            return cut
         far = Cut.of_level(directory, 0 if args.outside is None else args.outside)
         near = tiles_meeting(directory, args.box)[:, None]
-        cut = Cut(np.where(near, cut.steps, far.steps), cut.palette)
-    part = ""
-    if args.partial:
-        cut = part_there(directory, len(data), cut, args.input)
-        part = f", from {describe_part(directory, len(data))}"
-    return decode(data, cut, directory=directory).leaves(), part
+        return Cut(np.where(near, cut.steps, far.steps), cut.palette)
 
-
-def _load_reference(path: Path, limits: dict[str, int] | None) -> SplatParams:
-    """The splats of a scene, or of a whole stream.
-
-    Raises:
-        InputError: the file cannot be used; the message names it, and not the input.
-    """
-    if scene_format(path):
-        return _load_scene(path)
-    data, directory = read_stream(path, limits)
-    try:
-        return decode(data, directory=directory).leaves()
-    except StreamError as error:
-        cut_short = "; the reference must be whole" if error.fault is Fault.E_TRUNCATED else ""
-        raise InputError(f"{path}: {error}{cut_short}") from error
-
-
-def _load_scene(path: Path) -> SplatParams:
-    splats = read_scene(path).splats
-    n_bad = len(splats) - int(np.count_nonzero(splats.finite()))
-    if n_bad:
-        text = f"{path}: {n_bad:,} splats with NaN or infinite numbers are not drawn"
-        warnings.warn(text, stacklevel=1)
-    return splats
-
-
-def _cameras(args: argparse.Namespace, scene: SplatParams) -> list[Camera]:
-    """Those of the file, or 24 around the scene."""
-    from evogs_codec.render import cameras_around, load_cameras
-    from evogs_codec.render.viewpoints import SIZE
-
-    size = SIZE if args.size is None else args.size
-    if args.camera is not None:
-        return [_fitted(camera, size) for camera in load_cameras(args.camera)]
-    return cameras_around(scene, args.up, size)
-
-
-def _fitted(camera: Camera, size: int) -> Camera:
-    """The same view whose longer side has `size` pixels."""
-    part = size / max(camera.width, camera.height)
-    return camera.resized(*(max(1, round(part * side)) for side in (camera.width, camera.height)))
+    return load_part(args.input, limits_of(args), choose, partial=args.partial)
 
 
 def _add(
@@ -245,7 +217,7 @@ def _add(
             "reference", type=path_or_url, metavar="REFERENCE", help="the scene to compare with"
         )
     else:
-        add_output(parser, "OUT.png", PICTURE)
+        add_output(parser, "OUT.png", kind_of_picture)
         parser.add_argument(
             "--sheet",
             action="store_true",
@@ -274,26 +246,6 @@ def _add(
     parser.add_argument(
         "--level", type=int, metavar="K", help="level of a stream (default: the last)"
     )
-    parser.add_argument(
-        "--camera", type=Path, metavar="FILE.json", help="cameras (default: a circle)"
-    )
-    parser.add_argument(
-        "--size",
-        type=int,
-        metavar="PIXELS",
-        help="longer side of a view (default: 400)",
-    )
-    parser.add_argument(
-        "--up",
-        choices=["x", "y", "z", "-x", "-y", "-z"],
-        default="z",
-        help="up axis of the scene, for the default cameras (default: z)",
-    )
-    parser.add_argument(
-        "--background",
-        choices=list(BACKGROUNDS),
-        default="white",
-        help="colour behind the splats (default: white)",
-    )
+    add_look(parser, "400" if name == "psnr" else "800, and 400 of a sheet")
     add_limits(parser)
     add_partial(parser)

@@ -18,8 +18,11 @@ from evogs_codec.format.layout import SIGNATURE
 from evogs_codec.io import makers
 
 __all__ = [
+    "JPEG",
     "KIND_BYTES",
+    "PAGE",
     "PICTURE",
+    "REPORT",
     "SCENE",
     "STREAM",
     "TREE",
@@ -76,6 +79,9 @@ TREE = FileKind(
     makers.marked_tree,
 )
 PICTURE = FileKind("PNG", (b"\x89PNG\r\n\x1a\n",), made_by=makers.marked_picture)
+JPEG = FileKind("JPEG", (b"\xff\xd8\xff",), made_by=makers.marked_jpeg)
+PAGE = FileKind("page", (b"<!doctype html>", b"<!DOCTYPE html>"))
+REPORT = FileKind("page", PAGE.begins, made_by=makers.marked_page)
 KINDS = (STREAM, SCENE, TREE, PICTURE)
 KIND_BYTES = 8  # of a file, that tell its kind
 

@@ -1,7 +1,8 @@
 """Which command made a file: files that a command writes name it.
 
-A `.ply` has a comment, a `.glb` its `generator`, a `.tree.npz` an array `made_by`, a PNG a text
-chunk `Software`, a stream its metadata. Files of others name nothing, or something else.
+A `.ply` and a JPEG have a comment, a `.glb` and a page their `generator`, a `.tree.npz` an array
+`made_by`, a PNG a text chunk `Software`, a stream its metadata. Files of others name nothing, or
+something else.
 """
 
 from __future__ import annotations
@@ -19,7 +20,10 @@ __all__ = [
     "SOFTWARE",
     "comment_of",
     "encoded_stream",
+    "generator_of",
     "marked_gltf",
+    "marked_jpeg",
+    "marked_page",
     "marked_picture",
     "marked_scene",
     "marked_tree",
@@ -78,6 +82,24 @@ def marked_picture(path: Path, command: str) -> bool:
             return True
         at += 12 + size
     return False
+
+
+def marked_jpeg(path: Path, command: str) -> bool:
+    """Whether a comment of a JPEG, near its beginning, names the command."""
+    body = comment_of(command).encode()
+    with path.open("rb") as file:
+        return b"\xff\xfe" + struct.pack(">H", 2 + len(body)) + body in file.read(1 << 12)
+
+
+def marked_page(path: Path, command: str) -> bool:
+    """Whether a page names the command as its generator."""
+    with path.open("rb") as file:
+        return generator_of(command).encode() in file.read(1 << 12)
+
+
+def generator_of(command: str) -> str:
+    """The line of a page that says which command made it; commands have no character to escape."""
+    return f'<meta name="generator" content="{comment_of(command)}">'
 
 
 def encoded_stream(path: Path, _command: str) -> bool:

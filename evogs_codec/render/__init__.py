@@ -1,10 +1,12 @@
 """The rasterizer: a definition (spec/rasterizer.md), an oracle that reads like it, fast kernels."""
 
-from evogs_codec.render.camera import Camera, load_cameras, orbit, save_cameras
+from evogs_codec.render.camera import Camera, orbit, save_cameras
+from evogs_codec.render.camera_files import load_cameras
 from evogs_codec.render.forward import Counts, Drawing, draw, render, render_counted
 from evogs_codec.render.gradients import Gradients, gradients
 from evogs_codec.render.metrics import psnr, ssim, ssim_gradient
 from evogs_codec.render.options import Options
+from evogs_codec.render.up import Up, up_of, up_of_cameras
 from evogs_codec.render.viewpoints import camera_rings, cameras_around
 from evogs_codec.render.views import Views
 
@@ -14,6 +16,7 @@ __all__ = [
     "Drawing",
     "Gradients",
     "Options",
+    "Up",
     "Views",
     "camera_rings",
     "cameras_around",
@@ -27,4 +30,6 @@ __all__ = [
     "save_cameras",
     "ssim",
     "ssim_gradient",
+    "up_of",
+    "up_of_cameras",
 ]

@@ -11,23 +11,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from evogs_codec.common.printable import shown
-from evogs_codec.errors import InputError
-from evogs_codec.io.json_files import read_json
 from evogs_codec.render.options import Options
 
-__all__ = ["Camera", "as_json", "load_cameras", "orbit", "save_cameras"]
+__all__ = ["Camera", "Coefficients", "Vector", "as_json", "orbit", "save_cameras"]
 
 F64 = npt.NDArray[np.float64]
 Vector = Sequence[float] | npt.NDArray[np.floating]
+Coefficients: TypeAlias = tuple[float, float, float, float]  # k1, k2, p1, p2 of a lens (OpenCV)
 
 MAX_SIDE = 1 << 15
 _ROTATION_TOLERANCE = 1e-4  # what published cameras, rounded to a few digits, stay within
-_FIELDS = {"width", "height", "fx", "fy", "cx", "cy", "rotation", "translation"}
 _FLIP = np.diag([1.0, -1.0, -1.0])  # y up and z backward to ours
 
 
@@ -197,31 +195,6 @@ def as_json(cameras: Sequence[Camera]) -> str:
         for c in cameras
     ]
     return json.dumps({"cameras": rows}, indent=1) + "\n"
-
-
-def load_cameras(path: Path) -> list[Camera]:
-    """Read what `save_cameras` wrote.
-
-    Raises:
-        InputError: the file is something else, has no camera, or an impossible one.
-    """
-    found = read_json(path)
-    rows = found.get("cameras") if isinstance(found, dict) else None
-    if not isinstance(rows, list):
-        raise InputError(f'{path}: is no list of cameras, {{"cameras": [...]}}')
-    if not rows:
-        raise InputError(f"{path}: no camera in it")
-    return [_camera(path, number, row) for number, row in enumerate(rows)]
-
-
-def _camera(path: Path, number: int, row: object) -> Camera:
-    if not isinstance(row, dict) or set(row) != _FIELDS:
-        names = ", ".join(sorted(_FIELDS))
-        raise InputError(f"{path}: camera {number} is no object of {names}")
-    try:
-        return Camera(**row)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{path}: camera {number}: {shown(error)}") from error
 
 
 def _float(name: str, value: object) -> float:

@@ -15,7 +15,7 @@ from evogs_codec.io.files import write_atomic
 from evogs_codec.io.makers import SOFTWARE
 from evogs_codec.render.labels import text_line
 
-__all__ = ["contact_sheet", "write_png"]
+__all__ = ["bytes_of_pixels", "contact_sheet", "png_bytes", "write_png"]
 
 Real = npt.NDArray[np.floating[Any]]
 MARGIN = 4  # pixels above and below a label
@@ -26,24 +26,33 @@ def write_png(path: Path, image: Real, *, made_by: str = "") -> None:
 
     `made_by` is the command that it names as its maker, in ASCII.
     """
-    height, width, channels = image.shape
-    if channels != 3:
-        raise ValueError(f"picture of shape {image.shape}, expected (H, W, 3)")
-    pixels = np.rint(np.clip(np.nan_to_num(image), 0, 1) * 255).astype(np.uint8)
+    write_atomic(path, png_bytes(image, made_by=made_by))
+
+
+def png_bytes(image: Real, *, made_by: str = "") -> bytes:
+    """What `write_png` writes."""
+    pixels = bytes_of_pixels(image)
+    height, width, _ = pixels.shape
     # Every line begins with its filter: 2, the difference to the line above.
     lines = np.zeros((height, 1 + 3 * width), np.uint8)
     lines[:, 0] = 2
     lines[:, 1:] = pixels.reshape(height, -1)
     lines[1:, 1:] -= lines[:-1, 1:].copy()
     mark = _chunk(SOFTWARE, b"Software\0" + made_by.encode("ascii")) if made_by else b""
-    write_atomic(
-        path,
+    return (
         b"\x89PNG\r\n\x1a\n"
         + _chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
         + mark
         + _chunk(b"IDAT", zlib.compress(lines.tobytes(), 9))
-        + _chunk(b"IEND", b""),
+        + _chunk(b"IEND", b"")
     )
+
+
+def bytes_of_pixels(image: Real) -> npt.NDArray[np.uint8]:
+    """(H, W, 3) values 0..255 of a picture of values 0..1; others are clamped."""
+    if image.ndim != 3 or image.shape[2] != 3:
+        raise ValueError(f"picture of shape {image.shape}, expected (H, W, 3)")
+    return np.rint(np.clip(np.nan_to_num(image), 0, 1) * 255).astype(np.uint8)
 
 
 def _chunk(kind: bytes, body: bytes) -> bytes:

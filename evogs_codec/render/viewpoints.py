@@ -8,31 +8,34 @@ import numpy as np
 
 from evogs_codec.model.splats import SplatParams
 from evogs_codec.render.camera import Camera, orbit
+from evogs_codec.render.framing import bulk_of
+from evogs_codec.render.up import Direction, direction, up_of
 
-__all__ = ["N_ORBIT", "SIZE", "camera_rings", "cameras_around"]
+__all__ = ["N_ORBIT", "PICTURE_SIZE", "SIZE", "camera_rings", "cameras_around"]
 
 N_ORBIT = 24
-SIZE = 400  # pixels, width and height of a view
+SIZE = 400  # pixels, width and height of a view that is measured
+PICTURE_SIZE = 800  # of one that is looked at
 # Number, elevation and distance of the cameras of a circle, as of `cameras_around`. No elevation
 # is that of the 24 cameras which judge.
 RINGS = ((9, 0.05, 1.7), (11, 0.2, 2.4), (11, 0.5, 1.9), (9, 0.8, 2.2))
-BULK = (20, 80)  # percentiles of the positions: what is far away does not decide the distance
 
 
 def cameras_around(
     scene: SplatParams,
-    up: str = "z",
+    up: Direction | None = None,
     size: int | None = None,
     *,
     n: int = N_ORBIT,
     elevation: float = 0.35,
     distance: float = 2.0,
 ) -> list[Camera]:
-    """Cameras on a circle around the bulk of a scene.
+    """Cameras on a circle around the bulk of a scene (`bulk_of`).
 
     Args:
         scene: what the cameras look at; splats that are not finite do not count.
-        up: axis that is up in the views: x, y or z, perhaps with a minus.
+        up: what is up in the views: x, y or z, perhaps with a minus, or a vector; by default as
+            `up_of` estimates it.
         size: width and height in pixels; `SIZE` by default.
         n: number of cameras.
         elevation: radians above the middle.
@@ -42,34 +45,33 @@ def cameras_around(
     Raises:
         ValueError: the scene is empty.
     """
-    means = scene.means[np.isfinite(scene.means).all(axis=1)].astype(np.float64)
-    if not len(means):
-        raise ValueError("the scene is empty: name the cameras")
-    low, high = np.percentile(means, BULK, axis=0)
-    bulk = float(np.linalg.norm(high - low))
+    middle, bulk = bulk_of(scene)
     if bulk == 0:
         bulk = math.exp(float(np.clip(np.median(scene.log_scales), -30, 30)))
-    sign = -1.0 if up.startswith("-") else 1.0
+    above = up_of(scene).vector if up is None else direction(up)
     side = SIZE if size is None else size
     return orbit(
         n,
-        (low + high) / 2,
+        middle,
         radius=distance * bulk,
         elevation=elevation,
-        up=tuple(sign * np.eye(3)["xyz".index(up[-1])]),
+        up=above,
         width=side,
         height=side,
         fov_x=math.radians(45),
     )
 
 
-def camera_rings(scene: SplatParams, up: str = "z", times: int = 1) -> list[Camera]:
+def camera_rings(scene: SplatParams, up: Direction | None = None, times: int = 1) -> list[Camera]:
     """`times` 40 cameras around the bulk of a scene, at four elevations and distances.
 
     They are for gradient descent: none stands where a camera of `cameras_around` does.
     """
+    above = up_of(scene).vector if up is None else direction(up)
     return [
         camera
         for n, elevation, distance in RINGS
-        for camera in cameras_around(scene, up, n=times * n, elevation=elevation, distance=distance)
+        for camera in cameras_around(
+            scene, above, n=times * n, elevation=elevation, distance=distance
+        )
     ]

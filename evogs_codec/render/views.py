@@ -14,6 +14,7 @@ from evogs_codec.render.camera import Camera
 from evogs_codec.render.forward import Real, Splats, draw, render
 from evogs_codec.render.gradients import add_squares, gradients
 from evogs_codec.render.metrics import psnr
+from evogs_codec.render.up import Direction, up_of
 from evogs_codec.render.viewpoints import camera_rings, cameras_around
 
 __all__ = ["DRAWN", "HELD_OUT", "Colour", "Views", "view_of"]
@@ -49,7 +50,7 @@ class Views:
         scene: SplatParams,
         cameras: Sequence[Camera] | None = None,
         *,
-        up: str = "z",
+        up: Direction | None = None,
         n_views: int | None = None,
         descent: bool = False,
     ) -> Views:
@@ -58,7 +59,7 @@ class Views:
         Args:
             scene: what they show.
             cameras: theirs; by default 24 on a circle around the scene.
-            up: axis that is up in the default views: x, y or z, perhaps with a minus.
+            up: what is up in the default views, as of `cameras_around`.
             n_views: at most this many views.
             descent: with `others`, for `loss_gradient`: 80 on circles around the scene, or of
                 the `cameras` given all but every 5th, which judges.
@@ -68,8 +69,9 @@ class Views:
         """
         others: Sequence[Camera] = ()
         if cameras is None:
-            chosen: Sequence[Camera] = cameras_around(scene, up)
-            others = camera_rings(scene, up, 2) if descent else ()
+            above = up_of(scene).vector if up is None else up
+            chosen: Sequence[Camera] = cameras_around(scene, above)
+            others = camera_rings(scene, above, 2) if descent else ()
         elif descent:
             if len(cameras) < 2:
                 raise ValueError(f"{len(cameras)} camera, expected at least 2")

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from typing import Unpack
 
     from evogs_codec.render import Camera
+    from evogs_codec.render.up import Direction
 
 __all__ = [
     "EncodedScene",
@@ -75,7 +76,7 @@ def encode_scene(
     polish: int = 0,
     improve: Callable[[EvolutionTree], EvolutionTree] | None = None,
     cameras: Sequence[Camera] | None = None,
-    up: str = "z",
+    up: Direction | None = None,
     n_tiles: int | None = None,
     effort: int | None = None,
     info: SceneInfo | None = None,
@@ -103,7 +104,8 @@ def encode_scene(
             by `reference_trainer.distil`; its leaves and their order must stay.
         cameras: of the views; by default 24 around the splats. With `polish` every 5th judges. An
             empty sequence: nothing is rendered, and estimates put packets in order.
-        up: axis that is up in the default views: x, y or z, perhaps with a minus.
+        up: what is up in the default views: x, y or z, perhaps with a minus, or a vector; by
+            default the `up_axis` of `info`, or else what the splats show, or else z.
         n_tiles: tiles wanted; by default 1 below about 200,000 splats.
         effort: Zstandard level, 1..22; by default that of the settings, 19.
         info: metadata; its text gets a `generator` if it has none.
@@ -148,7 +150,7 @@ def encode_scene_with_order(splats: SplatParams, **options: Unpack[SceneOptions]
     improve = options.pop("improve", None)
     if palette not in ("auto", "never"):
         raise ValueError(f"palette is {palette!r}, expected 'auto' or 'never'")
-    request = Request.of(SCENE_PRESET, options)
+    request = Request.of(SCENE_PRESET, options).looking_at(splats)
     lifted = lift_with_order(splats, levels, progress=request.progress)
     if improve is not None:
         lifted = _improved(lifted, improve)
@@ -174,7 +176,7 @@ def encode_tree(
     layers: int | None = None,
     polish: int = 0,
     cameras: Sequence[Camera] | None = None,
-    up: str = "z",
+    up: Direction | None = None,
     n_tiles: int | None = None,
     effort: int | None = None,
     info: SceneInfo | None = None,
@@ -195,7 +197,7 @@ def encode_tree(
         layers: of precision, as of `encode_scene`.
         polish: iterations of gradient descent, as of `encode_scene`.
         cameras: of the views, as of `encode_scene`.
-        up: axis that is up in the default views.
+        up: what is up in the default views, as of `encode_scene`.
         n_tiles: tiles wanted; by default 1 below about 200,000 leaves.
         effort: Zstandard level, 1..22; by default that of the settings, 19.
         info: metadata; its text gets a `generator` if it has none.
@@ -220,7 +222,7 @@ def encode_tree(
         "info": info,
         "progress": progress,
     }
-    request = Request.of(TREE_PRESET, options)
+    request = Request.of(TREE_PRESET, options).looking_at(tree.leaves())
     if preset is None and request.is_plain:
         if tree.quanta:
             own = Settings.of_quanta(tree.quanta)

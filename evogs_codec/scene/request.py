@@ -18,6 +18,7 @@ from evogs_codec.model.tree import EvolutionTree
 
 if TYPE_CHECKING:
     from evogs_codec.render import Camera, Views
+    from evogs_codec.render.up import Direction
 
 __all__ = ["NO_NUMBA", "MaxError", "Request", "SceneOptions", "TreeOptions", "with_generator"]
 
@@ -36,7 +37,7 @@ class TreeOptions(TypedDict, total=False):
     layers: int | None
     polish: int
     cameras: Sequence[Camera] | None
-    up: str
+    up: Direction | None
     n_tiles: int | None
     effort: int | None
     info: SceneInfo | None
@@ -60,6 +61,7 @@ class Request:
         has_preset: it decides the steps, not views.
         layers: of precision, where views decide; None if the caller did not say.
         errors: the largest allowed, per name of a group; empty for none.
+        up: of the default views; None until `looking_at` finds it.
     """
 
     settings: Settings
@@ -70,7 +72,7 @@ class Request:
     layers: int | None
     polish: int
     cameras: Sequence[Camera] | None
-    up: str
+    up: Direction | None
     n_tiles: int | None
     info: SceneInfo
     progress: Progress
@@ -111,7 +113,7 @@ class Request:
             layers=layers,
             polish=polish,
             cameras=options.get("cameras"),
-            up=options.get("up", "z"),
+            up=options.get("up"),
             n_tiles=n_tiles,
             info=with_generator(options.get("info") or SceneInfo()),
             progress=options.get("progress") or no_progress,
@@ -128,6 +130,14 @@ class Request:
         if self.cameras is not None and not len(self.cameras):
             return "there are no cameras"
         return NO_NUMBA if find_spec("numba") is None else ""
+
+    def looking_at(self, scene: SplatParams) -> Request:
+        """The same, which knows what is up in the default views of a scene."""
+        if self.up is not None or self.cameras is not None or self.errors or self.why_no_views:
+            return self
+        from evogs_codec.render import up_of
+
+        return replace(self, up=up_of(scene, self.info).vector)
 
     def views(
         self, scene: SplatParams, n_views: int | None = None, *, descent: bool = False

@@ -17,13 +17,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import map_coordinates, spline_filter
 
-from evogs_codec.render.camera import Camera
+from evogs_codec.render.camera import Camera, Coefficients
 from reference_trainer.data.view import F32
 
-__all__ = ["Coefficients", "distort", "undistort", "undistorted_camera", "undistorted_image"]
+__all__ = ["distort", "undistort", "undistorted_camera", "undistorted_image"]
 
 F64: TypeAlias = npt.NDArray[np.float64]
-Coefficients: TypeAlias = tuple[float, float, float, float]
 
 EDGE = "mirror"  # beyond the outermost pixel centres: half a pixel at most
 BAND = 64  # rows looked up at a time: coordinates take 8 times the bytes of a picture

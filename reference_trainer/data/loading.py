@@ -12,12 +12,13 @@ from pathlib import Path
 
 from evogs_codec.common.printable import shown
 from evogs_codec.errors import InputError
+from evogs_codec.io.plain_files import MAX_PATH, is_there
 from evogs_codec.render.camera import Camera
+from evogs_codec.render.colmap import find_model
 from reference_trainer.data.budget import Budget
 from reference_trainer.data.cache import undistorted
-from reference_trainer.data.colmap import find_model, read_colmap
+from reference_trainer.data.colmap import read_colmap
 from reference_trainer.data.photograph import Photograph, read_image
-from reference_trainer.data.plain_files import MAX_PATH, is_there
 from reference_trainer.data.points import read_points
 from reference_trainer.data.pyramid import area_average
 from reference_trainer.data.transforms import read_transforms

@@ -13,8 +13,8 @@ from PIL import Image, UnidentifiedImageError
 
 from evogs_codec.common.printable import shown
 from evogs_codec.errors import InputError
+from evogs_codec.io.plain_files import MAX_PATH, is_there
 from evogs_codec.render.camera import Camera
-from reference_trainer.data.plain_files import MAX_PATH, is_there
 from reference_trainer.data.pyramid import averaged
 from reference_trainer.data.view import F32, Colour
 

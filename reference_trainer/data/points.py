@@ -10,7 +10,7 @@ from plyfile import PlyData
 
 from evogs_codec.common.printable import shown
 from evogs_codec.errors import InputError
-from reference_trainer.data.plain_files import is_there
+from evogs_codec.io.plain_files import is_there
 from reference_trainer.data.view import F32
 
 __all__ = ["checked_points", "read_points"]

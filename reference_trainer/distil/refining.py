@@ -9,9 +9,13 @@ from __future__ import annotations
 import sys
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from evogs_codec import EvolutionTree, InputError
 from evogs_codec.common.progress import Progress
+
+if TYPE_CHECKING:
+    from evogs_codec.render.up import Direction
 
 __all__ = ["refine"]
 
@@ -19,7 +23,7 @@ __all__ = ["refine"]
 def refine(
     tree: EvolutionTree,
     camera: Path | None,
-    up: str,
+    up: Direction | None,
     iterations: int,
     progress: Progress,
 ) -> EvolutionTree:
@@ -28,7 +32,7 @@ def refine(
     Args:
         tree: as `lift` makes them.
         camera: file of cameras, or None for `rings`.
-        up: axis of the rings, perhaps with a sign.
+        up: what is up for the rings, as of `camera_rings`.
         iterations: of each level.
         progress: called with the stage "refine" and the part that is done.
 

@@ -23,11 +23,11 @@ from evogs_codec.cli.viewer.given import (
 )
 from evogs_codec.cli.viewer.scenes import NoScenes, OneFile, Scenes
 from evogs_codec.cli.viewer.server import LOOPBACK, SCENE_PATH, Server, address_of, page_files
-from evogs_codec.cli.viewer.standalone import PAGE, one_page
+from evogs_codec.cli.viewer.standalone import one_page
 from evogs_codec.common.printable import shown
 from evogs_codec.errors import InputError
 from evogs_codec.format.directory import read_directory
-from evogs_codec.io.files import write_atomic
+from evogs_codec.io.files import PAGE, write_atomic
 from evogs_codec.stores.urls import Url, is_url
 
 __all__ = ["add_export", "add_view"]

@@ -13,11 +13,8 @@ import hashlib
 import html
 from collections.abc import Mapping
 
-from evogs_codec.io.files import FileKind
+__all__ = ["one_page"]
 
-__all__ = ["PAGE", "one_page"]
-
-PAGE = FileKind("page", (b"<!doctype html>", b"<!DOCTYPE html>"))
 STYLE = '<link rel="stylesheet" href="viewer.css" />'
 START = '<script type="module" src="viewer.js"></script>'
 LOADER = "standalone.js"

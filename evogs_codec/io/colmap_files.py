@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.errors import InputError
-from reference_trainer.data.plain_files import is_there, read_plain
+from evogs_codec.io.plain_files import is_there, read_plain
 
 __all__ = ["ColmapCamera", "ColmapImage", "ColmapModel", "read_model"]
 

@@ -1,4 +1,4 @@
-"""Files of a photographer's folder: only plain ones are opened, so nothing waits for a pipe."""
+"""Files of a folder of cameras: only plain ones are opened, so nothing waits for a pipe."""
 
 from __future__ import annotations
 

@@ -1,0 +1,172 @@
+"""Options that say how a scene is looked at: cameras, what is up, size and background.
+
+They are the same for targets of `encode` and for `render`, `psnr` and `compare`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from evogs_codec.cli.argument_types import number
+from evogs_codec.errors import InputError
+from evogs_codec.model.scene_info import SceneInfo
+from evogs_codec.model.splats import SplatParams
+
+if TYPE_CHECKING:
+    from evogs_codec.render import Camera, Up
+
+__all__ = [
+    "AXES",
+    "add_camera",
+    "add_look",
+    "cameras_of",
+    "colour",
+    "find_up",
+    "need_numba",
+    "up_given",
+]
+
+AXES = ("x", "y", "z", "-x", "-y", "-z")
+CAMERAS_IN = (
+    "cameras of a JSON file (of `evogs`, transforms.json, a camera path of nerfstudio, cameras.json"
+    " of a trainer) or of a COLMAP folder"
+)
+BACKGROUNDS = {"white": (1.0, 1.0, 1.0), "grey": (0.5, 0.5, 0.5), "black": (0.0, 0.0, 0.0)}
+MAX_SIZE = 1 << 14  # pixels of a side
+
+
+# --- options --------------------------------------------------------------------------------------
+
+
+def add_camera(parser: argparse.ArgumentParser, uses: str = "") -> None:
+    """`--camera` and `--up`.
+
+    Args:
+        parser: of a command.
+        uses: what they are for.
+    """
+    parser.add_argument(
+        "--camera",
+        type=Path,
+        metavar="CAMERAS",
+        help=f"{CAMERAS_IN}{f', for {uses}' if uses else ''} (default: a circle around the scene)",
+    )
+    parser.add_argument(
+        "--up",
+        type=axis_or_cameras,
+        metavar="AXIS|CAMERAS",
+        help="what is up in the default views: x, y, z, -x, -y or -z, or as the cameras of a file"
+        " were held (default: what the file says, or else the splats show, or else z)",
+    )
+
+
+def add_look(parser: argparse.ArgumentParser, size: str) -> None:
+    """`add_camera`, `--size` and `--background`; `size` says the default size, in words."""
+    add_camera(parser)
+    parser.add_argument(
+        "--size",
+        type=number(int, 1, MAX_SIZE),
+        metavar="PIXELS",
+        help=f"longer side of a view (default: {size})",
+    )
+    parser.add_argument(
+        "--background",
+        type=colour,
+        default="white",
+        metavar="COLOUR",
+        help=f"colour behind the splats: {', '.join(BACKGROUNDS)}, or #rrggbb (default: white)",
+    )
+
+
+def axis_or_cameras(text: str) -> str | Path:
+    """An argparse type: an axis, or the path of a file or folder of cameras.
+
+    Raises:
+        argparse.ArgumentTypeError: the text is neither.
+    """
+    name = text.removeprefix("+")
+    if name in AXES:
+        return name
+    if not Path(text).exists():
+        raise argparse.ArgumentTypeError(f"{text!r} is none of {', '.join(AXES)}, and no file")
+    return Path(text)
+
+
+def colour(text: str) -> tuple[float, float, float]:
+    """An argparse type: a name of `BACKGROUNDS`, or `#rrggbb`.
+
+    Raises:
+        argparse.ArgumentTypeError: the text is neither.
+    """
+    if text in BACKGROUNDS:
+        return BACKGROUNDS[text]
+    found = re.fullmatch(r"#?([0-9a-fA-F]{2})([0-9a-fA-F]{2})([0-9a-fA-F]{2})", text)
+    if found is None:
+        names = ", ".join(BACKGROUNDS)
+        raise argparse.ArgumentTypeError(f"{text!r} is no colour: try {names} or #a0b0c0")
+    red, green, blue = (int(digits, 16) / 255 for digits in found.groups())
+    return red, green, blue
+
+
+# --- what they ask for ----------------------------------------------------------------------------
+
+
+def need_numba() -> None:
+    """Refuse a command that renders where nothing can.
+
+    Raises:
+        InputError: numba is missing.
+    """
+    if find_spec("numba") is None:
+        raise InputError("pictures need numba: pip install -e '.[render]'")
+
+
+def cameras_of(
+    args: argparse.Namespace, scene: SplatParams, *infos: SceneInfo, size: int
+) -> tuple[list[Camera], Up | None]:
+    """Those of `--camera`, or 24 around a scene; and what is up, if that was to be found out.
+
+    Args:
+        args: of a command with `add_look`.
+        scene: what they look at.
+        infos: what files say of it, the first that names an axis counts.
+        size: of the longer side of a view, pixels, if `--size` does not say.
+    """
+    from evogs_codec.render import cameras_around, load_cameras
+
+    size = size if args.size is None else args.size
+    if args.camera is not None:
+        return [_fitted(camera, size) for camera in load_cameras(args.camera)], None
+    up = up_given(args, scene, *infos)
+    return cameras_around(scene, up.vector, size), up
+
+
+def up_given(args: argparse.Namespace, scene: SplatParams, *infos: SceneInfo) -> Up:
+    """What `--up` says, or else the first of the files, or else the splats."""
+    from evogs_codec.render import Up, load_cameras, up_of
+
+    if isinstance(args.up, Path):
+        return up_of(scene, None, load_cameras(args.up))
+    if args.up is not None:
+        return Up.of(args.up, "as asked for")
+    return up_of(scene, next((info for info in infos if info.up_axis), None))
+
+
+def find_up(args: argparse.Namespace, scene: SplatParams, info: SceneInfo) -> Up | None:
+    """`up_given`, put in place of what was given; None if no default view is to be rendered."""
+    if args.camera is not None or getattr(args, "max_error", None) or find_spec("numba") is None:
+        args.up = None
+        return None
+    up = up_given(args, scene, info)
+    args.up = up.vector
+    return up
+
+
+def _fitted(camera: Camera, size: int) -> Camera:
+    """The same view whose longer side has `size` pixels."""
+    part = size / max(camera.width, camera.height)
+    return camera.resized(*(max(1, round(part * side)) for side in (camera.width, camera.height)))

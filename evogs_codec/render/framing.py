@@ -1,0 +1,101 @@
+"""What of a scene a picture is framed on: the splats that matter, whatever lies around them.
+
+Letters: N splats.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec.model.splats import F64, SplatParams
+
+__all__ = ["Bulk", "bulk_of", "weighted_quantiles", "worth"]
+
+BULK = (20, 80)  # percentiles of the positions: what is far away does not decide the distance
+REACH = 1.5  # diagonals of the bulk; what is farther from its middle, along an axis, is an outlier
+LARGEST = 90  # percentile of the areas; a larger splat counts as one of this size
+# The bulk of what matters is taken where its middle or its size are so far from those of all
+# positions: in diagonals, and as a factor. Most scenes keep the views that they always had.
+FAR, OTHER_SIZE = 0.35, 1.5
+
+
+class Bulk(NamedTuple):
+    """Where most of a scene is.
+
+    Attributes:
+        middle: (3,) scene units.
+        size: of its diagonal, scene units; 0 if all splats are in one place.
+    """
+
+    middle: F64
+    size: float
+
+
+def bulk_of(scene: SplatParams) -> Bulk:
+    """Of the positions, or, where they say something else, of the splats that matter.
+
+    Raises:
+        ValueError: no splat has a finite position.
+    """
+    means = scene.means[np.isfinite(scene.means).all(axis=1)].astype(np.float64)
+    if not len(means):
+        raise ValueError("the scene is empty: name the cameras")
+    plain = _box(*np.percentile(means, BULK, axis=0))
+    if not 0 < plain.size < math.inf:
+        return plain
+    weights = worth(scene, plain)
+    seen = weights > 0
+    if not seen.any():
+        return plain
+    points, weights = scene.means[seen].astype(np.float64), weights[seen]
+    shares = [share / 100 for share in BULK]
+    ends = np.array([weighted_quantiles(points[:, k], weights, shares) for k in range(3)])
+    found = _box(ends[:, 0], ends[:, 1])
+    apart = float(np.linalg.norm(found.middle - plain.middle)) / plain.size
+    ratio = found.size / plain.size
+    agree = apart <= FAR and 1 / OTHER_SIZE <= ratio <= OTHER_SIZE
+    return plain if agree or not found.size else found
+
+
+def _box(low: F64, high: F64) -> Bulk:
+    return Bulk((low + high) / 2, float(np.linalg.norm(high - low)))
+
+
+def worth(scene: SplatParams, bulk: Bulk) -> F64:
+    """(N,) opacity times area of each splat near the bulk; 0 of outliers and of what is not finite.
+
+    The area is that of the two larger axes. One splat of the sky would outweigh a scene: no area
+    counts for more than that of a large splat near the bulk.
+    """
+    finite = scene.finite()
+    away = np.zeros(len(scene))
+    away[finite] = np.abs(scene.means[finite].astype(np.float64) - bulk.middle).max(axis=1)
+    near = finite & (away <= REACH * bulk.size)
+    found = np.zeros(len(scene))
+    if not near.any():
+        return found
+    axes = np.sort(scene.log_scales[near].astype(np.float64), axis=1)
+    areas = np.exp(np.clip(axes[:, 1] + axes[:, 2], -300, 300))
+    areas = np.minimum(areas, np.percentile(areas, LARGEST))
+    opacities = 1 / (1 + np.exp(-np.clip(scene.opacity_logits[near].astype(np.float64), -50, 50)))
+    found[near] = opacities * areas / areas.max()
+    return found
+
+
+def weighted_quantiles(values: F64, weights: F64, shares: npt.ArrayLike) -> F64:
+    """The values below which these shares of the weights are, each of 0..1.
+
+    Args:
+        values: (N,) numbers, at least one.
+        weights: (N,) of them, not all 0.
+        shares: of the sum of the weights.
+    """
+    order = np.argsort(values, kind="stable")
+    heavy = weights[order]
+    sums = np.cumsum(heavy)
+    found: F64 = np.interp(np.asarray(shares) * sums[-1], sums - heavy / 2, values[order])
+    return found
