@@ -17,16 +17,19 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 from evogs_codec.cli import options
+from evogs_codec.cli.comparing import add_compare
 from evogs_codec.cli.encode_and_lift import read_splats, run_encode, run_lift
 from evogs_codec.cli.remote_files import remote_files, say_fetched
 from evogs_codec.cli.reports import info_of, info_to_write, print_info
 from evogs_codec.cli.standard_streams import standard_streams
 from evogs_codec.cli.streams import (
+    cut_of,
     describe_levels,
     describe_part,
     limits_of,
     open_stream,
     part_there,
+    sh_degree_of,
 )
 from evogs_codec.cli.terminal import (
     complain,
@@ -37,14 +40,13 @@ from evogs_codec.cli.terminal import (
 from evogs_codec.cli.viewer.command import add_export, add_view
 from evogs_codec.common.printable import shown
 from evogs_codec.common.version import __version__
-from evogs_codec.decoding.cut import Cut, tiles_meeting, tiles_within
 from evogs_codec.decoding.decode import decode, decode_leaves
 from evogs_codec.editing.byte_stats import bytes_by_group, levels
 from evogs_codec.editing.extract import choose_cut, extract
 from evogs_codec.editing.omissions import omissions
 from evogs_codec.editing.presence import level_presence
 from evogs_codec.errors import Fault, InputError, StreamError
-from evogs_codec.format.directory import Directory, read_directory
+from evogs_codec.format.directory import read_directory
 from evogs_codec.io.files import check_target, write_atomic
 from evogs_codec.io.interchange.scene_files import write_scene
 from evogs_codec.stores.remote_file import RemoteFile
@@ -118,6 +120,7 @@ def _parser(asked: str = "") -> argparse.ArgumentParser:
     options.add_info(commands, run_info)
     options.add_validate(commands, run_validate)
     options.add_extract(commands, run_extract)
+    add_compare(commands)
     add_view(commands)
     add_export(commands)
     others = () if asked in commands.choices else entry_points(group="evogs.commands")
@@ -137,19 +140,28 @@ def _parser(asked: str = "") -> argparse.ArgumentParser:
 
 
 def _check_output(args: argparse.Namespace) -> None:
-    """Refuse an output that must not be written; every other path of the command is a source."""
-    if "output" in args:
-        sources = [
-            value
-            for name, value in vars(args).items()
-            if name != "output" and isinstance(value, Path)
-        ]
-        sources += getattr(args, "others", [])
-        kind, force = getattr(args, "output_kind", None), getattr(args, "force", False)
+    """Refuse outputs that must not be written; every other path of the command is a source."""
+    targets = [name for name in ("output", "page") if getattr(args, name, None) is not None]
+    sources = [path for name in set(vars(args)) - {*targets} for path in _paths(vars(args)[name])]
+    for name in targets:
+        target = getattr(args, name)
+        kind, force = getattr(args, f"{name}_kind", None), getattr(args, "force", False)
         if callable(kind):  # the name of the output says it, if it may be an output
-            check_target(args.output, command=args.command, sources=sources)
-            kind = kind(args.output)
-        check_target(args.output, kind, command=args.command, sources=sources, force=force)
+            check_target(target, command=args.command, sources=sources)
+            kind = kind(target)
+        check_target(target, kind, command=args.command, sources=sources, force=force)
+    if len(targets) == 2 and _same_name(args.output, args.page):
+        raise InputError(f"{args.page}: the output and the page need two names")
+
+
+def _paths(value: object) -> list[Path]:
+    """The paths that an option was given."""
+    values = value if isinstance(value, list) else [value]
+    return [path for path in values if isinstance(path, Path)]
+
+
+def _same_name(one: Path, other: Path) -> bool:
+    return os.path.realpath(one) == os.path.realpath(other)
 
 
 def _fail(args: argparse.Namespace, message: object, *, path: object = None) -> int:
@@ -165,7 +177,7 @@ def _fail(args: argparse.Namespace, message: object, *, path: object = None) -> 
 def run_decode(args: argparse.Namespace) -> None:
     """`evogs decode`."""
     source, directory = open_stream(args.input, limits_of(args))
-    cut, part = _cut(directory, args), ""
+    cut, part = cut_of(directory, args), ""
     if args.partial:
         cut = part_there(directory, source.size, cut, args.input)
         part = f", from {describe_part(directory, source.size)}"
@@ -173,7 +185,7 @@ def run_decode(args: argparse.Namespace) -> None:
         splats = decode_leaves(
             source,
             cut,
-            sh_degree=_sh_degree(directory, args),
+            sh_degree=sh_degree_of(directory, args),
             directory=directory,
             verify=args.verify,
             progress=progress,
@@ -247,13 +259,13 @@ def run_extract(args: argparse.Namespace) -> None:
     if directory.has_palette and 0 < (args.sh_degree or 0) < directory.sh_degree:
         said = "the entries of a palette have all SH bands: only --sh-degree 0 leaves packets out"
         warnings.warn(said, stacklevel=1)
-    cut = _cut(directory, args)
+    cut = cut_of(directory, args)
     with progress_bar() as progress:
         smaller = extract(source, cut, box=args.box, directory=directory, progress=progress)
     say_fetched(source)
     write_atomic(args.output, smaller)
     # Levels are counted against all levels of the tiles and SH bands that were asked for.
-    whole = choose_cut(directory, sh_degree=_sh_degree(directory, args), box=args.box)
+    whole = choose_cut(directory, sh_degree=sh_degree_of(directory, args), box=args.box)
     kept = describe_levels(level_presence(directory, cut, whole))
     n_kept, n_splats = (levels(of)[-1].n_leaves for of in (read_directory(smaller), directory))
     print(
@@ -270,35 +282,6 @@ def run_bench(args: argparse.Namespace) -> None:
         InputError: always.
     """
     raise InputError(BENCH)
-
-
-# --- parts of commands ---------------------------------------------------------------------------
-
-
-def _cut(directory: Directory, args: argparse.Namespace) -> Cut:
-    if args.box:
-        _warn_of_box(directory, args.box)
-    return choose_cut(
-        directory,
-        level=args.level,
-        sh_degree=_sh_degree(directory, args),
-        box=args.box,
-        max_bytes=args.max_bytes and args.max_bytes.of(directory.size),
-    )
-
-
-def _sh_degree(directory: Directory, args: argparse.Namespace) -> int | None:
-    """That of the options, which may be above that of the stream."""
-    return None if args.sh_degree is None else min(args.sh_degree, directory.sh_degree)
-
-
-def _warn_of_box(directory: Directory, box: Sequence[float]) -> None:
-    met = tiles_meeting(directory, box)
-    if len(met) and not met.any():
-        warnings.warn("the box meets no tile: nothing is left", stacklevel=1)
-    elif met.all() and not tiles_within(directory, box).all():
-        more = "; `evogs encode --tiles N` makes more" if len(met) == 1 else ""
-        warnings.warn(f"the box meets all tiles: nothing is left out{more}", stacklevel=1)
 
 
 if __name__ == "__main__":

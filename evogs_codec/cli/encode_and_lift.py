@@ -17,9 +17,10 @@ import numpy as np
 
 from evogs_codec._generated import registry
 from evogs_codec.cli.large_scenes import encode_large, wants_jobs
-from evogs_codec.cli.looking import find_up
+from evogs_codec.cli.looking import find_up, need_numba
+from evogs_codec.cli.reporting import write_report
 from evogs_codec.cli.reports import level_figures, print_levels
-from evogs_codec.cli.terminal import progress_bar
+from evogs_codec.cli.terminal import noted_warnings, progress_bar
 from evogs_codec.common.printable import shown
 from evogs_codec.common.progress import Progress
 from evogs_codec.encoding.settings import PRESETS, SCENE_PRESET, TREE_PRESET, RangeBits, Settings
@@ -46,19 +47,21 @@ def run_encode(args: argparse.Namespace) -> None:
     """`evogs encode`."""
     is_scene = _is_scene(args.input)
     _check(args, is_scene=is_scene)
-    preset = _preset(args, SCENE_PRESET if is_scene else TREE_PRESET)
+    preset, notes = _preset(args, SCENE_PRESET if is_scene else TREE_PRESET), noted_warnings()
     if is_scene and wants_jobs(args):
         with progress_bar() as progress:
             encode_large(args, partial(_scene_info, args), progress)
         size = args.output.stat().st_size
-        _print_figures(args, read_directory(np.memmap(args.output, np.uint8, "r").data), size)
+        data_there = np.memmap(args.output, np.uint8, "r").data
+        _print_figures(args, read_directory(data_there), size, None)
         return
     with progress_bar() as progress:
         if is_scene:
             scene = read_splats(args.input, drop_invalid=args.drop_invalid)
-            up = find_up(args, scene.splats, _scene_info(args, scene.info))
+            splats = scene.splats
+            up = find_up(args, splats, _scene_info(args, scene.info))
             data = encode_scene(
-                scene.splats,
+                splats,
                 levels=args.levels or N_LEVELS,
                 preset=preset,
                 palette="never" if args.no_palette else "auto",
@@ -68,7 +71,8 @@ def run_encode(args: argparse.Namespace) -> None:
             )
         else:
             tree = read_tree(args.input)
-            up = find_up(args, tree.leaves(), _scene_info(args, SceneInfo()))
+            splats = tree.leaves()
+            up = find_up(args, splats, _scene_info(args, SceneInfo()))
             data = encode_tree(
                 tree,
                 preset=preset,
@@ -76,6 +80,7 @@ def run_encode(args: argparse.Namespace) -> None:
                 **_options(args, progress),
             )
     write_atomic(args.output, data)
+    write_report(args, splats, data, up, notes)
     _print_figures(args, read_directory(data), len(data), up)
 
 
@@ -207,6 +212,8 @@ def _check(args: argparse.Namespace, *, is_scene: bool) -> None:
         raise InputError("--finer divides steps: for finer ranges --bits, for more --max-error")
     if args.refine and not is_scene:
         raise InputError("--refine is for .ply scenes: a tree has its levels")
+    if args.page is not None:
+        need_numba()
 
 
 def _preset(args: argparse.Namespace, default: str) -> str | Settings | None:

@@ -26,6 +26,7 @@ __all__ = [
     "cameras_of",
     "colour",
     "find_up",
+    "fitted",
     "need_numba",
     "up_given",
 ]
@@ -126,39 +127,42 @@ def need_numba() -> None:
 
 
 def cameras_of(
-    args: argparse.Namespace, scene: SplatParams, *infos: SceneInfo, size: int
+    args: argparse.Namespace, scene: SplatParams, info: SceneInfo, *, size: int
 ) -> tuple[list[Camera], Up | None]:
     """Those of `--camera`, or 24 around a scene; and what is up, if that was to be found out.
 
     Args:
         args: of a command with `add_look`.
         scene: what they look at.
-        infos: what files say of it, the first that names an axis counts.
+        info: what its file says of it.
         size: of the longer side of a view, pixels, if `--size` does not say.
     """
     from evogs_codec.render import cameras_around, load_cameras
 
     size = size if args.size is None else args.size
     if args.camera is not None:
-        return [_fitted(camera, size) for camera in load_cameras(args.camera)], None
-    up = up_given(args, scene, *infos)
+        return [fitted(camera, size) for camera in load_cameras(args.camera)], None
+    up = up_given(args, scene, info)
     return cameras_around(scene, up.vector, size), up
 
 
-def up_given(args: argparse.Namespace, scene: SplatParams, *infos: SceneInfo) -> Up:
-    """What `--up` says, or else the first of the files, or else the splats."""
+def up_given(args: argparse.Namespace, scene: SplatParams, info: SceneInfo) -> Up:
+    """What `--up` says, or else the file, or else the splats."""
     from evogs_codec.render import Up, load_cameras, up_of
 
     if isinstance(args.up, Path):
         return up_of(scene, None, load_cameras(args.up))
     if args.up is not None:
         return Up.of(args.up, "as asked for")
-    return up_of(scene, next((info for info in infos if info.up_axis), None))
+    return up_of(scene, info)
 
 
 def find_up(args: argparse.Namespace, scene: SplatParams, info: SceneInfo) -> Up | None:
     """`up_given`, put in place of what was given; None if no default view is to be rendered."""
-    if args.camera is not None or getattr(args, "max_error", None) or find_spec("numba") is None:
+    if args.camera is not None or find_spec("numba") is None:
+        args.up = None
+        return None
+    if getattr(args, "max_error", None) and args.page is None:  # counts numbers, not pictures
         args.up = None
         return None
     up = up_given(args, scene, info)
@@ -166,7 +170,7 @@ def find_up(args: argparse.Namespace, scene: SplatParams, info: SceneInfo) -> Up
     return up
 
 
-def _fitted(camera: Camera, size: int) -> Camera:
+def fitted(camera: Camera, size: int) -> Camera:
     """The same view whose longer side has `size` pixels."""
     part = size / max(camera.width, camera.height)
     return camera.resized(*(max(1, round(part * side)) for side in (camera.width, camera.height)))

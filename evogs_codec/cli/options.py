@@ -21,7 +21,9 @@ from evogs_codec.lifting.lift import N_LEVELS
 from evogs_codec.model.channels import GROUPS
 
 __all__ = [
+    "SCENES_IN",
     "add_convert",
+    "add_cut_options",
     "add_decode",
     "add_encode",
     "add_extract",
@@ -29,6 +31,7 @@ __all__ = [
     "add_lift",
     "add_limits",
     "add_output",
+    "add_page",
     "add_partial",
     "add_validate",
 ]
@@ -195,6 +198,11 @@ def add_encode(commands: Commands, run: Run) -> None:
     )
     add_large_options(parser)
     _add_json(parser)
+    add_page(
+        parser,
+        "--report",
+        "write a page that says what was kept and what it cost, level by level, with pictures",
+    )
 
 
 def add_decode(commands: Commands, run: Run) -> None:
@@ -213,7 +221,7 @@ def add_decode(commands: Commands, run: Run) -> None:
     )
     parser.add_argument("input", type=path_or_url, metavar="IN.evogs", help=STREAM_IN)
     add_output(parser, "OUT.ply", kind_to_write)
-    _add_cut_options(parser)
+    add_cut_options(parser)
     add_limits(parser)
     add_partial(parser)
     parser.add_argument(
@@ -306,7 +314,7 @@ def add_extract(commands: Commands, run: Run) -> None:
     )
     parser.add_argument("input", type=path_or_url, metavar="IN.evogs", help=STREAM_IN)
     add_output(parser, "OUT.evogs", files.STREAM)
-    _add_cut_options(parser)
+    add_cut_options(parser)
     add_limits(parser)
 
 
@@ -323,6 +331,12 @@ def add_output(
         help=f"replace {metavar} even if this command did not make it",
     )
     parser.set_defaults(output_kind=kind, command=parser.prog)
+
+
+def add_page(parser: argparse.ArgumentParser, option: str, help_: str) -> None:
+    """A page that a command writes besides, which `cli.commands` checks before the work."""
+    parser.add_argument(option, dest="page", type=Path, metavar="FILE.html", help=help_)
+    parser.set_defaults(page_kind=files.REPORT, command=parser.prog)
 
 
 def add_limits(parser: argparse.ArgumentParser) -> None:
@@ -380,7 +394,8 @@ def _add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
 
 
-def _add_cut_options(parser: argparse.ArgumentParser) -> None:
+def add_cut_options(parser: argparse.ArgumentParser) -> None:
+    """What of a stream is taken, which `cli.streams.cut_of` understands."""
     parser.add_argument(
         "--level", type=number(int, 0, 63), metavar="K", help="leave out the levels above K"
     )

@@ -102,14 +102,12 @@ def _render_sheet(args: argparse.Namespace) -> None:
     scenes = [decode(data, cut, directory=directory).leaves() for cut in cuts]
     n_bytes = [len(extract(data, cut, directory=directory)) for cut in cuts]
     names = [f"level {level}" for level in numbers]
-    infos = [directory.info]
     if args.reference is not None:
         reference = load_whole(args.reference, limits)
         scenes.append(reference.splats)
-        infos.append(reference.info)
         n_bytes.append(reference.n_bytes)
         names.append("reference")
-    cameras, up = cameras_of(args, scenes[len(cuts) - 1], *infos, size=SIZE)
+    cameras, up = cameras_of(args, scenes[len(cuts) - 1], directory.info, size=SIZE)
     chosen = cameras[:: max(1, len(cameras) // SHEET_VIEWS)][:SHEET_VIEWS]
     rows = [
         [render(scene, camera, args.background) for camera in chosen]
@@ -155,7 +153,7 @@ def run_psnr(args: argparse.Namespace) -> None:
     from evogs_codec.render.viewpoints import SIZE
 
     scene, reference = _load_input(args), load_whole(args.reference, limits_of(args))
-    cameras, up = cameras_of(args, reference.splats, reference.info, scene.info, size=SIZE)
+    cameras, up = cameras_of(args, reference.splats, reference.info, size=SIZE)
     found = [
         psnr(*(render(one.splats, camera, args.background) for one in (scene, reference)))
         for camera in _with_bar(cameras, "psnr")

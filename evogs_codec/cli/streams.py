@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
-from evogs_codec.decoding.cut import Cut
+from evogs_codec.decoding.cut import Cut, tiles_meeting, tiles_within
+from evogs_codec.editing.extract import choose_cut
 from evogs_codec.editing.presence import LevelPresence, bytes_for_first_splats, level_presence
 from evogs_codec.errors import Fault, InputError, StreamError
 from evogs_codec.format.directory import HEADER_SIZE, Directory, read_directory, read_header
@@ -16,12 +19,14 @@ from evogs_codec.stores.remote_file import RemoteFile
 from evogs_codec.stores.sources import ByteSource, bytes_of, source_of
 
 __all__ = [
+    "cut_of",
     "describe_levels",
     "describe_part",
     "limits_of",
     "open_stream",
     "part_there",
     "read_stream",
+    "sh_degree_of",
 ]
 
 
@@ -94,6 +99,36 @@ def _hint_for_other_file(source: ByteSource, at: Path | RemoteFile) -> str:
     if not any(data):
         return "has only zeros, as of an interrupted copy or download: get the stream again"
     return "is not an EvoGS stream: give a file that `evogs encode` made"
+
+
+# --- of a cut ----------------------------------------------------------------------------------
+
+
+def cut_of(directory: Directory, args: argparse.Namespace) -> Cut:
+    """What of a stream the options of `add_cut_options` ask for."""
+    if args.box:
+        _warn_of_box(directory, args.box)
+    return choose_cut(
+        directory,
+        level=args.level,
+        sh_degree=sh_degree_of(directory, args),
+        box=args.box,
+        max_bytes=args.max_bytes and args.max_bytes.of(directory.size),
+    )
+
+
+def sh_degree_of(directory: Directory, args: argparse.Namespace) -> int | None:
+    """That of the options, which may be above that of the stream."""
+    return None if args.sh_degree is None else min(args.sh_degree, directory.sh_degree)
+
+
+def _warn_of_box(directory: Directory, box: Sequence[float]) -> None:
+    met = tiles_meeting(directory, box)
+    if len(met) and not met.any():
+        warnings.warn("the box meets no tile: nothing is left", stacklevel=1)
+    elif met.all() and not tiles_within(directory, box).all():
+        more = "; `evogs encode --tiles N` makes more" if len(met) == 1 else ""
+        warnings.warn(f"the box meets all tiles: nothing is left out{more}", stacklevel=1)
 
 
 # --- of a part ------------------------------------------------------------------------------------

@@ -7,13 +7,20 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import TextIOWrapper
+from typing import Any
 
 from tqdm import tqdm
 
 from evogs_codec.common.printable import MAX_LINE, shown
 from evogs_codec.common.progress import Progress
 
-__all__ = ["complain", "escape_what_cannot_be_encoded", "plain_warnings", "progress_bar"]
+__all__ = [
+    "complain",
+    "escape_what_cannot_be_encoded",
+    "noted_warnings",
+    "plain_warnings",
+    "progress_bar",
+]
 
 
 def complain(message: object) -> None:
@@ -38,6 +45,22 @@ def plain_warnings() -> Iterator[None]:
         warnings.showwarning = show
         warnings.simplefilter("always", UserWarning)
         yield
+
+
+def noted_warnings() -> list[str]:
+    """A list that gets every warning from now on, which is also shown as before.
+
+    Within `plain_warnings`, which puts an end to it.
+    """
+    notes: list[str] = []
+    show = warnings.showwarning
+
+    def note(message: Warning | str, *more: Any, **named: Any) -> None:  # noqa: ANN401 - passed on
+        notes.append(str(message))
+        show(message, *more, **named)
+
+    warnings.showwarning = note
+    return notes
 
 
 @contextmanager
