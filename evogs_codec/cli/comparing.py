@@ -23,10 +23,15 @@ from evogs_codec.io.files import write_atomic
 __all__ = ["add_compare", "run_compare"]
 
 HELP = "Compare files with the first of them: bytes, PSNR, SSIM, errors, pictures."
+DESCRIPTION = f"""{HELP}
+
+Options that cut a stream cut every stream but the first file, so that a level may be compared with
+all of its stream. Errors are those of splats that correspond: by their order where both files have
+as many in the same order, or else the nearest."""
 EXAMPLES = """examples:
   evogs compare scene.ply scene.evogs scene.spz
   evogs compare scene.ply scene.evogs scene.sog --html report.html
-  evogs compare scene.evogs scene.evogs --level 2     # of a stream, a level against all of it
+  evogs compare scene.evogs scene.evogs --level 2
   evogs compare scene.ply download.evogs.part --partial --json"""
 VIEWS_SHOWN = 3
 MOST_SHOWN = 24
@@ -37,7 +42,7 @@ def add_compare(commands: Any) -> None:  # noqa: ANN401 - argparse's sub-parsers
     parser = commands.add_parser(
         "compare",
         help=HELP,
-        description=HELP,
+        description=DESCRIPTION,
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -77,12 +82,9 @@ def run_compare(args: argparse.Namespace) -> None:
     limits = limits_of(args)
     loaded = [load_whole(args.reference, limits)]
     loaded += [_load(path, args, limits) for path in args.others]
-    names = _names([args.reference, *args.others])
-    for k, (one, path) in enumerate(zip(loaded[1:], args.others, strict=True), 1):
-        names[k] += _cut_said(args) if one.format == "evogs" else ""
-        names[k] += one.part
-        if names[k] in names[:k]:
-            raise InputError(f"{path}: is named twice, so there is nothing to compare")
+    cuts = ["", *(_cut_said(args) if one.format == "evogs" else "" for one in loaded[1:])]
+    said = [cut + one.part for cut, one in zip(cuts, loaded, strict=True)]
+    names = _names([args.reference, *args.others], said)
     cameras, up = cameras_of(args, loaded[0].splats, loaded[0].info, size=SIZE)
     subjects = [
         Subject(name, one.format, one.n_bytes, one.splats)
@@ -126,7 +128,8 @@ def _load(path: Path, args: argparse.Namespace, limits: dict[str, int] | None) -
 
 def _given(args: argparse.Namespace) -> list[str]:
     """The files and the cut, for the foot of a page."""
-    return [*_names([args.reference, *args.others]), *filter(None, [_cut_said(args).lstrip(", ")])]
+    files = [path.name for path in (args.reference, *args.others)]
+    return [*files, *filter(None, [_cut_said(args).lstrip(", ")])]
 
 
 def _cut_said(args: argparse.Namespace) -> str:
@@ -144,9 +147,15 @@ def _cut_said(args: argparse.Namespace) -> str:
     return said
 
 
-def _names(paths: Sequence[Path]) -> list[str]:
-    """The last part of each path, or all of it where two have the same."""
-    last = [path.name or str(path) for path in paths]
-    return [
-        str(path) if last.count(name) > 1 else name for path, name in zip(paths, last, strict=True)
-    ]
+def _names(paths: Sequence[Path], said: Sequence[str]) -> list[str]:
+    """The last part of each path and what is said of it, or all of the path where that is unclear.
+
+    Raises:
+        InputError: a file is named twice with the same cut.
+    """
+    for of in (lambda path: path.name or str(path), str):
+        names = [of(path) + more for path, more in zip(paths, said, strict=True)]
+        if len(set(names)) == len(names):
+            return names
+    twice = next(path for path, name in zip(paths, names, strict=True) if names.count(name) > 1)
+    raise InputError(f"{twice}: is named twice, so there is nothing to compare")

@@ -79,8 +79,8 @@ def load_whole(path: Path, limits: dict[str, int] | None) -> Loaded:
     """
     if scene_format(path):
         return _scene(path)
-    data, directory = read_stream(path, limits)
     try:
+        data, directory = read_stream(path, limits)
         splats = decode(data, directory=directory).leaves()
     except StreamError as error:
         cut_short = "; the reference must be whole" if error.fault is Fault.E_TRUNCATED else ""

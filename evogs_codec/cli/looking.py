@@ -92,7 +92,7 @@ def axis_or_cameras(text: str) -> str | Path:
     name = text.removeprefix("+")
     if name in AXES:
         return name
-    if not Path(text).exists():
+    if not text or not Path(text).exists():
         raise argparse.ArgumentTypeError(f"{text!r} is none of {', '.join(AXES)}, and no file")
     return Path(text)
 

@@ -17,6 +17,8 @@ __all__ = ["Bulk", "bulk_of", "weighted_quantiles", "worth"]
 
 BULK = (20, 80)  # percentiles of the positions: what is far away does not decide the distance
 REACH = 1.5  # diagonals of the bulk; what is farther from its middle, along an axis, is an outlier
+MOST = 100_000  # splats that are weighed, evenly taken
+TURNS = 3  # each frames what is near the bulk of the one before
 LARGEST = 90  # percentile of the areas; a larger splat counts as one of this size
 # The bulk of what matters is taken where its middle or its size are so far from those of all
 # positions: in diagonals, and as a factor. Most scenes keep the views that they always had.
@@ -47,18 +49,28 @@ def bulk_of(scene: SplatParams) -> Bulk:
     plain = _box(*np.percentile(means, BULK, axis=0))
     if not 0 < plain.size < math.inf:
         return plain
-    weights = worth(scene, plain)
+    found, some = plain, scene.take(slice(None, None, max(1, -(-len(scene) // MOST))))
+    for _ in range(TURNS):
+        found = _of_worth(some, found)
+    if not found.size:
+        return plain
+    apart = float(np.linalg.norm(found.middle - plain.middle)) / plain.size
+    ratio = found.size / plain.size
+    agree = apart <= FAR and 1 / OTHER_SIZE <= ratio <= OTHER_SIZE
+    return plain if agree else found
+
+
+def _of_worth(scene: SplatParams, bulk: Bulk) -> Bulk:
+    """The bulk of what matters near another bulk; that one, if nothing is there."""
+    weights = worth(scene, bulk)
     seen = weights > 0
     if not seen.any():
-        return plain
+        return bulk
     points, weights = scene.means[seen].astype(np.float64), weights[seen]
     shares = [share / 100 for share in BULK]
     ends = np.array([weighted_quantiles(points[:, k], weights, shares) for k in range(3)])
     found = _box(ends[:, 0], ends[:, 1])
-    apart = float(np.linalg.norm(found.middle - plain.middle)) / plain.size
-    ratio = found.size / plain.size
-    agree = apart <= FAR and 1 / OTHER_SIZE <= ratio <= OTHER_SIZE
-    return plain if agree or not found.size else found
+    return found if found.size else bulk
 
 
 def _box(low: F64, high: F64) -> Bulk:

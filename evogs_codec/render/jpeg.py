@@ -26,13 +26,14 @@ def need_pillow(path: Path) -> None:
         raise InputError(f"{path}: a JPEG needs Pillow: pip install pillow, or name a .png")
 
 
-def write_jpeg(path: Path, image: Real, *, made_by: str = "") -> None:
+def write_jpeg(path: Path, image: Real, *, made_by: str = "", quality: int = QUALITY) -> None:
     """Write an (H, W, 3) picture of values 0..1, without subsampling; others are clamped.
 
     Args:
         path: the file to make or replace.
         image: the picture.
         made_by: the command that it names as its maker, in ASCII.
+        quality: as Pillow counts it, to 95.
 
     Raises:
         InputError: Pillow is missing.
@@ -43,6 +44,6 @@ def write_jpeg(path: Path, image: Real, *, made_by: str = "") -> None:
     comment = {"comment": comment_of(made_by)} if made_by else {}
     file = io.BytesIO()
     Image.fromarray(bytes_of_pixels(image)).save(
-        file, "JPEG", quality=QUALITY, subsampling=0, **comment
+        file, "JPEG", quality=quality, subsampling=0, **comment
     )
     write_atomic(path, file.getvalue())

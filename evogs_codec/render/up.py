@@ -34,6 +34,7 @@ LEAST = 0.05  # of all weight is in the ground
 CLEAR = 1.5  # times what is in the next best layer that faces another way
 OTHER = math.radians(25)  # directions so far apart are others
 LOPSIDED = 0.25  # of the weight beyond the ground is more on one side of it than on the other
+SPREAD = 1e-3  # variance of the right sides, below which cameras look one way
 LEVEL = 0.25  # cameras are held level if their right sides vary along up by so little of the rest
 
 
@@ -115,7 +116,7 @@ def up_of_cameras(cameras: Sequence[Camera]) -> F64:
     mean = -np.array([camera.rotation[1] for camera in cameras]).mean(axis=0)
     values, vectors = np.linalg.eigh(rights.T @ rights / len(rights))
     level = vectors[:, 0] * (1.0 if vectors[:, 0] @ mean >= 0 else -1.0)
-    is_clear = values[0] <= LEVEL * values[1] and abs(level @ mean) > 0.1
+    is_clear = values[1] > SPREAD and values[0] <= LEVEL * values[1] and abs(level @ mean) > 0.1
     if is_clear:
         return _snapped(level)
     return _snapped(mean) if np.linalg.norm(mean) > 1e-6 else direction("z")

@@ -11,10 +11,10 @@ import pytest
 from PIL import Image
 
 from evogs_codec import write_ply
+from evogs_codec.io.colmap_files import read_model
 from evogs_codec.render import psnr, render
 from evogs_codec.render.demo_scene import make_scene
 from reference_trainer.data import load_views
-from evogs_codec.io.colmap_files import read_model
 from reference_trainer.data.points import read_points
 from tests.trainer.views_folders import HEIGHT, WIDTH, cloud_of, edit_json, folder_of, shots_of
 from tools.photos import main as photos_main

@@ -8,7 +8,7 @@ from conformance.decoders.outcomes import OVER_LIMIT
 from conformance.decoders.reference import main as decoder
 from evogs_codec import read_directory
 
-COMMANDS = ("decode", "validate", "info", "extract", "render", "psnr")
+COMMANDS = ("decode", "validate", "info", "extract", "render", "psnr", "compare")
 DECODING = ("decode", "validate", "info", "extract")
 
 
@@ -34,6 +34,7 @@ def arguments_of(command, made, tmp_path, limits):
         "extract": [tmp_path / "out.evogs"],
         "render": [tmp_path / "out.png", "--size", 8],
         "psnr": [made / "scene.ply", "--size", 8],
+        "compare": [made / "scene.ply", "--size", 8],
     }
     return [command, stream, *others.get(command, []), "--limits", path]
 

@@ -1,0 +1,159 @@
+"""How commands look at a scene: cameras of others, what is up, backgrounds, pictures."""
+
+import json
+
+import numpy as np
+import pytest
+
+pytest.importorskip("numba", reason="pictures are rendered")
+from PIL import Image
+
+from evogs_codec import read_ply, write_ply
+from evogs_codec.io.interchange.frames import transformed
+from evogs_codec.render import cameras_around, load_cameras, orbit, render, save_cameras
+from evogs_codec.render.demo_scene import make_scene
+from tests.trainer.views_folders import folder_of
+from tools.camera_sheet import turning_z_to
+
+SIZE = ("--size", 40)
+EDGE = 40
+
+
+@pytest.fixture(scope="module")
+def upside_down(tmp_path_factory):
+    """A scene whose up is -y, and nothing in the file says so."""
+    path = tmp_path_factory.mktemp("turned") / "turned.ply"
+    write_ply(path, transformed(make_scene(400), turning_z_to("-y")))
+    return path
+
+
+def pixels(path):
+    with Image.open(path) as image:
+        return np.asarray(image.convert("RGB"))
+
+
+def seen(path, camera, background=(1.0, 1.0, 1.0)):
+    picture = render(read_ply(path), camera, background)
+    return np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8)
+
+
+# --- what is up -----------------------------------------------------------------------------------
+
+
+def test_every_command_finds_out_what_is_up_and_says_so(evogs, upside_down, tmp_path):
+    said = "up is -y (estimated from the splats)"
+    code, out, err = evogs("render", upside_down, tmp_path / "a.png", *SIZE)
+    assert (code, err) == (0, "")
+    assert said in out
+    camera = cameras_around(read_ply(upside_down), "-y", EDGE)[0]
+    np.testing.assert_array_equal(pixels(tmp_path / "a.png"), seen(upside_down, camera))
+    for command in ("psnr", "compare"):
+        copy = tmp_path / "copy.ply"
+        copy.write_bytes(upside_down.read_bytes())
+        assert said in evogs(command, upside_down, copy, *SIZE)[1]
+    words = ["encode", upside_down, tmp_path / "a.evogs", "--preset", "scene", "--json"]
+    found = json.loads(evogs(*words)[1])
+    assert found["up"] == {"axis": "-y", "source": "estimated from the splats"}
+
+
+@pytest.mark.parametrize("options", [[], ["--target-psnr", 30]])
+def test_an_encode_has_the_views_of_the_axis_that_was_found(evogs, upside_down, tmp_path, options):
+    streams = []
+    for name, up in (("found", []), ("given", ["--up", "-y"]), ("other", ["--up", "x"])):
+        path = tmp_path / f"{name}.evogs"
+        assert evogs("encode", upside_down, path, *options, *up)[0] == 0
+        streams.append(path.read_bytes())
+    assert streams[0] == streams[1]
+    assert streams[0] != streams[2]
+
+
+def test_what_a_file_says_comes_before_what_it_shows(evogs, tmp_path):
+    path = tmp_path / "x.ply"
+    write_ply(path, make_scene(400), ["Vertical Axis: x"])
+    assert "up is x (as the file says)" in evogs("render", path, tmp_path / "x.png", *SIZE)[1]
+    words = ["encode", path, tmp_path / "x.evogs", "--preset", "scene"]
+    assert "up is x (as the file says)" in evogs(*words)[1]
+    out = evogs("render", tmp_path / "x.evogs", tmp_path / "y.png", *SIZE)[1]
+    assert "up is x (as the file says)" in out
+    out = evogs("render", path, tmp_path / "x.png", *SIZE, "--up", "+z")[1]
+    assert "up is z (as asked for)" in out
+
+
+def test_up_may_be_that_of_the_cameras_of_a_file(evogs, upside_down, tmp_path):
+    cameras = tmp_path / "cameras.json"
+    save_cameras(cameras, orbit(5, radius=3, up=(0, 0, -1), width=8, height=8, fov_x=0.8))
+    out = evogs("render", upside_down, tmp_path / "a.png", *SIZE, "--up", cameras)[1]
+    assert "up is -z (as the cameras were held)" in out
+    words = ["encode", upside_down, tmp_path / "a.evogs", "--preset", "scene", "--up", cameras]
+    assert "up is -z (as the cameras were held)" in evogs(*words)[1]
+
+
+@pytest.mark.parametrize("wrong", ["w", "zz", "missing.json", ""])
+def test_an_up_that_is_neither_axis_nor_file_is_refused(wrong, evogs, made, tmp_path):
+    code, out, err = evogs("render", made / "scene.ply", tmp_path / "a.png", f"--up={wrong}")
+    assert (code, out) == (2, "")
+    assert "none of x, y, z" in err
+
+
+# --- cameras and pictures -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["nerfstudio", "colmap", "colmap-text"])
+def test_cameras_of_photographs_are_taken(kind, evogs, made, tmp_path):
+    folder = folder_of(tmp_path / "photographs", kind)
+    words = ["--camera", folder, "--view", 2, *SIZE, "--background", "black"]
+    code, out, err = evogs("render", made / "scene.ply", tmp_path / "a.png", *words)
+    assert (code, err) == (0, "")
+    assert "up is" not in out
+    camera = load_cameras(folder)[2].resized(40, 24)
+    expected = seen(made / "scene.ply", camera, (0.0, 0.0, 0.0))
+    np.testing.assert_array_equal(pixels(tmp_path / "a.png"), expected)
+    assert evogs("psnr", made / "scene.evogs", made / "scene.ply", *words[:2], *SIZE)[0] == 0
+
+
+@pytest.mark.parametrize("ending", ["jpg", "jpeg", "JPG"])
+def test_a_name_that_ends_so_gets_a_jpeg(ending, evogs, refused, made, tmp_path):
+    path = tmp_path / f"a.{ending}"
+    for _ in range(2):  # the second replaces what the first made
+        assert evogs("render", made / "scene.ply", path, *SIZE)[0] == 0
+    with Image.open(path) as image:
+        assert (image.format, image.size) == ("JPEG", (EDGE, EDGE))
+    exact = tmp_path / "a.png"
+    assert evogs("render", made / "scene.ply", exact, *SIZE)[0] == 0
+    assert np.abs(pixels(path).astype(int) - pixels(exact)).mean() < 4
+    Image.new("RGB", (3, 3)).save(path, "JPEG")
+    refused("render", made / "scene.ply", path, *SIZE, words=["--force"])
+
+
+def test_a_jpeg_without_pillow_is_refused_before_the_work(refused, made, tmp_path, monkeypatch):
+    monkeypatch.setattr("evogs_codec.render.jpeg.find_spec", lambda _: None)
+    refused("render", made / "scene.ply", tmp_path / "a.jpg", words=["needs Pillow"])
+
+
+@pytest.mark.parametrize(
+    ("given", "colour"), [("grey", (128, 128, 128)), ("#ff0080", (255, 0, 128)), ("00ff00", None)]
+)
+def test_a_background_is_a_name_or_a_number(given, colour, evogs, tmp_path):
+    write_ply(tmp_path / "x.ply", make_scene(3))
+    camera = tmp_path / "away.json"
+    save_cameras(camera, orbit(1, (0, 0, 900), radius=9, width=8, height=8, fov_x=0.1))
+    words = ["--camera", camera, "--background", given]
+    assert evogs("render", tmp_path / "x.ply", tmp_path / "x.png", *words)[0] == 0
+    assert {tuple(row) for row in pixels(tmp_path / "x.png").reshape(-1, 3)} == {
+        colour or (0, 255, 0)
+    }
+
+
+@pytest.mark.parametrize("wrong", ["blue-ish", "#ff00", "#gg0000", ""])
+def test_what_is_no_colour_is_refused(wrong, evogs, made, tmp_path):
+    words = ["render", made / "scene.ply", tmp_path / "a.png", f"--background={wrong}"]
+    code, out, err = evogs(*words)
+    assert (code, out) == (2, "")
+    assert "is no colour" in err
+
+
+def test_a_picture_is_larger_than_a_view_that_is_measured(evogs, tmp_path, monkeypatch):
+    monkeypatch.setattr("evogs_codec.render.viewpoints.PICTURE_SIZE", 64)
+    write_ply(tmp_path / "x.ply", make_scene(3))
+    assert evogs("render", tmp_path / "x.ply", tmp_path / "x.png")[0] == 0
+    assert pixels(tmp_path / "x.png").shape == (64, 64, 3)
