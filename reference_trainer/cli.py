@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from evogs_codec import InputError
-from evogs_codec.cli.options import add_output
+from evogs_codec.cli.common_options import add_output
 from evogs_codec.io.files import PICTURE, TREE, FileKind, check_target, same_file, write_atomic
 from evogs_codec.io.tree_npz import read_tree, write_tree
 from reference_trainer.config import METHODS, PRESETS, Config

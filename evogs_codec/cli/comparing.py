@@ -10,9 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from evogs_codec.cli.argument_types import number
+from evogs_codec.cli.common_options import (
+    SCENES_IN,
+    add_cut_options,
+    add_limits,
+    add_page,
+    add_partial,
+)
 from evogs_codec.cli.loading import Loaded, load_part, load_whole
 from evogs_codec.cli.looking import add_look, cameras_of, need_numba
-from evogs_codec.cli.options import SCENES_IN, add_cut_options, add_limits, add_page, add_partial
 from evogs_codec.cli.streams import cut_of, limits_of
 from evogs_codec.cli.terminal import progress_bar
 from evogs_codec.common.printable import shown

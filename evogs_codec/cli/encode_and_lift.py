@@ -114,12 +114,12 @@ def run_lift(args: argparse.Namespace) -> None:
     with progress_bar() as progress:
         scene = read_splats(args.input, drop_invalid=args.drop_invalid)
         tree = lift(scene.splats, args.levels or N_LEVELS, progress=progress)
-        if args.refine:
-            find_up(args, scene.splats, scene.info)
+        up = find_up(args, scene.splats, scene.info) if args.refine else None
         refine = _refiner(args, progress)
         tree = tree if refine is None else refine(tree)
     write_tree(args.output, tree, made_by=args.command)
-    print(f"{shown(args.output)}: {tree.n_leaves:,} splats, {tree.n_levels} levels")
+    said = "" if up is None else f", {up}"
+    print(f"{shown(args.output)}: {tree.n_leaves:,} splats, {tree.n_levels} levels{said}")
 
 
 def encode_file(path: Path, progress: Progress) -> bytes:

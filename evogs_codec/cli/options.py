@@ -5,12 +5,18 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, TypeAlias
 
 from evogs_codec._generated import registry
-from evogs_codec._generated.limits import LIMITS
 from evogs_codec.cli.argument_types import error_of_group, number, parse_size, path_or_url
+from evogs_codec.cli.common_options import (
+    SCENES_IN,
+    add_cut_options,
+    add_limits,
+    add_output,
+    add_page,
+    add_partial,
+)
 from evogs_codec.cli.large_scenes import add_large_options
 from evogs_codec.cli.looking import add_camera
 from evogs_codec.encoding.layers import MAX_LAYERS, N_LAYERS
@@ -21,24 +27,17 @@ from evogs_codec.lifting.lift import N_LEVELS
 from evogs_codec.model.channels import GROUPS
 
 __all__ = [
-    "SCENES_IN",
     "add_convert",
-    "add_cut_options",
     "add_decode",
     "add_encode",
     "add_extract",
     "add_info",
     "add_lift",
-    "add_limits",
-    "add_output",
-    "add_page",
-    "add_partial",
     "add_validate",
 ]
 
 DEFAULT_ITERATIONS = 200
 STREAM_IN = "a stream: a file, or a URL (s3://, gs://, https://)"
-SCENES_IN = "a .ply, plain or compressed, .spz, .sog, .splat, .ksplat, .glb or .gltf"
 
 # What argparse is not to take for an option, as it does before Python 3.14 with -1e3, and always
 # with an axis (`--up -y`).
@@ -318,47 +317,6 @@ def add_extract(commands: Commands, run: Run) -> None:
     add_limits(parser)
 
 
-def add_output(
-    parser: argparse.ArgumentParser,
-    metavar: str,
-    kind: files.FileKind | Callable[[Path], files.FileKind],
-) -> None:
-    """What a command makes, and `--force`: `cli.commands` checks both before the work."""
-    parser.add_argument("output", type=path_or_url, metavar=metavar, help="a file, s3:// or gs://")
-    parser.add_argument(
-        "--force",
-        action="store_true",
-        help=f"replace {metavar} even if this command did not make it",
-    )
-    parser.set_defaults(output_kind=kind, command=parser.prog)
-
-
-def add_page(parser: argparse.ArgumentParser, option: str, help_: str) -> None:
-    """A page that a command writes besides, which `cli.commands` checks before the work."""
-    parser.add_argument(option, dest="page", type=Path, metavar="FILE.html", help=help_)
-    parser.set_defaults(page_kind=files.REPORT, command=parser.prog)
-
-
-def add_limits(parser: argparse.ArgumentParser) -> None:
-    """Limits of this decoder, for streams of strangers."""
-    parser.add_argument(
-        "--limits",
-        type=Path,
-        metavar="FILE.json",
-        help="refuse a stream that exceeds these limits, before its packets are read. Example:"
-        f' {{"slots": 5000000}}. Names: {", ".join(LIMITS)}',
-    )
-
-
-def add_partial(parser: argparse.ArgumentParser) -> None:
-    """Take what is there of a file whose end is missing."""
-    parser.add_argument(
-        "--partial",
-        action="store_true",
-        help="take what is there of a stream whose end is missing, and print how much that is",
-    )
-
-
 def _add_lift_options(parser: argparse.ArgumentParser, uses: str) -> None:
     parser.add_argument(
         "--levels",
@@ -392,32 +350,3 @@ def _add_descent(parser: argparse.ArgumentParser, option: str, help_: str) -> No
 
 def _add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
-
-
-def add_cut_options(parser: argparse.ArgumentParser) -> None:
-    """What of a stream is taken, which `cli.streams.cut_of` understands."""
-    parser.add_argument(
-        "--level", type=number(int, 0, 63), metavar="K", help="leave out the levels above K"
-    )
-    parser.add_argument(
-        "--max-bytes",
-        type=parse_size,
-        metavar="SIZE",
-        help="take the longest prefix that fits in a file of this size: bytes, or 5MB, 4.5MiB, or"
-        " 20%% of IN",
-    )
-    parser.add_argument(
-        "--box",
-        type=number(float, -1e30, 1e30),
-        nargs=6,
-        metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
-        help="take only the tiles that meet this box, in scene units. Tiles are taken whole: encode"
-        " with --tiles N for smaller ones",
-    )
-    parser.add_argument(
-        "--sh-degree",
-        type=number(int, 0, 3),
-        metavar="D",
-        help="leave out the SH bands above D; a stream with a palette keeps all bands unless D is"
-        " 0",
-    )

@@ -15,9 +15,9 @@ import numpy as np
 from tqdm import tqdm
 
 from evogs_codec.cli.argument_types import path_or_url
+from evogs_codec.cli.common_options import add_limits, add_output, add_partial
 from evogs_codec.cli.loading import Loaded, load_part, load_whole
 from evogs_codec.cli.looking import add_look, cameras_of, need_numba
-from evogs_codec.cli.options import add_limits, add_output, add_partial
 from evogs_codec.cli.streams import describe_part, limits_of, part_there, read_stream
 from evogs_codec.common.printable import shown
 from evogs_codec.decoding.cut import Cut, tiles_meeting

@@ -19,7 +19,7 @@ __all__ = ["GroupError", "GroupErrors", "group_errors"]
 
 MOST = 200_000  # splats that are compared, evenly taken
 TRIED = 1_000  # of them, which tell whether the order is the same
-CANDIDATES = 4  # nearest positions, of which the splat that is most alike corresponds
+CANDIDATES = 8  # nearest positions, of which the splat that is most alike corresponds
 SAME_ORDER = 4.0  # times the distance to the nearest: splats of one place in both are the same
 UNITS = ("scene units", "degrees", "ln", "of 1", "coefficients")
 SMALLEST = 1e-5  # degrees, below which a cosine of 64 bits says nothing
@@ -104,15 +104,17 @@ def _nearest(splats: SplatParams, reference: SplatParams, tree: cKDTree) -> I64:
     distances, rows = distances.reshape(-1, j), rows.reshape(-1, j)
     sizes = np.exp(np.clip(splats.log_scales.max(axis=1).astype(np.float64), -50, 50))
     cost = np.square(distances / sizes[:, None])
-    # The sum of the logarithms of the scales is the same whatever the axes are called.
-    for ours, theirs in (
-        (splats.log_scales.sum(axis=1), reference.log_scales.sum(axis=1)),
-        (_opacities(splats), _opacities(reference)),
-        *((splats.sh[:, 0, c], reference.sh[:, 0, c]) for c in range(3)),
-    ):
-        cost += np.square(ours[:, None].astype(np.float64) - theirs[rows])
+    ours, theirs = _alike(splats), _alike(reference)
+    for mine, other in zip(ours, theirs, strict=True):
+        cost += np.square(mine[:, None] - other[rows])
     best = np.argmin(cost, axis=1)
     return np.take_along_axis(rows, best[:, None], axis=1)[:, 0].astype(np.int64)
+
+
+def _alike(splats: SplatParams) -> F64:
+    """(7, N) what corresponding splats have alike, whatever their axes are called."""
+    scales = np.sort(splats.log_scales.astype(np.float64), axis=1)
+    return np.vstack([scales.T, _opacities(splats), splats.sh[:, 0].T])
 
 
 # --- how far they are -----------------------------------------------------------------------------

@@ -67,8 +67,8 @@ def test_frames_of_which_nobody_knows_the_size_are_those_of_nerf_synthetic(tmp_p
     assert {(c.width, c.height) for c in load_cameras(folder)} == {(800, 800)}
 
 
-def test_a_path_of_the_viewer_of_nerfstudio_is_taken(tmp_path):
-    top = {
+def path_of_nerfstudio():
+    return {
         "camera_type": "perspective",
         "render_width": 30,
         "render_height": 20,
@@ -81,7 +81,10 @@ def test_a_path_of_the_viewer_of_nerfstudio_is_taken(tmp_path):
             for camera in CAMERAS
         ],
     }
-    (tmp_path / "path.json").write_text(json.dumps(top))
+
+
+def test_a_path_of_the_viewer_of_nerfstudio_is_taken(tmp_path):
+    (tmp_path / "path.json").write_text(json.dumps(path_of_nerfstudio()))
     same(load_cameras(tmp_path / "path.json"), CAMERAS)
 
 

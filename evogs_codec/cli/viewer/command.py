@@ -11,7 +11,7 @@ from typing import Any
 from urllib.parse import quote
 
 from evogs_codec.cli.argument_types import number, path_or_url
-from evogs_codec.cli.options import add_output
+from evogs_codec.cli.common_options import add_output
 from evogs_codec.cli.remote_files import fetched
 from evogs_codec.cli.terminal import complain
 from evogs_codec.cli.viewer.given import (

@@ -4,6 +4,7 @@ Some hundred of each in the first ring, from a seed that `make test-all` draws; 
 as many as were promised.
 """
 
+import json
 import random
 
 import numpy as np
@@ -16,8 +17,10 @@ from evogs_codec.io.json_files import read_limits
 from evogs_codec.render import load_cameras, save_cameras
 from evogs_codec.render.camera import orbit
 from tests.codec.io.test_ply import FORMATS, columns_of, ply_bytes, scene_of
+from tests.render.test_camera_files import path_of_nerfstudio, rows_of_a_trainer
 from tests.support import damaged_files as damage
 from tests.support.tree_files import RECORDS, REFINE, file_of, npz_bytes
+from tests.trainer.views_folders import folder_of
 
 LEVELS = (RECORDS, [(0, REFINE, 0, 1, 0)])
 ARRAYS = file_of([1, 2, 3], *LEVELS, degree=1) | {"quanta": np.full((4, 6), 0.25)}
@@ -117,6 +120,34 @@ def check_cameras(tmp_path, n, random_):
     assert found.count(None) < n or n <= 100
 
 
+def check_cameras_of_others(tmp_path, n, random_):
+    """What is not refused is a right camera."""
+    paths = [
+        folder_of(tmp_path / "a", "nerfstudio") / "transforms.json",
+        folder_of(tmp_path / "b", "blender") / "transforms_train.json",
+        tmp_path / "cameras.json",
+        tmp_path / "path.json",
+    ]
+    paths[2].write_text(json.dumps(rows_of_a_trainer()))
+    paths[3].write_text(json.dumps(path_of_nerfstudio()))
+    damages = [
+        damage.flipped,
+        damage.cut_short,
+        damage.with_deep_nesting,
+        damage.with_edited_text,
+        *[damage.with_another_value] * 4,
+    ]
+    for path in paths:
+        assert load_cameras(path)  # where there is no damage
+        originals = [path.read_bytes()]
+        found = [c for _, c in outcomes(path, originals, damages, load_cameras, n // 4, random_)]
+        for cameras in found:
+            for camera in cameras or []:
+                assert np.isfinite([camera.fx, camera.fy, camera.cx, camera.cy]).all()
+                assert np.abs(camera.rotation @ camera.rotation.T - np.eye(3)).max() < 1e-3
+        assert None in found
+
+
 def check_limits(tmp_path, n, random_):
     original = b'{"slots": 1000, "n_tiles": 3}'
     damages = [
@@ -134,6 +165,7 @@ CHECKS = {
     check_trees: (150, 1000),
     check_plys: (100, 500),
     check_cameras: (50, 200),
+    check_cameras_of_others: (120, 2000),
     check_limits: (50, 200),
 }
 NAMES = [check.__name__ for check in CHECKS]
