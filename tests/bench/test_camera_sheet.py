@@ -1,11 +1,19 @@
 """The picture of docs/cameras.md."""
 
+from pathlib import Path
+
 import pytest
 
 pytest.importorskip("numba", reason="pictures are rendered")
 from PIL import Image
 
 from tools import camera_sheet
+
+PICTURE = Path(__file__).resolve().parents[2] / "docs" / "figures" / "cameras.jpg"
+
+
+def test_the_picture_of_the_page_is_small():
+    assert PICTURE.stat().st_size < 300_000
 
 
 def test_the_sheet_finds_up_of_every_scene_and_is_made_anew(tmp_path, capsys, monkeypatch):
