@@ -38,7 +38,7 @@ th, td { padding: .38rem .8rem; border-bottom: 1px solid var(--line); text-align
 th:first-child, td:first-child { text-align: left; padding-left: .2rem; white-space: normal;
   overflow-wrap: anywhere; min-width: 8rem; }
 thead th { color: var(--soft); font-weight: 500; vertical-align: bottom; }
-td.words, th.words { text-align: left; white-space: normal; }
+td.words, th.words { text-align: left; white-space: normal; min-width: 9rem; }
 .wide + .wide, .wide + .row { margin-top: 1.5rem; }
 tbody tr:hover { background: var(--band); }
 .row { display: grid; gap: .9rem; margin: 0 0 1.4rem;
