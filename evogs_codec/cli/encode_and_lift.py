@@ -50,10 +50,10 @@ def run_encode(args: argparse.Namespace) -> None:
     preset, notes = _preset(args, SCENE_PRESET if is_scene else TREE_PRESET), noted_warnings()
     if is_scene and wants_jobs(args):
         with progress_bar() as progress:
-            encode_large(args, partial(_scene_info, args), progress)
+            up = encode_large(args, partial(_scene_info, args), progress)
         size = args.output.stat().st_size
         data_there = np.memmap(args.output, np.uint8, "r").data
-        _print_figures(args, read_directory(data_there), size, None)
+        _print_figures(args, read_directory(data_there), size, up)
         return
     with progress_bar() as progress:
         if is_scene:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from evogs_codec.cli.argument_types import number
+from evogs_codec.cli.looking import up_unseen
 from evogs_codec.common.progress import Progress
 from evogs_codec.encoding.layers import N_LAYERS
 from evogs_codec.errors import InputError
@@ -15,6 +17,9 @@ from evogs_codec.io.ply import PlyBlocks
 from evogs_codec.jobs import Engine, JobOptions, encode_files
 from evogs_codec.jobs.blocks import SplatFiles
 from evogs_codec.model.scene_info import SceneInfo
+
+if TYPE_CHECKING:
+    from evogs_codec.render import Up
 
 __all__ = ["LARGE", "add_large_options", "encode_large", "wants_jobs"]
 
@@ -71,6 +76,7 @@ def wants_jobs(args: argparse.Namespace) -> bool:
     )
     is_folder = args.input.is_dir() and scene_format(args.input) is None
     whole = [f"--{name.replace('_', '-')}" for name in WHOLE if getattr(args, name)]
+    whole += ["--report"] if args.page is not None else []
     if (asked or is_folder) and whole:
         raise InputError(f"{', '.join(whole)} needs the whole scene at once, in one file")
     return asked or is_folder or (not whole and _is_large(args.input))
@@ -78,7 +84,7 @@ def wants_jobs(args: argparse.Namespace) -> bool:
 
 def encode_large(
     args: argparse.Namespace, info_of: Callable[[SceneInfo], SceneInfo], progress: Progress
-) -> None:
+) -> Up | None:
     """Write the stream of all input files.
 
     Args:
@@ -86,19 +92,24 @@ def encode_large(
         info_of: the metadata, from what the first file says.
         progress: called with a stage and the part of it that is done.
 
+    Returns:
+        What was up in the views.
+
     Raises:
         InputError, OSError: as `encode_files`.
     """
     if args.scheduler and args.engine not in (None, "dask"):
         raise InputError("--scheduler is for --engine dask")
     files = _files([args.input, *args.others])
+    info = info_of(SplatFiles(files).info)
+    up = up_unseen(args, info)
     options = JobOptions(
         levels=args.levels or JobOptions.levels,
         layers=args.layers or N_LAYERS,
-        up=args.up,
+        up=JobOptions.up if up is None else up.vector,
         effort=args.effort or JobOptions.effort,
         drop_invalid=args.drop_invalid,
-        info=info_of(SplatFiles(files).info),
+        info=info,
     )
     encode_files(
         files,
@@ -111,6 +122,7 @@ def encode_large(
         resume=args.resume,
         progress=progress,
     )
+    return up
 
 
 def _is_large(path: Path) -> bool:

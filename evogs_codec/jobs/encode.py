@@ -41,7 +41,7 @@ class JobOptions:
     Attributes:
         levels: of the tree of each tile.
         layers: of precision.
-        up: axis that is up in views.
+        up: what is up in views, an axis or a vector.
         effort: Zstandard level.
         per_tile: splats of a tile, about.
         drop_invalid: leave out splats with a NaN or an infinite number.
@@ -50,7 +50,7 @@ class JobOptions:
 
     levels: int = LEVELS
     layers: int = N_LAYERS
-    up: str = "z"
+    up: str | tuple[float, float, float] = "z"
     effort: int = 19
     per_tile: int = PER_TILE
     drop_invalid: bool = False

@@ -21,6 +21,7 @@ from evogs_codec.model.splats import F32, SplatParams
 
 if TYPE_CHECKING:
     from evogs_codec.render import Views
+    from evogs_codec.render.up import Direction
 
 __all__ = ["Neighbourhood", "enlarged"]
 
@@ -39,7 +40,7 @@ class Neighbourhood:
 
     @staticmethod
     def of(
-        splats: SplatParams, own: SplatParams, around: SplatParams, up: str, n_views: int
+        splats: SplatParams, own: SplatParams, around: SplatParams, up: Direction, n_views: int
     ) -> Neighbourhood:
         """From cameras around all of it.
 
@@ -47,7 +48,7 @@ class Neighbourhood:
             splats: of the tile.
             own: what stands for them in the views of other tiles.
             around: the same of the other tiles.
-            up: axis that is up.
+            up: axis or vector that is up.
             n_views: at most.
         """
         from evogs_codec.render import Views, cameras_around

@@ -54,7 +54,7 @@ class TileJob:
         n_around: splats of the neighbourhood, those of this tile among them.
         n_levels: of the tree.
         n_layers: of precision.
-        up: axis that is up in views.
+        up: what is up in views, an axis or a vector.
         effort: Zstandard level.
     """
 
@@ -66,7 +66,7 @@ class TileJob:
     n_around: int
     n_levels: int
     n_layers: int
-    up: str
+    up: str | tuple[float, float, float]
     effort: int
 
 

@@ -4,9 +4,10 @@ import json
 
 import pytest
 
-from evogs_codec import decode, write_ply
+from evogs_codec import InputError, decode, write_ply
 from evogs_codec.cli import large_scenes
 from evogs_codec.jobs import encode as jobs
+from evogs_codec.render import orbit, save_cameras
 from evogs_codec.render.demo_scene import make_scene
 
 pytest.importorskip("numba")
@@ -50,7 +51,32 @@ def test_a_scene_of_many_splats_is_encoded_tile_by_tile(evogs, parts, tmp_path, 
     assert not asked, "a preset has the whole scene in memory"
 
 
-@pytest.mark.parametrize("option", [["--preset", "scene"], ["--target-psnr", 40], ["--polish"]])
+def test_what_is_up_in_a_large_scene_is_what_is_asked_for_or_the_file_says(
+    evogs, parts, tmp_path, monkeypatch
+):
+    write_ply(tmp_path / "x.ply", make_scene(300), ["Vertical Axis: x"])
+    save_cameras(tmp_path / "c.json", orbit(4, radius=3, up=(0, -1, 0), width=8, height=8, fov_x=1))
+    asked = []
+
+    def begin(run, _):
+        asked.append(run.options.up)
+        raise InputError("enough")
+
+    monkeypatch.setattr(jobs._Run, "begin", begin)
+    for path, options, up in (
+        (tmp_path / "x.ply", [], (1, 0, 0)),
+        (tmp_path / "x.ply", ["--up", "-y"], (0, -1, 0)),
+        (parts / "north.ply", [], (0, 0, 1)),
+        (parts / "north.ply", ["--up", tmp_path / "c.json"], (0, -1, 0)),
+    ):
+        evogs("encode", path, tmp_path / "a.evogs", "--engine", "serial", *options)
+        assert asked.pop() == pytest.approx(up)
+
+
+@pytest.mark.parametrize(
+    "option",
+    [["--preset", "scene"], ["--target-psnr", 40], ["--polish"], ["--report", "report.html"]],
+)
 def test_what_needs_the_whole_scene_is_refused_with_several_files(evogs, parts, tmp_path, option):
     both = [parts / "north.ply", parts / "south.ply"]
     code, _, err = evogs("encode", *both, tmp_path / "a.evogs", *option)
