@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from evogs_codec.cli.argument_types import number
+from evogs_codec.cli.argument_types import number, path_or_url
 from evogs_codec.cli.common_options import (
     SCENES_IN,
     add_cut_options,
@@ -53,10 +53,12 @@ def add_compare(commands: Any) -> None:  # noqa: ANN401 - argparse's sub-parsers
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(run=run_compare)
-    parser.add_argument("reference", type=Path, metavar="A", help=f"{SCENES_IN}; or a stream")
+    parser.add_argument(
+        "reference", type=path_or_url, metavar="A", help=f"{SCENES_IN}; or a stream"
+    )
     parser.add_argument(
         "others",
-        type=Path,
+        type=path_or_url,
         nargs="+",
         metavar="B",
         help="files of these kinds to compare with it",

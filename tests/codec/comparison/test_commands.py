@@ -14,6 +14,7 @@ from evogs_codec.editing.byte_stats import levels
 from evogs_codec.render import orbit, save_cameras
 from evogs_codec.render.demo_scene import make_scene
 from tests.codec.comparison.test_page import parsed
+from tests.support.range_server import serving
 
 SIZE = ("--size", 40)
 
@@ -76,6 +77,16 @@ def test_a_cut_and_a_part_of_a_stream_are_compared_with_all_of_it(evogs, made, t
     code, out, err = evogs("compare", stream, part, *SIZE)
     assert (code, out) == (1, "")
     assert "--partial takes what is there" in err
+
+
+def test_a_file_of_the_web_is_compared_too(evogs, made):
+    pytest.importorskip("obstore", reason="it fetches files by URL")
+    with serving({"scene.evogs": (made / "scene.evogs").read_bytes()}) as site:
+        url = f"{site.url}scene.evogs"
+        code, out, err = evogs("compare", made / "scene.ply", url, *SIZE, "--json")
+    assert (code, ": fetched " in err) == (0, True)
+    row = json.loads(out)["compared"][0]
+    assert (row["format"], row["bytes"]) == ("evogs", (made / "scene.evogs").stat().st_size)
 
 
 def test_equal_files_are_said_to_be_equal(evogs, made, tmp_path):
