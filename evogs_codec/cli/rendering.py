@@ -67,6 +67,7 @@ def run_render(args: argparse.Namespace) -> None:
     need_numba()
     _need_pillow(args.output)
     from evogs_codec.render import render
+    from evogs_codec.render.framing import options_for
     from evogs_codec.render.viewpoints import PICTURE_SIZE
 
     if args.sheet:
@@ -78,7 +79,8 @@ def run_render(args: argparse.Namespace) -> None:
     cameras, up = cameras_of(args, scene.splats, scene.info, size=PICTURE_SIZE)
     if not 0 <= args.view < len(cameras):
         raise ValueError(f"view {args.view} is not one of 0..{len(cameras) - 1}")
-    _write(args, render(scene.splats, cameras[args.view], args.background))
+    options = options_for(scene.splats)
+    _write(args, render(scene.splats, cameras[args.view], args.background, options=options))
     found = "" if up is None else f"{up}, "
     print(f"{shown(args.output)}: {found}{len(scene.splats):,} splats, 1 view{scene.part}")
 
@@ -86,6 +88,7 @@ def run_render(args: argparse.Namespace) -> None:
 def _render_sheet(args: argparse.Namespace) -> None:
     """A row for each level, and one for the reference if there is one."""
     from evogs_codec.render import render
+    from evogs_codec.render.framing import options_for
     from evogs_codec.render.png import contact_sheet
     from evogs_codec.render.viewpoints import SIZE
 
@@ -109,8 +112,9 @@ def _render_sheet(args: argparse.Namespace) -> None:
         names.append("reference")
     cameras, up = cameras_of(args, scenes[len(cuts) - 1], directory.info, size=SIZE)
     chosen = cameras[:: max(1, len(cameras) // SHEET_VIEWS)][:SHEET_VIEWS]
+    options = options_for(scenes[-1])
     rows = [
-        [render(scene, camera, args.background) for camera in chosen]
+        [render(scene, camera, args.background, options=options) for camera in chosen]
         for scene in _with_bar(scenes, "render")
     ]
     labels = [
@@ -150,12 +154,14 @@ def run_psnr(args: argparse.Namespace) -> None:
     """`evogs psnr`."""
     need_numba()
     from evogs_codec.render import psnr, render
+    from evogs_codec.render.framing import options_for
     from evogs_codec.render.viewpoints import SIZE
 
     scene, reference = _load_input(args), load_whole(args.reference, limits_of(args))
     cameras, up = cameras_of(args, reference.splats, reference.info, size=SIZE)
+    options, both = options_for(reference.splats), (scene.splats, reference.splats)
     found = [
-        psnr(*(render(one.splats, camera, args.background) for one in (scene, reference)))
+        psnr(*(render(one, camera, args.background, options=options) for one in both))
         for camera in _with_bar(cameras, "psnr")
     ]
     mean, least = float(np.mean(found)), min(found)

@@ -11,6 +11,7 @@ import numpy as np
 from evogs_codec.common.progress import Progress
 from evogs_codec.model.splats import SplatParams
 from evogs_codec.render import Camera, psnr, render, ssim
+from evogs_codec.render.framing import options_for
 from evogs_codec.render.png import Real
 
 __all__ = ["GAIN", "MOST", "Likeness", "Look", "difference", "evenly", "look"]
@@ -80,12 +81,12 @@ def look(
         shown: numbers of views whose pictures are kept.
         progress: called with the stage "render" and the part that is done.
     """
-    kept = tuple(sorted(set(shown)))
+    kept, options = tuple(sorted(set(shown))), options_for(scenes[0])
     figures: list[list[tuple[float, float]]] = [[] for _ in scenes]
     pictures: list[list[Real]] = [[] for _ in scenes]
     for number, camera in enumerate(cameras):
         progress("render", number / len(cameras))
-        drawn = [render(scene, camera, background) for scene in scenes]
+        drawn = [render(scene, camera, background, options=options) for scene in scenes]
         for of, picture in zip(figures, drawn, strict=True):
             of.append((min(psnr(picture, drawn[0]), MOST), ssim(picture, drawn[0])))
         if number in kept:

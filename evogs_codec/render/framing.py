@@ -6,14 +6,16 @@ Letters: N splats.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.model.splats import F64, SplatParams
+from evogs_codec.render.options import DEFAULT, Options
 
-__all__ = ["Bulk", "bulk_of", "weighted_quantiles", "worth"]
+__all__ = ["Bulk", "bulk_of", "options_for", "weighted_quantiles", "worth"]
 
 BULK = (20, 80)  # percentiles of the positions: what is far away does not decide the distance
 REACH = 1.5  # diagonals of the bulk; what is farther from its middle, along an axis, is an outlier
@@ -23,6 +25,7 @@ LARGEST = 90  # percentile of the areas; a larger splat counts as one of this si
 # The bulk of what matters is taken where its middle or its size are so far from those of all
 # positions: in diagonals, and as a factor. Most scenes keep the views that they always had.
 FAR, OTHER_SIZE = 0.35, 1.5
+NEAR = 0.2  # of a small bulk, a tenth of the way of the default cameras to it
 
 
 class Bulk(NamedTuple):
@@ -58,6 +61,17 @@ def bulk_of(scene: SplatParams) -> Bulk:
     ratio = found.size / plain.size
     agree = apart <= FAR and 1 / OTHER_SIZE <= ratio <= OTHER_SIZE
     return plain if agree else found
+
+
+def options_for(scene: SplatParams) -> Options:
+    """How a scene is rendered whatever its unit is: what is near is not cut off a small one.
+
+    Scenes whose bulk is a unit or more are rendered with `DEFAULT`, as are empty ones.
+    """
+    if not np.isfinite(scene.means).all(axis=1).any():
+        return DEFAULT
+    size = bulk_of(scene).size
+    return replace(DEFAULT, near=NEAR * size) if 0 < NEAR * size < DEFAULT.near else DEFAULT
 
 
 def _of_worth(scene: SplatParams, bulk: Bulk) -> Bulk:

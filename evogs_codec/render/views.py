@@ -12,8 +12,10 @@ import numpy.typing as npt
 from evogs_codec.model.splats import F32, SplatParams
 from evogs_codec.render.camera import Camera
 from evogs_codec.render.forward import Real, Splats, draw, render
+from evogs_codec.render.framing import options_for
 from evogs_codec.render.gradients import add_squares, gradients
 from evogs_codec.render.metrics import psnr
+from evogs_codec.render.options import DEFAULT, Options
 from evogs_codec.render.up import Direction, up_of
 from evogs_codec.render.viewpoints import camera_rings, cameras_around
 
@@ -36,6 +38,7 @@ class Views:
         cameras: of the views.
         background: behind the splats.
         others: cameras of the views that descent goes by.
+        options: of rendering.
         drawn: pictures of the scene so far.
     """
 
@@ -43,6 +46,7 @@ class Views:
     cameras: Sequence[Camera]
     background: Colour = (1.0, 1.0, 1.0)
     others: Sequence[Camera] = ()
+    options: Options = DEFAULT
     drawn: dict[Camera, Picture] = field(default_factory=dict, repr=False, compare=False)
 
     @staticmethod
@@ -79,7 +83,8 @@ class Views:
             others = [other for k, other in enumerate(cameras) if k % HELD_OUT]
         else:
             chosen = cameras
-        return Views(scene, chosen if n_views is None else _at_most(chosen, n_views), others=others)
+        few = chosen if n_views is None else _at_most(chosen, n_views)
+        return Views(scene, few, others=others, options=options_for(scene))
 
     def fewer(self, n_views: int) -> Views:
         """At most this many of the views; what one has drawn of the scene, the other has."""
@@ -87,7 +92,7 @@ class Views:
 
     def psnr(self, splats: SplatParams) -> float:
         """Mean PSNR over the views, dB; over those that show the scene, if some do."""
-        return self._psnr(lambda camera: render(splats, camera, self.background))
+        return self._psnr(lambda camera: self._render(splats, camera))
 
     def sensitivity(self, splats: SplatParams) -> F32:
         """(D, N) mean squared change of the pictures to the squared change of each number.
@@ -119,7 +124,7 @@ class Views:
             raise ValueError("there are no other views to descend by")
         view = view_of(iteration, len(self.others))
         camera = self.others[view]
-        drawing = draw(splats, camera, self.background)
+        drawing = draw(splats, camera, self.background, options=self.options)
         error = drawing.image - self._picture(camera)
         gradient = gradients(drawing, splats, error * np.float32(2 / error.size))
         return SplatParams(*_parts(gradient)).channels()
@@ -131,8 +136,12 @@ class Views:
 
     def _picture(self, camera: Camera) -> Picture:
         if camera not in self.drawn:
-            self.drawn[camera] = render(self.scene, camera, self.background)
+            self.drawn[camera] = self._render(self.scene, camera)
         return self.drawn[camera]
+
+    def _render(self, splats: SplatParams, camera: Camera) -> Picture:
+        found: Picture = render(splats, camera, self.background, options=self.options)
+        return found
 
     def _psnr(self, of: Callable[[Camera], Picture]) -> float:
         """Mean PSNR of these pictures of the views, as of `psnr`."""
@@ -153,7 +162,7 @@ class Views:
         totals = [np.zeros(part.shape, np.float32) for part in _parts(splats)]
         images = {}
         for camera in cameras:
-            drawing = draw(splats, camera, self.background)
+            drawing = draw(splats, camera, self.background, options=self.options)
             images[camera] = drawing.image
             if not len(splats):
                 continue

@@ -28,10 +28,11 @@ def measured_levels(data: bytes, tree: EvolutionTree, request: Request) -> bytes
     if not _measures(request) or not tree.n_leaves:
         return data
     from evogs_codec.render import Views
+    from evogs_codec.render.framing import options_for
 
     scene = tree.leaves()
     cameras, said = _cameras(scene, request)
-    views = Views(scene, cameras)
+    views = Views(scene, cameras, options=options_for(scene))
     if not any((picture != 1.0).any() for picture in views.pictures):  # nothing but background
         return data
     directory = read_directory(data)
