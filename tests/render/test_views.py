@@ -27,9 +27,9 @@ def drawn(monkeypatch):
     for name, cameras in found.items():
         own = getattr(module, name)
 
-        def noted(splats, camera, *more, _own=own, _cameras=cameras):
+        def noted(splats, camera, *more, _own=own, _cameras=cameras, **options):
             _cameras.append(camera)
-            return _own(splats, camera, *more)
+            return _own(splats, camera, *more, **options)
 
         monkeypatch.setattr(module, name, noted)
     return found
