@@ -36,6 +36,7 @@ PER_BIT = 6.0 / math.log(2)  # of the price of a bit is what a squared step is w
 MENDED = 0.05  # of an error that psi of the children can mend, because that costs bits
 # Beyond these a step has nothing to do with the linear estimate; position: part of the extent.
 LARGEST_STEPS = (0.02, 0.3, 0.5, 1.0, 0.5, 0.7, 0.7, 0.7)
+_ROTATION = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,8 +109,12 @@ class Importance:
         """(1 + n_levels, K) steps at which a bit more saves `price` of mean squared error.
 
         With step s and weight w an error costs w s^2 / 12, a quarter of that with another bit.
+        Rotations of lifted splats are (1, g): 1 is a multiple of the step of adds, or all splats
+        would turn together.
         """
-        return self._steps(self.means, price, extent)
+        steps = self._steps(self.means, price, extent)
+        steps[0, _ROTATION] = 1 / np.ceil(1 / steps[0, _ROTATION])
+        return steps
 
     def steps_of_leaves(self, price: float, extent: float) -> F64:
         """(K,) likewise, of psi that change one leaf each."""
