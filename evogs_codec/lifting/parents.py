@@ -9,8 +9,8 @@ Scale and opacity choose from a small table, since a parent should cover both ch
 lies beyond the larger child: alpha < 0. C2 is the larger of the two, so that alpha stays in
 (-1, 1], and an error of psi is nowhere amplified.
 The line cannot enlarge children that are alike. Where that would be seen, the parent has the shape
-that the moments ask for, on no line: it is split into two halves (`splitting`), and a refine makes
-them the children (`MENDED`).
+that the moments ask for, on no line: it is split into itself and a splat that is not seen
+(`splitting`), and a refine makes them the children (`MENDED`).
 
 Letters: n Gaussians or pairs, D channels (`splats`) with rotations as (1, g) (`orientations`).
 """
@@ -53,8 +53,8 @@ PRICE = 0.03
 OPACITY_WEIGHT = 0.01
 PRICE_ROUNDS = 3  # an alpha is cheap if many take it, and many take it if it is cheap
 MAX_WEIGHT = 1e6  # in masses of the median splat
-# Alpha of the scale, and of the opacity of halves, where a refine follows: until then both children
-# have those of C1. And the misfit from which on it pays.
+# Alpha of the scale, and of the opacity, where a refine follows: until then one child is the
+# parent. And the misfit from which on it pays.
 MENDED = -1.0
 MEND_COST = 1000.0
 MAX_OPACITY = 0.99
@@ -174,7 +174,7 @@ def line_parents(c1: F64, c2: F64, target: Moments, unit_mass: float) -> tuple[F
     weight *= OPACITY_WEIGHT
     alpha[3], _ = _best_alpha(c1[_OPACITY], c2[_OPACITY], wanted, ALPHAS_OPACITY, weight)
     parent[_OPACITY] = _on_line(c1[_OPACITY], c2[_OPACITY], alpha[3])
-    alpha[3, alpha[2] == MENDED] = MENDED  # the halves of such a parent are as opaque as each other
+    alpha[3, alpha[2] == MENDED] = MENDED
     return parent, alpha
 
 

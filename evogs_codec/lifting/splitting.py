@@ -11,16 +11,16 @@ import numpy as np
 
 from evogs_codec.lifting.parents import MENDED
 from evogs_codec.model.channels import GROUP_CHANNELS
+from evogs_codec.model.hiding import hiding
 from evogs_codec.model.splats import F32, F64, I64
 from evogs_codec.model.tree import Step, alpha_channels
 
-__all__ = ["halves", "split_steps"]
+__all__ = ["split_steps"]
 
 # Of a number: what it may be off after a split without a refine; a few roundings to float32.
 ROUNDING = 2.0**-21
-MOST_OPAQUE = 1 - 1e-12
 
-_SCALE, _OPACITY = GROUP_CHANNELS[2:4]
+_OPACITY = GROUP_CHANNELS[3]
 
 
 def split_steps(
@@ -34,9 +34,9 @@ def split_steps(
 ) -> Iterator[Step]:
     """A split, and where children are on no line with their parent a refine.
 
-    Where alpha of scale and of opacity are `MENDED`, the parent is split into two halves of itself
-    (`halves`) and both children are refined: pictures of the state between the two steps are about
-    those of the parents. Of other pairs on no line the C2 alone is refined, which costs less.
+    Where alpha of scale and of opacity are `MENDED`, the parent is split into itself, the C2, and a
+    C1 that is not seen, and both are refined: pictures of the state between the two steps are those
+    of the parents. Of other pairs on no line the C2 alone is refined, which costs less.
 
     Args:
         level: of the steps.
@@ -49,38 +49,19 @@ def split_steps(
     """
     # As exact as a step is.
     psi = (c1 - parents).astype(np.float32).astype(np.float64)
-    alpha = alpha.astype(np.float64)
+    alpha = alpha.astype(np.float64)  # a copy
     off = np.abs(c2 - (parents - alpha_channels(alpha, len(c2)) * psi))
     largest = np.maximum(np.maximum(np.abs(parents), np.abs(c1)), np.abs(c2))
     is_off = (alpha[2] == MENDED) | np.any(off > ROUNDING * largest, axis=0)
     rows = np.flatnonzero((alpha[2:4] == MENDED).all(axis=0))
-    if len(rows):
-        opacity, shrinks = halves(parents[_OPACITY, rows])
-        psi[:, rows] = 0
-        psi[_SCALE, rows] = shrinks
-        psi[_OPACITY, rows] = opacity - parents[_OPACITY, rows]
+    psi[:, rows] = 0
+    psi[_OPACITY, rows] = hiding(parents[_OPACITY, rows])
+    alpha[3, rows] = 0
     split = Step.of_splits(level, slots, psi, alpha)
     yield split
     seconds = np.flatnonzero(is_off)
     if len(seconds):
-        halved = parents[:, rows] + split.psi[:, rows]
+        hidden = parents[:, rows] + split.psi[:, rows]
         second = parents - alpha_channels(split.alpha, len(c2)) * split.psi
-        refined = np.concatenate([c1[:, rows] - halved, (c2 - second)[:, seconds]], axis=1)
+        refined = np.concatenate([c1[:, rows] - hidden, (c2 - second)[:, seconds]], axis=1)
         yield Step.of_refines(level, np.append(slots[rows], n_before + seconds), refined)
-
-
-def halves(logits: F64) -> tuple[F64, F64]:
-    """Two equal splats in one place that look like one.
-
-    Where both are opaque to h, what is behind shows through by (1 - h)^2. Off the centre two hide
-    more than one of their size, so each is smaller: both hide as much in all.
-
-    Args:
-        logits: of the opacities of the splats; any shape.
-
-    Returns:
-        Logits of the opacities of the halves, and what to add to their log-scales.
-    """
-    opacity = np.minimum(1 / (1 + np.exp(-np.clip(logits, -100, 100))), MOST_OPAQUE)
-    h = -np.expm1(0.5 * np.log1p(-opacity))
-    return np.log(h) - np.log1p(-h), 0.5 * np.log((1 - h / 2) / (1 - h / 4))
