@@ -25,11 +25,11 @@ from evogs_codec.model.siblings import Siblings
 from evogs_codec.model.splats import F32, F64, I64
 from evogs_codec.model.tree import EvolutionTree, Step
 
-__all__ = ["MAX_LAYERS", "N_LAYERS", "Layered", "expect_levels"]
+__all__ = ["MAX_LAYERS", "N_LAYERS", "RATIO", "Layered", "expect_levels"]
 
 MAX_LAYERS = 8
 N_LAYERS = 2  # by default
-RATIO = 128.0  # of the price of a bit, from a layer to the next: about 20 dB
+RATIO = 128.0  # of the price of a bit, from a layer to the next: about 20 dB; by default
 FINER = 2.8  # than of psi of one leaf: steps of what siblings share, whose errors meet
 PARTS, LEAST = 16, 2048  # steps of a layer of a tile at most, and leaves of each at least
 FAMILY = 256  # leaves of neighbouring ancestors that are in the same step: siblings need each other
@@ -47,6 +47,7 @@ class Layered:
         importance: of the tree without layers.
         leaves: (n_parts,) per tile, rows of the tile's leaves that each step of a layer refines.
         siblings: (n_parts,) per tile, of these leaves.
+        ratio: of the price of a bit, from a layer to the next.
     """
 
     tiles: Sequence[EvolutionTree]
@@ -55,10 +56,15 @@ class Layered:
     importance: Importance
     leaves: Sequence[Sequence[I64]]
     siblings: Sequence[Sequence[Siblings]]
+    ratio: float = RATIO
 
     @staticmethod
     def of(
-        tiles: Sequence[EvolutionTree], n_levels: int, importance: Importance, n_layers: int
+        tiles: Sequence[EvolutionTree],
+        n_levels: int,
+        importance: Importance,
+        n_layers: int,
+        ratio: float = RATIO,
     ) -> Layered:
         """`n_layers` layers, at least 1; those after the first refine the most important first."""
         found, parts, siblings = [], [], []
@@ -70,12 +76,12 @@ class Layered:
             parts.append(rows)
             siblings.append([Siblings.of(slots[part], born_from) for part in rows])
         n_all = n_levels + n_layers - 1
-        return Layered(found, n_all, n_levels, importance, parts, siblings)
+        return Layered(found, n_all, n_levels, importance, parts, siblings, ratio)
 
     def prices(self, price: float) -> list[float]:
         """Of a bit, per layer; the last has `price`."""
         n_layers = 1 + self.n_levels - self.n_coarse
-        return [price * RATIO**k for k in reversed(range(n_layers))]
+        return [price * self.ratio**k for k in reversed(range(n_layers))]
 
     def steps(self, price: float, extent: float) -> F64:
         """(1 + n_levels, K) steps of adds, then of psi per level, in scene units.
@@ -96,15 +102,15 @@ class Layered:
             found[:, N_GROUPS:] = self.importance.steps(price, extent)[0, N_GROUPS:]
         return found
 
-    def weights(self, price: float, extent: float) -> list[list[StepWeights]]:
+    def weights(self, price: float, extent: float) -> list[list[StepWeights | None]]:
         """What errors are worth at this price, per step of each tile: less in coarse layers."""
         parts = [price / other for other in self.prices(price)]
         first, *others = [np.float32(part) for part in parts]
         coarse = self.importance.raised(price / parts[0], extent)
         leaves = [self.importance.raised_leaves(price / part, extent) for part in parts[1:]]
-        found = []
+        found: list[list[StepWeights | None]] = []
         for number, rows in enumerate(self.leaves):
-            own = [StepWeights(w.level, w.targets * first, w.new * first) for w in coarse[number]]
+            own = [w and w.times(first) for w in coarse[number]]
             for k, (other, weights) in enumerate(zip(others, leaves, strict=True)):
                 less = weights[number] * other
                 own += [

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import repeat
 from typing import TypeAlias
 
@@ -47,7 +47,7 @@ class StepWeights:
         level: of the step.
         targets: (K, P) of the splats that are refined or become C1.
         new: (K, n_new) of the C2s, then of the adds.
-        siblings: of a layer of precision: its psi may be sibling differences.
+        siblings: of a step of refines whose psi may be sibling differences.
     """
 
     level: int
@@ -55,13 +55,21 @@ class StepWeights:
     new: F32
     siblings: Siblings | None = None
 
+    def times(self, factor: np.float32) -> StepWeights:
+        """All weights times a number."""
+        return replace(self, targets=self.targets * factor, new=self.new * factor)
+
+    def more(self, lack: F32) -> StepWeights:
+        """All weights and (K, 1) numbers."""
+        return replace(self, targets=self.targets + lack, new=self.new + lack)
+
 
 @dataclass(frozen=True, eq=False)
 class Importance:
     """Of a whole tree.
 
     Attributes:
-        weights: of every step of every tile.
+        weights: of every step of every tile; None of one that is coded as it is.
         means: (1 + n_levels, K) mean over the numbers of the adds, then of psi of each level.
         entries: (degree, n) of the numbers of the entries of a palette, per SH band; None without.
             Their means stand in `means`, after those of the classes of core.
@@ -69,7 +77,7 @@ class Importance:
         seen: part of a weight that the views decide; the rest is the mean of the class.
     """
 
-    weights: tuple[tuple[StepWeights, ...], ...]
+    weights: tuple[tuple[StepWeights | None, ...], ...]
     means: F64
     leaves: tuple[F32, ...]
     entries: F32 | None = None
@@ -120,7 +128,7 @@ class Importance:
         """(K,) likewise, of psi that change one leaf each."""
         return self._steps(self._means_of_leaves(), price, extent)
 
-    def raised(self, price: float, extent: float) -> tuple[tuple[StepWeights, ...], ...]:
+    def raised(self, price: float, extent: float) -> tuple[tuple[StepWeights | None, ...], ...]:
         """The weights, and more where the largest step is taken.
 
         Pictures that hardly show an error say nothing of one that is many steps large. What would
@@ -130,14 +138,7 @@ class Importance:
         if not lack.any():
             return self.weights
         return tuple(
-            tuple(
-                StepWeights(
-                    w.level,
-                    w.targets + lack[w.level, : len(w.targets)],
-                    w.new + lack[w.level, : len(w.new)],
-                )
-                for w in steps
-            )
+            tuple(w and w.more(lack[w.level, : len(w.targets)]) for w in steps)
             for steps in self.weights
         )
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Generic, TypeVar
@@ -19,6 +20,7 @@ from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.decoding.decode import decode
 from evogs_codec.encoding.arrange import arrange, default_tiles
 from evogs_codec.encoding.grids import AccuracyWarning
+from evogs_codec.encoding.held_steps import Run, held
 from evogs_codec.encoding.layers import Layered, expect_levels
 from evogs_codec.encoding.measured_gains import MeasuredGains, Pictures, Telling, nothing_of
 from evogs_codec.encoding.polish import polished
@@ -99,7 +101,7 @@ class TargetEncoder:
             InputError: no price of a bit gives it.
             ValueError: there are no views.
         """
-        coder = Prepared(self)
+        coder = self.prepared
         tries = max(MOST_TRIES, min(MORE_TRIES, TRIED // max(self.tree.n_leaves, 1)))
 
         def measure(coded: CodedTree) -> tuple[float, CodedTree]:
@@ -151,7 +153,7 @@ class TargetEncoder:
         Raises:
             InputError: no price of a bit gives it.
         """
-        coder = Prepared(self)
+        coder = self.prepared
 
         def search(code: Callable[[float], CodedTree], start: float) -> _Found[bytes]:
             def measure(price: float) -> tuple[float, bytes]:
@@ -212,6 +214,17 @@ class TargetEncoder:
     def prepared(self) -> Prepared:
         """The tree, arranged and weighed."""
         return Prepared(self)
+
+    def holding(self, runs: Sequence[Run], ratio: float) -> TargetEncoder:
+        """The same with runs of steps held back (`held_steps`); nothing is drawn again.
+
+        Args:
+            runs: of the streams that this one makes.
+            ratio: of the price of a bit, from a layer to the next.
+        """
+        other = replace(self)
+        other.__dict__["prepared"] = self.prepared.holding(runs, ratio)
+        return other
 
     def within(self, errors: Mapping[str, float]) -> bytes:
         """The stream no number of whose leaves is further off than its group allows.
@@ -304,6 +317,22 @@ class Prepared:
                 self.layered = Layered.of(self.tiles, self.n_levels, self.importance, aim.layers)
         self.ranges = Ranges.of(self.tiles, self.n_levels)
 
+    def holding(self, runs: Sequence[Run], ratio: float) -> Prepared:
+        """The same with runs of steps held back."""
+        other = copy(self)
+        if self.importance is None:
+            return other
+        pairs = zip(self.tiles, self.importance.weights, strict=True)
+        tiles, weights = zip(*(held(tile, own, runs) for tile, own in pairs), strict=True)
+        other.tiles, other.importance = list(tiles), replace(self.importance, weights=weights)
+        if self.layered is not None:
+            n_layers = self.aim.layers
+            other.layered = Layered.of(
+                other.tiles, self.n_levels, other.importance, n_layers, ratio
+            )
+        other.ranges = Ranges.of(other.tiles, self.n_levels)
+        return other
+
     def coded(self, at: float) -> CodedTree:
         """At a price of a bit, or at a factor of the steps."""
         if self.importance is None:
@@ -331,7 +360,7 @@ class Prepared:
     def quantised(
         self,
         settings: Settings,
-        weights: Sequence[Sequence[StepWeights]] | None = None,
+        weights: Sequence[Sequence[StepWeights | None]] | None = None,
         price: float = 1.0,
     ) -> CodedTree:
         """With these settings."""

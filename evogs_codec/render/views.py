@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from evogs_codec.model.splats import F32, SplatParams
+from evogs_codec.model.splats import F32, F64, SplatParams
 from evogs_codec.render.camera import Camera
 from evogs_codec.render.forward import Real, Splats, draw, render
 from evogs_codec.render.framing import options_for
@@ -94,6 +94,10 @@ class Views:
         """Mean PSNR over the views, dB; over those that show the scene, if some do."""
         return self._psnr(lambda camera: self._render(splats, camera))
 
+    def psnr_of_each(self, splats: SplatParams) -> F64:
+        """(n,) dB of each view of which `psnr` is the mean."""
+        return self._psnr_of_each(lambda camera: self._render(splats, camera))
+
     def sensitivity(self, splats: SplatParams) -> F32:
         """(D, N) mean squared change of the pictures to the squared change of each number.
 
@@ -145,6 +149,9 @@ class Views:
 
     def _psnr(self, of: Callable[[Camera], Picture]) -> float:
         """Mean PSNR of these pictures of the views, as of `psnr`."""
+        return float(np.mean(self._psnr_of_each(of)))
+
+    def _psnr_of_each(self, of: Callable[[Camera], Picture]) -> F64:
         empty = np.array(self.background, np.float32)
         shows = [bool((picture != empty).any()) for picture in self.pictures]
         found = [
@@ -152,7 +159,7 @@ class Views:
             for camera, picture, is_shown in zip(self.cameras, self.pictures, shows, strict=True)
             if is_shown or not any(shows)
         ]
-        return float(np.mean(found))
+        return np.array(found)
 
     def _sensitivity(
         self, splats: SplatParams, cameras: Sequence[Camera]

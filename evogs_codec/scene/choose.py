@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from evogs_codec.encoding.encode import encode
+from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.layers import N_LAYERS
 from evogs_codec.encoding.measured_gains import BAND_VIEWS, ORDERING_VIEWS
 from evogs_codec.encoding.palette_worth import bits_of_palette, bits_of_psi
@@ -30,11 +31,39 @@ SEEN = 0.9  # of the worth of a number, where nobody said from where a scene is 
 
 @dataclass(frozen=True, eq=False)
 class FoundStream:
-    """A stream and the tree that it is of; the larger `merit` is the better."""
+    """A stream and the tree that it is of; the larger `merit` is the better.
+
+    `aim` and `make` are how it was made, if by views.
+    """
 
     data: bytes
     tree: EvolutionTree
-    merit: float
+    merit: float = 0.0
+    aim: TargetEncoder | None = None
+    make: Callable[[TargetEncoder], bytes] | None = None
+
+    @property
+    def is_by_views(self) -> bool:
+        """Whether views decided how exact numbers are."""
+        return self.aim is not None and self.aim.views is not None
+
+    @property
+    def is_layered(self) -> bool:
+        """Whether it has several layers of precision."""
+        return self.aim is not None and self.aim.layers > 1
+
+    def holding(self, runs: Sequence[Run], ratio: float) -> FoundStream | None:
+        """That of the same tree with runs of steps held back (`TargetEncoder.holding`).
+
+        None if it was not made by views, or if the target is missed.
+        """
+        if self.aim is None or self.make is None or not self.is_by_views:
+            return None
+        aim = self.aim.holding(runs, ratio)
+        try:
+            return replace(self, data=self.make(aim), aim=aim)
+        except TargetMissedError:
+            return None
 
 
 def best_stream(
@@ -156,17 +185,17 @@ def _best(
             missed.append(error)
             continue
         if worth is None:
-            found.append(FoundStream(data, one.tree, -len(data)))
+            found.append(FoundStream(data, one.tree, -len(data), one, make))
         elif len(aims) == 1 or one.views is None:
-            return FoundStream(data, one.tree, math.inf)
+            return FoundStream(data, one.tree, math.inf, one, make)
         else:
-            found.append(FoundStream(data, one.tree, worth(one, data)))
+            found.append(FoundStream(data, one.tree, worth(one, data), one, make))
     if not found:
         raise min(missed, key=lambda error: error.by)
     return max(found, key=lambda one: one.merit)
 
 
-def at_tree_psnr(tree: EvolutionTree, request: Request) -> bytes | None:
+def at_tree_psnr(tree: EvolutionTree, request: Request) -> FoundStream | None:
     """At `TREE_PSNR`; None if nothing can be rendered, or if views show too little of the tree."""
     views = request.views(tree.leaves())
     instead = f"encoded with the preset {TREE_PRESET} instead"
@@ -182,8 +211,12 @@ def at_tree_psnr(tree: EvolutionTree, request: Request) -> bytes | None:
         info=request.info,
         progress=request.progress,
     )
+
+    def make(one: TargetEncoder) -> bytes:
+        return one.at_psnr(TREE_PSNR)
+
     try:
-        return aim.at_psnr(TREE_PSNR)
+        return FoundStream(make(aim), tree, aim=aim, make=make)
     except InputError as error:  # of a few splats, or none that is seen
         warnings.warn(f"{error}; {instead}", stacklevel=3)
         return None

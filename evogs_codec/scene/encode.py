@@ -21,8 +21,8 @@ from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.choose import at_tree_psnr, best_stream
-from evogs_codec.scene.measure import measured_levels
 from evogs_codec.scene.request import MaxError, Request, SceneOptions, TreeOptions
+from evogs_codec.scene.steady import steady
 
 if TYPE_CHECKING:
     from typing import Unpack
@@ -162,7 +162,7 @@ def encode_scene_with_order(splats: SplatParams, **options: Unpack[SceneOptions]
     # bits.
     trees = [shared, lifted.tree] if shared else [lifted.tree]
     found = best_stream(trees, request, leaf_error)
-    data = measured_levels(found.data, found.tree, request)
+    data = steady(found, request)
     return EncodedScene(data, found.tree, request.n_tiles, lifted.leaf_of)
 
 
@@ -230,9 +230,9 @@ def encode_tree(
         elif tree.n_leaves:
             nearest = at_tree_psnr(tree, request)
             if nearest is not None:
-                return measured_levels(nearest, tree, request)
+                return steady(nearest, request)
     found = best_stream([tree], replace(request, has_preset=True), (0.0,) * len(GROUPS))
-    return measured_levels(found.data, tree, request)
+    return steady(found, request)
 
 
 def _expect_splats(splats: object) -> None:

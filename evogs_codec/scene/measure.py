@@ -2,52 +2,71 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from evogs_codec.decoding.cut import Cut
-from evogs_codec.decoding.decode import decode
-from evogs_codec.editing.level_psnr import KEY, LevelPsnr, with_level_psnr
-from evogs_codec.format.directory import read_directory
+from evogs_codec.editing.level_psnr import KEY, LevelPsnr
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import SplatParams
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.request import Request
 
 if TYPE_CHECKING:
-    from evogs_codec.render import Camera
+    from evogs_codec.render import Camera, Views
 
-__all__ = ["measured_levels", "with_room"]
+__all__ = ["Gauge", "with_room"]
 
 N_VIEWS = 6
+MANY, EVERY = 10_000, 3  # of so many splats, every third view tells what is no level
 PIXELS = 200  # of the longer side of a view
 
 
-def measured_levels(data: bytes, tree: EvolutionTree, request: Request) -> bytes:
-    """The stream of a tree, which says the PSNR of its levels, if views were to be rendered."""
-    if not _measures(request) or not tree.n_leaves:
-        return data
-    from evogs_codec.render import Views
-    from evogs_codec.render.framing import options_for
+@dataclass(frozen=True, eq=False)
+class Gauge:
+    """Views that say what cuts of a tree look like.
 
-    scene = tree.leaves()
-    cameras, said = _cameras(scene, request)
-    views = Views(scene, cameras, options=options_for(scene))
-    if not any((picture != 1.0).any() for picture in views.pictures):  # nothing but background
-        return data
-    directory = read_directory(data)
-    found = []
-    for level in range(directory.n_levels):
-        request.progress("measure", level / directory.n_levels)
-        cut = Cut.of_level(directory, level)
-        leaves = decode(data, cut, directory=directory).leaves(sh_degree=tree.shown_degree)
-        found.append(views.psnr(leaves))
-    request.progress("measure", 1.0)
-    return with_level_psnr(data, LevelPsnr(tuple(found), said))
+    Attributes:
+        views: of levels.
+        said: what they are.
+        few: some of them.
+        many: twice as many as `views`.
+        every: so-many-th of `views` is one of the few.
+    """
+
+    views: Views
+    said: str
+    few: Views
+    many: Views
+    every: int
+
+    @staticmethod
+    def of(tree: EvolutionTree, request: Request) -> Gauge | None:
+        """For the streams of a tree; None if no views are to be rendered or they show nothing."""
+        if not _measures(request) or not tree.n_leaves:
+            return None
+        from evogs_codec.render import Views
+        from evogs_codec.render.framing import options_for
+
+        scene = tree.leaves()
+        cameras, said = _cameras(scene, request)
+        more, _ = _cameras(scene, request, 2 * N_VIEWS, 0)
+        views = Views(scene, cameras, options=options_for(scene))
+        if not any((picture != 1.0).any() for picture in views.pictures):  # only background
+            return None
+        every = EVERY if len(scene) > MANY else 1
+        few, many = (replace(views, cameras=some) for some in (cameras[::every], more))
+        return Gauge(views, said, few, many, every)
+
+    def both(self, splats: SplatParams) -> tuple[float, float]:
+        """PSNR over all views, and over the few, dB."""
+        each = self.views.psnr_of_each(splats)
+        if len(each) < len(self.views.cameras):  # some show nothing of the scene
+            return float(each.mean()), self.few.psnr(splats)
+        return float(each.mean()), float(each[:: self.every].mean())
 
 
 def with_room(info: SceneInfo, tree: EvolutionTree, n_levels: int, request: Request) -> SceneInfo:
-    """The metadata with as many bytes for the PSNR of the levels as `measured_levels` takes."""
+    """The metadata with as many bytes for the PSNR of the levels as `steady` takes."""
     if not _measures(request):
         return info
     value = str(LevelPsnr((0.0,) * n_levels, _cameras(tree.leaves(), request)[1]))
@@ -59,16 +78,18 @@ def _measures(request: Request) -> bool:
     return not request.why_no_views and not request.errors
 
 
-def _cameras(scene: SplatParams, request: Request) -> tuple[list[Camera], str]:
+def _cameras(
+    scene: SplatParams, request: Request, n_views: int = N_VIEWS, first: int = 1
+) -> tuple[list[Camera], str]:
     """Of the views, and what they are: others than `PRICED_VIEWS`, where nobody named any."""
     from evogs_codec.render import cameras_around
     from evogs_codec.render.viewpoints import N_ORBIT
 
     if request.cameras is None:
-        chosen = cameras_around(scene, request.up)[1 :: N_ORBIT // N_VIEWS]
+        chosen = cameras_around(scene, request.up)[first :: N_ORBIT // n_views]
         said = f"{len(chosen)} views on a circle"
     else:
-        chosen = list(request.cameras[:: -(-len(request.cameras) // N_VIEWS)])
+        chosen = list(request.cameras[:: -(-len(request.cameras) // n_views)])
         said = f"{len(chosen)} of the {len(request.cameras)} cameras given"
     return [_small(camera) for camera in chosen], f"{said}, {PIXELS} pixels"
 

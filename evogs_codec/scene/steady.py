@@ -1,0 +1,164 @@
+"""No step back: a stream none of whose first bytes look worse than fewer of them.
+
+Pictures of what is there after each step of the levels say where one looks worse than one before
+it. Then steps are held back until they look better (`held_steps`), and where all coarse splats
+look worse than some of them, all are made more exact.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from evogs_codec.decoding.cut import Cut
+from evogs_codec.decoding.decode import decode
+from evogs_codec.editing.level_psnr import LevelPsnr, with_level_psnr
+from evogs_codec.encoding.held_steps import Run
+from evogs_codec.encoding.layers import RATIO
+from evogs_codec.format.directory import Directory, read_directory
+from evogs_codec.model.splats import F64, SplatParams
+from evogs_codec.scene.choose import FoundStream
+from evogs_codec.scene.measure import Gauge
+from evogs_codec.scene.request import Request
+
+if TYPE_CHECKING:
+    from evogs_codec.render import Views
+
+__all__ = ["steady"]
+
+SAME = 0.03  # dB that no view of states that look the same differs by
+# A state is better by so many dB, and by so many standard errors of the mean of so many views:
+# other views than these are to find it better too.
+RISE, DOUBT, JUDGES = 0.02, 1.0, 6
+FELL = 0.02  # dB by which a state looks worse on a few views: then more are asked
+GAIN = 0.5  # dB that all coarse splats look better than those of level 0, at least
+FINER, LEAST_RATIO = 4.0, 2.0  # of the price of a bit, from a layer to the next
+TRIES = 6  # streams that are made again, at most
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """What is there after a step.
+
+    Attributes:
+        place: its level, and which of the steps of the level it is.
+        decibels: (n,) PSNR of each view of it.
+    """
+
+    place: tuple[int, int]
+    decibels: F64
+
+    @property
+    def mean(self) -> float:
+        """Of all views, dB."""
+        return float(self.decibels.mean())
+
+    def is_like(self, other: _State) -> bool:
+        """Whether it looks the same."""
+        return bool(np.abs(self.decibels - other.decibels).max() <= SAME)
+
+    def is_above(self, other: _State) -> bool:
+        """Whether it looks better, also on `JUDGES` other views; or the same on all."""
+        by = self.decibels - other.decibels
+        return self.is_like(other) or bool(by.mean() >= RISE + DOUBT * by.std() / math.sqrt(JUDGES))
+
+
+def steady(found: FoundStream, request: Request) -> bytes:
+    """The stream without falls, as far as it was made by views; it says the PSNR of its levels."""
+    gauge = Gauge.of(found.tree, request)
+    if gauge is None:
+        return found.data
+    levels, falls = _looked_at(found, gauge, request)
+    if falls:
+        found = _mended(found, gauge.many, request)
+        levels, _ = _looked_at(found, gauge, request)
+    return with_level_psnr(found.data, LevelPsnr(tuple(levels), gauge.said))
+
+
+def _looked_at(found: FoundStream, gauge: Gauge, request: Request) -> tuple[list[float], bool]:
+    """PSNR of each level, and whether a state of the levels of the tree looks worse than before."""
+    directory = read_directory(found.data)
+    n_judged = found.tree.n_levels if found.is_by_views else 0
+    levels, shown = [], []
+    for level in range(directory.n_levels):
+        request.progress("measure", level / directory.n_levels)
+        *parts, whole = _cuts(directory, level)
+        leaves = _leaves(found, directory, whole)
+        if level >= n_judged:
+            levels.append(gauge.views.psnr(leaves))
+            continue
+        if level:  # what is added helps
+            shown += [gauge.few.psnr(_leaves(found, directory, part)) for part in parts]
+        of_all, of_few = gauge.both(leaves)
+        levels.append(of_all)
+        shown.append(of_few)
+    request.progress("measure", 1.0)
+    return levels, any(after < before - FELL for before, after in pairwise(shown))
+
+
+def _mended(found: FoundStream, views: Views, request: Request) -> FoundStream:
+    """The stream made again until no state looks worse than one before it."""
+    ratio, before = RATIO, list[Run]()
+    for _ in range(TRIES):
+        runs, is_coarse = _runs(_states(found, views, request))
+        finer = ratio / FINER
+        if is_coarse and found.is_layered and finer >= LEAST_RATIO:
+            again, ratio = found.holding((), finer), finer
+        elif runs and runs != before:  # else they could not be held back
+            again, before = found.holding(runs, ratio), runs
+        else:
+            break
+        if again is None:
+            break
+        found = again
+    return found
+
+
+def _states(found: FoundStream, views: Views, request: Request) -> list[_State]:
+    """Those after each step of the levels of the tree."""
+    directory = read_directory(found.data)
+    return [
+        _State((level, number), views.psnr_of_each(_leaves(found, directory, cut)))
+        for level in range(found.tree.n_levels)
+        for number, cut in enumerate(_cuts(directory, level))
+    ]
+
+
+def _leaves(found: FoundStream, directory: Directory, cut: Cut) -> SplatParams:
+    return decode(found.data, cut, directory=directory).leaves(sh_degree=found.tree.shown_degree)
+
+
+def _cuts(directory: Directory, level: int) -> Iterator[Cut]:
+    """After each of the steps of a level, of all tiles that have so many."""
+    whole = Cut.of_level(directory, level)
+    core = directory.columns == 0
+    before = np.bincount(
+        directory.packets["tile"][core & (directory.labels < level)], minlength=len(whole.steps)
+    )
+    for number in range(1, int((whole.steps[:, 0] - before).max(initial=0))):
+        n_steps = np.minimum(before + number, whole.steps[:, 0])
+        yield Cut(np.minimum(whole.steps, n_steps[:, None]), whole.palette)
+    yield whole
+
+
+def _runs(states: Sequence[_State]) -> tuple[list[Run], bool]:
+    """Which steps are to be held back, and whether coarse splats are too coarse for that to do."""
+    if len(states) < 2:
+        return [], False
+    last = states[-1]
+    shown = [0]
+    for k, state in enumerate(states[1:-1], start=1):
+        if state.is_above(states[shown[-1]]) and last.is_above(state):
+            shown.append(k)
+    shown.append(len(states) - 1)
+    runs = [
+        Run(states[before + 1].place, states[after].place)
+        for before, after in pairwise(shown)
+        if not all(state.is_like(states[before]) for state in states[before + 1 : after])
+    ]
+    return runs, last.mean < states[0].mean + GAIN
