@@ -21,6 +21,7 @@ from tools.bench import pictures, raster, trained
 from tools.bench.decimate import decimate
 from tools.bench.extremes import page as extremes
 from tools.bench.large import large
+from tools.bench.falls import falls
 from tools.bench.loss import Losses, scene_without_bands
 from tools.bench.page import Rows, text_of, write
 from tools.bench.parts import PARTS
@@ -86,6 +87,8 @@ def _measurements(args: argparse.Namespace, folder: Path) -> Iterator[Measuremen
             yield "photographs", title, partial(pictures.photographs, tree, args.photos)
     if {"rate", "sog", "surface", "prefix", "loss", "first", "stream", "decimate"} & set(args.only):
         yield from _of_subjects(args, folder)
+    if "falls" in args.only:
+        yield "falls", "Falls from prefix to prefix, of odd scenes", falls
     if "scale" in args.only:
         yield "scale", "Time and memory as scenes grow", partial(scale, folder)
     if "large" in args.only:

@@ -1,0 +1,86 @@
+"""Falls: how much worse a prefix is than a shorter one, of scenes with odd statistics."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec import Cut, SplatParams, decode, encode_scene, read_directory
+from evogs_codec.render import Views, cameras_around
+from evogs_codec.render.demo_scene import make_scene
+from tools.bench.page import Rows
+
+__all__ = ["falls"]
+
+N_SPLATS, SEED = 6_000, 3
+N_VIEWS, PIXELS = 6, 300
+
+
+def falls() -> Rows:
+    """Prefixes that end with a packet, of `evogs encode` without options.
+
+    Each scene is the demo scene of 6,000 splats, changed in one way. A fall is from the best prefix
+    to a longer one; "of core" looks at the packets of core alone. PSNR is over 6 views of 300
+    pixels. Seconds are those of the processor.
+    """
+    rows: Rows = []
+    for name, splats in _scenes():
+        start = time.process_time()
+        data = encode_scene(splats)
+        seconds = time.process_time() - start
+        row = {"scene": name, "bytes": len(data), **_fallen(data, splats)}
+        rows.append(row | {"encode, s": f"{seconds:.1f}"})
+        print(*rows[-1].values(), sep=", ", file=sys.stderr, flush=True)
+    return rows
+
+
+def _scenes() -> Iterator[tuple[str, SplatParams]]:
+    splats, rng = make_scene(N_SPLATS, SEED), np.random.default_rng(0)
+    logits, sizes = splats.opacity_logits, splats.log_scales
+    large, small = rng.random(N_SPLATS) < 0.02, rng.random(N_SPLATS) < 0.4
+    yield "as shipped", splats
+    yield "all opaque", replace(splats, opacity_logits=_f32(np.full_like(logits, 8.0)))
+    haze = rng.normal(-4.0, 0.3, logits.shape)
+    yield "all haze", replace(splats, opacity_logits=_f32(haze))
+    yield "huge splats", replace(splats, log_scales=_f32(sizes + 2))
+    clump = rng.normal(0.0, 0.5, splats.means.shape)
+    yield "one dense clump", replace(splats, means=_f32(clump))
+    yield "SH degree 0", replace(splats, sh=splats.sh[:, :1])
+    yield "far apart", replace(splats, means=_f32(splats.means * 5))
+    yield "dots", replace(splats, log_scales=_f32(sizes - 2))
+    mixed = np.where(large, -3.0, np.where(small, 8.0, logits))
+    of_mixed = sizes + 3.0 * large[:, None] - 1.5 * small[:, None]
+    yield "mixed", replace(splats, log_scales=_f32(of_mixed), opacity_logits=_f32(mixed))
+    yield "300 splats", splats.take(np.arange(0, N_SPLATS, 20))
+
+
+def _f32(values: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+    return values.astype(np.float32)
+
+
+def _fallen(data: bytes, splats: SplatParams) -> dict[str, object]:
+    """Deepest falls of a stream."""
+    views = Views(splats, cameras_around(splats, "z", PIXELS, n=N_VIEWS))
+    directory = read_directory(data)
+    is_core = directory.columns == 0
+    best, deepest = -np.inf, {True: 0.0, False: 0.0}
+    rows = np.flatnonzero(directory.packets["size"] > 0)
+    for row in rows.tolist():
+        end = int(directory.offsets[row] + directory.packets["size"][row])
+        leaves = decode(data, Cut.of_prefix(directory, end)).leaves(sh_degree=splats.sh_degree)
+        shown = views.psnr(leaves)
+        for kind in (True, False):
+            if is_core[row] or not kind:
+                deepest[kind] = max(deepest[kind], best - shown)
+        best = max(best, shown)
+    return {
+        "PSNR, dB": f"{shown:.2f}",
+        "prefixes": len(rows),
+        "deepest fall, dB": f"{deepest[False]:.2f}",
+        "of core, dB": f"{deepest[True]:.2f}",
+    }
