@@ -20,8 +20,8 @@ from evogs_codec.render.demo_scene import make_scene
 from tools.bench import pictures, raster, trained
 from tools.bench.decimate import decimate
 from tools.bench.extremes import page as extremes
-from tools.bench.large import large
 from tools.bench.falls import falls
+from tools.bench.large import large
 from tools.bench.loss import Losses, scene_without_bands
 from tools.bench.page import Rows, text_of, write
 from tools.bench.parts import PARTS
