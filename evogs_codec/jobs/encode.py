@@ -17,6 +17,7 @@ import numpy as np
 
 from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.common.version import __version__
+from evogs_codec.encoding.grids import warn_if_coarser
 from evogs_codec.encoding.layers import N_LAYERS
 from evogs_codec.errors import InputError
 from evogs_codec.jobs.blocks import SplatFiles
@@ -166,6 +167,7 @@ class _Run:
             ]
             too_fine = self._do("encode", code_tile, calls)
             if too_fine is None:
+                warn_if_coarser(plan.grid((0,) * plan.steps.shape[1]), plan.steps, plan.settings)
                 return parts
             plan = plan.with_less_of(too_fine)
 

@@ -8,7 +8,7 @@ Letters: n points, T tiles.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -35,6 +35,9 @@ PER_TILE = 1 << 17  # splats: a job takes some 500 MiB
 SAMPLE = 1 << 19  # positions
 BLOCK = 8  # tiles of a neighbourhood at most
 STAND_IN = 16  # splats of a tile for which one stands in the views of its neighbours
+STEPS = 1 << 23  # across a tile at most: a stream stores up to 2**23 of an add, either way
+OF_SIZE = 0.1  # of the size of the smallest splats is a step of positions
+LEAST = 64  # so many times fewer than it was to have may a tile have that is halved, being too wide
 MOST = 4  # times the splats that a tile was to have: more are refused
 SIZES = (-40.0, 40.0, 0.25)  # of logarithms of the size of a splat: lowest, highest, width of a bin
 
@@ -58,8 +61,16 @@ class Tree:
     blocks: I64
 
     @staticmethod
-    def of(sample: F64, n_tiles: int) -> Tree:
-        """Over a sample (n, 3) of the points, each tile with about as many of them."""
+    def of(sample: F64, n_tiles: int, reach: float = np.inf, least: int = 1) -> Tree:
+        """Over a sample (n, 3) of the points, each tile with about as many of them.
+
+        Args:
+            sample: of the points.
+            n_tiles: tiles wanted.
+            reach: a tile that is wider is halved, as long as it has more than `least` points of
+                the sample.
+            least: points.
+        """
         axis, value, child = [-1], [0.0], [0]
         middles: list[F64] = []
         blocks: list[int] = []
@@ -69,7 +80,7 @@ class Tree:
             node, points, n, is_inside = todo.pop()
             n_blocks += n <= BLOCK and not is_inside
             is_inside = n <= BLOCK
-            split = _split(points, n) if n > 1 else None
+            split = _split(points, n) if n > 1 else _halves(points, reach, least)
             if split is None:
                 child[node] = len(middles)
                 low = points.min(axis=0) if len(points) else np.zeros(3)
@@ -83,8 +94,8 @@ class Tree:
             value += [0.0, 0.0]
             child += [0, 0]
             is_left = points[:, axis[node]] < value[node]
-            todo.append((child[node] + 1, points[~is_left], n - n // 2, is_inside))
-            todo.append((child[node], points[is_left], n // 2, is_inside))
+            todo.append((child[node] + 1, points[~is_left], max(n - n // 2, 1), is_inside))
+            todo.append((child[node], points[is_left], max(n // 2, 1), is_inside))
         extent = float(np.ptp(sample, axis=0).max(initial=0.0)) if len(sample) else 0.0
         quantum = 2.0 ** np.floor(np.log2(max(extent, 1e-30) / 2**16))
         origins = np.rint(np.array(middles) / quantum) * quantum
@@ -123,6 +134,16 @@ def _split(points: F64, n_tiles: int) -> tuple[int, float] | None:
         if len(above):
             return axis, float(above[0])
     return None
+
+
+def _halves(points: F64, reach: float, least: int) -> tuple[int, float] | None:
+    """Along the longest axis in the middle, of points that are farther apart than they may be."""
+    if len(points) <= max(least, 1):
+        return None
+    wide = np.ptp(points, axis=0)
+    axis = int(np.argmax(wide))
+    middle = float(points[:, axis].min() + wide[axis] / 2)
+    return (axis, middle) if wide[axis] > reach and points[:, axis].min() < middle else None
 
 
 @dataclass(eq=False)
@@ -187,7 +208,11 @@ def partition(
         OSError: the disk is full.
     """
     n = files.n_declared
-    tree = Tree.of(_sample(files, n, report), max(1, -(-n // per_tile)))
+    sample, sizes = _sample(files, n, report)
+    n_tiles = max(1, -(-n // per_tile))
+    tree = Tree.of(sample, n_tiles)
+    reach = _reach(tree, sample, sizes)
+    tree = Tree.of(sample, n_tiles, reach, len(sample) * per_tile // (LEAST * max(n, 1)))
     tally = _Tally(tree.n_tiles)
     done = 0
     for tile in range(tree.n_tiles):
@@ -233,19 +258,27 @@ def _append(path: Path, rows: F32) -> None:
         file.write(rows.astype("<f4").tobytes())
 
 
-def _sample(files: SplatFiles, n: int, report: Progress) -> F64:
-    """(S, 3) positions, those whose hash says so, in order of size."""
+def _sample(files: SplatFiles, n: int, report: Progress) -> tuple[F64, F32]:
+    """(S, 3) positions, those whose hash says so, and (S,) mean log-scales of these splats."""
     every = max(1, n // SAMPLE)
-    parts = [np.empty((0, 3))]
-    for k, means in enumerate(_positions(files)):
-        parts.append(means[_hash(means) % np.uint64(every) == 0])
-        report("partition", 0.5 * min(1.0, k * len(means) / max(n, 1)))
-    return np.concatenate(parts)
-
-
-def _positions(files: SplatFiles) -> Iterator[F64]:
+    means, sizes, done = [np.empty((0, 3))], [np.empty(0, np.float32)], 0
     for block in files.blocks():
-        yield block.means
+        some = _hash(block.means) % np.uint64(every) == 0
+        means.append(block.means[some])
+        sizes.append(block.splats.log_scales[some].mean(axis=1))
+        done += len(some)
+        report("partition", 0.5 * min(1.0, done / max(n, 1)))
+    return np.concatenate(means), np.concatenate(sizes)
+
+
+def _reach(tree: Tree, sample: F64, sizes: F32) -> float:
+    """How wide a tile may be, so that a step of its positions is small beside every splat.
+
+    The positions of a tile are whole multiples of a step that all tiles share.
+    """
+    tiles = tree.tile_of(sample)
+    medians = [np.median(sizes[tiles == tile]) for tile in np.unique(tiles)]
+    return STEPS * OF_SIZE * math.exp(min(map(float, medians), default=0.0))
 
 
 def _hash(means: F64) -> npt.NDArray[np.uint64]:

@@ -16,14 +16,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from evogs_codec.encoding.settings import SCENE_PRICE
 from evogs_codec.model.channels import n_channels
-from evogs_codec.model.splats import F32, SplatParams
+from evogs_codec.model.splats import F32, F64, SplatParams
 
 if TYPE_CHECKING:
     from evogs_codec.render import Views
     from evogs_codec.render.up import Direction
 
-__all__ = ["Neighbourhood", "enlarged"]
+__all__ = ["Neighbourhood", "enlarged", "price_of"]
+
+BULK = (20, 80)  # percentiles of the positions
+FAR = 8.0  # times the size of a tile: a neighbourhood that is larger does not show it
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,14 +37,27 @@ class Neighbourhood:
     Attributes:
         views: of the tile and what is around it.
         around: what stands for the other tiles.
+        n_shown: splats for which the views are: those of all tiles, or of this one, if it is so
+            small that views of all would not show it.
+        keep: what an error of a position as large as its splat costs at least, whether a view
+            shows it or not, in mean squared error.
     """
 
     views: Views
     around: SplatParams
+    n_shown: int
+    keep: float
 
     @staticmethod
     def of(
-        splats: SplatParams, own: SplatParams, around: SplatParams, up: Direction, n_views: int
+        splats: SplatParams,
+        own: SplatParams,
+        around: SplatParams,
+        n_around: int,
+        *,
+        up: Direction,
+        n_views: int,
+        keep: float,
     ) -> Neighbourhood:
         """From cameras around all of it.
 
@@ -48,14 +65,27 @@ class Neighbourhood:
             splats: of the tile.
             own: what stands for them in the views of other tiles.
             around: the same of the other tiles.
+            n_around: splats of all tiles.
             up: axis or vector that is up.
             n_views: at most.
+            keep: times a price of a bit, that of the splats for which the views are.
         """
         from evogs_codec.render import Views, cameras_around
+        from evogs_codec.render.framing import options_for
 
         stands_in = _joined(own, around)
-        cameras = cameras_around(stands_in if len(stands_in) else splats, up)
-        return Neighbourhood(Views.of(_joined(splats, around), cameras, n_views=n_views), around)
+        middle, size = _bulk(splats)
+        is_apart = not len(stands_in) or _bulk(stands_in)[1] > FAR * size
+        # Of a tile that has an object and a part of the city around it, the object.
+        near = np.abs(splats.means - middle).max(axis=1) <= max(size, 1e-30)
+        shown = splats.take(near) if is_apart else stands_in
+        cameras = cameras_around(shown if len(shown) else splats, up)
+        views = Views.of(_joined(splats, around), cameras, n_views=n_views)
+        options = options_for(shown)
+        n_shown = len(splats) if is_apart else n_around
+        return Neighbourhood(
+            replace(views, options=options), around, n_shown, keep * price_of(n_shown)
+        )
 
     def fewer(self, n_views: int) -> Neighbourhood:
         """At most this many of the views."""
@@ -80,7 +110,21 @@ class Neighbourhood:
         return self._own(found, splats)
 
     def _own(self, found: F32, splats: SplatParams) -> F32:
-        return found[: n_channels(splats.sh_degree), : len(splats)]
+        own = found[: n_channels(splats.sh_degree), : len(splats)].copy()
+        sizes = np.exp(np.clip(splats.log_scales.max(axis=1), -40, 40))
+        own[0:3] = np.maximum(own[0:3], self.keep / np.square(sizes))
+        return own
+
+
+def _bulk(splats: SplatParams) -> tuple[F64, float]:
+    """(3,) middle and diagonal of what most splats are in, large ones and small ones alike."""
+    low, high = np.percentile(splats.means.astype(np.float64), BULK, axis=0)
+    return (low + high) / 2, float(np.linalg.norm(high - low))
+
+
+def price_of(n_splats: int) -> float:
+    """Of a bit, in mean squared error of views for so many splats."""
+    return SCENE_PRICE / max(n_splats, 1)
 
 
 def enlarged(splats: SplatParams, every: int) -> SplatParams:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -21,13 +20,13 @@ from evogs_codec.encoding.grids import TooFineError
 from evogs_codec.encoding.measured_gains import BAND_VIEWS
 from evogs_codec.encoding.packet_order import gains_of_tile
 from evogs_codec.encoding.quantise import quantise_on
-from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, SCENE_PRICE, Settings, StepTable
+from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, Settings, StepTable
 from evogs_codec.encoding.targets import Prepared, TargetEncoder
 from evogs_codec.encoding.write import write
 from evogs_codec.io.files import write_atomic
 from evogs_codec.jobs.partition import STAND_IN
 from evogs_codec.jobs.plan import Plan, Survey
-from evogs_codec.jobs.surroundings import Neighbourhood, enlarged
+from evogs_codec.jobs.surroundings import Neighbourhood, enlarged, price_of
 from evogs_codec.lifting.lift import lift
 from evogs_codec.model.channels import GROUP_CHANNELS, channel_class, n_channels
 from evogs_codec.model.coded_tree import CodedTile
@@ -37,6 +36,8 @@ __all__ = ["TileJob", "code_tile", "survey_tile"]
 
 VIEWS = 8  # of a tile, by which its numbers are weighed
 ALPHAS = 4096  # of a level and group that a survey keeps
+# Prices of a bit that it costs to move a splat by its own size: few are moved by a fifth of it.
+KEEP = 20.0
 SEEN = 0.9  # of the worth of a number, where nobody said from where a scene is looked at
 
 
@@ -72,12 +73,12 @@ class TileJob:
 
 def survey_tile(job: TileJob, out: str) -> None:
     """Write the `Survey` of a tile to a file."""
-    prepared = _prepared(job)
+    prepared, n_shown = _prepared(job)
     kept = {}
     for place, (alphas, weights) in weighted_alphas(prepared.tiles).items():
         every = max(1, len(alphas) // ALPHAS)
         kept[place] = alphas[::every], weights[::every]
-    Survey(_steps(prepared, _price(job)), kept).write(Path(out))
+    Survey(_steps(prepared, price_of(n_shown)), kept).write(Path(out))
 
 
 def code_tile(job: TileJob, plan: Plan, out: str) -> int | None:
@@ -86,8 +87,8 @@ def code_tile(job: TileJob, plan: Plan, out: str) -> int | None:
     Returns:
         None; or the group whose grid is too fine for a number of the tile, and nothing is written.
     """
-    prepared = _prepared(job)
-    price, extent = _price(job), prepared.ranges.extent
+    prepared, n_shown = _prepared(job)
+    price, extent = price_of(n_shown), prepared.ranges.extent
     own = plan.coarser(_steps(prepared, price))
     layered, importance = prepared.layered, prepared.importance
     assert importance is not None, "there are views"
@@ -107,8 +108,8 @@ def code_tile(job: TileJob, plan: Plan, out: str) -> int | None:
     of_stream = replace(coded, tiles=(moved,), quantisers=plan.quantisers, info=plan.info)
     data = write(of_stream, effort=job.effort)
     found = io.BytesIO()
-    # Views are of the neighbourhood: what they gain counts as much as all of its splats.
-    np.save(found, np.concatenate([[[job.n_around] * gains.steps.shape[1]], gains.steps]))
+    # What views gain counts as much as all the splats for which they are.
+    np.save(found, np.concatenate([[[n_shown] * gains.steps.shape[1]], gains.steps]))
     write_atomic(f"{out}.gains", found.getvalue())
     write_atomic(out, data)
     return None
@@ -120,29 +121,22 @@ def _moved(tile: CodedTile, way: Sequence[int]) -> CodedTile:
     return replace(tile, origin=(x, y, z))
 
 
-def _prepared(job: TileJob) -> Prepared:
-    """The tile, lifted, arranged and weighed."""
+def _prepared(job: TileJob) -> tuple[Prepared, int]:
+    """The tile, lifted, arranged and weighed; and how many splats its views are for."""
     splats = _splats(job)
-    tree = lift(splats, job.n_levels)
-    views = ordering = None
-    if find_spec("numba") is not None:
-        own, around = (
-            _stand_ins([(job.stand_ins, (0.0, 0.0, 0.0))], job),
-            _stand_ins(job.around, job),
-        )
-        views = Neighbourhood.of(splats, own, around, job.up, VIEWS)
-        ordering = views.fewer(BAND_VIEWS)
+    own, around = _stand_ins([(job.stand_ins, (0.0,) * 3)], job), _stand_ins(job.around, job)
+    views = Neighbourhood.of(splats, own, around, job.n_around, up=job.up, n_views=VIEWS, keep=KEEP)
     aim = TargetEncoder(
-        tree,
+        lift(splats, job.n_levels),
         Settings(StepTable(()), n_alpha=N_ALPHA, alpha_bits=ALPHA_BITS),
         views,
         layers=job.n_layers,
-        ordering=ordering,
+        ordering=views.fewer(BAND_VIEWS),
         seen=SEEN,
         n_tiles=1,
         n_levels=job.n_levels,
     )
-    return aim.prepared
+    return aim.prepared, views.n_shown
 
 
 def _splats(job: TileJob) -> SplatParams:
@@ -168,10 +162,6 @@ def _rows(path: str, sh_degree: int) -> F32:
     rows = np.fromfile(path, "<f4").reshape(-1, d)
     order = np.argsort(np.ascontiguousarray(rows).view(f"S{4 * d}")[:, 0], kind="stable")
     return rows[order].astype(np.float32)
-
-
-def _price(job: TileJob) -> float:
-    return SCENE_PRICE / max(job.n_around, 1)
 
 
 def _steps(prepared: Prepared, price: float) -> F64:
