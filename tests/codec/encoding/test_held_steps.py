@@ -77,7 +77,9 @@ def test_pictures_stay_as_they_were_until_the_last_step_of_a_run(run):
         assert psnr(render(after(found, k + 1), camera, (1.0, 1.0, 1.0)), before) > 50
     last = found.steps[rooms[-1] + 1]
     assert (last.kinds == Kind.REFINE).all()
-    assert own[rooms[-1] + 1].targets.shape[1] == len(last.slots)
+    weights_of_last = own[rooms[-1] + 1]
+    assert weights_of_last is not None
+    assert weights_of_last.targets.shape[1] == len(last.slots)
 
 
 def test_a_run_over_steps_that_are_held_back_already_holds_all_back():

@@ -148,6 +148,8 @@ def test_one_layer_is_as_if_there_were_none():
     for own, other in zip(
         one.weights(PRICE, 1.0)[0], importance.raised(PRICE, 1.0)[0], strict=True
     ):
+        assert own is not None
+        assert other is not None
         assert_array_equal(own.targets, other.targets)
         assert_array_equal(own.new, other.new)
 

@@ -355,6 +355,7 @@ def test_a_parent_weighs_as_much_as_the_leaves_below_it():
     for tile, steps in zip(tiles, importance.weights, strict=True):
         assert len(steps) == len(tile.steps)
         for step, own in zip(tile.steps, steps, strict=True):
+            assert own is not None
             assert own.targets.shape == (5 + tree.sh_degree, step.psi.shape[1])
             assert own.new.shape == (5 + tree.sh_degree, step.n_new)
             assert (own.targets > 0).all()
