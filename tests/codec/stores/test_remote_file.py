@@ -169,6 +169,15 @@ def test_a_server_that_falls_silent_is_given_up(site, monkeypatch):
             remote.having(CORNERS)
 
 
+@pytest.fixture
+def interrupts():
+    """Ctrl-C raises, also where tests run in processes that ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interrupts")
 def test_waiting_for_a_server_can_be_interrupted(site):
     main = threading.get_ident()
     site.manner, site.on_silence = "silent", lambda: signal.pthread_kill(main, signal.SIGINT)
