@@ -15,7 +15,7 @@ from evogs_codec.model.hiding import hiding
 from evogs_codec.model.splats import F32, F64, I64
 from evogs_codec.model.tree import Step, alpha_channels
 
-__all__ = ["split_steps"]
+__all__ = ["alpha_of", "split_steps"]
 
 # Of a number: what it may be off after a split without a refine; a few roundings to float32.
 ROUNDING = 2.0**-21
@@ -65,3 +65,11 @@ def split_steps(
         second = parents - alpha_channels(split.alpha, len(c2)) * split.psi
         refined = np.concatenate([c1[:, rows] - hidden, (c2 - second)[:, seconds]], axis=1)
         yield Step.of_refines(level, np.append(slots[rows], n_before + seconds), refined)
+
+
+def alpha_of(split: Step) -> F32:
+    """(5, S) alpha that `split_steps` had for a step of splits that it made."""
+    alpha = split.alpha.copy()
+    still = ~np.delete(split.psi, _OPACITY, axis=0).any(axis=0)
+    alpha[3, still & (alpha[2] == MENDED) & (alpha[3] == 0)] = MENDED
+    return alpha

@@ -12,7 +12,7 @@ import numpy as np
 
 from evogs_codec import EvolutionTree
 from evogs_codec.lifting.parents import Moments
-from evogs_codec.lifting.splitting import split_steps
+from evogs_codec.lifting.splitting import alpha_of, split_steps
 from evogs_codec.model.splats import F32, F64, I64
 from evogs_codec.model.tree import Kind, Step
 
@@ -67,7 +67,7 @@ def levels_of(tree: EvolutionTree) -> tuple[list[F64], list[Generation]]:
             if step.n_adds or np.any(step.kinds != Kind.SPLIT):
                 raise ValueError(f"step {number}: a level of a lifted tree begins with splits")
             slots = step.slots.astype(np.int64)
-            generations.append(Generation(slots, step.alpha, levels[-1].shape[1]))
+            generations.append(Generation(slots, alpha_of(step), levels[-1].shape[1]))
         elif number and (step.n_adds or np.any(step.kinds != Kind.REFINE)):
             raise ValueError(f"step {number}: after its splits, a level of a lifted tree refines")
         levels[step.level :] = [state.values.copy()]

@@ -11,6 +11,7 @@ from evogs_codec import EvolutionTree, SplatParams, lift, write_ply
 from evogs_codec.cli import commands
 from evogs_codec.io.tree_npz import write_tree
 from evogs_codec.lifting.parents import MENDED
+from evogs_codec.lifting.splitting import alpha_of
 from evogs_codec.model.channels import GROUP_CHANNELS
 from evogs_codec.model.tree import Kind, Step
 from evogs_codec.render import cameras_around, orbit, save_cameras
@@ -74,10 +75,10 @@ def test_a_tenth_of_the_pairs_is_mended_that_lifting_has_not_mended():
         n = len(split.slots)
         n_mended = np.count_nonzero(split.alpha[2] == MENDED)
         assert n / 10 - 1 < n_mended < n / 4
-        n_halved = np.count_nonzero((split.alpha[2:4] == MENDED).all(axis=0))
-        assert len(refine.slots) == n_mended + n_halved  # C2, and C1 of halves
+        n_hidden = np.count_nonzero((alpha_of(split)[2:4] == MENDED).all(axis=0))
+        assert len(refine.slots) == n_mended + n_hidden  # C2, and C1 where it was hidden
         assert refine.psi[SCALE].any(axis=0).all()
-        if not n_halved:
+        if not n_hidden:
             assert not refine.psi[10:].any()
 
 
@@ -214,7 +215,7 @@ def test_a_scene_is_refined_as_it_is_lifted(command, tmp_path, monkeypatch):
         out = tmp_path / f"out{k}"
         assert evogs(monkeypatch, command, scene, out, *flags, refiners=[refiner]) == 0
         assert out.exists()
-    assert asked == [(5, None, "z", 200), (2, None, "-y", 5)]
+    assert asked == [(5, None, (0.0, 0.0, 1.0), 200), (2, None, (0.0, -1.0, 0.0), 5)]
 
 
 def test_refining_is_refused_where_it_cannot_be_done(tmp_path, monkeypatch, capsys):
