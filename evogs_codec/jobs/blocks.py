@@ -6,7 +6,7 @@ Letters: n splats of a block.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -15,7 +15,7 @@ import numpy as np
 from evogs_codec.errors import InputError
 from evogs_codec.io.interchange import ply_comments
 from evogs_codec.io.interchange.scene_files import read_scene, scene_format
-from evogs_codec.io.ply import OPAQUE, PlyBlocks
+from evogs_codec.io.ply import PlyBlocks, finite_opacities
 from evogs_codec.model.channels import n_channels
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F32, F64, SplatParams
@@ -107,14 +107,8 @@ class SplatFiles:
                 yield self._cleaned(path, block)
 
     def _cleaned(self, path: Path, block: Block) -> Block:
-        splats = block.splats
-        infinite = np.isinf(splats.opacity_logits)
-        if infinite.any():
-            self.n_opaque += int(infinite.sum())
-            logits = np.where(
-                infinite, np.copysign(OPAQUE, splats.opacity_logits), splats.opacity_logits
-            )
-            splats = replace(splats, opacity_logits=logits)
+        splats, n_opaque = finite_opacities(block.splats)
+        self.n_opaque += n_opaque
         finite = splats.finite()
         if finite.all():
             return Block(block.means, splats)

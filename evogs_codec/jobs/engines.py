@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -50,7 +51,9 @@ class Engine:
         """
         if self.name == "dask":
             return _dask(self)
-        return ProcessPoolExecutor(self.n_workers, mp_context=multiprocessing.get_context("spawn"))
+        return ProcessPoolExecutor(
+            self.n_workers, multiprocessing.get_context("spawn"), _end_quietly
+        )
 
 
 def run_jobs(
@@ -87,6 +90,11 @@ def run_jobs(
             finally:
                 for future in futures:
                     future.cancel()
+
+
+def _end_quietly() -> None:
+    """Ctrl-C ends a worker; what is to be said of it the main process says."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 @contextmanager
