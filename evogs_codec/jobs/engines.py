@@ -10,6 +10,7 @@ from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any, Literal, TypeAlias
 
 from evogs_codec.errors import InputError
@@ -19,6 +20,7 @@ __all__ = ["Engine", "run_jobs"]
 Call: TypeAlias = "tuple[Any, ...]"
 
 RETRIES = 3  # of jobs whose worker died
+JOBS_EACH = 6  # of a process, then another takes its place
 # A job is one thread: there are as many workers as processors.
 LIBRARIES = "OMP", "OPENBLAS", "MKL", "NUMBA"
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in LIBRARIES}
@@ -42,6 +44,11 @@ class Engine:
     def n_workers(self) -> int:
         """Processes."""
         return self.workers or os.cpu_count() or 1
+
+    @property
+    def n_batch(self) -> int | None:
+        """Jobs that an executor gets; None for all. A process that does many keeps memory."""
+        return self.n_workers * JOBS_EACH if self.name == "processes" else None
 
     def executor(self) -> AbstractContextManager[Executor]:
         """A new executor; what it started ends with it.
@@ -79,7 +86,8 @@ def run_jobs(
                 " --workers, and --resume"
             )
         with _one_thread_each(), engine.executor() as executor:
-            futures = {executor.submit(function, *call): number for number, call in left.items()}
+            batch = dict(islice(left.items(), engine.n_batch))
+            futures = {executor.submit(function, *call): number for number, call in batch.items()}
             try:
                 for future in as_completed(futures):
                     found = future.result()

@@ -14,7 +14,7 @@ from evogs_codec.jobs import Engine, JobOptions, encode_files
 from evogs_codec.jobs.engines import run_jobs
 from evogs_codec.render import Views
 from evogs_codec.render.demo_scene import make_scene
-from tests.support.dying_jobs import dies_always, dies_at_first, doubled
+from tests.support.dying_jobs import dies_always, dies_at_first, doubled, process_of
 
 pytest.importorskip("numba")
 
@@ -149,6 +149,16 @@ def test_a_job_whose_worker_is_killed_is_done_again(tmp_path):
     calls = [(number, str(tmp_path / "mark")) for number in range(6)]
     found = dict(run_jobs(Engine(workers=2), dies_at_first, calls))
     assert found == {number: 2 * number for number in range(6)}
+
+
+@pytest.mark.thorough
+def test_processes_are_replaced_before_they_keep_much_memory():
+    engine = Engine(workers=1)
+    assert engine.n_batch is not None
+    n = engine.n_batch + 2
+    found = dict(run_jobs(engine, process_of, [(number,) for number in range(n)]))
+    assert sorted(found) == list(range(n))
+    assert len(set(found.values())) == 2
 
 
 @pytest.mark.thorough
