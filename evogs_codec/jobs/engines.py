@@ -20,7 +20,7 @@ __all__ = ["Engine", "run_jobs"]
 Call: TypeAlias = "tuple[Any, ...]"
 
 RETRIES = 3  # of jobs whose worker died
-JOBS_EACH = 6  # of a process, then another takes its place
+JOBS_EACH = 4  # of a process, then another takes its place
 # A job is one thread: there are as many workers as processors.
 LIBRARIES = "OMP", "OPENBLAS", "MKL", "NUMBA"
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in LIBRARIES}
