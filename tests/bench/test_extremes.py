@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import settings as budget
 from hypothesis import strategies as st
 
-from evogs_codec import PRESETS, EvolutionTree, decode, encode, lift
+from evogs_codec import PRESETS, EvolutionTree, NotRepresentableError, decode, encode, lift
 from evogs_codec.encoding.grids import AccuracyWarning
 from evogs_codec.encoding.tiling import _kd_tiles
 from evogs_codec.render.demo_scene import make_scene
@@ -162,12 +162,14 @@ def test_chains_of_any_size_and_alpha_keep_their_bounds(n, size, alphas, preset)
 @budget(max_examples=10)
 @given(st.floats(-6, 6), st.floats(-4, 6), st.integers(1, 4))
 def test_scenes_of_any_place_and_size_keep_their_bounds(place, size, n_levels):
-    assume(place + size <= 11)  # beyond 2**39 no grid holds a value, which docs/extremes.md says
     splats = scenes.plain(20)  # apart in binary32: together far from the origin is known as broken
     means = 10.0**place + 10.0 ** (place + size) * splats.means.astype(np.float64)
     tree = lift(replace(splats, means=means.astype(np.float32)), n_levels)
     for preset in ("scene", "trained", "near-lossless"):
-        assert measure(tree, PRESETS[preset]).part <= 1
+        try:
+            assert measure(tree, PRESETS[preset]).part <= 1
+        except NotRepresentableError:
+            assert np.abs(means).max() > 2.0**38  # docs/extremes.md: grids hold up to 2**39
 
 
 def test_the_exact_tree_is_the_tree():

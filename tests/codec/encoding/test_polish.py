@@ -184,10 +184,9 @@ def test_views_of_a_file_judge_or_are_descended_by(tmp_path, capsys):
 
 @pytest.mark.thorough
 def test_a_psnr_is_met_in_fewer_bytes():
-    # 6 % fewer: since coarse steps turn no splats, the plain stream is 8 % smaller than it was.
-    plain, polished_ = aim().at_psnr(38), aim(polish=100).at_psnr(38)
+    plain, polished_ = aim().at_psnr(38), aim(polish=200).at_psnr(38)  # as many as by default
     assert psnr(polished_) == pytest.approx(38, abs=0.2)
-    assert len(polished_) < 0.95 * len(plain)
+    assert len(polished_) < 0.93 * len(plain)
 
 
 @pytest.mark.thorough
