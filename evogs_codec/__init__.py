@@ -39,6 +39,8 @@ from evogs_codec.errors import InputError as InputError
 from evogs_codec.errors import StreamError as StreamError
 from evogs_codec.format.directory import Directory as Directory
 from evogs_codec.format.directory import read_directory as read_directory
+from evogs_codec.io.interchange.gltf_stream import read_gltf_stream as read_gltf_stream
+from evogs_codec.io.interchange.gltf_stream_write import write_gltf_stream as write_gltf_stream
 from evogs_codec.io.interchange.scene_files import Scene as Scene
 from evogs_codec.io.interchange.scene_files import read_scene as read_scene
 from evogs_codec.io.interchange.scene_files import write_scene as write_scene
@@ -123,10 +125,12 @@ __all__ = [
     "lift_with_order",
     "put_object",
     "read_directory",
+    "read_gltf_stream",
     "read_ply",
     "read_scene",
     "read_tree",
     "with_palette",
+    "write_gltf_stream",
     "write_ply",
     "write_scene",
     "write_tree",

@@ -18,7 +18,8 @@ from pathlib import Path
 
 from evogs_codec.cli import options
 from evogs_codec.cli.comparing import add_compare
-from evogs_codec.cli.encode_and_lift import read_splats, run_encode, run_lift
+from evogs_codec.cli.converting import run_convert
+from evogs_codec.cli.encode_and_lift import run_encode, run_lift
 from evogs_codec.cli.remote_files import remote_files, say_fetched
 from evogs_codec.cli.reports import info_of, info_to_write, print_info
 from evogs_codec.cli.standard_streams import standard_streams
@@ -27,6 +28,7 @@ from evogs_codec.cli.streams import (
     describe_levels,
     describe_part,
     limits_of,
+    located,
     open_stream,
     part_there,
     sh_degree_of,
@@ -50,7 +52,7 @@ from evogs_codec.format.directory import read_directory
 from evogs_codec.io.files import check_target, write_atomic
 from evogs_codec.io.interchange.scene_files import write_scene
 from evogs_codec.stores.remote_file import RemoteFile
-from evogs_codec.stores.sources import bytes_of, source_of
+from evogs_codec.stores.sources import bytes_of
 
 __all__ = ["main", "parse", "run"]
 
@@ -195,13 +197,6 @@ def run_decode(args: argparse.Namespace) -> None:
     print(f"{shown(args.output)}: {len(splats):,} splats, SH degree {degree}{part}")
 
 
-def run_convert(args: argparse.Namespace) -> None:
-    """`evogs convert`."""
-    scene = read_splats(args.input, drop_invalid=args.drop_invalid)
-    degree = write_scene(args.output, scene.splats, scene.info, made_by=args.command)
-    print(f"{shown(args.output)}: {len(scene.splats):,} splats, SH degree {degree}")
-
-
 def run_info(args: argparse.Namespace) -> None:
     """`evogs info`."""
     source, directory = open_stream(args.input, limits_of(args))
@@ -223,7 +218,7 @@ def run_info(args: argparse.Namespace) -> None:
 def run_validate(args: argparse.Namespace) -> int:
     """`evogs validate`."""
     try:
-        source, limits = source_of(args.input), limits_of(args)
+        source, limits = located(args.input), limits_of(args)
         with progress_bar() as progress:
             decoded = decode(
                 source,

@@ -15,6 +15,7 @@ from evogs_codec.decoding.decode import decode
 from evogs_codec.editing.extract import extract
 from evogs_codec.errors import Fault, InputError, StreamError
 from evogs_codec.format.directory import Directory
+from evogs_codec.io.interchange.gltf_stream import read_gltf_stream
 from evogs_codec.io.interchange.scene_files import read_scene, scene_format
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import SplatParams
@@ -59,7 +60,7 @@ def load_part(
     Raises:
         InputError, StreamError: the file cannot be used.
     """
-    if scene_format(path):
+    if _is_scene(path):
         return _scene(path)
     data, directory = read_stream(path, limits)
     cut, part = choose(directory), ""
@@ -77,7 +78,7 @@ def load_whole(path: Path, limits: dict[str, int] | None) -> Loaded:
     Raises:
         InputError: the file cannot be used; the message names it, and not the input.
     """
-    if scene_format(path):
+    if _is_scene(path):
         return _scene(path)
     try:
         data, directory = read_stream(path, limits)
@@ -92,6 +93,12 @@ def size_of(path: Path) -> int:
     """Bytes of a file, or of all files of a folder."""
     files = path.iterdir() if path.is_dir() else [path]
     return sum(file.stat().st_size for file in files)
+
+
+def _is_scene(path: Path) -> bool:
+    """Whether a file is read as a scene: a stream in a glTF file is read as a stream."""
+    kind = scene_format(path)
+    return kind is not None and not (kind == "gltf" and read_gltf_stream(path) is not None)
 
 
 def _scene(path: Path) -> Loaded:

@@ -17,6 +17,7 @@ from evogs_codec.cli.common_options import (
     add_page,
     add_partial,
 )
+from evogs_codec.cli.converting import kind_to_convert
 from evogs_codec.cli.large_scenes import add_large_options
 from evogs_codec.cli.looking import add_camera
 from evogs_codec.encoding.layers import MAX_LAYERS, N_LAYERS
@@ -237,12 +238,22 @@ def add_convert(commands: Commands, run: Run) -> None:
         "Convert a scene to another format, which the ending says.",
         "  evogs convert scene.spz scene.ply\n"
         "  evogs convert scene.sog scene.compressed.ply\n"
-        "  evogs convert scene.ply scene.glb",
+        "  evogs convert scene.ply scene.glb\n"
+        "  evogs convert scene.evogs scene.glb      # the stream in a glTF file, as it is\n"
+        "  evogs convert scene.evogs scene.gltf     # a glTF file that names the stream\n"
+        "  evogs convert scene.glb scene.evogs      # the same stream again",
     )
-    parser.add_argument("input", type=path_or_url, metavar="IN", help=SCENES_IN)
-    add_output(parser, "OUT", kind_to_write)
+    several = f"{SCENES_IN}; or a stream, for a .glb or .gltf that has it inside"
+    parser.add_argument("input", type=path_or_url, metavar="IN", help=several)
+    add_output(parser, "OUT", kind_to_convert)
     parser.add_argument(
         "--drop-invalid", action="store_true", help="drop splats that have a NaN or an infinity"
+    )
+    parser.add_argument(
+        "--fallback",
+        action="store_true",
+        help="of a stream in a .glb or .gltf: add the splats of level 0, uncompressed, for readers"
+        " that do not know streams",
     )
 
 

@@ -12,7 +12,9 @@ from evogs_codec.editing.extract import choose_cut
 from evogs_codec.editing.presence import LevelPresence, bytes_for_first_splats, level_presence
 from evogs_codec.errors import Fault, InputError, StreamError
 from evogs_codec.format.directory import HEADER_SIZE, Directory, read_directory, read_header
-from evogs_codec.io.files import PICTURE, TREE, kind_of
+from evogs_codec.io.files import KIND_BYTES, PICTURE, TREE, kind_of
+from evogs_codec.io.interchange.gltf_file import MAGIC
+from evogs_codec.io.interchange.gltf_stream import read_gltf_stream
 from evogs_codec.io.interchange.scene_files import START, scene_format
 from evogs_codec.io.json_files import read_limits
 from evogs_codec.stores.remote_file import RemoteFile
@@ -23,6 +25,7 @@ __all__ = [
     "describe_levels",
     "describe_part",
     "limits_of",
+    "located",
     "open_stream",
     "part_there",
     "read_stream",
@@ -35,6 +38,21 @@ def limits_of(args: argparse.Namespace) -> dict[str, int] | None:
     return None if args.limits is None else read_limits(args.limits)
 
 
+def located(at: Path | RemoteFile) -> ByteSource:
+    """The stream of a file, which may be glTF with a stream in it; of a URL, that is fetched.
+
+    Raises:
+        InputError: the file is glTF and damaged.
+        OSError: it cannot be read.
+    """
+    if isinstance(at, RemoteFile):
+        is_glb = at.size >= KIND_BYTES and at.having([(0, KIND_BYTES)])[:4] == MAGIC
+        inside = read_gltf_stream(at.whole()) if is_glb else None
+    else:
+        inside = read_gltf_stream(at)
+    return source_of(at if inside is None else inside)
+
+
 def open_stream(
     at: Path | RemoteFile, limits: dict[str, int] | None
 ) -> tuple[ByteSource, Directory]:
@@ -43,7 +61,7 @@ def open_stream(
     Raises:
         InputError, OSError, StreamError: as `_read_directory`, or the file cannot be read.
     """
-    source = source_of(at)
+    source = located(at)
     return source, _read_directory(source, at, limits)
 
 

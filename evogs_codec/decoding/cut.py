@@ -166,6 +166,18 @@ def tiles_within(directory: Directory, box: Sequence[float]) -> npt.NDArray[np.b
     return inside
 
 
+def scene_bounds(directory: Directory) -> tuple[F64, F64]:
+    """(3,) and (3,) lowest and highest positions that splats may have, scene units.
+
+    They are those of the tile table, so nothing is decoded. Zeros where there is no slot.
+    """
+    low, high = _tile_boxes(directory)
+    has_slots = directory.tile_slots > 0
+    if not has_slots.any():
+        return np.zeros(3), np.zeros(3)
+    return low[has_slots].min(0), high[has_slots].max(0)
+
+
 def _tile_boxes(directory: Directory) -> tuple[F64, F64]:
     """(n_tiles, 3) lowest and highest positions, scene units."""
     scale = 2.0 ** -directory.grid_exponents[0]

@@ -54,10 +54,11 @@ def marked_scene(path: Path, command: str) -> bool:
 
 
 def marked_gltf(path: Path, command: str) -> bool:
-    """Whether the JSON of a `.glb`, which begins with its asset, names the command."""
+    """Whether the JSON of a `.glb` or `.gltf`, which begins with its asset, names the command."""
     with path.open("rb") as file:
         start = file.read(1 << 12)
-    return start[20:].startswith(b'{"asset":') and f'"{comment_of(command)}"'.encode() in start
+    text = start[20:] if start.startswith(b"glTF") else start
+    return text.startswith(b'{"asset":') and f'"{comment_of(command)}"'.encode() in start
 
 
 def marked_tree(path: Path, command: str) -> bool:

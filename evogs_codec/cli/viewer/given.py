@@ -13,6 +13,7 @@ from evogs_codec.cli.viewer.scenes import Folder
 from evogs_codec.common.printable import shown
 from evogs_codec.errors import InputError
 from evogs_codec.io.files import KIND_BYTES, STREAM, kind_of
+from evogs_codec.io.interchange.gltf_stream import read_gltf_stream
 
 __all__ = ["folder_of_streams", "is_of_web", "is_stream", "newly_encoded", "stream_of"]
 
@@ -45,15 +46,18 @@ def folder_of_streams(path: Path) -> tuple[Folder, list[str]]:
 
 
 def newly_encoded(path: Path) -> tuple[str, bytes]:
-    """The stream of a scene or of a tree, by a name that it could have.
+    """The stream of a scene or of a tree, or in a glTF file, by a name that it could have.
 
     Raises:
         InputError: the file is neither.
     """
+    name = f"{path.name.removesuffix('.ply').removesuffix('.tree.npz')}.evogs"
+    if (inside := read_gltf_stream(path)) is not None:
+        return name, bytes(inside)
     with progress_bar() as progress:
         data = encode_file(path, progress)
     print(f"{shown(path)}: encoded, {len(data):,} bytes")
-    return f"{path.name.removesuffix('.ply').removesuffix('.tree.npz')}.evogs", data
+    return name, data
 
 
 def stream_of(given: str | Path) -> tuple[str, bytes]:

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import json
 import struct
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,28 +29,36 @@ from evogs_codec.io.interchange.gltf_file import (
     MAGIC,
     GltfFile,
     as_object,
+    is_gltf,
     open_gltf,
     placed_meshes,
 )
+from evogs_codec.io.interchange.gltf_stream import KHR, Streams
 from evogs_codec.io.interchange.values import C0, as_bytes, log_scales_of, logits_of, sigmoid, unit
 from evogs_codec.io.makers import comment_of
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F64, SplatParams
 
-__all__ = ["FRAME", "MAGIC", "is_gltf", "read", "write"]
+__all__ = [
+    "FRAME",
+    "KHR",
+    "MAGIC",
+    "POINTS",
+    "as_glb",
+    "as_text",
+    "asset_of",
+    "attributes_of",
+    "is_gltf",
+    "packed",
+    "read",
+    "splatting",
+    "write",
+]
 
 FRAME = "LUF"
-KHR = "KHR_gaussian_splatting"
+
 POINTS, BYTE, ARRAY = 0, 5121, 34962  # numbers of glTF
 COLOUR_SPACES = {"srgb_rec709_display": "srgb", "lin_rec709_display": "linear"}
-
-
-def is_gltf(path: Path, start: bytes) -> bool:
-    """Whether a file is a `.glb`, or JSON that is named `.gltf` or begins as one."""
-    if start.startswith(MAGIC):
-        return True
-    text = start.lstrip()
-    return text.startswith(b"{") and (path.suffix.lower() == ".gltf" or b'"asset"' in text[:4096])
 
 
 def read(path: Path) -> tuple[SplatParams, SceneInfo]:
@@ -58,6 +68,7 @@ def read(path: Path) -> tuple[SplatParams, SceneInfo]:
         InputError: the file is damaged, or has no splats that can be read.
     """
     file = open_gltf(path)
+    streams = Streams(file)
     found: list[tuple[F64, SplatParams]] = []
     known: dict[
         int, SplatParams
@@ -69,17 +80,22 @@ def read(path: Path) -> tuple[SplatParams, SceneInfo]:
             if not isinstance(extension, dict):
                 continue
             if id(primitive) not in known:
-                known[id(primitive)] = _splats(file, primitive, extension)
+                number = streams.number_in(extension)
+                if number is None:
+                    known[id(primitive)] = _splats(file, primitive, extension)
+                else:
+                    known[id(primitive)] = streams.splats(number)
                 spaces.add(COLOUR_SPACES.get(str(extension.get("colorSpace")), "unspecified"))
             splats = known[id(primitive)]
             n_splats, most = n_splats + len(splats), max(most, splats.sh.shape[1])
-            check_splats(path, n_splats, most, file.n_bytes)
+            check_splats(path, n_splats, most, file.n_bytes + streams.allowance)
             found.append((placed, splats))
     parts = [transformed(splats, at[:3, :3], at[:3, 3]) for at, splats in found]
     if not parts:
         raise InputError(f"{path}: it has no splats ({KHR}) in a scene; is it a mesh?")
     space = spaces.pop() if len(spaces) == 1 else "unspecified"
-    info = SceneInfo(colour_space=registry.COLOUR_SPACES.index(space))
+    said = streams.info if len(known) == 1 else SceneInfo()
+    info = replace(said, colour_space=registry.COLOUR_SPACES.index(space))
     splats = transformed(_joined(parts), turn(FRAME, PLY_FRAME))
     return splats, info_of_frame(info, FRAME)
 
@@ -147,7 +163,50 @@ def write(splats: SplatParams, info: SceneInfo, command: str) -> bytes:
     """A `.glb`; the splats are in its frame."""
     if not len(splats):
         raise InputError("a .glb holds at least one splat")
-    attributes = _attributes(splats)
+    attributes = attributes_of(splats)
+    views, accessors, n_bytes = packed(attributes)
+    primitive = {
+        "mode": POINTS,
+        "attributes": {name: i for i, name in enumerate(attributes)},
+        "extensions": {KHR: splatting(info)},
+    }
+    root = {
+        "asset": asset_of(info, command),
+        "extensionsUsed": [KHR],
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [primitive]}],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": n_bytes}],
+    }
+    return as_glb(root, [values.tobytes() for values in attributes.values()])
+
+
+def asset_of(info: SceneInfo, command: str) -> dict[str, str]:
+    """Who made a file, by a command."""
+    asset = {"version": "2.0", "generator": comment_of(command)}
+    if credit := info.text.get("author"):
+        asset["copyright"] = credit
+    return asset
+
+
+def splatting(info: SceneInfo) -> dict[str, Any]:
+    """The object of KHR_gaussian_splatting of a primitive."""
+    space = registry.name(registry.COLOUR_SPACES, info.colour_space)
+    return {
+        "kernel": "ellipse",
+        "colorSpace": "lin_rec709_display" if space == "linear" else "srgb_rec709_display",
+        "sortingMethod": "cameraDistance",
+        "projection": "perspective",
+    }
+
+
+def packed(
+    attributes: dict[str, Any],
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]], int]:
+    """Buffer views and accessors of arrays that follow one another in buffer 0, and their bytes."""
     views, accessors, at = [], [], 0
     for name, values in attributes.items():
         views.append({"buffer": 0, "byteOffset": at, "byteLength": values.nbytes, "target": ARRAY})
@@ -164,43 +223,34 @@ def write(splats: SplatParams, info: SceneInfo, command: str) -> bytes:
             accessor["normalized"] = True
         accessors.append(accessor)
         at += values.nbytes
-    space = registry.name(registry.COLOUR_SPACES, info.colour_space)
-    extension = {
-        "kernel": "ellipse",
-        "colorSpace": "lin_rec709_display" if space == "linear" else "srgb_rec709_display",
-        "sortingMethod": "cameraDistance",
-        "projection": "perspective",
-    }
-    primitive = {
-        "mode": POINTS,
-        "attributes": {name: i for i, name in enumerate(attributes)},
-        "extensions": {KHR: extension},
-    }
-    asset = {"version": "2.0", "generator": comment_of(command)}
-    if credit := info.text.get("author"):
-        asset["copyright"] = credit
-    root = {
-        "asset": asset,
-        "extensionsUsed": [KHR],
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [primitive]}],
-        "accessors": accessors,
-        "bufferViews": views,
-        "buffers": [{"byteLength": at}],
-    }
-    text = json.dumps(root, separators=(",", ":")).encode()
+    return views, accessors, at
+
+
+def as_glb(root: dict[str, Any], parts: Sequence[bytes | memoryview]) -> bytes:
+    """A `.glb` of this JSON and these bytes, which are its buffer 0.
+
+    Raises:
+        InputError: it would be too large.
+    """
+    text = as_text(root)
     text += b" " * (-len(text) % 4)
-    size = 12 + 8 + len(text) + 8 + at
+    n_bytes = sum(map(len, parts))
+    padding = b"\0" * (-n_bytes % 4)
+    n_bytes += len(padding)
+    size = 12 + 8 + len(text) + 8 + n_bytes
     if size >= 1 << 32:
-        raise InputError(f"{len(splats):,} splats need {size:,} bytes; a .glb has less than 2**32")
+        raise InputError(f"a .glb has less than 2**32 bytes, and {size:,} are needed")
     head = MAGIC + struct.pack("<IIII", 2, size, len(text), JSON_CHUNK) + text
-    chunk = struct.pack("<II", at, BIN_CHUNK)
-    return b"".join([head, chunk, *(values.tobytes() for values in attributes.values())])
+    return b"".join([head, struct.pack("<II", n_bytes, BIN_CHUNK), *parts, padding])
 
 
-def _attributes(splats: SplatParams) -> dict[str, Any]:
+def as_text(root: dict[str, Any]) -> bytes:
+    """JSON without spaces."""
+    return json.dumps(root, separators=(",", ":")).encode()
+
+
+def attributes_of(splats: SplatParams) -> dict[str, Any]:
+    """The arrays of the attributes of splats, by name."""
     opacities = sigmoid(splats.opacity_logits)
     colours = np.concatenate([splats.sh[:, 0] * C0 + 0.5, opacities[:, None]], axis=1)
     with np.errstate(over="ignore", under="ignore"):

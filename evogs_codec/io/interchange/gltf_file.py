@@ -25,7 +25,9 @@ __all__ = [
     "MAGIC",
     "GltfFile",
     "as_object",
+    "is_gltf",
     "open_gltf",
+    "open_gltf_start",
     "placed_meshes",
 ]
 
@@ -49,13 +51,15 @@ class GltfFile:
         root: its JSON.
         binary: the binary chunk, empty if there is none.
         n_bytes: of the file and its buffers so far.
-        buffers: those that were read, by number.
+        n_missing: bytes at the end of a `.glb` that are not there.
+        buffers: what is there of those that were read, by number.
     """
 
     path: Path
     root: dict[str, Any]
     binary: memoryview
     n_bytes: int
+    n_missing: int = 0
     buffers: dict[int, memoryview] = field(default_factory=dict)
 
     def list_of(self, parent: dict[str, Any], key: str) -> list[Any]:
@@ -82,19 +86,35 @@ class GltfFile:
         return found
 
     def buffer(self, number: object) -> memoryview:
-        """The bytes of a buffer."""
+        """The bytes of a buffer, all of them."""
+        data, size = self._there(number)
+        if size > len(data):
+            raise InputError(
+                f"{self.path}: cut short: buffer {number} has {len(data):,} of {size:,} bytes"
+            )
+        return data
+
+    def part(self, number: object) -> tuple[memoryview, int]:
+        """What is there of the bytes of a buffer view, and how many it has."""
+        view = self.item("bufferViews", number)
+        if view.get("extensions"):
+            names = shown(", ".join(as_object(view["extensions"])))
+            raise InputError(f"{self.path}: its bytes are compressed ({names}), which is not read")
+        data, size = self._there(view.get("buffer"))
+        start, length = self.count(view, "byteOffset", 0), self.count(view, "byteLength")
+        if start + length > size:
+            raise InputError(f"{self.path}: buffer view {number} ends after the end of its buffer")
+        return data[start : start + length], length
+
+    def _there(self, number: object) -> tuple[memoryview, int]:
+        """What is there of the bytes of a buffer, and how many it has."""
         entry = self.item("buffers", number)
         assert isinstance(number, int)
         if number not in self.buffers:
             uri = entry.get("uri")
             data = self.binary if uri is None and number == 0 else self._fetched(uri)
-            size = self.count(entry, "byteLength")
-            if size > len(data):
-                raise InputError(
-                    f"{self.path}: cut short: buffer {number} has {len(data):,} of {size:,} bytes"
-                )
-            self.buffers[number] = data[:size]
-        return self.buffers[number]
+            self.buffers[number] = data[: self.count(entry, "byteLength")]
+        return self.buffers[number], self.count(entry, "byteLength")
 
     def _fetched(self, uri: object) -> memoryview:
         if not isinstance(uri, str):
@@ -152,11 +172,32 @@ class GltfFile:
         return numbers if n_each > 1 else numbers[:, 0]
 
 
+def is_gltf(path: Path, start: bytes) -> bool:
+    """Whether a file is a `.glb`, or JSON that is named `.gltf` or begins as one."""
+    if start.startswith(MAGIC):
+        return True
+    text = start.lstrip()
+    return text.startswith(b"{") and (path.suffix.lower() == ".gltf" or b'"asset"' in text[:4096])
+
+
 def open_gltf(path: Path) -> GltfFile:
     """A glTF file, whose JSON is read and nothing else.
 
     Raises:
-        InputError: it is damaged.
+        InputError: it is damaged, or cut short.
+    """
+    file = open_gltf_start(path)
+    if file.n_missing:
+        there, size = file.n_bytes, file.n_bytes + file.n_missing
+        raise InputError(f"{path}: cut short: {there:,} of {size:,} bytes are there")
+    return file
+
+
+def open_gltf_start(path: Path) -> GltfFile:
+    """A glTF file as `open_gltf`, perhaps without the end of its binary chunk.
+
+    Raises:
+        InputError: it is damaged, or its JSON is cut short.
     """
     data = read_bytes(path)
     if not data.startswith(MAGIC):
@@ -166,14 +207,15 @@ def open_gltf(path: Path) -> GltfFile:
     version, size, n_json, kind = struct.unpack_from("<IIII", data, 4)
     if version != 2 or kind != JSON_CHUNK:
         raise InputError(f"{path}: is no .glb of version 2 that begins with JSON")
-    if size > len(data) or 20 + n_json > len(data):
-        raise InputError(f"{path}: cut short: {len(data):,} of {size:,} bytes are there")
     at, binary = 20 + n_json, memoryview(b"")
+    if at > len(data):
+        raise InputError(f"{path}: cut short: {len(data):,} of {size:,} bytes are there")
     if at + 8 <= len(data):
         n_binary, kind = struct.unpack_from("<II", data, at)
         if kind == BIN_CHUNK:
             binary = memoryview(data)[at + 8 : at + 8 + n_binary]
-    return GltfFile(path, _json(path, data[20 : 20 + n_json]), binary, len(data))
+    root = _json(path, data[20:at])
+    return GltfFile(path, root, binary, len(data), max(0, size - len(data)))
 
 
 def _json(path: Path, text: bytes) -> dict[str, Any]:
