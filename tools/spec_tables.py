@@ -100,12 +100,14 @@ def registry_module() -> str:
         names = [r["name"] for r in rows("registry") if r["registry"] == registry]
         lines.append(f"{constant} = ({', '.join(json.dumps(name) for name in names)})")
     keys = [r["value"] for r in rows("registry") if r["registry"] == "metadata"]
-    for by_the_encoder in ("generator", "psnr"):
+    for by_the_encoder in ("generator", "psnr", "camera", "cameras", "crs", "transform"):
         keys.remove(by_the_encoder)
     lines += [
         "",
         "# Metadata keys that a person gives.",
-        f"TEXT_OPTIONS = ({', '.join(json.dumps(key) for key in keys)})",
+        "TEXT_OPTIONS = (",
+        *(f"    {json.dumps(key)}," for key in keys),
+        ")",
         "",
         "",
         "def name(names: tuple[str, ...], number: int) -> str:",

@@ -9,7 +9,16 @@ UNITS = ("unspecified", "metre", "centimetre", "millimetre", "foot", "inch")
 COLOUR_SPACES = ("unspecified", "srgb", "linear")
 
 # Metadata keys that a person gives.
-TEXT_OPTIONS = ("title", "author", "licence", "source", "comment")
+TEXT_OPTIONS = (
+    "title",
+    "author",
+    "licence",
+    "source",
+    "captured",
+    "device",
+    "provenance",
+    "comment",
+)
 
 
 def name(names: tuple[str, ...], number: int) -> str:

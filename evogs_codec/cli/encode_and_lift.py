@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from evogs_codec._generated import registry
+from evogs_codec.cli.default_view import with_default_camera
 from evogs_codec.cli.large_scenes import encode_large, wants_jobs
 from evogs_codec.cli.looking import find_up, need_numba
 from evogs_codec.cli.reporting import write_report
@@ -40,6 +42,9 @@ from evogs_codec.scene import encode_scene, encode_tree
 if TYPE_CHECKING:
     from evogs_codec.render import Camera, Up
 
+# `full-date` or `date-time` of RFC 3339, as spec 8.4 has it.
+CAPTURED = re.compile(r"\d{4}-\d\d-\d\d([Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d))?", re.ASCII)
+
 __all__ = ["encode_file", "read_splats", "run_encode", "run_lift"]
 
 
@@ -59,24 +64,26 @@ def run_encode(args: argparse.Namespace) -> None:
         if is_scene:
             scene = read_splats(args.input, drop_invalid=args.drop_invalid)
             splats = scene.splats
-            up = find_up(args, splats, _scene_info(args, scene.info))
+            info = with_default_camera(args, splats, _scene_info(args, scene.info))
+            up = find_up(args, splats, info)
             data = encode_scene(
                 splats,
                 levels=args.levels or N_LEVELS,
                 preset=preset,
                 palette="never" if args.no_palette else "auto",
                 improve=_refiner(args, progress),
-                info=_scene_info(args, scene.info),
+                info=info,
                 **_options(args, progress),
             )
         else:
             tree = read_tree(args.input)
             splats = tree.leaves()
-            up = find_up(args, splats, _scene_info(args, SceneInfo()))
+            info = with_default_camera(args, splats, _scene_info(args, SceneInfo()))
+            up = find_up(args, splats, info)
             data = encode_tree(
                 tree,
                 preset=preset,
-                info=_scene_info(args, SceneInfo()),
+                info=info,
                 **_options(args, progress),
             )
     write_atomic(args.output, data)
@@ -272,6 +279,8 @@ def _cameras(args: argparse.Namespace) -> list[Camera] | None:
 def _scene_info(args: argparse.Namespace, known: SceneInfo) -> SceneInfo:
     """What the options say of the scene; where they say nothing, what is known of the file."""
     given = {key: getattr(args, key) for key in registry.TEXT_OPTIONS if getattr(args, key)}
+    if "captured" in given and not CAPTURED.fullmatch(given["captured"]):
+        raise InputError("--captured: expected a date, 2026-09-30, or 2026-09-30T12:00:00Z")
 
     def number(names: tuple[str, ...], option: str, otherwise: int) -> int:
         return names.index(option) or otherwise

@@ -28,7 +28,7 @@ ENGINES = ("processes", "serial", "dask")
 # What needs the whole scene at once: names of the options.
 WHOLE = (
     *("preset", "bits", "near_lossless", "finer", "max_error", "target_psnr", "target_bytes"),
-    *("polish", "refine", "camera", "tiles"),
+    *("polish", "refine", "camera", "view", "tiles"),
 )
 
 

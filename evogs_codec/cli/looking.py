@@ -18,6 +18,7 @@ from evogs_codec.model.splats import SplatParams
 
 if TYPE_CHECKING:
     from evogs_codec.render import Camera, Up
+    from evogs_codec.render.up import Direction
 
 __all__ = [
     "AXES",
@@ -27,6 +28,7 @@ __all__ = [
     "colour",
     "find_up",
     "fitted",
+    "has_default_camera",
     "need_numba",
     "up_given",
     "up_unseen",
@@ -132,6 +134,8 @@ def cameras_of(
 ) -> tuple[list[Camera], Up | None]:
     """Those of `--camera`, or 24 around a scene; and what is up, if that was to be found out.
 
+    Before the 24 comes the default camera, if the file of the scene has one.
+
     Args:
         args: of a command with `add_look`.
         scene: what they look at.
@@ -139,12 +143,22 @@ def cameras_of(
         size: of the longer side of a view, pixels, if `--size` does not say.
     """
     from evogs_codec.render import cameras_around, load_cameras
+    from evogs_codec.render.default_camera import default_camera
 
     size = size if args.size is None else args.size
     if args.camera is not None:
         return [fitted(camera, size) for camera in load_cameras(args.camera)], None
     up = up_given(args, scene, info)
-    return cameras_around(scene, up.vector, size), up
+    own = default_camera(info, up.vector, size)
+    around = cameras_around(scene, up.vector, size)
+    return (around if own is None else [own, *around]), up
+
+
+def has_default_camera(info: SceneInfo, up: Direction) -> bool:
+    """Whether the first of `cameras_of` is the default camera of a scene."""
+    from evogs_codec.render.default_camera import default_camera
+
+    return default_camera(info, up, 1) is not None
 
 
 def up_given(args: argparse.Namespace, scene: SplatParams, info: SceneInfo) -> Up:

@@ -18,6 +18,7 @@ from evogs_codec.cli.common_options import (
     add_partial,
 )
 from evogs_codec.cli.converting import kind_to_convert
+from evogs_codec.cli.default_view import add_view_option
 from evogs_codec.cli.large_scenes import add_large_options
 from evogs_codec.cli.looking import add_camera
 from evogs_codec.encoding.layers import MAX_LAYERS, N_LAYERS
@@ -93,6 +94,7 @@ def add_encode(commands: Commands, run: Run) -> None:
     )
     add_output(parser, "OUT.evogs", files.STREAM)
     _add_lift_options(parser, "--refine, --polish and targets")
+    add_view_option(parser)
     accuracy = parser.add_mutually_exclusive_group()
     accuracy.add_argument(
         "--preset",

@@ -8,7 +8,7 @@ from typing import Any
 
 from evogs_codec._generated import registry
 from evogs_codec.common.printable import shown
-from evogs_codec.decoding.cut import Cut
+from evogs_codec.decoding.cut import Cut, scene_bounds
 from evogs_codec.editing.byte_stats import GroupBytes, levels
 from evogs_codec.editing.level_psnr import KEY as PSNR
 from evogs_codec.editing.level_psnr import level_psnr
@@ -16,6 +16,7 @@ from evogs_codec.editing.omissions import Omission
 from evogs_codec.editing.presence import LevelPresence, level_presence
 from evogs_codec.format.directory import Directory
 from evogs_codec.model.scene_info import SceneInfo
+from evogs_codec.model.viewpoint import default_viewpoint
 
 __all__ = [
     "fetched_text",
@@ -25,6 +26,9 @@ __all__ = [
     "print_info",
     "print_levels",
 ]
+
+
+ENDS = ("low", "high")
 
 
 def info_to_write(directory: Directory) -> SceneInfo:
@@ -60,6 +64,7 @@ def info_of(
     """What `evogs info` says of a stream of which `size` bytes are there."""
     scene, presence, known = directory.info, presence_of(directory, size), level_psnr(directory)
     text = {key: value for key, value in scene.text.items() if key != PSNR or known is None}
+    bounds, camera = scene_bounds(directory), default_viewpoint(scene.text)
     return {
         "tier": directory.tier,
         "sh_degree": directory.sh_degree,
@@ -79,6 +84,8 @@ def info_of(
             "antialiased": scene.antialiased,
             **text,
         },
+        "bounds": {end: corner.tolist() for end, corner in zip(ENDS, bounds, strict=True)},
+        "camera": None if camera is None else camera.members(),
         "psnr_views": None if known is None else known.views,
         "levels": [
             figures | {"presence": there.state, "has_all_splats": there.has_all_splats}
@@ -98,6 +105,8 @@ def print_info(directory: Directory, info: dict[str, Any], groups: dict[str, Gro
         print(f"{'palette_entries':>18}  {info['palette_entries']}")
     for key, value in info["scene"].items():
         print(f"{shown(key):>18}  {shown(value)}")
+    low, high = ((f"{x:.6g}" for x in info["bounds"][end]) for end in ENDS)
+    print(f"{'bounds':>18}  {' '.join(low)} to {' '.join(high)}")
     if info["psnr_views"] is not None:
         print(f"{'PSNR of':>18}  {shown(info['psnr_views'])}")
     if "bytes_fetched" in info:

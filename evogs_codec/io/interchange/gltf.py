@@ -38,6 +38,7 @@ from evogs_codec.io.interchange.values import C0, as_bytes, log_scales_of, logit
 from evogs_codec.io.makers import comment_of
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F64, SplatParams
+from evogs_codec.model.viewpoint import CAMERA, CAMERAS
 
 __all__ = [
     "FRAME",
@@ -58,6 +59,7 @@ __all__ = [
 FRAME = "LUF"
 
 POINTS, BYTE, ARRAY = 0, 5121, 34962  # numbers of glTF
+IN_AXES = (CAMERA, CAMERAS, "crs", "transform")  # metadata in the coordinates of a stream
 COLOUR_SPACES = {"srgb_rec709_display": "srgb", "lin_rec709_display": "linear"}
 
 
@@ -94,10 +96,21 @@ def read(path: Path) -> tuple[SplatParams, SceneInfo]:
     if not parts:
         raise InputError(f"{path}: it has no splats ({KHR}) in a scene; is it a mesh?")
     space = spaces.pop() if len(spaces) == 1 else "unspecified"
-    said = streams.info if len(known) == 1 else SceneInfo()
+    said = SceneInfo()
+    if len(found) == 1:
+        at = found[0][0]
+        moves = not np.array_equal(turn(FRAME, PLY_FRAME) @ at[:3], np.eye(4)[:3])
+        said = _of_scene(streams.info, moves=moves)
     info = replace(said, colour_space=registry.COLOUR_SPACES.index(space))
     splats = transformed(_joined(parts), turn(FRAME, PLY_FRAME))
     return splats, info_of_frame(info, FRAME)
+
+
+def _of_scene(info: SceneInfo, *, moves: bool) -> SceneInfo:
+    """What a stream says that holds for its splats outside, where they may have moved."""
+    here = () if moves else IN_AXES
+    kept = {*registry.TEXT_OPTIONS, *here}
+    return replace(info, text={k: value for k, value in info.text.items() if k in kept})
 
 
 def _joined(parts: list[SplatParams]) -> SplatParams:

@@ -6,11 +6,9 @@
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from evogs_codec._generated import registry
 from evogs_codec.common.printable import shown
 from evogs_codec.decoding.decode import decode_leaves
 from evogs_codec.editing.byte_stats import levels
@@ -68,7 +66,7 @@ class Streams:
     Attributes:
         allowance: bytes of a file of plain splats that those of the streams count for, where
             sizes are checked.
-        info: what the header of the last one says, without what holds in its axes alone.
+        info: what the last one says of its scene.
     """
 
     def __init__(self, file: GltfFile) -> None:
@@ -135,8 +133,5 @@ class Streams:
         except StreamError as error:
             raise InputError(f"{path}: its stream: {error}") from error
         self.allowance += needed // RATIO
-        text = {
-            key: value for key, value in directory.info.text.items() if key in registry.TEXT_OPTIONS
-        }
-        self.info = replace(directory.info, text=text)
+        self.info = directory.info
         return splats
