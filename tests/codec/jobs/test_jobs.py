@@ -5,11 +5,19 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from evogs_codec import InputError, decode, encode_scene, write_ply
+from evogs_codec import (
+    InputError,
+    SceneInfo,
+    decode,
+    encode_scene,
+    read_directory,
+    write_ply,
+)
 from evogs_codec.jobs import Engine, JobOptions, encode_files
 from evogs_codec.jobs.engines import run_jobs
 from evogs_codec.render import Views
@@ -51,6 +59,15 @@ def test_the_stream_has_all_splats_in_tiles(scene, right):
     assert len(decoded.directory.tiles) == 4
     assert decoded.n_leaves == N
     assert Views.of(scene, n_views=6).psnr(decoded.leaves()) > 36
+
+
+@pytest.mark.thorough
+def test_what_is_said_of_a_scene_is_in_the_stream_of_all_tiles(folder, tmp_path):
+    camera = '{"position":[0,-2,0.5],"target":[0,0,0.25],"fov_y":45}'
+    text = {"camera": camera, "crs": "EPSG:4978", "generator": "x"}
+    options = replace(OPTIONS, info=SceneInfo(text=text))
+    encode_files([folder / "whole.ply"], tmp_path / "x.evogs", options, engine=SERIAL)
+    assert read_directory(tmp_path / "x.evogs").info.text == text
 
 
 @pytest.mark.thorough

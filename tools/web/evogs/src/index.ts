@@ -5,6 +5,7 @@ export { decode } from "./decode.js";
 export { CallerError, FAULT_SECTIONS, type FaultCode, StreamError } from "./faults.js";
 export { type Directory, parseDirectory } from "./directory.js";
 export { HEADER_SIZE, type Header } from "./header.js";
+export { type Viewpoint, viewpointOf } from "./viewpoint.js";
 export type { PacketTable } from "./packetTable.js";
 export type { TileTable } from "./tiles.js";
 export type { LimitName, Limits } from "./limits.js";

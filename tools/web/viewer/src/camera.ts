@@ -1,7 +1,8 @@
 /** The camera: it orbits a point, or flies. */
 
 import type { CameraPose } from "evogs-three";
-import { type Vec, add, cross, scaled, unit } from "./vectors.js";
+import type { Viewpoint } from "evogs";
+import { type Vec, add, cross, dot, scaled, unit } from "./vectors.js";
 
 const FOV_Y = (50 * Math.PI) / 180;
 const STEEPEST = Math.PI / 2 - 0.01;
@@ -14,6 +15,7 @@ export class Camera {
   yaw = 0.6;
   pitch = -0.25;
   up: Vec = [0, 0, 1];
+  fovY = FOV_Y;
   /** How large the scene is: speeds and clipping follow it. */
   radius = 1;
   /** A pose that was set from outside, until the camera moves. */
@@ -24,8 +26,28 @@ export class Camera {
     this.fixed = null;
     this.target = middle;
     this.radius = radius;
-    const half = Math.atan(Math.tan(FOV_Y / 2) * Math.min(1, aspect));
+    const half = Math.atan(Math.tan(this.fovY / 2) * Math.min(1, aspect));
     this.distance = (1.15 * radius) / Math.sin(half);
+  }
+
+  /** Looks as the default camera of a scene does; `up` is up in the picture. */
+  lookFrom({ position, target, fovY }: Viewpoint, up: Vec): void {
+    const ahead = add(target, position, -1);
+    this.fixed = null;
+    this.up = up;
+    this.target = target;
+    this.distance = Math.hypot(...ahead);
+    this.radius = this.distance / 3;
+    this.fovY = (fovY * Math.PI) / 180;
+    const [east, north, pole] = this.horizon;
+    this.yaw = Math.atan2(dot(ahead, north), dot(ahead, east));
+    const pitch = Math.asin(Math.max(-1, Math.min(1, dot(unit(ahead), pole))));
+    this.pitch = Math.min(STEEPEST, Math.max(-STEEPEST, pitch));
+  }
+
+  /** The field of view of scenes that do not say theirs. */
+  resetFov(): void {
+    this.fovY = FOV_Y;
   }
 
   get pose(): CameraPose {
@@ -34,7 +56,7 @@ export class Camera {
     return {
       eye: add(this.target, back, this.distance) as [number, number, number],
       rotation: [right, up, back],
-      fovY: FOV_Y,
+      fovY: this.fovY,
       near: Math.max(0.005 * this.radius, 0.002 * this.distance),
       far: 100 * this.radius + 10 * this.distance,
     };
@@ -81,12 +103,17 @@ export class Camera {
     return true;
   }
 
-  /** Right, up and backward. */
-  private get rotation(): [Vec, Vec, Vec] {
+  /** Two directions of the horizon, and up. */
+  private get horizon(): [Vec, Vec, Vec] {
     const up = unit(this.up);
     const side: Vec = Math.abs(up[0]) < 0.9 ? [1, 0, 0] : [0, 1, 0];
     const east = unit(cross(side, up));
-    const north = cross(up, east);
+    return [east, cross(up, east), up];
+  }
+
+  /** Right, up and backward. */
+  private get rotation(): [Vec, Vec, Vec] {
+    const [east, north, up] = this.horizon;
     const level = add(scaled(east, Math.cos(this.yaw)), north, Math.sin(this.yaw));
     const ahead = add(scaled(level, Math.cos(this.pitch)), up, Math.sin(this.pitch));
     const right = unit(cross(ahead, up));

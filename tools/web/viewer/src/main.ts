@@ -103,6 +103,7 @@ class Viewer {
     this.progress = null;
     this.isSceneOpen = false;
     this.hasFailed = false;
+    this.camera.resetFov();
     this.hasView = this.camera.setText(new URLSearchParams(location.hash.slice(1)).get("view") ?? "");
     this.panel.clear(name);
     const { maxTextureSize } = this.renderer;
@@ -145,7 +146,7 @@ class Viewer {
       case "opened":
         this.info = message.info;
         this.panel.opened(message.info);
-        if (message.info.up !== null) this.camera.up = message.info.up;
+        this.turnTo(message.info);
         this.renderer.open(message.layout);
         this.isSceneOpen = true;
         break;
@@ -169,6 +170,16 @@ class Viewer {
         this.fail(message);
         break;
     }
+  }
+
+  /** Takes what a scene says of how to look at it; a view that a link or a script gave stays. */
+  private turnTo({ up, camera }: SceneInfo): void {
+    const above = camera?.up ?? up;
+    if (above !== null) this.camera.up = above;
+    if (camera === null || this.hasView) return;
+    this.camera.lookFrom(camera, this.camera.up);
+    this.hasView = true;
+    this.moved();
   }
 
   private show(progress: Progress): void {
@@ -218,8 +229,9 @@ class Viewer {
     const url = new URL(location.href);
     url.hash = `view=${this.camera.text}`;
     if (this.source !== null) url.searchParams.set("src", this.source);
-    const up = "xyz"[this.camera.up.findIndex((x) => x !== 0)];
-    url.searchParams.set("up", `${Math.min(...this.camera.up) < 0 ? "-" : ""}${up}`);
+    const sizes = this.camera.up.map(Math.abs);
+    const axis = sizes.indexOf(Math.max(...sizes));
+    url.searchParams.set("up", `${this.camera.up[axis] < 0 ? "-" : ""}${"xyz"[axis]}`);
     history.replaceState(null, "", url);
     await navigator.clipboard?.writeText(url.href).catch(() => {});
     const isLocal = this.source === null && !this.isHeld;

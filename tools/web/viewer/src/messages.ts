@@ -1,5 +1,6 @@
 /** What the page and its worker say to each other. */
 
+import type { Viewpoint } from "evogs";
 import type { FetchFailure, FetchState } from "evogs-fetch";
 import type { Layout, TexelUpdate } from "evogs-three/texels";
 
@@ -38,6 +39,8 @@ export interface SceneInfo {
   tiles: number;
   shDegree: number;
   up: [number, number, number] | null;
+  /** The default camera. */
+  camera: Viewpoint | null;
   title: string;
 }
 

@@ -1,6 +1,6 @@
 /** A scene that comes: it fetches, decodes, keeps what came, and says what to draw. Runs in the worker. */
 
-import { CORE, Decoder, type Limits, type Scene } from "evogs";
+import { CORE, Decoder, type Limits, type Scene, viewpointOf } from "evogs";
 import { type Budget, FetchError, SceneFetch, fileOrder, viewOrder } from "evogs-fetch";
 import { type Layout, TexelWriter, layoutOf } from "evogs-three/texels";
 import { blobFetch } from "./blobFetch.js";
@@ -215,6 +215,7 @@ export class SceneStream {
       tiles: header.nTiles,
       shDegree: header.shDegree,
       up: UP_AXES[header.upAxis],
+      camera: viewpointOf(metadata),
       title: metadata.get("title") ?? "",
     };
   }
