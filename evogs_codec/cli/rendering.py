@@ -17,7 +17,7 @@ from tqdm import tqdm
 from evogs_codec.cli.argument_types import path_or_url
 from evogs_codec.cli.common_options import add_limits, add_output, add_partial
 from evogs_codec.cli.loading import Loaded, load_part, load_whole
-from evogs_codec.cli.looking import add_look, cameras_of, need_numba
+from evogs_codec.cli.looking import add_look, cameras_of, has_default_camera, need_numba
 from evogs_codec.cli.streams import describe_part, limits_of, part_there, read_stream
 from evogs_codec.common.printable import shown
 from evogs_codec.decoding.cut import Cut, tiles_meeting
@@ -68,6 +68,7 @@ def run_render(args: argparse.Namespace) -> None:
     _need_pillow(args.output)
     from evogs_codec.render import render
     from evogs_codec.render.framing import options_for
+    from evogs_codec.render.front import most_detailed
     from evogs_codec.render.viewpoints import PICTURE_SIZE
 
     if args.sheet:
@@ -77,11 +78,14 @@ def run_render(args: argparse.Namespace) -> None:
         raise ValueError("--reference needs --sheet; `evogs psnr` compares two files")
     scene = _load_input(args)
     cameras, up = cameras_of(args, scene.splats, scene.info, size=PICTURE_SIZE)
-    if not 0 <= args.view < len(cameras):
-        raise ValueError(f"view {args.view} is not one of 0..{len(cameras) - 1}")
+    number = args.view or 0
+    if args.view is None and up is not None and not has_default_camera(scene.info, up.vector):
+        number = most_detailed(scene.splats, cameras, args.background)
+    if not 0 <= number < len(cameras):
+        raise ValueError(f"view {number} is not one of 0..{len(cameras) - 1}")
     options = options_for(scene.splats)
-    _write(args, render(scene.splats, cameras[args.view], args.background, options=options))
-    found = "" if up is None else f"{up}, "
+    _write(args, render(scene.splats, cameras[number], args.background, options=options))
+    found = "" if up is None else f"{up}, view {number}, "
     print(f"{shown(args.output)}: {found}{len(scene.splats):,} splats, 1 view{scene.part}")
 
 
@@ -235,7 +239,11 @@ def _add(
             " (default: compare with the last level)",
         )
         parser.add_argument(
-            "--view", type=int, default=0, metavar="I", help="number of the camera (default: 0)"
+            "--view",
+            type=int,
+            metavar="I",
+            help="number of the camera (default: 0, which is the default camera of a stream; of"
+            " the 24 default views, that with the most detail)",
         )
         parser.add_argument(
             "--box",

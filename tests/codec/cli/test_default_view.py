@@ -13,6 +13,7 @@ from evogs_codec.model.viewpoint import default_viewpoint
 from evogs_codec.render import Camera, cameras_around, save_cameras
 from evogs_codec.render.default_camera import default_camera, viewpoint_of
 from evogs_codec.render.demo_scene import make_scene
+from evogs_codec.render.front import most_detailed
 
 QUICK = ("--preset", "scene", "--levels", 2)
 
@@ -146,3 +147,19 @@ def test_it_is_view_0_of_pictures(here, evogs, tmp_path):
         same_view(one, other)
     said = evogs("compare", tmp_path / "x.evogs", folder / "x.ply", "--size", 8)[1]
     assert "the default camera and 24 on a circle" in said
+
+
+def test_render_shows_it_or_the_view_with_the_most_detail_or_the_one_asked_for(
+    here, evogs, tmp_path
+):
+    folder, scene, _ = here
+    encoded(evogs, folder, tmp_path / "x.evogs", "--camera", folder / "cameras.json")
+    number = most_detailed(scene, cameras_around(scene, "z", 16))
+    assert number > 0
+    for source, words, view in (
+        (tmp_path / "x.evogs", (), 0),
+        (folder / "x.ply", (), number),
+        (folder / "x.ply", ("--view", 0), 0),
+    ):
+        said = evogs("render", source, tmp_path / "x.png", "--up", "z", "--size", 16, *words)[1]
+        assert f"view {view}, 300 splats, 1 view" in said

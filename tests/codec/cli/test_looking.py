@@ -42,7 +42,7 @@ def seen(path, camera, background=(1.0, 1.0, 1.0)):
 
 def test_every_command_finds_out_what_is_up_and_says_so(evogs, upside_down, tmp_path):
     said = "up is -y (estimated from the splats)"
-    code, out, err = evogs("render", upside_down, tmp_path / "a.png", *SIZE)
+    code, out, err = evogs("render", upside_down, tmp_path / "a.png", *SIZE, "--view", 0)
     assert (code, err) == (0, "")
     assert said in out
     camera = cameras_around(read_ply(upside_down), "-y", EDGE)[0]

@@ -48,7 +48,8 @@ def test_a_part_is_decoded_and_its_size_and_levels_are_said(half, evogs, made, t
 
 
 def test_a_part_is_rendered_as_its_splats_are(half, evogs, made, tmp_path):
-    code, out, err = evogs("render", half, tmp_path / "half.png", "--partial", *SIZE)
+    words = ("--partial", *SIZE, "--view", 0)
+    code, out, err = evogs("render", half, tmp_path / "half.png", *words)
     assert (code, err) == (0, "")
     splats = decode_prefix(half).leaves()
     white = render(splats, cameras_around(splats, "z", PIXELS)[0], (1.0, 1.0, 1.0))
