@@ -26,11 +26,11 @@ export function whyNoCodec() {
 
 const evogs = (...parameters) => python("-m", "evogs_codec.cli.commands", ...parameters);
 
-const SCENES = ["sh3", "sh1", "five", "tiles", "default"];
+const SCENES = ["sh3", "sh1", "five", "tiles", "default", "camera"];
 
 /**
  * 8,000 splats in 7 levels at fixed steps, of SH degree 3 and 1; as the default has them; and in 8 tiles. 24,000 as
- * the default has them: 5 % of their bytes have the first splats. Made once.
+ * the default has them: 5 % of their bytes have the first splats. One with a default camera. Made once.
  * So they do of 8,000 splats with 7 levels, but then the second level is no better than the first.
  */
 export function makeScenes() {
@@ -42,6 +42,8 @@ export function makeScenes() {
     evogs("extract", at("sh3.evogs"), at("sh1.evogs"), "--force", "--sh-degree", 1);
     evogs("encode", at("scene.ply"), at("five.evogs"), "--force");
     evogs("encode", at("scene.ply"), at("tiles.evogs"), "--force", "--levels", 7, "--tiles", 8);
+    const camera = ["--camera", at("cameras.json"), "--view", 2];
+    evogs("encode", at("scene.ply"), at("camera.evogs"), "--force", "--preset", "scene", ...camera);
     makeDemo(at("larger.ply"), 24000);
     evogs("encode", at("larger.ply"), at("default.evogs"), "--force");
   }

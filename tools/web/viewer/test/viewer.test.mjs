@@ -348,6 +348,26 @@ inBrowser("without WebGPU nothing is missing", async () => {
   assert.ok(brightness(await picture(page)) > 5);
 });
 
+inBrowser("the page opens with the default camera of a stream, and turns around its target", async () => {
+  await open("camera.evogs");
+  await until(page, isDone, "the end");
+  const look = () =>
+    page.evaluate(() => {
+      const { info, camera } = window.evogsViewer;
+      return { stored: info.camera, eye: [...camera.pose.eye], fovY: camera.pose.fovY };
+    });
+  const apart = (a, b) => Math.hypot(...a.map((x, i) => x - b[i]));
+  const { stored, eye, fovY } = await look();
+  assert.ok(apart(eye, stored.position) < 1e-6, `${eye} is not ${stored.position}`);
+  assert.ok(Math.abs(fovY - (stored.fovY * Math.PI) / 180) < 1e-9);
+  assert.ok(brightness(await picture(page)) > 5);
+  await page.focus("#view");
+  await page.keyboard.press("ArrowLeft", { delay: 300 });
+  const after = await look();
+  assert.ok(apart(after.eye, eye) > 0.01);
+  assert.ok(Math.abs(apart(after.eye, stored.target) - apart(eye, stored.target)) < 1e-6);
+});
+
 inBrowser("evogs view serves the installed page and the scene", async () => {
   const parameters = ["-m", "evogs_codec.cli.commands", "view", scenePath("sh1"), "--no-browser"];
   const root = new URL("../../../../", import.meta.url);
