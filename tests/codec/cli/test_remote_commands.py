@@ -117,6 +117,18 @@ def test_other_formats_are_converted_in_the_store(evogs, made, store, scratch):
     assert read_directory(store["c.evogs"]).size == len(store["c.evogs"])
 
 
+def test_a_stream_in_gltf_is_read_in_the_store(evogs, made, store, tmp_path):
+    store["g.evogs"] = (made / "scene.evogs").read_bytes()
+    assert evogs("convert", "s3://bucket/g.evogs", "s3://bucket/g.glb")[0] == 0
+    assert evogs("info", "s3://bucket/g.glb")[0] == 0
+    assert evogs("decode", "s3://bucket/g.glb", tmp_path / "g.ply", "--level", 1)[0] == 0
+    assert evogs("convert", "s3://bucket/g.glb", "s3://bucket/back.evogs")[0] == 0
+    assert store["back.evogs"] == store["g.evogs"]
+    code, out, err = evogs("convert", "s3://bucket/g.evogs", "s3://bucket/g.gltf")
+    assert (code, out, "g.gltf" in store) == (1, "", False)
+    assert "g.gltf: a .gltf names its stream by a path below its own folder" in err
+
+
 @pytest.mark.thorough
 def test_several_objects_are_encoded_as_one_scene(evogs, refused, store, scratch, tmp_path):
     for name, seed in (("one.ply", 1), ("two.ply", 2)):
