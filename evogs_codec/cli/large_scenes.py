@@ -75,7 +75,9 @@ def wants_jobs(args: argparse.Namespace) -> bool:
         args.others or args.workers or args.engine or args.scheduler or args.scratch or args.resume
     )
     is_folder = args.input.is_dir() and scene_format(args.input) is None
-    whole = [f"--{name.replace('_', '-')}" for name in WHOLE if getattr(args, name)]
+    values = {name: getattr(args, name) for name in WHOLE}
+    given = [name for name, value in values.items() if value is not None and value is not False]
+    whole = [f"--{name.replace('_', '-')}" for name in given]
     whole += ["--report"] if args.page is not None else []
     if (asked or is_folder) and whole:
         raise InputError(f"{', '.join(whole)} needs the whole scene at once, in one file")

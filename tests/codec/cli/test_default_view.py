@@ -76,6 +76,14 @@ def test_without_cameras_nothing_is_written_unless_a_default_view_is_asked_for(
     same_view(default_camera(info, "z", 48), cameras_around(scene, "z")[5])
 
 
+@pytest.mark.parametrize("view", ["0", "3", "none"])
+def test_a_scene_of_several_files_is_never_there_as_a_whole(view, here, refused, tmp_path):
+    folder, *_ = here
+    (tmp_path / "y.ply").write_bytes((folder / "x.ply").read_bytes())
+    words = ["encode", folder / "x.ply", tmp_path / "y.ply", tmp_path / "z.evogs", "--view", view]
+    refused(*words, words=["--view needs the whole scene at once"])
+
+
 def test_a_view_that_is_not_there_is_refused(here, refused, tmp_path):
     folder, *_ = here
     words = ["encode", folder / "x.ply", tmp_path / "x.evogs", *QUICK]
