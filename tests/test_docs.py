@@ -9,7 +9,7 @@ import pytest
 
 from conformance.harness.cli import VECTORS
 from conformance.harness.reporting.explain import explain
-from evogs_codec import write_ply
+from evogs_codec import encode_scene, write_ply
 from evogs_codec.cli.commands import main as evogs
 from evogs_codec.render.demo_scene import main as make_demo
 from evogs_codec.render.demo_scene import make_scene
@@ -50,6 +50,15 @@ def test_the_examples_of_the_page_on_cuts_run(tmp_path, monkeypatch):
     assert 0 < names["level"] < 5
     assert 0 < names["enough"] < 5
     assert len({tuple(row) for row in names["sharp"].steps.tolist()}) > 1
+
+
+def test_the_example_of_the_page_on_edits_runs(tmp_path, monkeypatch):
+    (found,) = blocks((ROOT / "docs" / "editing.md").read_text(encoding="utf-8"), "python")
+    monkeypatch.chdir(tmp_path)
+    scene = make_scene(300)
+    write_ply(tmp_path / "scene.ply", scene)
+    Path("scene.evogs").write_bytes(encode_scene(scene, preset="scene", cameras=(), effort=1))
+    exec(compile(found, "docs/editing.md", "exec"), {})
 
 
 def run_the_readme():

@@ -19,6 +19,7 @@ from pathlib import Path
 from evogs_codec.cli import options
 from evogs_codec.cli.comparing import add_compare
 from evogs_codec.cli.converting import run_convert
+from evogs_codec.cli.editing import add_edit
 from evogs_codec.cli.encode_and_lift import run_encode, run_lift
 from evogs_codec.cli.remote_files import remote_files, say_fetched
 from evogs_codec.cli.reports import info_of, info_to_write, print_info
@@ -122,6 +123,7 @@ def _parser(asked: str = "") -> argparse.ArgumentParser:
     options.add_info(commands, run_info)
     options.add_validate(commands, run_validate)
     options.add_extract(commands, run_extract)
+    add_edit(commands)
     add_compare(commands)
     add_view(commands)
     add_export(commands)

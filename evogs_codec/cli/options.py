@@ -29,6 +29,7 @@ from evogs_codec.lifting.lift import N_LEVELS
 from evogs_codec.model.channels import GROUPS
 
 __all__ = [
+    "Commands",
     "add_convert",
     "add_decode",
     "add_encode",
@@ -36,6 +37,7 @@ __all__ = [
     "add_info",
     "add_lift",
     "add_validate",
+    "command_parser",
 ]
 
 DEFAULT_ITERATIONS = 200
@@ -49,13 +51,14 @@ Commands: TypeAlias = Any  # argparse's sub-parsers have no public type
 Run: TypeAlias = Callable[[argparse.Namespace], int | None]
 
 
-def _command(
+def command_parser(
     commands: Commands,
     name: str,
     run: Run,
     help_: str,
     examples: str,
 ) -> argparse.ArgumentParser:
+    """The parser of a command, with examples behind its options."""
     parser: argparse.ArgumentParser = commands.add_parser(
         name,
         help=help_,
@@ -69,7 +72,7 @@ def _command(
 
 def add_encode(commands: Commands, run: Run) -> None:
     """`evogs encode`."""
-    parser = _command(
+    parser = command_parser(
         commands,
         "encode",
         run,
@@ -209,7 +212,7 @@ def add_encode(commands: Commands, run: Run) -> None:
 
 def add_decode(commands: Commands, run: Run) -> None:
     """`evogs decode`."""
-    parser = _command(
+    parser = command_parser(
         commands,
         "decode",
         run,
@@ -233,7 +236,7 @@ def add_decode(commands: Commands, run: Run) -> None:
 
 def add_convert(commands: Commands, run: Run) -> None:
     """`evogs convert`."""
-    parser = _command(
+    parser = command_parser(
         commands,
         "convert",
         run,
@@ -261,7 +264,7 @@ def add_convert(commands: Commands, run: Run) -> None:
 
 def add_lift(commands: Commands, run: Run) -> None:
     """`evogs lift`."""
-    parser = _command(
+    parser = command_parser(
         commands,
         "lift",
         run,
@@ -277,7 +280,7 @@ def add_lift(commands: Commands, run: Run) -> None:
 
 def add_info(commands: Commands, run: Run) -> None:
     """`evogs info`."""
-    parser = _command(
+    parser = command_parser(
         commands,
         "info",
         run,
@@ -299,7 +302,7 @@ def add_info(commands: Commands, run: Run) -> None:
 
 def add_validate(commands: Commands, run: Run) -> None:
     """`evogs validate`."""
-    parser = _command(
+    parser = command_parser(
         commands,
         "validate",
         run,
@@ -314,7 +317,7 @@ def add_validate(commands: Commands, run: Run) -> None:
 
 def add_extract(commands: Commands, run: Run) -> None:
     """`evogs extract`."""
-    parser = _command(
+    parser = command_parser(
         commands,
         "extract",
         run,

@@ -23,9 +23,10 @@ from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import I64
 from evogs_codec.stores.sources import Source, source_of
 
-__all__ = ["choose_cut", "extract"]
+__all__ = ["choose_cut", "extract", "extract_tiles"]
 
 Box = Sequence[float]
+Kept = npt.NDArray[np.bool_]
 
 
 def choose_cut(
@@ -93,7 +94,31 @@ def extract(
     source = source_of(data)
     directory = read_directory(source) if directory is None else directory
     view = source.having(packet_ranges(directory, cut), progress)
-    selected, kept = cut.packets(directory), _kept_tiles(directory, box)
+    return _stream_of(view, directory, cut, _kept_tiles(directory, box))
+
+
+def extract_tiles(data: Source, kept: Kept, *, directory: Directory | None = None) -> bytes:
+    """The stream of some tiles, with all their packets.
+
+    Args:
+        data: a whole stream, its path or its URL.
+        kept: (n_tiles,) True for the tiles to keep.
+        directory: of the stream, if it was read before.
+
+    Raises:
+        StreamError, OSError, TypeError: as `extract`.
+    """
+    source = source_of(data)
+    directory = read_directory(source) if directory is None else directory
+    whole = Cut.full(directory)
+    cut = Cut(np.where(kept[:, None], whole.steps, 0), whole.palette if kept.any() else 0)
+    view = source.having(packet_ranges(directory, cut), no_progress)
+    return _stream_of(view, directory, cut, kept)
+
+
+def _stream_of(view: memoryview, directory: Directory, cut: Cut, kept: Kept) -> bytes:
+    """The packets of a cut with the rows of the tiles that are kept."""
+    selected = cut.packets(directory)
     of_palette = np.zeros(len(selected), bool)
     of_palette[directory.palette_packets] = True
     selected &= ~of_palette | kept.any()
@@ -128,7 +153,7 @@ def extract(
     return b"".join([head, *bodies])
 
 
-def _kept_tiles(directory: Directory, box: Box | None) -> npt.NDArray[np.bool_]:
+def _kept_tiles(directory: Directory, box: Box | None) -> Kept:
     if box is None:
         return np.ones(len(directory.tiles), bool)
     return tiles_meeting(directory, box)

@@ -8,7 +8,7 @@ from conformance.decoders.outcomes import OVER_LIMIT
 from conformance.decoders.reference import main as decoder
 from evogs_codec import read_directory
 
-COMMANDS = ("decode", "validate", "info", "extract", "render", "psnr", "compare")
+COMMANDS = ("decode", "validate", "info", "extract", "edit", "render", "psnr", "compare")
 DECODING = ("decode", "validate", "info", "extract")
 
 
@@ -32,6 +32,7 @@ def arguments_of(command, made, tmp_path, limits):
     others = {
         "decode": [tmp_path / "out.ply"],
         "extract": [tmp_path / "out.evogs"],
+        "edit": [tmp_path / "out.ply", "--scale", 2],
         "render": [tmp_path / "out.png", "--size", 8],
         "psnr": [made / "scene.ply", "--size", 8],
         "compare": [made / "scene.ply", "--size", 8],

@@ -31,6 +31,7 @@ SOURCES = {
     "lift": "scene.ply",
     "decode": "scene.evogs",
     "extract": "scene.evogs",
+    "edit": "scene.evogs",
     "render": "scene.evogs",
 }
 MADE = {
@@ -38,9 +39,10 @@ MADE = {
     "lift": "tree.tree.npz",
     "decode": "scene.ply",
     "extract": "scene.evogs",
+    "edit": "scene.ply",
     "render": "picture.png",
 }
-OPTIONS = {"render": ["--size", 8]}
+OPTIONS = {"render": ["--size", 8], "edit": ["--translate", 1, 0, 0]}
 
 
 @pytest.fixture
@@ -126,7 +128,7 @@ def test_the_decoder_under_test_does_not_replace_its_stream(here, capsys):
 @pytest.mark.parametrize("command", SOURCES)
 def test_a_file_of_another_kind_is_replaced_with_force_alone(command, refused, evogs, here):
     options = OPTIONS.get(command, [])
-    if command == "decode":  # which takes names without an ending, or with one of its own
+    if command in ("decode", "edit"):  # which take names without an ending, or one of their own
         for path in set(here.iterdir()) - {here / SOURCES[command], here / MADE[command]}:
             path.rename(here / path.name.replace(".", " "))
     others = set(contents(here)) - {SOURCES[command], MADE[command]}
