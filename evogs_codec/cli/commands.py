@@ -21,6 +21,7 @@ from evogs_codec.cli.comparing import add_compare
 from evogs_codec.cli.converting import run_convert
 from evogs_codec.cli.editing import add_edit
 from evogs_codec.cli.encode_and_lift import run_encode, run_lift
+from evogs_codec.cli.many_files import asks_for_folder, run_many
 from evogs_codec.cli.remote_files import remote_files, say_fetched
 from evogs_codec.cli.reports import info_of, info_to_write, print_info
 from evogs_codec.cli.standard_streams import standard_streams
@@ -74,12 +75,14 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     """
     escape_what_cannot_be_encoded()
     words = sys.argv[1:] if arguments is None else list(arguments)
-    return _parser(words[0] if words else "").parse_args(words)
+    return _parser(words[0] if words else "", many=asks_for_folder(words)).parse_args(words)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command of these options; returns the exit code."""
     try:
+        if getattr(args, "out_dir", None) is not None:
+            return run_many(args, run)
         ranged = args.run in (run_decode, run_info, run_validate, run_extract)
         with plain_warnings(), standard_streams(args), remote_files(args, keeps_input=ranged):
             _check_output(args)
@@ -107,8 +110,8 @@ def run(args: argparse.Namespace) -> int:
         return 130  # 128 + SIGINT, as shells have it
 
 
-def _parser(asked: str = "") -> argparse.ArgumentParser:
-    """The options of all commands, or at least of the one asked for."""
+def _parser(asked: str = "", *, many: bool = False) -> argparse.ArgumentParser:
+    """The options of all commands, or at least of the one asked for; `many` with `--out-dir`."""
     parser = argparse.ArgumentParser(
         prog="evogs",
         description="Progressive streams of 3D Gaussian Splatting scenes.",
@@ -116,9 +119,9 @@ def _parser(asked: str = "") -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"evogs {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    options.add_encode(commands, run_encode)
-    options.add_decode(commands, run_decode)
-    options.add_convert(commands, run_convert)
+    options.add_encode(commands, run_encode, many=many)
+    options.add_decode(commands, run_decode, many=many)
+    options.add_convert(commands, run_convert, many=many)
     options.add_lift(commands, run_lift)
     options.add_info(commands, run_info)
     options.add_validate(commands, run_validate)
@@ -145,6 +148,8 @@ def _parser(asked: str = "") -> argparse.ArgumentParser:
 
 def _check_output(args: argparse.Namespace) -> None:
     """Refuse outputs that must not be written; every other path of the command is a source."""
+    if getattr(args, "to", None) is not None and "inputs" not in vars(args):
+        raise InputError("--to: goes with --out-dir; the ending of an output says its format")
     targets = [name for name in ("output", "page") if getattr(args, name, None) is not None]
     sources = [path for name in set(vars(args)) - {*targets} for path in _paths(vars(args)[name])]
     for name in targets:

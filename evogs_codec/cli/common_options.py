@@ -13,6 +13,7 @@ from evogs_codec.io import files
 __all__ = [
     "SCENES_IN",
     "add_cut_options",
+    "add_inputs",
     "add_limits",
     "add_output",
     "add_page",
@@ -26,15 +27,34 @@ def add_output(
     parser: argparse.ArgumentParser,
     metavar: str,
     kind: files.FileKind | Callable[[Path], files.FileKind],
+    *,
+    is_named: bool = True,
 ) -> None:
-    """What a command makes, and `--force`: `cli.commands` checks both before the work."""
-    parser.add_argument("output", type=path_or_url, metavar=metavar, help="a file, s3:// or gs://")
+    """What a command makes, and `--force`: `cli.commands` checks both before the work.
+
+    Args:
+        parser: of the command.
+        metavar: of the output.
+        kind: of file, or what tells it from the name.
+        is_named: the output is an argument; otherwise `--out-dir` says where outputs go.
+    """
+    if is_named:
+        said = "a file, s3:// or gs://"
+        parser.add_argument("output", type=path_or_url, metavar=metavar, help=said)
     parser.add_argument(
         "--force",
         action="store_true",
         help=f"replace {metavar} even if this command did not make it",
     )
     parser.set_defaults(output_kind=kind, command=parser.prog)
+
+
+def add_inputs(parser: argparse.ArgumentParser, metavar: str, help_: str, *, many: bool) -> None:
+    """The input, or with `many` the inputs of a command with `--out-dir`."""
+    if many:
+        parser.add_argument("inputs", type=path_or_url, nargs="+", metavar=metavar, help=help_)
+    else:
+        parser.add_argument("input", type=path_or_url, metavar=metavar, help=help_)
 
 
 def add_page(parser: argparse.ArgumentParser, option: str, help_: str) -> None:

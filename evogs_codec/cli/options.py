@@ -12,6 +12,7 @@ from evogs_codec.cli.argument_types import error_of_group, number, parse_size, p
 from evogs_codec.cli.common_options import (
     SCENES_IN,
     add_cut_options,
+    add_inputs,
     add_limits,
     add_output,
     add_page,
@@ -21,10 +22,11 @@ from evogs_codec.cli.converting import kind_to_convert
 from evogs_codec.cli.default_view import add_view_option
 from evogs_codec.cli.large_scenes import add_large_options
 from evogs_codec.cli.looking import add_camera
+from evogs_codec.cli.many_files import add_many
 from evogs_codec.encoding.layers import MAX_LAYERS, N_LAYERS
 from evogs_codec.encoding.settings import PRESETS, TREE_PSNR
 from evogs_codec.io import files
-from evogs_codec.io.interchange.scene_files import kind_to_write
+from evogs_codec.io.interchange.scene_files import TARGETS, kind_to_write
 from evogs_codec.lifting.lift import N_LEVELS
 from evogs_codec.model.channels import GROUPS
 
@@ -41,6 +43,7 @@ __all__ = [
 ]
 
 DEFAULT_ITERATIONS = 200
+FORMATS = sorted((ending[1:] for ending in TARGETS), key=lambda name: name != "ply")
 STREAM_IN = "a stream: a file, or a URL (s3://, gs://, https://)"
 
 # What argparse is not to take for an option, as it does before Python 3.14 with -1e3, and always
@@ -70,7 +73,7 @@ def command_parser(
     return parser
 
 
-def add_encode(commands: Commands, run: Run) -> None:
+def add_encode(commands: Commands, run: Run, *, many: bool = False) -> None:
     """`evogs encode`."""
     parser = command_parser(
         commands,
@@ -88,14 +91,16 @@ def add_encode(commands: Commands, run: Run) -> None:
         "  evogs encode scene.ply scene.evogs --target-psnr 40 --polish\n"
         "  evogs encode scene.ply scene.evogs --max-error 0.01 position=0.0005\n"
         "  evogs encode lego.tree.npz exact.evogs --near-lossless\n"
+        "  evogs encode a.ply b.ply --out-dir streams\n"
         "  evogs encode https://example.org/scene.ply s3://bucket/scene.evogs",
     )
     several = f"{SCENES_IN}; a folder of them; or a .tree.npz"
-    parser.add_argument("input", type=path_or_url, metavar="IN", help=several)
-    parser.add_argument(
-        "others", type=path_or_url, nargs="*", metavar="IN", help="other parts of the same scene"
-    )
-    add_output(parser, "OUT.evogs", files.STREAM)
+    add_inputs(parser, "IN", several, many=many)
+    if not many:
+        said = "other parts of the same scene"
+        parser.add_argument("others", type=path_or_url, nargs="*", metavar="IN", help=said)
+    add_output(parser, "OUT.evogs", files.STREAM, is_named=not many)
+    add_many(parser, ["evogs"])
     _add_lift_options(parser, "--refine, --polish and targets")
     add_view_option(parser)
     accuracy = parser.add_mutually_exclusive_group()
@@ -210,7 +215,7 @@ def add_encode(commands: Commands, run: Run) -> None:
     )
 
 
-def add_decode(commands: Commands, run: Run) -> None:
+def add_decode(commands: Commands, run: Run, *, many: bool = False) -> None:
     """`evogs decode`."""
     parser = command_parser(
         commands,
@@ -222,10 +227,12 @@ def add_decode(commands: Commands, run: Run) -> None:
         "  evogs decode scene.evogs coarse.ply --level 1 --sh-degree 0\n"
         "  evogs decode scene.evogs corner.ply --box 0 0 0 1 1 1\n"
         "  evogs decode download.evogs.part so-far.ply --partial\n"
+        "  evogs decode a.evogs b.evogs --out-dir scenes\n"
         "  evogs decode s3://bucket/scene.evogs corner.ply --box 0 0 0 1 1 1",
     )
-    parser.add_argument("input", type=path_or_url, metavar="IN.evogs", help=STREAM_IN)
-    add_output(parser, "OUT.ply", kind_to_write)
+    add_inputs(parser, "IN.evogs", STREAM_IN, many=many)
+    add_output(parser, "OUT.ply", kind_to_write, is_named=not many)
+    add_many(parser, FORMATS)
     add_cut_options(parser)
     add_limits(parser)
     add_partial(parser)
@@ -234,7 +241,7 @@ def add_decode(commands: Commands, run: Run) -> None:
     )
 
 
-def add_convert(commands: Commands, run: Run) -> None:
+def add_convert(commands: Commands, run: Run, *, many: bool = False) -> None:
     """`evogs convert`."""
     parser = command_parser(
         commands,
@@ -246,11 +253,13 @@ def add_convert(commands: Commands, run: Run) -> None:
         "  evogs convert scene.ply scene.glb\n"
         "  evogs convert scene.evogs scene.glb      # the stream in a glTF file, as it is\n"
         "  evogs convert scene.evogs scene.gltf     # a glTF file that names the stream\n"
-        "  evogs convert scene.glb scene.evogs      # the same stream again",
+        "  evogs convert scene.glb scene.evogs      # the same stream again\n"
+        "  evogs convert a.ply b.sog --out-dir out --to spz",
     )
     several = f"{SCENES_IN}; or a stream, for a .glb or .gltf that has it inside"
-    parser.add_argument("input", type=path_or_url, metavar="IN", help=several)
-    add_output(parser, "OUT", kind_to_convert)
+    add_inputs(parser, "IN", several, many=many)
+    add_output(parser, "OUT", kind_to_convert, is_named=not many)
+    add_many(parser, FORMATS)
     parser.add_argument(
         "--drop-invalid", action="store_true", help="drop splats that have a NaN or an infinity"
     )

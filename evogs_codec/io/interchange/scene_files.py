@@ -23,7 +23,7 @@ from evogs_codec.io.ply import read_ply, read_ply_header, with_finite_opacities,
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import SplatParams
 
-__all__ = ["Scene", "kind_to_write", "read_scene", "scene_format", "write_scene"]
+__all__ = ["TARGETS", "Scene", "kind_to_write", "read_scene", "scene_format", "write_scene"]
 
 START = 1 << 17  # bytes by which a file is judged
 
