@@ -18,6 +18,7 @@ from pathlib import Path
 
 from evogs_codec.cli import options
 from evogs_codec.cli.comparing import add_compare
+from evogs_codec.cli.completion.command import add_completion
 from evogs_codec.cli.converting import run_convert
 from evogs_codec.cli.editing import add_edit
 from evogs_codec.cli.encode_and_lift import run_encode, run_lift
@@ -56,7 +57,7 @@ from evogs_codec.io.interchange.scene_files import write_scene
 from evogs_codec.stores.remote_file import RemoteFile
 from evogs_codec.stores.sources import bytes_of
 
-__all__ = ["main", "parse", "run"]
+__all__ = ["full_parser", "main", "parse", "run"]
 
 STAGES = {"decode": "validate"}  # for those who validate
 BENCH = "benchmarks work in a checkout: python -m tools.bench, python -m tools.bench.paper"
@@ -110,6 +111,11 @@ def run(args: argparse.Namespace) -> int:
         return 130  # 128 + SIGINT, as shells have it
 
 
+def full_parser() -> argparse.ArgumentParser:
+    """The options of all commands, those of other packages too."""
+    return _parser()
+
+
 def _parser(asked: str = "", *, many: bool = False) -> argparse.ArgumentParser:
     """The options of all commands, or at least of the one asked for; `many` with `--out-dir`."""
     parser = argparse.ArgumentParser(
@@ -130,6 +136,7 @@ def _parser(asked: str = "", *, many: bool = False) -> argparse.ArgumentParser:
     add_compare(commands)
     add_view(commands)
     add_export(commands)
+    add_completion(commands)
     others = () if asked in commands.choices else entry_points(group="evogs.commands")
     for entry in others:  # importing them takes longer than many commands do
         try:

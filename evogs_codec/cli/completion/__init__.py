@@ -1,0 +1,1 @@
+"""Completion of `evogs` in shells: scripts that `python -m tools.completions` makes."""
