@@ -20,7 +20,7 @@ DEMO_SPLATS := 40000
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv demo picture test test-all test-slow check generated conformance fuzz format bench web test-web clean
+.PHONY: dist help venv demo picture test test-all test-slow check generated conformance fuzz format bench web test-web clean
 
 help:
 	@echo "make demo       encode, decode, extract and draw the scene that ships with the project"
@@ -35,6 +35,7 @@ help:
 	@echo "make picture    the moving picture of the README, docs/figures/stream.gif"
 	@echo "make web        the decoder for browsers, and the page of evogs view; needs Node 18"
 	@echo "make test-web   tests of tools/web, with Chromium if it is there"
+	@echo "make dist       wheel and source distribution in dist/, as an index takes them"
 	@echo "make venv       only set up .venv"
 	@echo "make clean      remove .venv, build and caches"
 
@@ -146,6 +147,11 @@ web: $(WEB)/node_modules/.installed
 test-web: $(TEST)
 	@if ! command -v npm > /dev/null; then echo "skipped: tools/web needs Node 18 or later"; \
 	else $(MAKE) $(WEB)/node_modules/.installed && cd $(WEB) && npm run build && npm run lint && npm test --ignore-scripts; fi
+
+dist: $(DEV)
+	rm -rf dist build/lib build/bdist.*
+	$(PY) -m build --outdir dist .
+	$(PY) -m twine check --strict dist/*
 
 clean:
 	rm -rf $(WEB)/node_modules $(WEB)/*/dist

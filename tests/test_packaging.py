@@ -1,7 +1,13 @@
 """What is installed, and what the commands say about what is not."""
 
 import json
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
 import tomllib
+import zipfile
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -29,6 +35,85 @@ def test_vectors_and_goldens_are_not_installed():
     assert not [p for p in packages if "vectors" in p or "goldens" in p or "renders." in p]
     data = PROJECT["tool"]["setuptools"]["package-data"]["conformance"]
     assert not [p for p in data if p.startswith(("*", "vectors", "renders"))]
+
+
+def test_the_description_at_an_index_links_to_nothing_that_is_not_there():
+    text = (ROOT / PROJECT["project"]["readme"]).read_text(encoding="utf-8")
+    links = re.findall(r"\]\(([^)]*)\)", text)
+    assert not [link for link in links if not link.startswith("https:")]
+    assert "pip install" in text
+
+
+def test_licences_of_all_that_is_in_the_wheel_are_in_the_wheel():
+    project = PROJECT["project"]
+    texts = {name: (ROOT / name).read_text(encoding="utf-8") for name in project["license-files"]}
+    page = texts["evogs_codec/cli/viewer/page/LICENSES.txt"]
+    assert "three" in page
+    assert "spark" in page
+    table = texts["LICENSES.md"].split("## ")[0]
+    for licence in project["license"].split(" AND "):
+        named = licence in table or licence in page or f"({licence})" in page
+        assert named, licence
+
+
+def test_every_dependency_has_a_row_in_the_page_on_licences():
+    text = (ROOT / "LICENSES.md").read_text(encoding="utf-8").lower()
+    extras = PROJECT["project"]["optional-dependencies"]
+    names = [re.split(r"[^\w-]", spec)[0] for spec in PROJECT["project"]["dependencies"]]
+    for extra in ("render", "cluster", "stores", "interchange"):
+        names += [re.split(r"[^\w-]", spec)[0] for spec in extras[extra]]
+    assert len(names) > 10
+    for name in names:
+        assert name in text, name
+
+
+def test_the_version_is_the_same_wherever_it_is_written():
+    version = PROJECT["project"]["version"]
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {version}\n" in citation
+    for page in ("README.md", "SECURITY.md"):
+        assert f"The package is {version}" in (ROOT / page).read_text(encoding="utf-8")
+
+
+def test_every_extra_that_people_install_is_in_the_page_of_the_package():
+    text = (ROOT / "docs" / "package.md").read_text(encoding="utf-8")
+    for extra in PROJECT["project"]["optional-dependencies"].keys() - {"all"}:
+        assert f"`{extra}`" in text, extra
+
+
+@pytest.mark.thorough
+def test_wheel_and_source_distribution_are_whole(tmp_path):
+    """Without isolation: setuptools of this environment, and no network."""
+    pytest.importorskip("build", reason="it builds both")
+    pytest.importorskip("setuptools", "77", reason="the build needs it")
+    listed = subprocess.run(
+        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    if listed.returncode:
+        pytest.skip("this is no checkout")
+    copy = tmp_path / "checkout"
+    for name in listed.stdout.splitlines():
+        if (ROOT / name).is_file():
+            (copy / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(ROOT / name, copy / name)
+    command = [sys.executable, "-m", "build", "--no-isolation", "-o", str(tmp_path), str(copy)]
+    subprocess.run(command, capture_output=True, check=True, timeout=280)
+    (source,) = tmp_path.glob("*.tar.gz")
+    with tarfile.open(source) as archive:
+        packed = {name.partition("/")[2] for name in archive.getnames()}
+    hidden = {name for name in listed.stdout.splitlines() if name.startswith(".")}
+    missing = set(listed.stdout.splitlines()) - packed - hidden
+    assert not [name for name in missing if not Path(name).name.startswith(".")]
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        installed = archive.namelist()
+    for name in PROJECT["project"]["license-files"]:
+        assert any(one.endswith(f"licenses/{name}") for one in installed), name
+    for name in ("viewer/page/renderer.js", "completion/scripts/evogs.zsh"):
+        assert f"evogs_codec/cli/{name}" in installed
+    tops = {name.split("/")[0] for name in installed if "dist-info" not in name}
+    assert tops == {"evogs.py", *(INSTALLED - {"evogs"})}
+    assert not [name for name in installed if name.startswith("conformance/vectors")]
 
 
 def test_entry_points_are_of_installed_packages():
