@@ -20,7 +20,7 @@ DEMO_SPLATS := 40000
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: dist help venv demo picture test test-all test-slow check generated conformance fuzz format bench web test-web clean
+.PHONY: dist docs help venv demo picture test test-all test-slow check generated conformance fuzz format bench web test-web clean
 
 help:
 	@echo "make demo       encode, decode, extract and draw the scene that ships with the project"
@@ -35,6 +35,7 @@ help:
 	@echo "make picture    the moving picture of the README, docs/figures/stream.gif"
 	@echo "make web        the decoder for browsers, and the page of evogs view; needs Node 18"
 	@echo "make test-web   tests of tools/web, with Chromium if it is there"
+	@echo "make docs       the pages as a site, in build/site"
 	@echo "make dist       wheel and source distribution in dist/, as an index takes them"
 	@echo "make venv       only set up .venv"
 	@echo "make clean      remove .venv, build and caches"
@@ -147,6 +148,11 @@ web: $(WEB)/node_modules/.installed
 test-web: $(TEST)
 	@if ! command -v npm > /dev/null; then echo "skipped: tools/web needs Node 18 or later"; \
 	else $(MAKE) $(WEB)/node_modules/.installed && cd $(WEB) && npm run build && npm run lint && npm test --ignore-scripts; fi
+
+docs: $(RUNTIME)
+	$(PIP) -e '.[docs]'
+	$(PY) -m tools.site build/site
+	@echo "open build/site/index.html"
 
 dist: $(DEV)
 	rm -rf dist build/lib build/bdist.*
