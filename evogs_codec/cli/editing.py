@@ -85,7 +85,7 @@ def add_edit(commands: Commands) -> None:
         const=THRESHOLD,
         metavar="T",
         help=f"leave out splats that are far from all others, by the mean distance to"
-        f" {N_NEIGHBOURS} neighbours and by that distance over their size: the logarithms of both"
+        f" the {N_NEIGHBOURS} nearest and by that distance over their size: the logarithms of both"
         f" are over T robust standard deviations above the median (default: {THRESHOLD:g})",
     )
     parser.add_argument(

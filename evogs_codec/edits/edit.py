@@ -19,6 +19,7 @@ from evogs_codec.editing.move import moved
 from evogs_codec.edits.floaters import floaters
 from evogs_codec.edits.merging import merged
 from evogs_codec.edits.regions import Region
+from evogs_codec.errors import InputError
 from evogs_codec.io.interchange.frames import frame_of, transformed
 from evogs_codec.io.interchange.scene_files import Scene
 from evogs_codec.model.scene_info import SceneInfo
@@ -88,6 +89,7 @@ def edit_scenes(inputs: Sequence[Scene | Source], edit: Edit) -> Edited:
 
     Raises:
         StreamError: a stream is not legal.
+        InputError: numbers would not be finite.
         OSError: a stream cannot be read.
     """
     found = [one if isinstance(one, Scene) else _Stream.of(one) for one in inputs]
@@ -106,7 +108,10 @@ def edit_scenes(inputs: Sequence[Scene | Source], edit: Edit) -> Edited:
         except _EncodeAgainError as error:
             how = str(error)
     linear = edit.scale * edit.rotation
-    splats = transformed(whole.splats.take(kept), linear, offset if offset.any() else None)
+    with np.errstate(over="ignore"):
+        splats = transformed(whole.splats.take(kept), linear, offset if offset.any() else None)
+    if not splats.finite().all():
+        raise InputError("the edit makes numbers that are too large for a scene")
     return Edited(
         scene=Scene(splats, _info_after(whole.info, edit)),
         n_before=len(kept),

@@ -26,6 +26,7 @@ from evogs_codec.edits.rotations import (
 )
 from evogs_codec.render.demo_scene import make_scene
 from tests.support.odd_scenes import covariances, odd_scene
+from tests.support.shared_scenes import shared_scene
 
 INFO = SceneInfo(up_axis=registry.UP_AXES.index("+z"), unit=1, text={"title": "A"})
 
@@ -134,6 +135,16 @@ def test_what_packets_cannot_say_is_said(stream):
     assert edit_scenes([Scene(make_scene(20))], Edit()).how == "a scene is no stream"
 
 
+def test_a_stream_with_a_palette_is_moved_and_cropped_but_not_joined():
+    scene = encode_scene(shared_scene(), levels=3, preset="scene", n_tiles=4, cameras=(), effort=1)
+    assert read_directory(scene).has_palette
+    edited = edit_scenes([scene], Edit(offset=np.array([1.0, 0, 0])))
+    assert edited.stream is not None
+    assert decode(edited.stream, verify=True).n_leaves == edited.n_before
+    both = edit_scenes([scene, edited.stream], Edit())
+    assert (both.stream, both.how) == (None, "a stream has a palette")
+
+
 def test_an_exact_edit_has_the_splats_that_its_stream_decodes_to(stream):
     edited = edit_scenes([stream], Edit(offset=np.array([0.3, 0.4, 0.5])))
     assert edited.stream is not None
@@ -183,6 +194,17 @@ def test_floaters_are_found_where_they_were_planted_and_hardly_elsewhere():
     assert not floaters(planted(scene, away, log_scale=6.0))[4000:].any()
     assert not floaters(scene.take(np.arange(16))).any()
     assert floaters(planted(scene, away), 1e6).sum() == 0
+
+
+def test_many_splats_at_one_place_take_no_time_and_are_no_floaters():
+    scene = make_scene(300)
+    n = 100_000  # a minute, if the tree held all of them
+    found = floaters(scene.take(np.arange(300 + n) % 300))
+    assert found.sum() == 0
+    one = scene.take(np.zeros(n, int))
+    assert floaters(one).sum() == 0
+    many = floaters(planted(scene, np.full((n, 3), 2.5)))
+    assert not many[300:].any()
 
 
 def test_rotations_are_those_of_their_forms():

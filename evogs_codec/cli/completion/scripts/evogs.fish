@@ -156,7 +156,7 @@ complete -c evogs -n '_shtab_evogs_using edit' -s h -l help -d 'show this help m
 complete -c evogs -n '_shtab_evogs_using edit' -l force -d 'replace OUT even if this command did not make it'
 complete -c evogs -n '_shtab_evogs_using edit' -l crop-box -x -d 'keep the splats whose positions are in this box, from one corner to the opposite one'
 complete -c evogs -n '_shtab_evogs_using edit' -l crop-sphere -x -d 'keep the splats whose positions are in this sphere'
-complete -c evogs -n '_shtab_evogs_using edit' -l drop-floaters -x -d 'leave out splats that are far from all others, by the mean distance to 16 neighbours and by that distance over their size: the logarithms of both are over T robust standard deviations above the median (default: 3)'
+complete -c evogs -n '_shtab_evogs_using edit' -l drop-floaters -x -d 'leave out splats that are far from all others, by the mean distance to the 16 nearest and by that distance over their size: the logarithms of both are over T robust standard deviations above the median (default: 3)'
 complete -c evogs -n '_shtab_evogs_using edit' -l scale -x -d 'times F'
 complete -c evogs -n '_shtab_evogs_using edit' -l rotate -x -d 'rotate about an axis, anticlockwise where it points at the viewer'
 complete -c evogs -n '_shtab_evogs_using edit' -l rotate-quaternion -x -d rotate

@@ -200,7 +200,7 @@ _shtab_evogs_edit_options=(
   "--force[replace OUT even if this command did not make it]"
   "--crop-box[keep the splats whose positions are in this box, from one corner to the opposite one]:('X0', 'Y0', 'Z0', 'X1', 'Y1', 'Z1'):"
   "--crop-sphere[keep the splats whose positions are in this sphere]:('X', 'Y', 'Z', 'RADIUS'):"
-  "--drop-floaters[leave out splats that are far from all others, by the mean distance to 16 neighbours and by that distance over their size\: the logarithms of both are over T robust standard deviations above the median (default\: 3)]:T:"
+  "--drop-floaters[leave out splats that are far from all others, by the mean distance to the 16 nearest and by that distance over their size\: the logarithms of both are over T robust standard deviations above the median (default\: 3)]:T:"
   "--scale[times F]:F:"
   "--rotate[rotate about an axis, anticlockwise where it points at the viewer]:('X', 'Y', 'Z', 'DEGREES'):"
   "--rotate-quaternion[rotate]:('W', 'X', 'Y', 'Z'):"
