@@ -289,3 +289,34 @@ def test_an_object_of_many_parts_is_whole(evogs, made, store, scratch, monkeypat
     assert path.stat().st_size > 2 * client.PART
     assert evogs("convert", path, "s3://bucket/large.ply")[0] == 0
     assert len(store["large.ply"]) > 2 * client.PART
+
+
+# --- many files, and edits ------------------------------------------------------------------------
+
+
+def test_many_files_go_to_a_folder_of_a_store_and_come_from_one(evogs, store, scratch, tmp_path):
+    for name, n in (("a.ply", 20), ("b.ply", 30)):
+        write_ply(tmp_path / name, make_scene(n))
+    both = [tmp_path / "a.ply", tmp_path / "b.ply"]
+    code, out, err = evogs("convert", *both, "--out-dir", "s3://bucket/many", "--to", "glb")
+    assert (code, err) == (0, "")
+    assert out.splitlines() == [
+        "s3://bucket/many/a.glb: 20 splats, SH degree 3",
+        "s3://bucket/many/b.glb: 30 splats, SH degree 3",
+        "2 of 2 written to s3://bucket/many",
+    ]
+    places = ["s3://bucket/many/a.glb", "s3://bucket/many/gone.glb", "s3://bucket/many/b.glb"]
+    code, out, err = evogs("convert", *places, "--out-dir", tmp_path / "back")
+    assert code == 1
+    assert out.splitlines()[-1] == f"2 of 3 written to {tmp_path}/back, 1 failed"
+    assert "gone.glb" in err
+    assert len(read_ply(tmp_path / "back" / "b.ply")) == 30
+
+
+def test_a_stream_of_a_store_is_moved_there(evogs, store, scratch, tiled):
+    store["tiled.evogs"] = tiled
+    words = ["s3://bucket/tiled.evogs", "s3://bucket/moved.evogs", "--translate", 1, 2, 3]
+    code, out, _ = evogs("edit", *words)
+    assert code == 0
+    assert out.splitlines()[1] == "exact: origins moved by 1 2 3"
+    assert len(store["moved.evogs"]) == len(tiled)
