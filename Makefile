@@ -105,7 +105,6 @@ check: $(DEV)
 # That the vectors are those of their recipes is a test of `make test-all`.
 generated: $(DEV)
 	$(PY) -m tools.spec_tables --check
-	$(PY) -m tools.completions --check
 	$(PY) -m conformance.renders generate --check
 
 # The suite in full, on the reference decoder and on itself; 15 minutes, most of them for mutants.

@@ -14,7 +14,7 @@ TOPS = ("evogs_codec", "conformance", "reference_trainer", "tools")
 CODEC = "evogs_codec"
 TABLE = "<!-- layers -->\n"
 # Libraries that may be missing: what needs them says so, and the rest works.
-OPTIONAL = {"numba", "llvmlite", "isal", "obstore", "PIL", "distributed"}
+OPTIONAL = {"shtab", "numba", "llvmlite", "isal", "obstore", "PIL", "distributed"}
 
 
 def rows():
@@ -155,7 +155,7 @@ def test_the_codec_works_without_the_optional_libraries():
     program = (
         "import sys\n"
         "sys.modules['numba'] = sys.modules['torch'] = sys.modules['isal'] = None\n"
-        "sys.modules['PIL'] = sys.modules['obstore'] = None\n"
+        "sys.modules['PIL'] = sys.modules['obstore'] = sys.modules['shtab'] = None\n"
         "import numpy as np\n"
         "import evogs_codec, evogs_codec.cli.commands\n"
         "from evogs_codec.decoding.compiled import dispatch\n"

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from evogs_codec.cli import options
 from evogs_codec.cli.comparing import add_compare
-from evogs_codec.cli.completion.command import add_completion
+from evogs_codec.cli.completion import add_completion
 from evogs_codec.cli.converting import run_convert
 from evogs_codec.cli.editing import add_edit
 from evogs_codec.cli.encode_and_lift import run_encode, run_lift
@@ -136,7 +136,7 @@ def _parser(asked: str = "", *, many: bool = False) -> argparse.ArgumentParser:
     add_compare(commands)
     add_view(commands)
     add_export(commands)
-    add_completion(commands)
+    add_completion(commands, full_parser)
     others = () if asked in commands.choices else entry_points(group="evogs.commands")
     for entry in others:  # importing them takes longer than many commands do
         try:

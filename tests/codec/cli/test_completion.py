@@ -1,19 +1,22 @@
-"""`evogs completion`: the scripts are those of the options, and shells run them."""
+"""`evogs completion`: its scripts have all options, and shells run them."""
 
 import argparse
 import re
 import shutil
 import subprocess
+import sys
 
 import pytest
 
 from evogs_codec.cli.commands import full_parser
-from evogs_codec.cli.completion.command import SHELLS
+from evogs_codec.cli.completion import SHELLS
 
 
 @pytest.fixture
 def script(evogs, tmp_path):
     """The file of a script, as the command prints it."""
+
+    pytest.importorskip("shtab", reason="it makes the scripts")
 
     def of(shell):
         code, out, err = evogs("completion", shell)
@@ -86,7 +89,6 @@ def commands_of(parser):
 
 @pytest.mark.parametrize("shell", SHELLS)
 def test_every_command_and_option_is_in_the_script(shell, script):
-    """Else: python -m tools.completions."""
     said = set(re.findall(r"[\w-]+", script(shell).read_text(encoding="utf-8")))
     known = {tuple(words): options for words, options in commands_of(full_parser())}
     assert len(known) > 15
@@ -95,12 +97,9 @@ def test_every_command_and_option_is_in_the_script(shell, script):
         assert {*words, *long} <= said, words
 
 
-@pytest.mark.thorough
-def test_the_scripts_are_those_that_the_options_make():
-    pytest.importorskip("shtab", reason="it makes the scripts")
-    from tools.completions import main
-
-    assert main(["--check"]) == 0
+def test_without_shtab_a_line_says_what_to_install(monkeypatch, refused):
+    monkeypatch.setitem(sys.modules, "shtab", None)
+    refused("completion", "bash", words=["pip install shtab"])
 
 
 def test_a_shell_that_is_not_known_is_a_mistake_of_use(refused):

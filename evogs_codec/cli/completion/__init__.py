@@ -1,1 +1,0 @@
-"""Completion of `evogs` in shells: scripts that `python -m tools.completions` makes."""
