@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from evogs_codec.format.chunks import MAX_ORIGIN
 from evogs_codec.format.directory import read_directory
 from evogs_codec.format.write_directory import rebuild_directory
+from evogs_codec.model.placement import placed_text
 from evogs_codec.model.splats import F64
 from evogs_codec.stores.sources import Source, bytes_of
 
@@ -34,6 +35,7 @@ def moved(data: Source, offset: F64) -> Moved:
     """The stream with every splat moved by the multiple of the grid that is nearest to `offset`.
 
     All integers stay as they are, and so do their digests, which do not hold origins (spec 7.7).
+    Cameras of the metadata move, too.
 
     Args:
         data: a whole stream.
@@ -53,6 +55,8 @@ def moved(data: Source, offset: F64) -> Moved:
     if not (np.abs(origins) <= MAX_ORIGIN).all():
         raise ValueError(f"an origin would be over 2^52 units of {unit:g} from zero")
     tiles["origin"] = origins.astype(np.int64)
-    head = rebuild_directory(directory, tiles, directory.packets, directory.digests)
+    text = placed_text(directory.info.text, np.eye(3), steps * unit)
+    placed = replace(directory, info=replace(directory.info, text=text))
+    head = rebuild_directory(placed, tiles, directory.packets, directory.digests)
     body = view[directory.data_offset : directory.size]
     return Moved(b"".join([head, body]), steps * unit, unit)

@@ -22,6 +22,7 @@ from evogs_codec.edits.regions import Region
 from evogs_codec.errors import InputError
 from evogs_codec.io.interchange.frames import frame_of, transformed
 from evogs_codec.io.interchange.scene_files import Scene
+from evogs_codec.model.placement import placed_text
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F64
 from evogs_codec.stores.sources import Source, bytes_of
@@ -113,7 +114,7 @@ def edit_scenes(inputs: Sequence[Scene | Source], edit: Edit) -> Edited:
     if not splats.finite().all():
         raise InputError("the edit makes numbers that are too large for a scene")
     return Edited(
-        scene=Scene(splats, _info_after(whole.info, edit)),
+        scene=Scene(splats, _info_after(whole.info, edit, linear, offset)),
         n_before=len(kept),
         n_outside=len(kept) - n_inside,
         n_floaters=n_inside - int(kept.sum()),
@@ -122,8 +123,8 @@ def edit_scenes(inputs: Sequence[Scene | Source], edit: Edit) -> Edited:
     )
 
 
-def _info_after(info: SceneInfo, edit: Edit) -> SceneInfo:
-    """What the scene says of itself then: where up is, if it is an axis still, and the unit."""
+def _info_after(info: SceneInfo, edit: Edit, linear: F64, offset: F64) -> SceneInfo:
+    """What the scene says of itself then: up, if it is an axis still, the unit, and cameras."""
     axis = registry.name(registry.UP_AXES, info.up_axis)
     up = "unspecified"
     if axis != "unspecified":
@@ -137,6 +138,7 @@ def _info_after(info: SceneInfo, edit: Edit) -> SceneInfo:
         info,
         up_axis=registry.UP_AXES.index(up),
         unit=info.unit if edit.scale == 1 else 0,
+        text=placed_text(info.text, linear, offset),
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from evogs_codec.editing.level_psnr import KEY as PSNR
 from evogs_codec.io.interchange.frames import frame_of, transformed, turn
 from evogs_codec.io.interchange.scene_files import Scene
+from evogs_codec.model.placement import PLACES
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F32, SplatParams
 
@@ -41,10 +42,11 @@ def merged(scenes: Sequence[Scene]) -> Scene:
 def merged_info(infos: Sequence[SceneInfo]) -> SceneInfo:
     """What the first says, with the texts of all: values that differ stand one after another.
 
-    A PSNR of levels is left out. A warning says if only some scenes are antialiased.
+    A PSNR of levels is left out; cameras and the place in the world are those of the first. A
+    warning says if only some scenes are antialiased.
     """
-    text: dict[str, str] = {}
-    for key in sorted({key for info in infos for key in info.text} - {PSNR}):
+    text = {key: infos[0].text[key] for key in PLACES if key in infos[0].text}
+    for key in sorted({key for info in infos for key in info.text} - {PSNR, *PLACES}):
         values = dict.fromkeys(info.text[key] for info in infos if key in info.text)
         whole = " + ".join(values).encode()[:MOST_TEXT]
         text[key] = whole.decode(errors="ignore")

@@ -24,6 +24,8 @@ from evogs_codec.edits.rotations import (
     rotation_of_matrix,
     rotation_of_quaternion,
 )
+from evogs_codec.format.write_directory import rebuild_directory
+from evogs_codec.model.viewpoint import Viewpoint, default_viewpoint
 from evogs_codec.render.demo_scene import make_scene
 from tests.support.odd_scenes import covariances, odd_scene
 from tests.support.shared_scenes import shared_scene
@@ -41,6 +43,25 @@ def stream():
 
 def same_numbers(one, other):
     np.testing.assert_array_equal(one.channels(), other.channels())
+
+
+def test_the_camera_goes_with_the_splats_in_a_stream_and_in_a_scene(stream):
+    camera = Viewpoint((0.0, -2.0, 0.0), (0.0, 0.0, 0.0), 50.0)
+    directory = read_directory(stream)
+    with_camera = replace(directory.info, text={"camera": str(camera)})
+    own = rebuild_directory(
+        replace(directory, info=with_camera),
+        directory.tiles,
+        directory.packets,
+        directory.digests,
+    )
+    whole = own + stream[directory.data_offset :]
+    edited = edit_scenes([whole], Edit(offset=np.array([4.0, 0, 0])))
+    there = Viewpoint((4.0, -2.0, 0.0), (4.0, 0.0, 0.0), 50.0)
+    assert default_viewpoint(edited.scene.info.text) == there
+    assert default_viewpoint(read_directory(edited.stream).info.text) == there
+    both = merged([edited.scene, edit_scenes([whole], Edit(scale=2.0)).scene])
+    assert default_viewpoint(both.info.text) == there
 
 
 # --- on packets ----------------------------------------------------------------------------------
