@@ -14,14 +14,6 @@ from evogs_codec.cli.options import Commands, command_parser
 from evogs_codec.cli.streams import limits_of, read_stream
 from evogs_codec.cli.terminal import progress_bar
 from evogs_codec.common.printable import shown
-from evogs_codec.edits import Box, Edit, Edited, Sphere, edit_scenes
-from evogs_codec.edits.floaters import N_NEIGHBOURS, THRESHOLD
-from evogs_codec.edits.regions import Region
-from evogs_codec.edits.rotations import (
-    rotation_about,
-    rotation_of_matrix,
-    rotation_of_quaternion,
-)
 from evogs_codec.encoding.settings import PRESETS
 from evogs_codec.errors import InputError, StreamError
 from evogs_codec.io.files import KIND_BYTES, STREAM, FileKind, kind_of, write_atomic
@@ -29,6 +21,14 @@ from evogs_codec.io.interchange.scene_files import Scene, kind_to_write, write_s
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F64
 from evogs_codec.scene import encode_scene
+from evogs_codec.scene_edits import Box, Edit, Edited, Sphere, edit_scenes
+from evogs_codec.scene_edits.floaters import N_NEIGHBOURS, THRESHOLD
+from evogs_codec.scene_edits.regions import Region
+from evogs_codec.scene_edits.rotations import (
+    rotation_about,
+    rotation_of_matrix,
+    rotation_of_quaternion,
+)
 
 __all__ = ["add_edit", "run_edit"]
 

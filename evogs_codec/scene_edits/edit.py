@@ -16,15 +16,15 @@ from evogs_codec.decoding.decode import decode
 from evogs_codec.editing.extract import extract_tiles
 from evogs_codec.editing.join import NotJoinableError, joined
 from evogs_codec.editing.move import moved
-from evogs_codec.edits.floaters import floaters
-from evogs_codec.edits.merging import merged
-from evogs_codec.edits.regions import Region
 from evogs_codec.errors import InputError
 from evogs_codec.io.interchange.frames import frame_of, transformed
 from evogs_codec.io.interchange.scene_files import Scene
 from evogs_codec.model.placement import placed_text
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F64
+from evogs_codec.scene_edits.floaters import floaters
+from evogs_codec.scene_edits.merging import merged
+from evogs_codec.scene_edits.regions import Region
 from evogs_codec.stores.sources import Source, bytes_of
 
 __all__ = ["Edit", "Edited", "edit_scenes"]
@@ -38,7 +38,7 @@ class Edit:
 
     Attributes:
         crop: what is kept; None: all.
-        floaters: threshold of `edits.floaters`; None: they stay.
+        floaters: threshold of `floaters`; None: they stay.
         scale: a factor above 0.
         rotation: (3, 3) a rotation.
         offset: (3,) scene units.

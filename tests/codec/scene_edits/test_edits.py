@@ -16,17 +16,17 @@ from evogs_codec import (
 from evogs_codec._generated import registry
 from evogs_codec.editing.join import NotJoinableError, joined
 from evogs_codec.editing.move import moved
-from evogs_codec.edits import Box, Edit, Sphere, edit_scenes
-from evogs_codec.edits.floaters import floaters
-from evogs_codec.edits.merging import merged
-from evogs_codec.edits.rotations import (
+from evogs_codec.format.write_directory import rebuild_directory
+from evogs_codec.model.viewpoint import Viewpoint, default_viewpoint
+from evogs_codec.render.demo_scene import make_scene
+from evogs_codec.scene_edits import Box, Edit, Sphere, edit_scenes
+from evogs_codec.scene_edits.floaters import floaters
+from evogs_codec.scene_edits.merging import merged
+from evogs_codec.scene_edits.rotations import (
     rotation_about,
     rotation_of_matrix,
     rotation_of_quaternion,
 )
-from evogs_codec.format.write_directory import rebuild_directory
-from evogs_codec.model.viewpoint import Viewpoint, default_viewpoint
-from evogs_codec.render.demo_scene import make_scene
 from tests.support.odd_scenes import covariances, odd_scene
 from tests.support.shared_scenes import shared_scene
 
