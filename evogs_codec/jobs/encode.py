@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import shutil
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from importlib.util import find_spec
@@ -16,15 +13,15 @@ from typing import Any
 import numpy as np
 
 from evogs_codec.common.progress import Progress, no_progress
-from evogs_codec.common.version import __version__
 from evogs_codec.encoding.grids import warn_if_coarser
 from evogs_codec.encoding.layers import N_LAYERS
 from evogs_codec.errors import InputError
 from evogs_codec.jobs.blocks import SplatFiles
-from evogs_codec.jobs.engines import Call, Engine, run_jobs
+from evogs_codec.jobs.engines import Call, Engine
 from evogs_codec.jobs.merge import merge
-from evogs_codec.jobs.partition import PER_TILE, Partition, Tree, partition, rows_of, stand_ins_of
+from evogs_codec.jobs.partition import PER_TILE, Partition, rows_of, stand_ins_of
 from evogs_codec.jobs.plan import Plan, Survey, surveyed
+from evogs_codec.jobs.scratch import begin, do_missing, identity_of, partitioned
 from evogs_codec.jobs.tile_job import TileJob, code_tile, survey_tile
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.scene.request import NO_NUMBA, with_generator
@@ -32,7 +29,6 @@ from evogs_codec.scene.request import NO_NUMBA, with_generator
 __all__ = ["JobOptions", "encode_files"]
 
 LEVELS = 6  # level 0 of a tile has some thousand splats
-MARK = "evogs-scratch.json"  # a folder that has it is ours to delete
 
 
 @dataclass(frozen=True)
@@ -114,37 +110,11 @@ class _Run:
 
     def begin(self, resume: bool) -> None:
         """Make the scratch folder and the partition, or find them there."""
-        mark = self.folder / MARK
-        ours = {"run": self._identity(), "evogs": __version__}
-        if self.folder.exists() and any(self.folder.iterdir()):
-            if not mark.exists():
-                raise InputError(f"{self.folder}: is not empty and not a scratch folder of evogs")
-            if resume and json.loads(mark.read_text()) != ours:
-                raise InputError(
-                    f"{self.folder}: is of other files, options or another version: without"
-                    " --resume it is made anew"
-                )
-            if not resume:
-                shutil.rmtree(self.folder)
-        self.folder.mkdir(parents=True, exist_ok=True)
-        mark.write_text(json.dumps(ours))
-        found = self.folder / "partition.npz"
-        if found.exists():
-            self.partition = _read_partition(self.folder, found, self.files.sh_degree)
-            return
-        self.partition = partition(self.files, self.folder, self.report, self.options.per_tile)
-        if self.files.n_opaque:
-            warnings.warn(
-                f"{self.files.n_opaque:,} splats have an infinite opacity: a finite one is taken,"
-                " which renders the same",
-                stacklevel=3,
-            )
-        if self.files.n_invalid:
-            warnings.warn(
-                f"{self.files.n_invalid:,} splats with NaN or infinite numbers left out",
-                stacklevel=3,
-            )
-        _write_partition(found, self.partition)
+        options = asdict(replace(self.options, info=None))
+        identity = identity_of(self.files.paths, options, repr(self.options.info))
+        begin(self.folder, identity, resume=resume)
+        per_tile = self.options.per_tile
+        self.partition = partitioned(self.files, self.folder, self.report, per_tile)
 
     def parts(self) -> list[Path]:
         """The streams of all tiles that have splats, in order."""
@@ -172,19 +142,7 @@ class _Run:
             plan = plan.with_less_of(too_fine)
 
     def _do(self, stage: str, function: Callable[..., Any], calls: Sequence[Call]) -> int | None:
-        """Run the jobs whose files, their last arguments, are not there.
-
-        Returns:
-            The first of their results that is not None.
-        """
-        todo = [call for call in calls if not Path(call[-1]).exists()]
-        done = len(calls) - len(todo)
-        for _, found in run_jobs(self.engine, function, todo):
-            if found is not None:
-                return int(found)
-            done += 1
-            self.report(stage, done / len(calls))
-        return None
+        return do_missing(self.engine, function, calls, self.report, stage)
 
     def _job(self, tile: int) -> TileJob:
         tree = self.partition.tree
@@ -207,38 +165,3 @@ class _Run:
             up=self.options.up,
             effort=self.options.effort,
         )
-
-    def _identity(self) -> str:
-        """Of the files and options of a run."""
-        files = [
-            (str(path.resolve()), path.stat().st_size, path.stat().st_mtime_ns)
-            for path in self.files.paths
-        ]
-        options = asdict(replace(self.options, info=None))
-        said = json.dumps([sorted(files), options, repr(self.options.info)])
-        return hashlib.sha256(said.encode()).hexdigest()
-
-
-def _write_partition(path: Path, made: Partition) -> None:
-    tree = made.tree
-    temporary = path.with_suffix(".tmp.npz")
-    np.savez(
-        temporary,
-        axis=tree.axis,
-        value=tree.value,
-        child=tree.child,
-        origins=tree.origins,
-        blocks=tree.blocks,
-        counts=made.counts,
-        largest=made.largest,
-        sizes=made.sizes,
-    )
-    temporary.replace(path)
-
-
-def _read_partition(folder: Path, path: Path, sh_degree: int) -> Partition:
-    with np.load(path) as found:
-        tree = Tree(
-            found["axis"], found["value"], found["child"], found["origins"], found["blocks"]
-        )
-        return Partition(folder, tree, sh_degree, found["counts"], found["largest"], found["sizes"])

@@ -32,7 +32,7 @@ from evogs_codec.model.channels import GROUP_CHANNELS, channel_class, n_channels
 from evogs_codec.model.coded_tree import CodedTile
 from evogs_codec.model.splats import F32, F64, SplatParams
 
-__all__ = ["TileJob", "code_tile", "survey_tile"]
+__all__ = ["TileJob", "code_tile", "sorted_rows", "survey_tile"]
 
 VIEWS = 8  # of a tile, by which its numbers are weighed
 ALPHAS = 4096  # of a level and group that a survey keeps
@@ -141,7 +141,7 @@ def _prepared(job: TileJob) -> tuple[Prepared, int]:
 
 def _splats(job: TileJob) -> SplatParams:
     """In an order that does not depend on that of the rows."""
-    return SplatParams.from_channels(_rows(job.rows, job.sh_degree).T)
+    return SplatParams.from_channels(sorted_rows(job.rows, job.sh_degree).T)
 
 
 def _stand_ins(
@@ -150,13 +150,13 @@ def _stand_ins(
     """What stands for tiles, whose origins are so far from that of the job."""
     parts = [np.empty((0, n_channels(job.sh_degree)), np.float32)]
     for path, offset in files:
-        rows = _rows(path, job.sh_degree)
+        rows = sorted_rows(path, job.sh_degree)
         rows[:, 0:3] += np.array(offset, np.float32)
         parts.append(rows)
     return enlarged(SplatParams.from_channels(np.concatenate(parts).T), STAND_IN)
 
 
-def _rows(path: str, sh_degree: int) -> F32:
+def sorted_rows(path: str, sh_degree: int) -> F32:
     """(n, D) rows of a file, sorted."""
     d = n_channels(sh_degree)
     rows = np.fromfile(path, "<f4").reshape(-1, d)

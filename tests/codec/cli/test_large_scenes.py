@@ -122,7 +122,7 @@ def test_a_disk_that_is_full_is_one_line_and_leaves_no_stream(evogs, parts, tmp_
     def full(*_arguments):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(jobs, "partition", full)
+    monkeypatch.setattr("evogs_codec.jobs.scratch.partition", full)
     code, _, err = evogs("encode", parts / "north.ply", tmp_path / "a.evogs", "--workers", 1)
     assert code == 1
     assert "No space left on device" in err

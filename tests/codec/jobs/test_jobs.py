@@ -135,13 +135,13 @@ def test_what_was_done_is_not_done_again(folder, right, tmp_path, monkeypatch):
             encode_files([folder / "whole.ply"], tmp_path / "a.evogs", OPTIONS, engine=SERIAL)
     monkeypatch.setattr("evogs_codec.jobs.encode.code_tile", None)
     monkeypatch.setattr("evogs_codec.jobs.encode.survey_tile", None)
-    monkeypatch.setattr("evogs_codec.jobs.encode.partition", None)
+    monkeypatch.setattr("evogs_codec.jobs.scratch.partition", None)
     encode_files([folder / "whole.ply"], tmp_path / "a.evogs", OPTIONS, engine=SERIAL, resume=True)
     assert (tmp_path / "a.evogs").read_bytes() == right
 
 
 def test_the_scratch_of_other_options_is_not_resumed(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr("evogs_codec.jobs.encode.partition", None)
+    monkeypatch.setattr("evogs_codec.jobs.scratch.partition", None)
     with pytest.raises(TypeError):
         encode_files([folder / "whole.ply"], tmp_path / "a.evogs", OPTIONS, engine=SERIAL)
     other = JobOptions(levels=2, per_tile=PER_TILE)

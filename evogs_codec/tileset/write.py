@@ -1,0 +1,240 @@
+"""A scene as many files: partition -> a file for each part -> overviews -> tileset.json."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from evogs_codec._generated import registry
+from evogs_codec.common.progress import Progress, no_progress
+from evogs_codec.errors import InputError
+from evogs_codec.io.files import write_atomic
+from evogs_codec.jobs.blocks import SplatFiles
+from evogs_codec.jobs.encode import JobOptions
+from evogs_codec.jobs.engines import Call, Engine
+from evogs_codec.jobs.partition import rows_of
+from evogs_codec.jobs.scratch import begin, do_missing, identity_of, partitioned
+from evogs_codec.model.scene_info import SceneInfo
+from evogs_codec.model.splats import F64
+from evogs_codec.scene.request import NO_NUMBA, with_generator
+from evogs_codec.tileset.boxes import Box
+from evogs_codec.tileset.contents import code_leaf, code_overview, made_of, with_place
+from evogs_codec.tileset.json_files import FOLDER, Frame, json_files, translation
+from evogs_codec.tileset.nodes import Node, nodes_of
+
+__all__ = ["TilesetOptions", "check_folder", "write_tileset"]
+
+PER_FILE = 1 << 19  # splats
+OVERVIEW = 1 << 17
+ENDING = ".evogs"
+FALL = 1.25  # the error of a parent is at least so many times that of a child
+METRES = {"metre": 1.0, "centimetre": 0.01, "millimetre": 0.001, "foot": 0.3048, "inch": 0.0254}
+
+
+@dataclass(frozen=True)
+class TilesetOptions:
+    """How a tileset is made.
+
+    Attributes:
+        per_file: splats of a file, about.
+        overview: splats of the overview of an inner node, at most about.
+        job: how each file is encoded.
+        crs: of the positions of the scene, or of those that `transform` makes of them: an EPSG
+            code, or WKT.
+        transform: 16 numbers, row by row, from the scene to the coordinates of that CRS; None: the
+            scene has them already.
+    """
+
+    per_file: int = PER_FILE
+    overview: int = OVERVIEW
+    job: JobOptions = field(default_factory=JobOptions)
+    crs: str | None = None
+    transform: tuple[float, ...] | None = None
+
+
+def write_tileset(
+    paths: Sequence[str | os.PathLike[str]],
+    out: str | os.PathLike[str],
+    options: TilesetOptions | None = None,
+    *,
+    engine: Engine | None = None,
+    resume: bool = False,
+    progress: Progress | None = None,
+) -> Node:
+    """Write the splats of some files as an OGC 3D Tiles 1.1 tileset of streams.
+
+    The bytes are the same for any number of workers, on any engine, in whatever order files are
+    given, and after a run that was interrupted.
+
+    Args:
+        paths: scenes as of `read_scene`, all of one SH degree, which become one.
+        out: the folder to make; it must not be there, or be empty.
+        options: how.
+        engine: where jobs run; by default in a process for each processor.
+        resume: go on with what an earlier run of the same files and options left.
+        progress: called with a stage and the part of it that is done.
+
+    Returns:
+        The root of the tiles.
+
+    Raises:
+        InputError: a file cannot be used, the folder has files, workers die again and again, or the
+            scratch folder, `out` with `.parts` behind its name, is of another run or not ours.
+        NotRepresentableError: values too large for any grid of the format.
+        OSError: a disk is full, or the folder cannot be written.
+    """
+    if find_spec("numba") is None:
+        raise InputError(f"scenes of any size are encoded by views: {NO_NUMBA}")
+    check_folder(Path(out))
+    options, report = options or TilesetOptions(), progress or no_progress
+    files = SplatFiles([Path(path) for path in paths], options.job.drop_invalid)
+    folder = Path(f"{os.fspath(out).rstrip('/')}.parts")
+    said = asdict(replace(options, job=replace(options.job, info=None)))
+    identity = identity_of(files.paths, "tileset", said, repr(options.job.info))
+    begin(folder, identity, resume=resume)
+    partition = partitioned(files, folder, report, options.per_file)
+    info = with_generator(options.job.info or files.info)
+    run = _Run(folder, partition.sh_degree, options, info, engine or Engine(), report)
+    root = nodes_of(partition)
+    run.make_contents(root)
+    run.finish(root, Path(out))
+    return root
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a folder that a tileset must not be written to.
+
+    Raises:
+        InputError: it has files, or is a file.
+        OSError: the folder around it is not there, or cannot be written.
+    """
+    if folder.is_dir():
+        if any(folder.iterdir()):
+            raise InputError(f"{folder}: has files: name another folder, or empty it first")
+    elif folder.exists() or folder.is_symlink():
+        raise InputError(f"{folder}: is a file: name a folder")
+    parent = folder.absolute().parent
+    if not parent.is_dir():
+        raise FileNotFoundError(2, "its folder does not exist: make it first", str(folder))
+    if not os.access(parent, os.W_OK):
+        raise PermissionError(13, "its folder may not be written to", str(folder))
+
+
+@dataclass
+class _Run:
+    folder: Path
+    sh_degree: int
+    options: TilesetOptions
+    info: SceneInfo
+    engine: Engine
+    report: Progress
+
+    def make_contents(self, root: Node) -> None:
+        """The streams of all nodes, and what is known of them."""
+        made = self.folder / "tileset" / FOLDER
+        made.mkdir(parents=True, exist_ok=True)
+        nodes = list(root.all())
+        leaves: list[Call] = [
+            (str(rows_of(self.folder, node.tile)), self.sh_degree, *self._outputs(node))
+            for node in nodes
+            if node.tile is not None
+        ]
+        do_missing(self.engine, code_leaf, leaves, self.report, "encode")
+        for height in range(1, root.height + 1):  # an overview is made of those below
+            rank = [node for node in nodes if node.height == height]
+            calls: list[Call] = [(self._below(node), *self._outputs(node)) for node in rank]
+            do_missing(self.engine, code_overview, calls, self.report, "overviews")
+        for node in reversed(nodes):
+            self._measure(node)
+
+    def finish(self, root: Node, out: Path) -> None:
+        """Write the JSON, and give the folder its name."""
+        made = self.folder / "tileset"
+        for name, text in json_files(root, self._frame(root), ENDING).items():
+            write_atomic(made / name, text)
+        for path in made.glob(f"{FOLDER}/*.work"):
+            shutil.rmtree(path)
+        if out.is_dir():
+            out.rmdir()
+        made.rename(out)
+        shutil.rmtree(self.folder)
+
+    def _outputs(self, node: Node) -> tuple[JobOptions, str, str]:
+        """The last arguments of a job."""
+        to_scene = translation(node.origin)
+        matrix = to_scene if self.options.transform is None else self._transform() @ to_scene
+        info = replace(self.info, text=dict(self.info.text))
+        options = with_place(self.options.job, info, matrix, self.options.crs)
+        return options, str(self._content(node)), str(self._known(node))
+
+    def _below(self, node: Node) -> tuple[tuple[str, tuple[float, ...], int], ...]:
+        return tuple(
+            (
+                str(self._content(child)),
+                tuple((child.origin - node.origin).tolist()),
+                max(1, self.options.overview * child.weight // node.weight),
+            )
+            for child in node.children
+        )
+
+    def _measure(self, node: Node) -> None:
+        """Box and error, once those of the children are known."""
+        made = made_of(self._known(node))
+        node.n_splats, node.n_bytes = made.n_splats, made.n_bytes
+        boxes = [made.box]
+        boxes += [child.box.moved(child.origin - node.origin) for child in node.children]
+        node.box = Box.around(boxes).rounded()
+        if node.children:
+            least = max(FALL * child.error for child in node.children)
+            node.error = max(made.size, least, 1e-9 * node.box.diagonal)
+
+    def _content(self, node: Node) -> Path:
+        return self.folder / "tileset" / FOLDER / f"{node.name}{ENDING}"
+
+    def _known(self, node: Node) -> Path:
+        return self.folder / f"{node.name}.made"
+
+    def _transform(self) -> F64:
+        return np.array(self.options.transform, np.float64).reshape(4, 4)
+
+    def _frame(self, root: Node) -> Frame:
+        extras = {
+            "evogs": {
+                "splats": root.weight,
+                "files": sum(1 for _ in root.all()),
+                "origin": root.origin.tolist(),
+            }
+        }
+        if self.options.crs is not None:
+            extras["evogs"]["crs"] = self.options.crs
+        if self.options.transform is not None:
+            matrix = self._transform()
+            scale = float(np.linalg.norm(matrix[:3, :3], axis=0).max())
+            return Frame(matrix, scale, extras)
+        scale = METRES.get(registry.name(registry.UNITS, self.info.unit), 1.0)
+        matrix = np.eye(4)
+        matrix[:3, :3] = scale * turn_up(_direction(self.options.job.up))
+        return Frame(matrix, scale, extras)
+
+
+def _direction(up: str | tuple[float, float, float]) -> F64:
+    if not isinstance(up, str):
+        return np.array(up, np.float64)
+    sign = -1.0 if up.startswith("-") else 1.0
+    return sign * np.array([axis == up[-1] for axis in "xyz"], np.float64)
+
+
+def turn_up(up: F64) -> F64:
+    """(3, 3) the shortest turn of a direction to +z."""
+    x, y, z = (up / np.linalg.norm(up)).tolist()
+    if z < -1 + 1e-12:
+        return np.diag([1.0, -1.0, -1.0])
+    a, b, c = 1 / (1 + z), x, y
+    out = np.array([[1 - a * b * b, -a * b * c, -b], [-a * b * c, 1 - a * c * c, -c], [b, c, z]])
+    return out + 0.0
