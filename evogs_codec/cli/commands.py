@@ -42,6 +42,13 @@ from evogs_codec.cli.terminal import (
     plain_warnings,
     progress_bar,
 )
+from evogs_codec.cli.tilesets import (
+    add_tileset,
+    decode_tileset,
+    info_tileset,
+    is_tileset,
+    validate_tileset,
+)
 from evogs_codec.cli.viewer.command import add_export, add_view
 from evogs_codec.common.printable import shown
 from evogs_codec.common.version import __version__
@@ -133,6 +140,7 @@ def _parser(asked: str = "", *, many: bool = False) -> argparse.ArgumentParser:
     options.add_validate(commands, run_validate)
     options.add_extract(commands, run_extract)
     add_edit(commands)
+    add_tileset(commands)
     add_compare(commands)
     add_view(commands)
     add_export(commands)
@@ -192,6 +200,11 @@ def _fail(args: argparse.Namespace, message: object, *, path: object = None) -> 
 
 def run_decode(args: argparse.Namespace) -> None:
     """`evogs decode`."""
+    if is_tileset(args.input):
+        decode_tileset(args)
+        return
+    if args.max_splats is not None:
+        raise InputError("--max-splats is for a tileset: of a stream take a --level")
     source, directory = open_stream(args.input, limits_of(args))
     cut, part = cut_of(directory, args), ""
     if args.partial:
@@ -213,6 +226,9 @@ def run_decode(args: argparse.Namespace) -> None:
 
 def run_info(args: argparse.Namespace) -> None:
     """`evogs info`."""
+    if is_tileset(args.input):
+        info_tileset(args)
+        return
     source, directory = open_stream(args.input, limits_of(args))
     # Bytes by group need all packets, so they are not said of a URL.
     remote = source if isinstance(source, RemoteFile) else None
@@ -231,6 +247,8 @@ def run_info(args: argparse.Namespace) -> None:
 
 def run_validate(args: argparse.Namespace) -> int:
     """`evogs validate`."""
+    if is_tileset(args.input):
+        return validate_tileset(args)
     try:
         source, limits = located(args.input), limits_of(args)
         with progress_bar() as progress:

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 # `full-date` or `date-time` of RFC 3339, as spec 8.4 has it.
 CAPTURED = re.compile(r"\d{4}-\d\d-\d\d([Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d))?", re.ASCII)
 
-__all__ = ["encode_file", "read_splats", "run_encode", "run_lift"]
+__all__ = ["encode_file", "read_splats", "run_encode", "run_lift", "scene_info"]
 
 
 def run_encode(args: argparse.Namespace) -> None:
@@ -55,7 +55,7 @@ def run_encode(args: argparse.Namespace) -> None:
     preset, notes = _preset(args, SCENE_PRESET if is_scene else TREE_PRESET), noted_warnings()
     if is_scene and wants_jobs(args):
         with progress_bar() as progress:
-            up = encode_large(args, partial(_scene_info, args), progress)
+            up = encode_large(args, partial(scene_info, args), progress)
         size = args.output.stat().st_size
         data_there = np.memmap(args.output, np.uint8, "r").data
         _print_figures(args, read_directory(data_there), size, up)
@@ -64,7 +64,7 @@ def run_encode(args: argparse.Namespace) -> None:
         if is_scene:
             scene = read_splats(args.input, drop_invalid=args.drop_invalid)
             splats = scene.splats
-            info = with_default_camera(args, splats, _scene_info(args, scene.info))
+            info = with_default_camera(args, splats, scene_info(args, scene.info))
             up = find_up(args, splats, info)
             data = encode_scene(
                 splats,
@@ -78,7 +78,7 @@ def run_encode(args: argparse.Namespace) -> None:
         else:
             tree = read_tree(args.input)
             splats = tree.leaves()
-            info = with_default_camera(args, splats, _scene_info(args, SceneInfo()))
+            info = with_default_camera(args, splats, scene_info(args, SceneInfo()))
             up = find_up(args, splats, info)
             data = encode_tree(
                 tree,
@@ -276,7 +276,7 @@ def _cameras(args: argparse.Namespace) -> list[Camera] | None:
     return cameras
 
 
-def _scene_info(args: argparse.Namespace, known: SceneInfo) -> SceneInfo:
+def scene_info(args: argparse.Namespace, known: SceneInfo) -> SceneInfo:
     """What the options say of the scene; where they say nothing, what is known of the file."""
     given = {key: getattr(args, key) for key in registry.TEXT_OPTIONS if getattr(args, key)}
     if "captured" in given and not CAPTURED.fullmatch(given["captured"]):

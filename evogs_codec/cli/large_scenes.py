@@ -21,7 +21,15 @@ from evogs_codec.model.scene_info import SceneInfo
 if TYPE_CHECKING:
     from evogs_codec.render import Up
 
-__all__ = ["LARGE", "add_large_options", "encode_large", "wants_jobs"]
+__all__ = [
+    "LARGE",
+    "add_engine",
+    "add_large_options",
+    "encode_large",
+    "engine_of",
+    "files_of",
+    "wants_jobs",
+]
 
 LARGE = 1_000_000  # splats: beyond, a scene takes over 1 GiB to encode in one piece
 ENGINES = ("processes", "serial", "dask")
@@ -40,6 +48,17 @@ def add_large_options(parser: argparse.ArgumentParser) -> None:
         " tile by tile, each in a process of its own, with about 600 MB for each process whatever"
         " the size. The stream is the same for any number of processes.",
     )
+    add_engine(group)
+    group.add_argument(
+        "--scratch",
+        type=Path,
+        metavar="FOLDER",
+        help="for what is in work, up to twice the size of the input (default: OUT.evogs.parts)",
+    )
+
+
+def add_engine(group: argparse._ArgumentGroup) -> None:
+    """Where jobs run, and whether a run is resumed."""
     group.add_argument(
         "--workers", type=number(int, 1, 1024), metavar="N", help="processes (default: processors)"
     )
@@ -53,12 +72,6 @@ def add_large_options(parser: argparse.ArgumentParser) -> None:
         metavar="ADDRESS",
         help="of Dask, for instance tcp://10.0.0.5:8786; its workers must see the scratch folder"
         " (default: a cluster on this machine)",
-    )
-    group.add_argument(
-        "--scratch",
-        type=Path,
-        metavar="FOLDER",
-        help="for what is in work, up to twice the size of the input (default: OUT.evogs.parts)",
     )
     group.add_argument(
         "--resume", action="store_true", help="go on where a run that failed has stopped"
@@ -100,9 +113,8 @@ def encode_large(
     Raises:
         InputError, OSError: as `encode_files`.
     """
-    if args.scheduler and args.engine not in (None, "dask"):
-        raise InputError("--scheduler is for --engine dask")
-    files = _files([args.input, *args.others])
+    engine = engine_of(args)
+    files = files_of([args.input, *args.others])
     info = info_of(SplatFiles(files).info)
     up = up_unseen(args, info)
     options = JobOptions(
@@ -117,14 +129,24 @@ def encode_large(
         files,
         args.output,
         options,
-        engine=Engine(
-            args.engine or ("dask" if args.scheduler else "processes"), args.workers, args.scheduler
-        ),
+        engine=engine,
         scratch=args.scratch,
         resume=args.resume,
         progress=progress,
     )
     return up
+
+
+def engine_of(args: argparse.Namespace) -> Engine:
+    """Where the jobs of a command run.
+
+    Raises:
+        InputError: the options do not go together.
+    """
+    if args.scheduler and args.engine not in (None, "dask"):
+        raise InputError("--scheduler is for --engine dask")
+    name = args.engine or ("dask" if args.scheduler else "processes")
+    return Engine(name, args.workers, args.scheduler)
 
 
 def _is_large(path: Path) -> bool:
@@ -134,7 +156,7 @@ def _is_large(path: Path) -> bool:
     return blocks is not None and blocks.n > LARGE
 
 
-def _files(paths: Sequence[Path]) -> list[Path]:
+def files_of(paths: Sequence[Path]) -> list[Path]:
     """The scenes of these paths; of a folder, those directly in it."""
     found: list[Path] = []
     for path in paths:

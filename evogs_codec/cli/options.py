@@ -38,6 +38,7 @@ __all__ = [
     "add_extract",
     "add_info",
     "add_lift",
+    "add_metadata",
     "add_validate",
     "command_parser",
 ]
@@ -45,6 +46,7 @@ __all__ = [
 DEFAULT_ITERATIONS = 200
 FORMATS = sorted((ending[1:] for ending in TARGETS), key=lambda name: name != "ply")
 STREAM_IN = "a stream: a file, or a URL (s3://, gs://, https://)"
+TILESET_IN = f"{STREAM_IN}; or the tileset.json of a tileset"
 
 # What argparse is not to take for an option, as it does before Python 3.14 with -1e3, and always
 # with an axis (`--up -y`).
@@ -187,6 +189,18 @@ def add_encode(commands: Commands, run: Run, *, many: bool = False) -> None:
         metavar="Z",
         help="compression level of Zstandard, 1..22 (default: 19)",
     )
+    add_metadata(parser)
+    add_large_options(parser)
+    _add_json(parser)
+    add_page(
+        parser,
+        "--report",
+        "write a page that says what was kept and what it cost, level by level, with pictures",
+    )
+
+
+def add_metadata(parser: argparse.ArgumentParser) -> None:
+    """What a person says of a scene."""
     for key in registry.TEXT_OPTIONS:
         parser.add_argument(f"--{key}", metavar="TEXT", help="metadata of the stream")
     for option, names in (
@@ -206,13 +220,6 @@ def add_encode(commands: Commands, run: Run, *, many: bool = False) -> None:
         action="store_true",
         help="mark the scene as trained with antialiasing, as the input may say too",
     )
-    add_large_options(parser)
-    _add_json(parser)
-    add_page(
-        parser,
-        "--report",
-        "write a page that says what was kept and what it cost, level by level, with pictures",
-    )
 
 
 def add_decode(commands: Commands, run: Run, *, many: bool = False) -> None:
@@ -228,12 +235,19 @@ def add_decode(commands: Commands, run: Run, *, many: bool = False) -> None:
         "  evogs decode scene.evogs corner.ply --box 0 0 0 1 1 1\n"
         "  evogs decode download.evogs.part so-far.ply --partial\n"
         "  evogs decode a.evogs b.evogs --out-dir scenes\n"
-        "  evogs decode s3://bucket/scene.evogs corner.ply --box 0 0 0 1 1 1",
+        "  evogs decode s3://bucket/scene.evogs corner.ply --box 0 0 0 1 1 1\n"
+        "  evogs decode city/tileset.json seen.ply --max-splats 500000",
     )
-    add_inputs(parser, "IN.evogs", STREAM_IN, many=many)
+    add_inputs(parser, "IN.evogs", TILESET_IN, many=many)
     add_output(parser, "OUT.ply", kind_to_write, is_named=not many)
     add_many(parser, FORMATS)
     add_cut_options(parser)
+    parser.add_argument(
+        "--max-splats",
+        type=number(int, 1, 1 << 40),
+        metavar="N",
+        help="of a tileset: take overviews and coarse levels, so that there are at most N splats",
+    )
     add_limits(parser)
     add_partial(parser)
     parser.add_argument(
@@ -294,7 +308,7 @@ def add_info(commands: Commands, run: Run) -> None:
         "info",
         run,
         "Show what a stream contains: header, levels, bytes per group.",
-        "  evogs info scene.evogs\n  evogs info scene.evogs --json",
+        "  evogs info scene.evogs\n  evogs info scene.evogs --json\n  evogs info city/tileset.json",
     )
     parser.description = (
         "Show what a stream contains: header, levels, bytes per group.\n\n"
@@ -304,7 +318,7 @@ def add_info(commands: Commands, run: Run) -> None:
         "over order-0: how far the bytes exceed the order-0 entropy of the integers\n\n"
         "Of a file whose end is missing, each level is marked present, in part or missing."
     )
-    parser.add_argument("input", type=path_or_url, metavar="IN.evogs", help=STREAM_IN)
+    parser.add_argument("input", type=path_or_url, metavar="IN.evogs", help=TILESET_IN)
     add_limits(parser)
     _add_json(parser)
 
@@ -317,9 +331,10 @@ def add_validate(commands: Commands, run: Run) -> None:
         run,
         "Check a whole stream; exit 0 if it is valid, 1 with the fault if it is not.",
         "  evogs validate scene.evogs\n  evogs validate scene.evogs --json\n"
-        "  evogs validate download.evogs --limits limits.json",
+        "  evogs validate download.evogs --limits limits.json\n"
+        "  evogs validate city/tileset.json",
     )
-    parser.add_argument("input", type=path_or_url, metavar="IN.evogs", help=STREAM_IN)
+    parser.add_argument("input", type=path_or_url, metavar="IN.evogs", help=TILESET_IN)
     add_limits(parser)
     _add_json(parser)
 

@@ -92,6 +92,7 @@ def write_tileset(
     if find_spec("numba") is None:
         raise InputError(f"scenes of any size are encoded by views: {NO_NUMBA}")
     check_folder(Path(out))
+    _check_transform(options.transform if options else None)
     options, report = options or TilesetOptions(), progress or no_progress
     files = SplatFiles([Path(path) for path in paths], options.job.drop_invalid)
     folder = Path(f"{os.fspath(out).rstrip('/')}.parts")
@@ -124,6 +125,15 @@ def check_folder(folder: Path) -> None:
         raise FileNotFoundError(2, "its folder does not exist: make it first", str(folder))
     if not os.access(parent, os.W_OK):
         raise PermissionError(13, "its folder may not be written to", str(folder))
+
+
+def _check_transform(transform: tuple[float, ...] | None) -> None:
+    if transform is None:
+        return
+    matrix = np.array(transform, np.float64)
+    is_affine = matrix.size == 16 and matrix[12:].tolist() == [0, 0, 0, 1]
+    if not is_affine or not abs(np.linalg.det(matrix.reshape(4, 4))) > 0:
+        raise InputError("the transform is no matrix of 4 x 4, row by row, that ends in 0 0 0 1")
 
 
 @dataclass

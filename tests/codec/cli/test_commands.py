@@ -24,7 +24,7 @@ from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.views import Views
 from tests.support import damage
 
-COMMANDS = ("encode", "decode", "lift", "info", "validate", "extract", "edit", "compare")
+COMMANDS = ("encode", "decode", "lift", "info", "validate", "extract", "edit", "compare", "tileset")
 
 
 def n_splats(path):

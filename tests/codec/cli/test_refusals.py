@@ -15,7 +15,7 @@ from evogs_codec.cli import commands
 from evogs_codec.cli.commands import main
 from evogs_codec.render.demo_scene import make_scene
 
-COMMANDS = ("encode", "decode", "lift", "info", "validate", "extract", "edit", "compare")
+COMMANDS = ("encode", "decode", "lift", "info", "validate", "extract", "edit", "compare", "tileset")
 
 
 # --- files that cannot be used -------------------------------------------------------------------

@@ -1,0 +1,152 @@
+"""Scenes that become tilesets: the same bytes wherever and whenever jobs run."""
+
+import json
+
+import numpy as np
+import pytest
+
+from evogs_codec import InputError, decode, decode_leaves, read_directory, write_ply
+from evogs_codec.jobs import Engine, JobOptions
+from evogs_codec.model.scene_info import SceneInfo
+from evogs_codec.render.demo_scene import make_scene
+from evogs_codec.tileset import TilesetOptions, write_tileset
+from evogs_codec.tileset.check import check_tileset
+from evogs_codec.tileset.places import Place
+from evogs_codec.tileset.read import Tileset
+from evogs_codec.tileset.take import take
+
+pytest.importorskip("numba")
+
+N = 400
+JOB = JobOptions(levels=2, effort=1, up="y", info=SceneInfo(unit=2))
+OPTIONS = TilesetOptions(per_file=200, overview=120, job=JOB, crs="EPSG:32632")
+SERIAL = Engine("serial")
+
+
+def contents(folder):
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Files of a scene, whole and in two parts that are not in order."""
+    made, scene = tmp_path_factory.mktemp("scene"), make_scene(N)
+    write_ply(made / "whole.ply", scene)
+    order = np.random.default_rng(1).permutation(N)
+    for number, rows in enumerate(np.array_split(order, 2)):
+        write_ply(made / f"part-{number}.ply", scene.take(rows))
+    return made
+
+
+@pytest.fixture(scope="module")
+def right(folder):
+    """The tileset that all others are to be."""
+    write_tileset([folder / "whole.ply"], folder / "right", OPTIONS, engine=SERIAL)
+    return folder / "right"
+
+
+@pytest.mark.thorough
+def test_a_scene_becomes_a_tileset_that_is_right(folder, right):
+    assert not (folder / "right.parts").exists()
+    with Place(right) as place:
+        tileset = Tileset(place)
+        found = check_tileset(tileset)
+        assert (found.problems, found.n_files, found.n_leaf_splats) == ([], 3, N)
+        assert found.n_digests > 0
+        splats = take(tileset).splats
+        overview = take(tileset, max_splats=130)
+    assert len(splats) == N
+    assert overview.n_files == 1
+    scene = make_scene(N)
+    mine, theirs = (np.sort(s.means[:, 0].astype(np.float64)) for s in (splats, scene))
+    assert np.abs(mine - theirs).max() < 0.05
+
+
+@pytest.mark.thorough
+def test_the_root_is_turned_to_z_and_to_metres_and_contents_say_where_they_are(right):
+    found = json.loads((right / "tileset.json").read_bytes())
+    assert found["asset"]["version"] == "1.1"
+    assert found["root"]["refine"] == "REPLACE"
+    matrix = np.array(found["root"]["transform"]).reshape(4, 4).T
+    assert matrix[:3, :3] @ (0, 1, 0) == pytest.approx([0, 0, 0.01])
+    with Place(right) as place:
+        for tile in Tileset(place).all():
+            directory = read_directory((right / tile.name).read_bytes())
+            text = directory.info.text
+            to_scene = np.array(text["transform"].split(), np.float64).reshape(4, 4)
+            assert to_scene[:3, 3].tolist() == tile.origin.tolist()
+            assert to_scene[:3, :3].tolist() == np.eye(3).tolist()
+            assert text["crs"] == "EPSG:32632"
+            assert "psnr" not in text
+
+
+@pytest.mark.thorough
+def test_an_overview_is_made_of_the_coarse_levels_of_its_children(right):
+    parts = [right / "tiles" / f"{k}.evogs" for k in (0, 1)]
+    n_coarse = sum(len(decode_leaves(path, level=0)) for path in parts)
+    assert decode(right / "tiles" / "root.evogs").n_leaves == n_coarse
+
+
+@pytest.mark.thorough
+def test_the_order_of_files_changes_no_byte(folder, right, tmp_path):
+    parts = [folder / "part-1.ply", folder / "part-0.ply"]
+    write_tileset(parts, tmp_path / "a", OPTIONS, engine=Engine(workers=1))
+    assert contents(tmp_path / "a") == contents(right)
+
+
+@pytest.mark.thorough
+def test_a_run_that_failed_leaves_no_tileset_and_is_resumed(folder, right, tmp_path, monkeypatch):
+    def full(*_arguments):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("evogs_codec.tileset.write.code_overview", full)
+        with pytest.raises(OSError, match="No space left"):
+            write_tileset([folder / "whole.ply"], tmp_path / "a", OPTIONS, engine=SERIAL)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.parts"]
+    monkeypatch.setattr("evogs_codec.tileset.write.code_leaf", full)
+    scene = [folder / "whole.ply"]
+    write_tileset(scene, tmp_path / "a", OPTIONS, engine=SERIAL, resume=True)
+    assert contents(tmp_path / "a") == contents(right)
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+@pytest.mark.thorough
+def test_positions_two_thousand_kilometres_away_stay_as_exact_as_near(tmp_path):
+    # A `.ply` of doubles, as of a scan in the coordinates of a country.
+    scene, far = make_scene(150), np.array([2.0e6, -5.4e6, 300.0])
+    names = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"]
+    names += [f"scale_{k}" for k in range(3)] + [f"rot_{k}" for k in range(4)]
+    rows = np.zeros(150, [(name, "<f8") for name in names])
+    for axis, name in enumerate("xyz"):
+        rows[name] = scene.means[:, axis] + far[axis]
+    for k in range(3):
+        rows[f"f_dc_{k}"], rows[f"scale_{k}"] = scene.sh[:, 0, k], scene.log_scales[:, k]
+    for k in range(4):
+        rows[f"rot_{k}"] = scene.quats[:, k]
+    rows["opacity"] = scene.opacity_logits
+    header = ["ply", "format binary_little_endian 1.0", "element vertex 150"]
+    header += [f"property double {name}" for name in names] + ["end_header", ""]
+    (tmp_path / "far.ply").write_bytes("\n".join(header).encode() + rows.tobytes())
+    options = TilesetOptions(per_file=75, overview=50, job=JobOptions(levels=2, effort=1))
+    write_tileset([tmp_path / "far.ply"], tmp_path / "far", options, engine=SERIAL)
+    with Place(tmp_path / "far") as place:
+        found = take(Tileset(place))
+    mine = found.splats.means.astype(np.float64) + found.origin
+    theirs = scene.means.astype(np.float64) + far
+    sizes = np.exp(scene.log_scales.mean(axis=1))
+    off = np.sqrt(((mine[:, None] - theirs[None]) ** 2).sum(-1)).min(axis=0)
+    assert np.median(off / sizes) < 0.1
+
+
+def test_a_folder_with_files_is_refused_and_left_as_it_is(folder, tmp_path):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "photo.png").write_bytes(b"mine")
+    with pytest.raises(InputError, match="has files: name another folder"):
+        write_tileset([folder / "whole.ply"], tmp_path / "a", OPTIONS, engine=SERIAL)
+    with pytest.raises(InputError, match="is a file: name a folder"):
+        write_tileset([folder / "whole.ply"], folder / "whole.ply", OPTIONS, engine=SERIAL)
+    with pytest.raises(FileNotFoundError):
+        write_tileset([folder / "whole.ply"], tmp_path / "b" / "c", OPTIONS, engine=SERIAL)
+    assert contents(tmp_path) == {"a/photo.png": b"mine"}
