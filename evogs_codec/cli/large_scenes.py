@@ -145,8 +145,9 @@ def engine_of(args: argparse.Namespace) -> Engine:
     """
     if args.scheduler and args.engine not in (None, "dask"):
         raise InputError("--scheduler is for --engine dask")
-    name = args.engine or ("dask" if args.scheduler else "processes")
-    return Engine(name, args.workers, args.scheduler)
+    return Engine(
+        args.engine or ("dask" if args.scheduler else "processes"), args.workers, args.scheduler
+    )
 
 
 def _is_large(path: Path) -> bool:

@@ -8,6 +8,7 @@ import pytest
 from evogs_codec import InputError, read_ply, write_ply
 from evogs_codec.cli import tilesets
 from evogs_codec.render.demo_scene import make_scene
+from tests.support.range_server import serving
 from tests.support.tilesets import FAR, small_tileset
 
 
@@ -107,6 +108,30 @@ def test_a_part_of_a_tileset_is_decoded(evogs, refused, small, tmp_path):
     assert read_ply(out).sh_degree == 0
     refused("decode", small, out, "--level", 1, words=["--level is for one stream"])
     refused("decode", small / "tiles" / "0.evogs", out, "--max-splats", 9, words=["for a tileset"])
+
+
+def test_of_a_tileset_of_the_web_only_what_is_needed_is_fetched(evogs, small, tmp_path):
+    pytest.importorskip("obstore")
+    files = {
+        str(path.relative_to(small)): path.read_bytes()
+        for path in small.rglob("*")
+        if path.is_file()
+    }
+    with serving(files) as site:
+        address = f"{site.url}tileset.json?sig=secret"
+        code, out, err = evogs("decode", address, tmp_path / "a.ply", "--max-splats", 50)
+        assert code == 0
+        assert "40 splats" in out
+        assert "secret" not in out + err
+        one = len(files["tileset.json"]) + len(files["tiles/root.evogs"])
+        assert site.n_sent <= one
+        assert f"fetched {site.n_sent:,} bytes" in err
+        assert evogs("validate", address)[0] == 0
+        assert "tiles/1-1.evogs" in evogs("info", address)[1]
+        del site.files["tiles/1-0.evogs"]
+        code, _, err = evogs("decode", address, tmp_path / "b.ply")
+        assert code == 1
+        assert "tiles/1-0.evogs: is not there" in err
 
 
 def test_a_json_file_that_is_no_tileset_is_refused_in_one_line(refused, tmp_path):

@@ -58,7 +58,7 @@ def test_origins_of_parents_are_exact_beside_those_of_children():
 def test_a_tileset_of_a_hundred_million_splats_begins_with_less_than_256_kB():  # noqa: N802
     root = filled(nodes_of(partition_of(200)))  # 100 million splats in files of 500,000
     files = json_files(root, Frame(np.eye(4), 1.0, {}), ".evogs")
-    assert sum(map(len, files.values())) < 150_000
+    assert sum(map(len, files.values())) < 100_000
     assert max(map(len, files.values())) <= MAX_JSON + 1000
     assert len(files["tileset.json"]) <= MAX_JSON + 1000
 
