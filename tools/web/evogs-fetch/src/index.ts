@@ -5,3 +5,5 @@ export { FetchError, type FetchFailure } from "./errors.js";
 export { type Budget, type Order, type View, fileOrder, viewOrder } from "./order.js";
 export { type ByteRange, Intervals } from "./intervals.js";
 export { nextRanges } from "./ranges.js";
+export { type Point, type Tile, TilesetFetch, type TilesetOptions } from "./tileset.js";
+export { type Choice, type TileBudget, type TileView, chooseTiles, screenError, tilesToDraw } from "./tiles.js";
