@@ -64,7 +64,7 @@ def json_files(root: Node, frame: Frame, ending: str, max_json: int = MAX_JSON) 
             tile = {"transform": matrix.T.ravel().tolist(), **tile}
         tile["refine"] = "REPLACE"
         text = {
-            "asset": {"version": "1.1", "generator": GENERATOR},
+            "asset": {"version": "1.1", "extras": {"generator": GENERATOR}},
             "geometricError": frame.scale * (_outermost(root) if is_root else top.error),
             "root": tile,
         }

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from evogs_codec import InputError, decode, decode_leaves, read_directory, write_ply
+from evogs_codec import InputError, __version__, decode, decode_leaves, read_directory, write_ply
 from evogs_codec.jobs import Engine, JobOptions
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.render.demo_scene import make_scene
@@ -66,7 +66,7 @@ def test_a_scene_becomes_a_tileset_that_is_right(folder, right):
 @pytest.mark.thorough
 def test_the_root_is_turned_to_z_and_to_metres_and_contents_say_where_they_are(right):
     found = json.loads((right / "tileset.json").read_bytes())
-    assert found["asset"]["version"] == "1.1"
+    assert found["asset"] == {"version": "1.1", "extras": {"generator": f"evogs {__version__}"}}
     assert found["root"]["refine"] == "REPLACE"
     matrix = np.array(found["root"]["transform"]).reshape(4, 4).T
     assert matrix[:3, :3] @ (0, 1, 0) == pytest.approx([0, 0, 0.01])
