@@ -123,6 +123,15 @@ class Tileset:
             yield tile
             todo += reversed(children)
 
+    def files(self) -> frozenset[str]:
+        """The names of all files, from the folder of the root.
+
+        Raises:
+            InputError, OSError: as of the file of the root.
+        """
+        contents = {tile.name for tile in self.all() if tile.name is not None}
+        return frozenset(contents | self._read)
+
     def _json(self, name: str) -> dict[str, Any]:
         if name in self._read:
             raise InputError(f"{self.place}: {shown(name)} is among its own tiles")

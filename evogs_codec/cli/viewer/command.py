@@ -14,6 +14,7 @@ from evogs_codec.cli.argument_types import number, path_or_url
 from evogs_codec.cli.common_options import add_output
 from evogs_codec.cli.remote_files import fetched
 from evogs_codec.cli.terminal import complain
+from evogs_codec.cli.tilesets import is_tileset
 from evogs_codec.cli.viewer.given import (
     folder_of_streams,
     is_of_web,
@@ -21,7 +22,7 @@ from evogs_codec.cli.viewer.given import (
     newly_encoded,
     stream_of,
 )
-from evogs_codec.cli.viewer.scenes import NoScenes, OneFile, Scenes
+from evogs_codec.cli.viewer.scenes import NoScenes, OneFile, Scenes, TilesetFolder
 from evogs_codec.cli.viewer.server import LOOPBACK, SCENE_PATH, Server, address_of, page_files
 from evogs_codec.cli.viewer.standalone import one_page
 from evogs_codec.common.printable import shown
@@ -29,6 +30,7 @@ from evogs_codec.errors import InputError
 from evogs_codec.format.directory import read_directory
 from evogs_codec.io.files import PAGE, write_atomic
 from evogs_codec.stores.urls import Url, is_url
+from evogs_codec.tileset import Place, Tileset
 
 __all__ = ["add_export", "add_view"]
 
@@ -37,6 +39,7 @@ EXAMPLES = """examples:
   evogs view scene.evogs
   evogs view scene.ply                      # encoded first, to a temporary file
   evogs view scenes/                        # a list of the streams in a folder
+  evogs view city/tileset.json              # a tileset, file by file
   evogs view https://example.org/scene.evogs
   evogs view s3://bucket/scene.evogs        # fetched first, to a temporary file
   evogs view scene.evogs --no-browser --host 0.0.0.0 --port 8000    # for other machines, too"""
@@ -56,7 +59,9 @@ def add_view(commands: Any) -> None:  # noqa: ANN401 - argparse's sub-parsers ha
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
-        "scene", metavar="FILE|FOLDER|URL", help="a stream, a 3DGS .ply, a .tree.npz, or streams"
+        "scene",
+        metavar="FILE|FOLDER|URL",
+        help="a stream, a 3DGS .ply, a .tree.npz, streams, or a tileset",
     )
     parser.add_argument(
         "--host",
@@ -132,6 +137,11 @@ def _scenes(given: str, stack: ExitStack) -> tuple[Scenes, str]:
     if is_of_web(given):
         return NoScenes(), f"?src={quote(given, safe='')}"
     path = fetched(Url.parse(given), stack) if is_url(given) else Path(given)
+    if is_tileset(path) and not is_url(given):
+        with Place(path) as place:
+            files = Tileset(place).files()
+        root = path / "tileset.json" if path.is_dir() else path
+        return TilesetFolder(root, files), address_of(root.name)
     if path.is_dir():
         folder, names = folder_of_streams(path)
         return folder, address_of(names[0]) if len(names) == 1 else SCENE_PATH.removeprefix("/")

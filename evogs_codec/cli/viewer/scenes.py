@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol
 
-__all__ = ["Folder", "NoScenes", "OneFile", "Scenes"]
+__all__ = ["Folder", "NoScenes", "OneFile", "Scenes", "TilesetFolder"]
 
 SUFFIX = ".evogs"
 
@@ -52,6 +52,8 @@ class OneFile:
 class Folder:
     """The `.evogs` files of a folder and of those below, and nothing outside of it."""
 
+    suffixes: tuple[str, ...] = (SUFFIX,)
+
     def __init__(self, folder: Path) -> None:
         self._folder = folder.resolve()
 
@@ -60,7 +62,7 @@ class Folder:
         parts = name.split("/")
         if any(part in ("", ".", "..") or "\\" in part or "\0" in part for part in parts):
             return None
-        if not name.endswith(SUFFIX):
+        if not name.endswith(self.suffixes):
             return None
         try:
             path = self._folder.joinpath(*parts).resolve(strict=True)
@@ -74,3 +76,23 @@ class Folder:
             path.relative_to(self._folder).as_posix() for path in self._folder.rglob("*" + SUFFIX)
         )
         return sorted(name for name in names if self.find(name) is not None)
+
+
+class TilesetFolder(Folder):
+    """The files of a tileset, and no others of its folder."""
+
+    suffixes = (SUFFIX, ".json")
+
+    def __init__(self, root: Path, files: frozenset[str]) -> None:
+        """Of the first file of a tileset, which names the others."""
+        super().__init__(root.parent)
+        self._name = root.name
+        self._files = files
+
+    def find(self, name: str) -> Path | None:
+        """A file of the tileset."""
+        return super().find(name) if name == self._name or name in self._files else None
+
+    def names(self) -> list[str]:
+        """That of the first file, with which all of it is opened."""
+        return [self._name]

@@ -14,9 +14,12 @@ from evogs_codec.cli.viewer import command
 from evogs_codec.cli.viewer.server import Server
 from evogs_codec.format.directory import read_directory
 from evogs_codec.render.demo_scene import make_scene
+from tests.support.tilesets import small_tileset
 
 ROOT = Path(__file__).resolve().parents[3]
 EXAMPLE = ROOT / "spec" / "example.evogs"
+NAMES = ["tileset.json", "tiles/1.json", "tiles/1-0.evogs"]
+NAMES += ["secret.json", "other.evogs", "tiles/../secret.json"]
 
 
 @pytest.fixture
@@ -37,6 +40,7 @@ def view(evogs, monkeypatch):
                 name = urllib.request.url2pathname(source.removeprefix("/scenes/"))
                 got["scene"] = server.scenes.find(name).read_bytes()
             got["names"] = server.scenes.names()
+            got["find"] = server.scenes.find
             raise KeyboardInterrupt
 
         monkeypatch.setattr(Server, "serve_forever", serve)
@@ -53,6 +57,24 @@ def test_a_stream_is_opened_in_the_browser(view):
     assert opened == [out.splitlines()[0]]
     assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\?src=/scenes/example\.evogs", opened[0])
     assert got["scene"] == EXAMPLE.read_bytes()
+
+
+def test_of_a_tileset_its_own_files_are_served_and_no_others(view, tmp_path):
+    small_tileset(tmp_path / "city", max_json=1)
+    (tmp_path / "city" / "secret.json").write_text("{}")
+    (tmp_path / "city" / "other.evogs").write_bytes(b"other")
+    for given in (tmp_path / "city", tmp_path / "city" / "tileset.json"):
+        code, _, _, opened, got = view(given)
+        assert code == 0
+        assert opened[0].endswith("?src=/scenes/tileset.json")
+        assert got["names"] == ["tileset.json"]
+        assert got["scene"] == (tmp_path / "city" / "tileset.json").read_bytes()
+        found = {name: got["find"](name) is not None for name in NAMES}
+        assert found == dict(zip(NAMES, [True, True, True, False, False, False], strict=True))
+    (tmp_path / "bad.json").write_text("{}")
+    code, _, err, opened, _ = view(tmp_path / "bad.json")
+    assert (code, opened) == (1, [])
+    assert "is no tileset" in err
 
 
 def test_no_browser_is_opened_if_it_is_not_wanted(view):

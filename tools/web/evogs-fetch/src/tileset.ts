@@ -44,6 +44,9 @@ export class TilesetFetch {
   requests = 0;
   /** From the content of the root to what is around the tileset: column by column. */
   matrix: readonly number[] = IDENTITY;
+  /** Splats and files of all of it, as it says, or 0. */
+  splats = 0;
+  files = 0;
   private readonly read = new Set<string>();
   private readonly loading = new Map<Tile, Promise<void>>();
   private tiles = 0;
@@ -60,6 +63,8 @@ export class TilesetFetch {
   async open(): Promise<Tile> {
     const found = await this.json(this.url);
     const own = objectOf(objectOf(found.extras).evogs);
+    this.splats = countOf(own.splats);
+    this.files = countOf(own.files);
     const origin = own.origin === undefined ? ([0, 0, 0] as Point) : pointOf(numbers(own.origin, 3, "origin"));
     return this.tree(found, this.url, null, origin, 0);
   }

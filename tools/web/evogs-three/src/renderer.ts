@@ -27,6 +27,14 @@ export interface SplatRenderer {
    * those after, if the scene is not too large for it. What still moved is at its end then.
    */
   update(updates: readonly TexelUpdate[], count: number, seconds?: number): void;
+  /** Forgets the scene before; the next one comes in parts, as files of a tileset do. */
+  openParts(): void;
+  /** Makes room for a part at a place, or anew for one that is there. It is drawn when `showParts` says so. */
+  openPart(part: number, layout: Layout, at: readonly [number, number, number]): void;
+  /** Writes texels of a part. Its splats do not move to their new states. */
+  updatePart(part: number, updates: readonly TexelUpdate[], count: number): void;
+  /** Draws these parts and no others, and forgets those that are not kept. */
+  showParts(shown: readonly number[], kept: readonly number[]): void;
   setShDegree(degree: number): void;
   resize(width: number, height: number, pixelRatio: number): void;
   draw(pose: CameraPose): void;

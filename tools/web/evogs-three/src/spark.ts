@@ -33,6 +33,7 @@ export class SparkSplats implements SplatRenderer {
   private readonly spark: SparkRenderer;
   private mesh: SplatMesh | null = null;
   private source: TextureSource | null = null;
+  private readonly parts = new Map<number, { mesh: SplatMesh; source: TextureSource }>();
   /** When splats began to move, and for how long. */
   private motion = { start: 0, seconds: 0 };
 
@@ -60,12 +61,43 @@ export class SparkSplats implements SplatRenderer {
 
   open(layout: Layout): void {
     this.close();
-    // An antialiased scene loses opacity as its splats are dilated; others do not.
-    this.spark.preBlurAmount = layout.isAntialiased ? 0 : DILATION;
-    this.spark.blurAmount = layout.isAntialiased ? DILATION : 0;
-    this.source = new TextureSource(this.renderer, layout);
+    this.source = this.sourceOf(layout);
     this.mesh = new SplatMesh({ splats: this.source, raycastable: false, editable: false });
     this.scene.add(this.mesh);
+    this.onDirty();
+  }
+
+  openParts(): void {
+    this.close();
+    this.onDirty();
+  }
+
+  openPart(part: number, layout: Layout, at: readonly [number, number, number]): void {
+    const isVisible = this.parts.get(part)?.mesh.visible ?? false;
+    this.closePart(part);
+    const source = this.sourceOf(layout, false);
+    const mesh = new SplatMesh({ splats: source, raycastable: false, editable: false });
+    mesh.position.set(...at);
+    mesh.visible = isVisible;
+    this.parts.set(part, { mesh, source });
+    this.scene.add(mesh);
+    this.onDirty();
+  }
+
+  updatePart(part: number, updates: readonly TexelUpdate[], count: number): void {
+    const found = this.parts.get(part);
+    if (found === undefined) return;
+    found.source.write(updates);
+    found.source.count = count;
+    found.mesh.updateVersion();
+    this.onDirty();
+  }
+
+  showParts(shown: readonly number[], kept: readonly number[]): void {
+    for (const [part, { mesh }] of [...this.parts]) {
+      if (!kept.includes(part)) this.closePart(part);
+      else mesh.visible = shown.includes(part);
+    }
     this.onDirty();
   }
 
@@ -80,10 +112,13 @@ export class SparkSplats implements SplatRenderer {
   }
 
   setShDegree(degree: number): void {
-    if (this.source === null || this.source.maxSh.value === degree) return;
-    this.source.maxSh.value = degree;
-    this.mesh?.updateVersion();
-    this.onDirty();
+    const all = [...this.parts.values(), { mesh: this.mesh, source: this.source }];
+    for (const { mesh, source } of all) {
+      if (source === null || source.maxSh.value === degree) continue;
+      source.maxSh.value = degree;
+      mesh?.updateVersion();
+      this.onDirty();
+    }
   }
 
   resize(width: number, height: number, pixelRatio: number): void {
@@ -142,7 +177,25 @@ export class SparkSplats implements SplatRenderer {
     if (time === 1) source.settle();
   }
 
+  /** The textures of a scene, whose splats are drawn as it says. */
+  private sourceOf(layout: Layout, canMove = true): TextureSource {
+    // An antialiased scene loses opacity as its splats are dilated; others do not.
+    this.spark.preBlurAmount = layout.isAntialiased ? 0 : DILATION;
+    this.spark.blurAmount = layout.isAntialiased ? DILATION : 0;
+    return new TextureSource(this.renderer, layout, canMove);
+  }
+
+  private closePart(part: number): void {
+    const found = this.parts.get(part);
+    if (found === undefined) return;
+    this.parts.delete(part);
+    this.scene.remove(found.mesh);
+    found.mesh.dispose();
+    found.source.dispose();
+  }
+
   private close(): void {
+    for (const part of [...this.parts.keys()]) this.closePart(part);
     if (this.mesh !== null) this.scene.remove(this.mesh);
     this.mesh?.dispose();
     this.source?.dispose();
@@ -182,10 +235,11 @@ class TextureSource implements SplatSource {
   constructor(
     private readonly renderer: THREE.WebGLRenderer,
     private readonly layout: Layout,
+    canMove: boolean,
   ) {
     const texels = TEXELS.slice(0, layout.shDegree + 1);
     this.after = texels.map((n) => newTexture(layout, n, "RGBA32UI"));
-    this.canMove = layout.width * layout.rows <= MOST_MOVING;
+    this.canMove = canMove && layout.width * layout.rows <= MOST_MOVING;
     this.before = this.canMove ? texels.map((n) => newTexture(layout, n, "RGBA32UI")) : this.after;
     this.sources = newTexture(this.canMove ? layout : { ...layout, rows: 1 }, 1, "R32UI");
   }

@@ -147,8 +147,21 @@ class Viewer {
         this.info = message.info;
         this.panel.opened(message.info);
         this.turnTo(message.info);
-        this.renderer.open(message.layout);
+        if (message.layout === null) this.renderer.openParts();
+        else this.renderer.open(message.layout);
         this.isSceneOpen = true;
+        break;
+      case "part":
+        if (!this.isSceneOpen) return;
+        if (message.isFresh) this.renderer.openPart(message.part, message.layout, message.at);
+        this.renderer.updatePart(message.part, message.updates, message.count);
+        this.renderer.setShDegree(this.panel.wants.shDegree);
+        this.needsDraw = true;
+        this.hasNews = true;
+        break;
+      case "parts":
+        this.renderer.showParts(message.shown, message.kept);
+        this.needsDraw = true;
         break;
       case "bounds":
         this.bounds = message;
@@ -265,7 +278,8 @@ class Viewer {
       const { pose } = this.camera;
       const { clientWidth, clientHeight } = this.renderer.canvas;
       const planes = planesOf(pose, clientWidth / Math.max(1, clientHeight));
-      this.send({ kind: "view", view: { eye: [...pose.eye], planes } });
+      const pixels = Math.max(1, clientHeight) / (2 * Math.tan(pose.fovY / 2));
+      this.send({ kind: "view", view: { eye: [...pose.eye], planes, pixels } });
     }, 300);
   }
 

@@ -16,6 +16,8 @@ export interface Wants {
 export interface EyeAndPlanes {
   eye: [number, number, number];
   planes: [number, number, number, number][];
+  /** Pixels of something of size 1 at distance 1. */
+  pixels: number;
 }
 
 export type ToWorker =
@@ -62,10 +64,24 @@ export interface Progress {
   digests: { rows: number; checked: number; wrong: number } | null;
   /** The first faulty packet, in words. */
   fault: string;
+  /** Of a tileset: the files that are drawn. */
+  files?: string[];
 }
 
 export type FromWorker =
-  | { kind: "opened"; info: SceneInfo; layout: Layout }
+  /** Without a layout the scene comes in parts. */
+  | { kind: "opened"; info: SceneInfo; layout: Layout | null }
+  | {
+      kind: "part";
+      part: number;
+      at: [number, number, number];
+      updates: TexelUpdate[];
+      count: number;
+      isFresh: boolean;
+      layout: Layout;
+    }
+  /** Which parts are drawn, and which are to be kept. */
+  | { kind: "parts"; shown: number[]; kept: number[] }
   /** Where the splats are, once there are some: a middle and a distance that holds most of them. */
   | { kind: "bounds"; middle: [number, number, number]; radius: number }
   | { kind: "texels"; updates: TexelUpdate[]; count: number; isFresh: boolean; layout: Layout }

@@ -8,10 +8,10 @@ import { boundsOf } from "./bounds.js";
 import type { EyeAndPlanes, FromWorker, Progress, SceneInfo, Wants } from "./messages.js";
 
 /** Files from unknown sources: at most about 2 GB of memory. */
-const LIMITS: Limits = { slots: 8_000_000, chunks_size: 64 * 1024 * 1024, n_packets: 1_000_000 };
+export const LIMITS: Limits = { slots: 8_000_000, chunks_size: 64 * 1024 * 1024, n_packets: 1_000_000 };
 /** Splats whose arrival shows where the scene is. */
-const ENOUGH_FOR_BOUNDS = 32;
-const UP_AXES: ([number, number, number] | null)[] = [
+export const ENOUGH_FOR_BOUNDS = 32;
+export const UP_AXES: ([number, number, number] | null)[] = [
   null,
   [1, 0, 0],
   [-1, 0, 0],
@@ -21,7 +21,7 @@ const UP_AXES: ([number, number, number] | null)[] = [
   [0, 0, -1],
 ];
 
-type Post = (message: FromWorker, transfer?: Transferable[]) => void;
+export type Post = (message: FromWorker, transfer?: Transferable[]) => void;
 
 export class SceneStream {
   private readonly decoder: Recorder;
@@ -254,7 +254,7 @@ export class SceneStream {
 }
 
 /** The highest level of which all core packets were applied, or -1. */
-function levelOf({ scene }: Decoder): number {
+export function levelOf({ scene }: Decoder): number {
   if (scene === null) return -1;
   const { packets } = scene.directory;
   let level = scene.directory.header.nLevels - 1;

@@ -2,8 +2,9 @@
 
 import type { FromWorker, ToWorker } from "./messages.js";
 import { SceneStream } from "./stream.js";
+import { TilesetStream, isTileset } from "./tilesetStream.js";
 
-let stream: SceneStream | null = null;
+let stream: SceneStream | TilesetStream | null = null;
 const post = (message: FromWorker, transfer: Transferable[] = []) =>
   (self as unknown as Worker).postMessage(message, transfer);
 
@@ -11,7 +12,9 @@ self.addEventListener("message", ({ data }: MessageEvent<ToWorker>) => {
   switch (data.kind) {
     case "open":
       stream?.close();
-      stream = new SceneStream(data.source, data.wants, data.maxTextureSize, post);
+      stream = isTileset(data.source)
+        ? new TilesetStream(data.source as string, data.wants, data.maxTextureSize, post)
+        : new SceneStream(data.source, data.wants, data.maxTextureSize, post);
       break;
     case "want":
       stream?.want(data.wants);

@@ -1,7 +1,7 @@
 /** The scenes of the tests, made by the project's own encoder, and pictures of them by its rasterizer. */
 
 import { execFileSync } from "node:child_process";
-import { existsSync, mkdirSync, readFileSync } from "node:fs";
+import { existsSync, mkdirSync, readFileSync, readdirSync } from "node:fs";
 import { fileURLToPath, pathToFileURL } from "node:url";
 
 const ROOT = fileURLToPath(new URL("../../../../", import.meta.url));
@@ -48,6 +48,17 @@ export function makeScenes() {
     evogs("encode", at("larger.ply"), at("default.evogs"), "--force");
   }
   return Object.fromEntries(SCENES.map((name) => [name, readFileSync(at(`${name}.evogs`))]));
+}
+
+/** The files of a tileset of the 8,000 splats, by their names. */
+export function makeTileset() {
+  const folder = `${FOLDER}/city`;
+  if (!existsSync(folder)) {
+    const options = ["--per-file", 2500, "--overview", 1500, "--levels", 3, "--engine", "serial"];
+    evogs("tileset", `${FOLDER}/scene.ply`, folder, ...options);
+  }
+  const names = readdirSync(folder, { recursive: true }).filter((name) => /\.(json|evogs)$/.test(name));
+  return Object.fromEntries(names.map((name) => [`city/${name}`, readFileSync(`${folder}/${name}`)]));
 }
 
 /** The scene that ships with the project; its cameras do not depend on the number of splats. */

@@ -10,6 +10,7 @@ import {
   exportedPage,
   hostileDirectory,
   makeScenes,
+  makeTileset,
   references,
   scenePath,
   whyNoCodec,
@@ -423,4 +424,32 @@ test("the page in the Python package is the one that is built here: make web", a
   for (const name of names) {
     assert.ok((await readFile(new URL(name, built))).equals(await readFile(new URL(name, installed))), name);
   }
+});
+
+inBrowser("of a tileset the overview comes first, then the files for what is looked at", async (context) => {
+  const files = makeTileset();
+  for (const [name, bytes] of Object.entries(files)) server.scenes.set(name, bytes);
+  const { pose, pictures } = references("sh3", [scenes.sh3.length]);
+  const leaves = Object.keys(files).filter((name) => name.endsWith(".evogs") && !name.includes("root"));
+  assert.equal(leaves.length, 4);
+  for (const name of leaves) server.scenes.delete(name);
+  await open("city/tileset.json");
+  await setPose(pose);
+  const first = await until(
+    page,
+    ({ progress }) => progress?.files?.length === 1 && progress.splats > 500,
+    "overview",
+  );
+  assert.deepEqual(first.progress.files, ["root.evogs"]);
+  await until(page, ({ state }) => state === "failed", "a failure: files are not there");
+  const overview = psnr(await picture(page), pictures[0]);
+  for (const name of leaves) server.scenes.set(name, files[name]);
+  await page.click("#retry");
+  const { progress } = await until(page, isDone, "the end");
+  assert.deepEqual(progress.files.sort(), leaves.map((name) => name.split("/").pop()).sort());
+  assert.equal(progress.splats, 8000);
+  assert.equal(progress.digests.wrong, 0);
+  const whole = psnr(await picture(page), pictures[0]);
+  context.diagnostic(`${overview.toFixed(1)} dB, then ${whole.toFixed(1)} dB`);
+  assert.ok(overview > 15 && whole > overview + 3 && whole > 30, `${overview} dB, then ${whole} dB`);
 });

@@ -1,0 +1,313 @@
+/** A tileset that comes: the overview first, then files for what is looked at. Runs in the worker. */
+
+import type { Limits } from "evogs";
+import { FetchError, type Point, type Tile, TilesetFetch, chooseTiles, tilesToDraw } from "evogs-fetch";
+import { boundsOf } from "./bounds.js";
+import { Content } from "./content.js";
+import type { EyeAndPlanes, Progress, Wants } from "./messages.js";
+import { ENOUGH_FOR_BOUNDS, LIMITS, type Post, UP_AXES, levelOf } from "./stream.js";
+
+/** Splats of all files together, if the panel sets no bound: about 1 GB of memory. */
+const MOST_SPLATS = 3_000_000;
+/** Pixels: a tile whose error looks smaller is not replaced. */
+const ERROR = 16;
+const MOST_AT_A_TIME = 2;
+/** Times the size of the scene. */
+const NEAR = 4;
+
+export class TilesetStream {
+  private readonly tileset: TilesetFetch;
+  private readonly limits: Limits = { ...LIMITS, slots: 2 * MOST_SPLATS };
+  private readonly contents = new Map<Tile, Content>();
+  private root: Tile | null = null;
+  /** What the page takes for the origin, in the scene. */
+  private base: Point = [0, 0, 0];
+  private wanted: Tile[] = [];
+  private readonly loading = new Set<Tile>();
+  private shown = "";
+  private parts = 0;
+  private view: EyeAndPlanes | null = null;
+  private isOpen = false;
+  private hasBounds = false;
+  /** The overview is there: files for what is looked at come now. */
+  private hasOverview = false;
+  private isAhead = false;
+  private isClosed = false;
+  private hasFailed = false;
+  private timer: ReturnType<typeof setTimeout> | undefined;
+
+  constructor(
+    private readonly source: string,
+    private wants: Wants,
+    private readonly maxTextureSize: number,
+    private readonly post: Post,
+  ) {
+    this.tileset = new TilesetFetch(source, { cache: "no-store" });
+    void this.open();
+  }
+
+  want(wants: Wants): void {
+    this.wants = wants;
+    for (const content of this.contents.values()) content.want(wants);
+    this.choose();
+  }
+
+  look(view: EyeAndPlanes): void {
+    this.view = view;
+    this.choose();
+  }
+
+  /** Goes on after a failure. */
+  retry(): void {
+    this.hasFailed = false;
+    if (this.root === null) void this.open();
+    else this.choose();
+  }
+
+  /** There is no looking back at a tileset. */
+  scrub(_bytes: number | null): void {}
+
+  rewrite(): void {
+    this.shown = "";
+    for (const content of this.contents.values()) this.send(content, content.rewritten());
+    this.later();
+  }
+
+  drawn(): void {
+    this.isAhead = false;
+    this.later();
+  }
+
+  close(): void {
+    this.isClosed = true;
+    clearTimeout(this.timer);
+    for (const content of this.contents.values()) content.stop();
+  }
+
+  private async open(): Promise<void> {
+    try {
+      this.root = await this.tileset.open();
+      await this.tileset.load(this.root);
+      this.base = baseOf(this.root);
+      this.choose();
+    } catch (error) {
+      this.root = null;
+      this.fail(error);
+    }
+  }
+
+  /** Decides which files are wanted, and begins to fetch them. */
+  private choose(): void {
+    const { root } = this;
+    if (root === null || this.isClosed) return;
+    const [x, y, z] = this.base;
+    const view = this.view ?? { eye: [0, 0, 0], planes: [], pixels: 0 };
+    const { tiles, load } = chooseTiles(
+      root,
+      {
+        eye: [view.eye[0] + x, view.eye[1] + y, view.eye[2] + z],
+        planes: view.planes.map(([a, b, c, d]) => [a, b, c, d - a * x - b * y - c * z]),
+        pixels: view.pixels,
+      },
+      {
+        splats: Math.min(this.wants.splats, MOST_SPLATS),
+        error: this.hasBounds ? ERROR : Number.POSITIVE_INFINITY,
+      },
+    );
+    this.wanted = root.url !== null && !this.contents.get(root)?.isDone ? [root] : tiles;
+    if (this.wanted === tiles) for (const tile of load) void this.load(tile);
+    this.forget();
+    this.fetch();
+    this.later();
+  }
+
+  private async load(tile: Tile): Promise<void> {
+    if (this.loading.has(tile)) return;
+    this.loading.add(tile);
+    try {
+      await this.tileset.load(tile);
+      this.loading.delete(tile);
+      this.choose();
+    } catch (error) {
+      this.loading.delete(tile);
+      this.fail(error);
+    }
+  }
+
+  /** Starts what is wanted and not there, the most urgent first. */
+  private fetch(): void {
+    if (this.hasFailed) return;
+    let running = 0;
+    for (const content of this.contents.values()) if (content.isRunning) running++;
+    for (const tile of this.wanted) {
+      if (running >= MOST_AT_A_TIME) return;
+      let content = this.contents.get(tile);
+      if (content?.isDone || content?.isRunning) continue;
+      if (content === undefined) {
+        const at = this.placeOf(tile);
+        content = new Content(this.parts++, tile, at, this.wants, this.limits, () => this.later());
+        this.contents.set(tile, content);
+      }
+      content.run();
+      running++;
+    }
+  }
+
+  /** Forgets files that are neither wanted nor above what is wanted, nor drawn until that is there. */
+  private forget(): void {
+    const kept = new Set<Tile>(this.toDraw());
+    for (const tile of this.wanted) {
+      for (let at: Tile | null = tile; at !== null; at = at.parent) kept.add(at);
+    }
+    for (const [tile, content] of this.contents) {
+      if (kept.has(tile)) continue;
+      content.stop();
+      this.contents.delete(tile);
+    }
+  }
+
+  private placeOf({ origin }: Tile): [number, number, number] {
+    return [0, 1, 2].map((a) => origin[a] - this.base[a]) as [number, number, number];
+  }
+
+  private toDraw(): Tile[] {
+    const { root } = this;
+    return tilesToDraw(this.wanted, (tile) => {
+      const content = this.contents.get(tile);
+      // The overview is drawn while it comes: nothing is there before it.
+      return content !== undefined && (content.isDone || tile === root) && content.splats > 0;
+    });
+  }
+
+  private later(): void {
+    if (this.isClosed) return;
+    this.timer ??= setTimeout(() => {
+      this.timer = undefined;
+      try {
+        this.flush();
+      } catch (error) {
+        this.close();
+        this.post({ kind: "failed", failure: "internal", message: String(error) });
+      }
+    }, 40);
+  }
+
+  private flush(): void {
+    const failed = [...this.contents.values()].find(({ error }) => error !== null);
+    if (failed !== undefined && !this.hasFailed) this.fail(failed.error);
+    if (!this.isOpen) this.begin();
+    const rootContent = this.root === null ? undefined : this.contents.get(this.root);
+    if (!this.isAhead) {
+      for (const content of this.contents.values()) this.send(content, content.news(this.maxTextureSize));
+      this.show();
+    }
+    const scene = rootContent?.decoder.scene ?? null;
+    if (scene !== null && !this.hasBounds && (scene.splatCount() >= ENOUGH_FOR_BOUNDS || rootContent?.isDone)) {
+      const bounds = boundsOf(scene);
+      this.hasBounds = bounds !== null;
+      if (bounds !== null) {
+        const place = this.placeOf(this.root as Tile);
+        const middle = bounds.middle.map((x, a) => x + place[a]) as [number, number, number];
+        this.post({ kind: "bounds", middle, radius: bounds.radius });
+      }
+    }
+    if (rootContent?.isDone && this.hasBounds && !this.hasOverview) {
+      this.hasOverview = true;
+      this.choose();
+    }
+    this.fetch();
+    this.post({ kind: "progress", progress: this.progress() });
+  }
+
+  private begin(): void {
+    const directory = this.root === null ? null : (this.contents.get(this.root)?.decoder.directory ?? null);
+    if (directory === null) return;
+    this.isOpen = true;
+    const { header, metadata } = directory;
+    this.post({
+      kind: "opened",
+      layout: null,
+      info: {
+        name: this.source,
+        size: 0,
+        splats: this.tileset.splats,
+        levels: header.nLevels,
+        tiles: this.tileset.files,
+        shDegree: header.shDegree,
+        up: UP_AXES[header.upAxis],
+        title: metadata.get("title") ?? "",
+        camera: null,
+      },
+    });
+  }
+
+  private send(content: Content, news: ReturnType<Content["news"]>): void {
+    if (news === null || !this.isOpen) return;
+    this.isAhead = true;
+    const buffers = news.updates.map(({ data }) => data.buffer as ArrayBuffer);
+    this.post(
+      { kind: "part", part: content.part, at: [...content.at] as [number, number, number], ...news },
+      buffers,
+    );
+  }
+
+  private show(): void {
+    if (!this.isOpen) return;
+    const shown = this.toDraw().map((tile) => (this.contents.get(tile) as Content).part);
+    const kept = [...this.contents.values()].map(({ part }) => part);
+    const said = `${shown}/${kept}`;
+    if (said === this.shown) return;
+    this.shown = said;
+    this.post({ kind: "parts", shown, kept });
+  }
+
+  private fail(error: unknown): void {
+    if (this.isClosed) return;
+    this.hasFailed = true;
+    const failure = error instanceof FetchError ? error.kind : "internal";
+    this.post({ kind: "failed", failure, message: error instanceof Error ? error.message : String(error) });
+  }
+
+  private progress(): Progress {
+    const all = [...this.contents.values()];
+    const sum = (of: (content: Content) => number) => all.reduce((n, content) => n + of(content), 0);
+    const isDone =
+      this.hasOverview && this.loading.size === 0 && this.wanted.every((tile) => this.contents.get(tile)?.isDone);
+    const fault = all.map(({ decoder }) => decoder.fault).find((found) => found !== null) ?? null;
+    const waiting = all.find(({ fetcher }) => fetcher.state === "waiting");
+    const isLoading = all.some(({ isRunning }) => isRunning) || this.root === null;
+    const drawn = this.toDraw().map((tile) => this.contents.get(tile) as Content);
+    const first = this.root === null ? undefined : this.contents.get(this.root);
+    return {
+      received: this.tileset.received + sum(({ fetcher }) => fetcher.received),
+      size: this.tileset.received + sum(({ fetcher, tile }) => fetcher.size ?? tile.bytes),
+      requests: this.tileset.requests + sum(({ fetcher }) => fetcher.requests),
+      state: waiting ? "waiting" : isLoading ? "loading" : "stopped",
+      isPaused: this.wants.isPaused,
+      isDone,
+      waitsFor: waiting?.fetcher.failure?.message ?? "",
+      splats: drawn.reduce((n, { splats }) => n + splats, 0),
+      packets: sum(({ decoder }) => decoder.progress?.packets ?? 0),
+      packetsApplied: sum(({ decoder }) => decoder.progress?.applied ?? 0),
+      level: first === undefined ? -1 : levelOf(first.decoder),
+      digests: {
+        rows: sum(({ decoder }) => decoder.digests?.rows ?? 0),
+        checked: sum(({ decoder }) => decoder.digests?.checked ?? 0),
+        wrong: sum(({ decoder }) => decoder.digests?.wrong ?? 0),
+      },
+      fault: fault === null ? "" : `${fault.code} at byte ${fault.offset}`,
+      files: drawn.map(({ tile }) => (tile.url as string).split("/").pop() ?? ""),
+    };
+  }
+}
+
+/** The origin of the scene; or that of the first tile, where the scene is so far off that float32 does not do. */
+function baseOf({ origin, low, high }: Tile): Point {
+  const size = Math.hypot(...[0, 1, 2].map((a) => high[a] - low[a]));
+  return Math.hypot(...origin) <= NEAR * size ? [0, 0, 0] : origin;
+}
+
+/** Whether an address is that of a tileset. */
+export function isTileset(source: string | File): boolean {
+  return typeof source === "string" && URL.canParse(source) && /\.json$/i.test(new URL(source).pathname);
+}
