@@ -101,7 +101,9 @@ def _stand_in(value: object, is_kept: bool, names: dict[str, str], stack: ExitSt
 
 def _check_resume(args: argparse.Namespace, urls: list[Url]) -> None:
     """Refuse to go on with a run of which nothing can be left."""
-    if getattr(args, "resume", False) and (urls != [args.output] or not args.scratch):
+    if not getattr(args, "resume", False):
+        return
+    if urls != [getattr(args, "output", None)] or not getattr(args, "scratch", None):
         raise InputError("--resume: needs inputs on the disk, and --scratch if the output is a URL")
 
 

@@ -68,6 +68,11 @@ def test_a_transform_that_is_none_is_refused(refused, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["scene.ply"]
 
 
+def test_a_run_whose_input_was_fetched_is_not_resumed(refused, tmp_path):
+    words = ["tileset", "https://example.org/scene.ply", tmp_path / "city", "--resume"]
+    refused(*words, words=["--resume: needs inputs on the disk"])
+
+
 def test_info_shows_the_tree(evogs, small):
     code, out, _ = evogs("info", small / "tileset.json")
     assert code == 0
