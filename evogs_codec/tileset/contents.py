@@ -127,7 +127,8 @@ def _measured(path: Path) -> Made:
 
 def with_place(options: JobOptions, info: SceneInfo, matrix: F64, crs: str | None) -> JobOptions:
     """Options of a content whose positions `matrix` (4, 4) takes to the scene, or to its CRS."""
-    text = {**info.text, "transform": " ".join(map(repr, matrix.ravel().tolist()))}
+    numbers = (repr(x).removesuffix(".0") for x in matrix.ravel().tolist())
+    text = {**info.text, "transform": " ".join(numbers)}
     if crs is not None:
         text["crs"] = crs
     return replace(options, info=replace(info, text=text))

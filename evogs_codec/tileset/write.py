@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -12,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from evogs_codec._generated import registry
+from evogs_codec.common.printable import shown
 from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.errors import InputError
 from evogs_codec.io.files import write_atomic
@@ -33,6 +35,7 @@ __all__ = ["TilesetOptions", "check_folder", "write_tileset"]
 PER_FILE = 1 << 19  # splats
 OVERVIEW = 1 << 17
 ENDING = ".evogs"
+CRS = re.compile(r"EPSG:\d{1,10}$|[A-Za-z]\w*\[")  # WKT is a word with brackets
 FALL = 1.25  # the error of a parent is at least so many times that of a child
 METRES = {"metre": 1.0, "centimetre": 0.01, "millimetre": 0.001, "foot": 0.3048, "inch": 0.0254}
 
@@ -92,8 +95,8 @@ def write_tileset(
     if find_spec("numba") is None:
         raise InputError(f"scenes of any size are encoded by views: {NO_NUMBA}")
     check_folder(Path(out))
-    _check_transform(options.transform if options else None)
     options, report = options or TilesetOptions(), progress or no_progress
+    _check_place(options)
     files = SplatFiles([Path(path) for path in paths], options.job.drop_invalid)
     folder = Path(f"{os.fspath(out).rstrip('/')}.parts")
     said = asdict(replace(options, job=replace(options.job, info=None)))
@@ -101,6 +104,7 @@ def write_tileset(
     begin(folder, identity, resume=resume)
     partition = partitioned(files, folder, report, options.per_file)
     info = with_generator(options.job.info or files.info)
+    options = _with_place_of(info, options)
     run = _Run(folder, partition.sh_degree, options, info, engine or Engine(), report)
     root = nodes_of(partition)
     run.make_contents(root)
@@ -127,13 +131,33 @@ def check_folder(folder: Path) -> None:
         raise PermissionError(13, "its folder may not be written to", str(folder))
 
 
-def _check_transform(transform: tuple[float, ...] | None) -> None:
-    if transform is None:
-        return
-    matrix = np.array(transform, np.float64)
-    is_affine = matrix.size == 16 and matrix[12:].tolist() == [0, 0, 0, 1]
-    if not is_affine or not abs(np.linalg.det(matrix.reshape(4, 4))) > 0:
+def _check_place(options: TilesetOptions) -> None:
+    if options.crs is not None and not CRS.match(options.crs):
+        raise InputError(f"the CRS '{shown(options.crs)}' is neither EPSG: with a number nor WKT")
+    if options.transform is not None and not _is_affine(options.transform):
         raise InputError("the transform is no matrix of 4 x 4, row by row, that ends in 0 0 0 1")
+
+
+def _is_affine(numbers: Sequence[float]) -> bool:
+    matrix = np.array(numbers, np.float64)
+    is_right = matrix.size == 16 and matrix[12:].tolist() == [0, 0, 0, 1]
+    if not is_right or not np.isfinite(matrix).all():
+        return False
+    return bool(abs(np.linalg.det(matrix.reshape(4, 4))) > 0)
+
+
+def _with_place_of(info: SceneInfo, options: TilesetOptions) -> TilesetOptions:
+    """The options, with the place that the scene says if they say none."""
+    if options.crs is None and options.transform is None:
+        crs, said = info.text.get("crs"), info.text.get("transform", "")
+        try:
+            numbers = tuple(map(float, said.split()))
+        except ValueError:
+            numbers = ()
+        if _is_affine(numbers):
+            return replace(options, crs=crs, transform=numbers)
+        return replace(options, crs=crs)
+    return options
 
 
 @dataclass

@@ -11,9 +11,11 @@ from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.tileset import TilesetOptions, write_tileset
 from evogs_codec.tileset.check import check_tileset
+from evogs_codec.tileset.contents import with_place
 from evogs_codec.tileset.places import Place
 from evogs_codec.tileset.read import Tileset
 from evogs_codec.tileset.take import take
+from evogs_codec.tileset.write import _with_place_of
 
 pytest.importorskip("numba")
 
@@ -138,6 +140,27 @@ def test_positions_two_thousand_kilometres_away_stay_as_exact_as_near(tmp_path):
     sizes = np.exp(scene.log_scales.mean(axis=1))
     off = np.sqrt(((mine[:, None] - theirs[None]) ** 2).sum(-1)).min(axis=0)
     assert np.median(off / sizes) < 0.1
+
+
+def test_the_place_that_a_scene_says_is_kept_and_options_say_more():
+    matrix = (0.0, -1.0, 0.0, 4.5, 1.0, 0.0, 0.0, 5.0, 0.0, 0.0, 1.0, 6.0, 0.0, 0.0, 0.0, 1.0)
+    said = {"crs": "EPSG:4978", "transform": "0 -1 0 4.5 1 0 0 5 0 0 1 6 0 0 0 1"}
+    found = _with_place_of(SceneInfo(text=said), TilesetOptions())
+    assert (found.crs, found.transform) == ("EPSG:4978", matrix)
+    assert _with_place_of(SceneInfo(text=said), OPTIONS) == OPTIONS
+    for wrong in ("", "1 2 3", "a b", "0 " * 16):
+        info = SceneInfo(text={"transform": wrong})
+        assert _with_place_of(info, TilesetOptions()) == TilesetOptions()
+    job = with_place(JOB, SceneInfo(), np.array(matrix).reshape(4, 4), "EPSG:4978")
+    assert job.info.text == said
+
+
+@pytest.mark.parametrize("crs", ["32632", "EPSG:", "EPSG:1x", "utm"])
+def test_a_crs_that_is_neither_a_code_nor_wkt_is_refused(folder, tmp_path, crs):
+    options = TilesetOptions(crs=crs)
+    with pytest.raises(InputError, match="neither EPSG: with a number nor WKT"):
+        write_tileset([folder / "whole.ply"], tmp_path / "a", options, engine=SERIAL)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_folder_with_files_is_refused_and_left_as_it_is(folder, tmp_path):
