@@ -76,6 +76,13 @@ def add_tileset(commands: Commands) -> None:
         help="splats of the overview of several files, at most (default: %(default)s)",
     )
     parser.add_argument(
+        "--content",
+        choices=("evogs", "glb"),
+        default=TilesetOptions.content,
+        help="streams (default), or glTF with KHR_gaussian_splatting for clients that know no"
+        " streams: one level, several times as large",
+    )
+    parser.add_argument(
         "--crs", metavar="TEXT", help="of the positions: an EPSG code (EPSG:4978), or WKT"
     )
     parser.add_argument(
@@ -131,7 +138,7 @@ def run_tileset(args: argparse.Namespace) -> None:
         info=info,
     )
     transform = None if args.transform is None else tuple(args.transform)
-    options = TilesetOptions(args.per_file, args.overview, job, args.crs, transform)
+    options = TilesetOptions(args.per_file, args.overview, job, args.crs, transform, args.content)
     with progress_bar() as progress:
         root = write_tileset(
             files, args.folder, options, engine=engine, resume=args.resume, progress=progress

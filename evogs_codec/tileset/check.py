@@ -15,6 +15,7 @@ __all__ = ["Checked", "check_tileset"]
 
 SLACK = 1e-9  # of the diagonal of a box: what sums of float64 may be off
 MAX_PROBLEMS = 100
+STREAM = ".evogs"
 
 
 @dataclass
@@ -37,8 +38,9 @@ class Checked:
 def check_tileset(tileset: Tileset, progress: Progress | None = None) -> Checked:
     """Read all files of a tileset, and say what is wrong.
 
-    Boxes are inside those of parents, errors do not grow downwards, every content is a stream
-    whose digests match, and what it covers is inside the box of its tile.
+    Boxes are inside those of parents, errors do not grow downwards, every stream has digests that
+    match, and what it covers is inside the box of its tile. Of files of other formats only the
+    length is looked at.
 
     Raises:
         InputError: the JSON is no tileset that is known.
@@ -74,6 +76,9 @@ def _check_family(tile: Tile, out: Checked) -> None:
 
 def _check_content(tileset: Tileset, tile: Tile, out: Checked) -> None:
     name = str(tile.name)
+    if not name.endswith(STREAM):
+        _check_other(tileset, tile, out)
+        return
     try:
         source = tileset.place.open(name)
         directory = read_directory(source)
@@ -90,3 +95,19 @@ def _check_content(tileset: Tileset, tile: Tile, out: Checked) -> None:
         out.problems.append(f"{name}: has other splats or bytes than the tileset says")
     if found.n_leaves and not tile.box.holds(covered(found.leaves(sh_degree=0))):
         out.problems.append(f"{name}: its splats cover more than the box of its tile")
+
+
+def _check_other(tileset: Tileset, tile: Tile, out: Checked) -> None:
+    """A content of another format: whether it is there, and as long as it should be."""
+    name = str(tile.name)
+    try:
+        size = tileset.place.open(name).size
+    except (InputError, OSError) as error:
+        out.problems.append(f"{name}: {error}")
+        return
+    out.n_files += 1
+    out.n_bytes += size
+    out.n_splats += tile.n_splats or 0
+    out.n_leaf_splats += 0 if tile.children else tile.n_splats or 0
+    if tile.n_bytes not in (None, size):
+        out.problems.append(f"{name}: has other bytes than the tileset says")

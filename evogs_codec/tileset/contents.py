@@ -17,6 +17,8 @@ from evogs_codec.decoding.decode import decode_leaves
 from evogs_codec.editing.byte_stats import levels
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.io.files import write_atomic
+from evogs_codec.io.interchange import gltf
+from evogs_codec.io.interchange.frames import transformed
 from evogs_codec.io.ply import write_ply
 from evogs_codec.jobs.encode import JobOptions, encode_files
 from evogs_codec.jobs.engines import Engine
@@ -25,7 +27,9 @@ from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F64, SplatParams
 from evogs_codec.tileset.boxes import Box, covered, size_of
 
-__all__ = ["Made", "code_leaf", "code_overview", "made_of", "with_place"]
+__all__ = ["Made", "as_glb", "code_leaf", "code_overview", "made_of", "with_place"]
+
+Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # from z up
 
 
 @dataclass(frozen=True)
@@ -94,6 +98,18 @@ def code_overview(
         parts.append(rows)
     splats = SplatParams.from_channels(np.concatenate(parts, axis=1))
     _code(splats, options, Path(out), Path(done))
+
+
+def as_glb(stream: str, out: str) -> None:
+    """Make glTF of a content, for clients that know no streams.
+
+    They turn what they read of glTF from y up to z up: so it is turned the other way.
+    """
+    data = np.memmap(stream, np.uint8, "r").data
+    directory = read_directory(data)
+    splats = decode_leaves(data, sh_degree=directory.sh_degree, directory=directory)
+    turned = transformed(splats, Y_UP)
+    write_atomic(out, gltf.write(turned, directory.info, "evogs tileset"))
 
 
 def _level_of(directory: Directory, most: int) -> int:

@@ -16,7 +16,7 @@ from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.decoding.byte_ranges import byte_ranges
 from evogs_codec.decoding.cut import Cut
 from evogs_codec.decoding.decode import decode_leaves
-from evogs_codec.errors import InputError
+from evogs_codec.errors import Fault, InputError, StreamError
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F64, SplatParams
@@ -80,8 +80,8 @@ def take(
         progress: called with a stage and the part of it that is done.
 
     Raises:
-        InputError: nothing is in the box, so few splats show nothing, or a file is no stream.
-        StreamError: a content is damaged.
+        InputError: nothing is in the box, so few splats show nothing, or a content is no stream or
+            damaged.
         OSError: a file cannot be read.
     """
     report = progress or no_progress
@@ -100,7 +100,12 @@ def take(
     found, n_bytes = [], tileset.n_json
     for number, part in enumerate(parts):
         cut = part.cuts[part.level]
-        found.append(decode_leaves(part.source, cut, sh_degree=degree, directory=part.directory))
+        try:
+            leaves = decode_leaves(part.source, cut, sh_degree=degree, directory=part.directory)
+        except StreamError as error:
+            at = tileset.place.path_of(str(part.tile.name))
+            raise InputError(f"{at}: {error}") from error
+        found.append(leaves)
         n_bytes += part.directory.data_offset
         n_bytes += sum(size for _, size in byte_ranges(part.directory, cut))
         report("decode", (number + 1) / len(parts))
@@ -148,8 +153,9 @@ def _opened(tileset: Tileset, tile: Tile, box: Box | None, sh_degree: int | None
     source = tileset.place.open(name)
     try:
         directory = read_directory(source)
-    except ValueError as error:
-        raise InputError(f"{tileset.place.path_of(name)}: is no stream: {error}") from error
+    except StreamError as error:
+        said = "is no stream" if error.fault is Fault.E_SIGNATURE else str(error)
+        raise InputError(f"{tileset.place.path_of(name)}: {said}") from error
     cuts = [Cut.of_level(directory, level) for level in range(directory.n_levels)]
     if sh_degree is not None:
         cuts = [cut.with_sh_degree(min(sh_degree, directory.sh_degree)) for cut in cuts]

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -26,7 +27,13 @@ from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F64
 from evogs_codec.scene.request import NO_NUMBA, with_generator
 from evogs_codec.tileset.boxes import Box
-from evogs_codec.tileset.contents import code_leaf, code_overview, made_of, with_place
+from evogs_codec.tileset.contents import (
+    as_glb,
+    code_leaf,
+    code_overview,
+    made_of,
+    with_place,
+)
 from evogs_codec.tileset.json_files import FOLDER, Frame, json_files, translation
 from evogs_codec.tileset.nodes import Node, nodes_of
 
@@ -52,6 +59,7 @@ class TilesetOptions:
             code, or WKT.
         transform: 16 numbers, row by row, from the scene to the coordinates of that CRS; None: the
             scene has them already.
+        content: streams, or glTF of their splats for clients that know no streams.
     """
 
     per_file: int = PER_FILE
@@ -59,6 +67,7 @@ class TilesetOptions:
     job: JobOptions = field(default_factory=JobOptions)
     crs: str | None = None
     transform: tuple[float, ...] | None = None
+    content: Literal["evogs", "glb"] = "evogs"
 
 
 def write_tileset(
@@ -190,7 +199,10 @@ class _Run:
     def finish(self, root: Node, out: Path) -> None:
         """Write the JSON, and give the folder its name."""
         made = self.folder / "tileset"
-        for name, text in json_files(root, self._frame(root), ENDING).items():
+        ending = f".{self.options.content}"
+        if ending != ENDING:
+            self._convert(root, ending)
+        for name, text in json_files(root, self._frame(root), ending).items():
             write_atomic(made / name, text)
         for path in made.glob(f"{FOLDER}/*.work"):
             shutil.rmtree(path)
@@ -198,6 +210,22 @@ class _Run:
             out.rmdir()
         made.rename(out)
         shutil.rmtree(self.folder)
+
+    def _convert(self, root: Node, ending: str) -> None:
+        """Files of another format in place of streams, which stay in the scratch folder."""
+        streams = self.folder / "streams"
+        tiles = self.folder / "tileset" / FOLDER
+        if not streams.exists():
+            tiles.rename(streams)
+        tiles.mkdir(exist_ok=True)
+        nodes = list(root.all())
+        calls: list[Call] = [
+            (str(streams / f"{node.name}{ENDING}"), str(tiles / f"{node.name}{ending}"))
+            for node in nodes
+        ]
+        do_missing(self.engine, as_glb, calls, self.report, "convert")
+        for node, (_, path) in zip(nodes, calls, strict=True):
+            node.n_bytes = Path(path).stat().st_size
 
     def _outputs(self, node: Node) -> tuple[JobOptions, str, str]:
         """The last arguments of a job."""

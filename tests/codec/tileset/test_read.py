@@ -131,6 +131,8 @@ def test_a_damaged_content_is_found(tmp_path):
     data[-3] ^= 1
     path.write_bytes(data)
     assert [line.partition(":")[0] for line in problems(tmp_path / "t")] == ["tiles/1-0.evogs"]
+    with Place(tmp_path / "t") as place, pytest.raises(InputError, match=r"1-0\.evogs: E_"):
+        take(Tileset(place))
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,20 @@
 """Scenes that become tilesets: the same bytes wherever and whenever jobs run."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from evogs_codec import InputError, __version__, decode, decode_leaves, read_directory, write_ply
+from evogs_codec import (
+    InputError,
+    __version__,
+    decode,
+    decode_leaves,
+    read_directory,
+    read_scene,
+    write_ply,
+)
 from evogs_codec.jobs import Engine, JobOptions
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.render.demo_scene import make_scene
@@ -140,6 +149,29 @@ def test_positions_two_thousand_kilometres_away_stay_as_exact_as_near(tmp_path):
     sizes = np.exp(scene.log_scales.mean(axis=1))
     off = np.sqrt(((mine[:, None] - theirs[None]) ** 2).sum(-1)).min(axis=0)
     assert np.median(off / sizes) < 0.1
+
+
+@pytest.mark.thorough
+def test_contents_of_gltf_are_the_splats_of_streams_with_y_up(folder, right, tmp_path):
+    options = replace(OPTIONS, content="glb")
+    write_tileset([folder / "whole.ply"], tmp_path / "a", options, engine=SERIAL)
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+    with Place(tmp_path / "a") as place, Place(right) as streams:
+        tileset = Tileset(place)
+        assert check_tileset(tileset).problems == []
+        tiles = list(zip(tileset.all(), Tileset(streams).all(), strict=True))
+        with pytest.raises(InputError, match="is no stream"):
+            take(tileset)
+    assert [one.box for one, _ in tiles] == [other.box for _, other in tiles]
+    for one, other in tiles:
+        assert one.name == other.name.replace(".evogs", ".glb")
+        x, y, z = decode(right / other.name).leaves().means.T
+        # Readers have a `.ply` before them, whose x and y are the negative of those of glTF; a
+        # client of 3D Tiles makes (x, -z, y) of glTF.
+        found = read_scene(tmp_path / "a" / one.name).splats.means * np.float32([-1, -1, 1])
+        assert np.stack([found[:, 0], -found[:, 2], found[:, 1]], axis=1) == pytest.approx(
+            np.stack([x, y, z], axis=1)
+        )
 
 
 def test_the_place_that_a_scene_says_is_kept_and_options_say_more():
