@@ -108,7 +108,7 @@ class Place:
         """What gives the bytes of a file.
 
         Raises:
-            InputError: it is not there, or leads out of the folder through a link.
+            InputError: it is not there, or no file.
             OSError: it cannot be read.
         """
         at = self.path_of(name)
