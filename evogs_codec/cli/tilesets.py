@@ -157,9 +157,9 @@ def run_tileset(args: argparse.Namespace) -> None:
         print(json.dumps(found))
         return
     each = n_bytes / max(root.weight, 1)
-    files = "1 file" if len(nodes) == 1 else f"{len(nodes):,} files"
+    said = "1 file" if len(nodes) == 1 else f"{len(nodes):,} files"
     print(
-        f"{shown(args.folder)}: {root.weight:,} splats in {files}, {n_bytes:,} bytes,"
+        f"{shown(args.folder)}: {root.weight:,} splats in {said}, {n_bytes:,} bytes,"
         f" {each:.2f} a splat"
     )
     print(f"views: {up}")

@@ -29,6 +29,7 @@ from evogs_codec.tileset.boxes import Box, covered, size_of
 
 __all__ = ["Made", "as_glb", "code_leaf", "code_overview", "made_of", "with_place"]
 
+OF_SCENE = ("camera", "cameras", "psnr")  # metadata in coordinates of the scene, or of all of it
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # from z up
 
 
@@ -144,7 +145,8 @@ def _measured(path: Path) -> Made:
 def with_place(options: JobOptions, info: SceneInfo, matrix: F64, crs: str | None) -> JobOptions:
     """Options of a content whose positions `matrix` (4, 4) takes to the scene, or to its CRS."""
     numbers = (repr(x).removesuffix(".0") for x in matrix.ravel().tolist())
-    text = {**info.text, "transform": " ".join(numbers)}
+    text = {key: value for key, value in info.text.items() if key not in OF_SCENE}
+    text["transform"] = " ".join(numbers)
     if crs is not None:
         text["crs"] = crs
     return replace(options, info=replace(info, text=text))

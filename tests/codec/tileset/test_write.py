@@ -183,7 +183,8 @@ def test_the_place_that_a_scene_says_is_kept_and_options_say_more():
     for wrong in ("", "1 2 3", "a b", "0 " * 16):
         info = SceneInfo(text={"transform": wrong})
         assert _with_place_of(info, TilesetOptions()) == TilesetOptions()
-    job = with_place(JOB, SceneInfo(), np.array(matrix).reshape(4, 4), "EPSG:4978")
+    of_scene = SceneInfo(text={"camera": "{}", "psnr": "40"})
+    job = with_place(JOB, of_scene, np.array(matrix).reshape(4, 4), "EPSG:4978")
     assert job.info.text == said
 
 
