@@ -5,7 +5,7 @@ import json
 import pytest
 
 from evogs_codec import read_directory, read_scene, write_ply
-from evogs_codec.cli import commands
+from evogs_codec.cli import converting
 from evogs_codec.render.demo_scene import make_scene
 
 
@@ -106,7 +106,7 @@ def test_an_interrupt_ends_it(evogs, here, monkeypatch):
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(commands, "write_scene", interrupt)
+    monkeypatch.setattr(converting, "write_scene", interrupt)
     code, out, err = evogs("convert", here / "a.ply", here / "b.ply", "--out-dir", here / "out")
     assert (code, out, err) == (130, "", "evogs: interrupted\n")
     assert not (here / "out").exists()
