@@ -145,7 +145,7 @@ class TargetEncoder:
         if not met:
             said = f"{decibels:g} dB cannot be met: {plain.value:.2f} dB is nearest"
             raise TargetMissedError(said, abs(plain.value - decibels))
-        return min(map(self._with_digests, met), key=len)
+        return min(map(self.written, met), key=len)
 
     def at_bytes(self, n_bytes: int) -> bytes:
         """The stream of at most this many bytes, and at least 98 % of them.
@@ -157,7 +157,7 @@ class TargetEncoder:
 
         def search(code: Callable[[float], CodedTree], start: float) -> _Found[bytes]:
             def measure(price: float) -> tuple[float, bytes]:
-                data = self._with_digests(code(price))
+                data = self.written(code(price))
                 return math.log(len(data)), data
 
             bounds = PRICES if self.views else FACTORS
@@ -195,7 +195,7 @@ class TargetEncoder:
         if self.views is None:
             raise ValueError("a price of a bit needs views")
         for price in prices:
-            yield self._with_digests(self.prepared.coded(price))
+            yield self.written(self.prepared.coded(price))
 
     def at_price(self, price: float) -> bytes:
         """The stream of `at_prices` for one price.
@@ -249,7 +249,7 @@ class TargetEncoder:
         for attempt in range(MOST_TRIES):
             is_last = attempt == MOST_TRIES - 1
             settings = finest if is_last else replace(self.settings, accuracy=StepTable.of(table))
-            data = self._with_digests(coder.quantised(settings))
+            data = self.written(coder.quantised(settings))
             found = self._errors_of(coder, data)
             if np.all(found <= asked):
                 return data
@@ -291,7 +291,8 @@ class TargetEncoder:
             raise ValueError("a PSNR needs views")
         return self.views.psnr(decode(data).leaves(sh_degree=self.tree.shown_degree))
 
-    def _with_digests(self, coded: CodedTree) -> bytes:
+    def written(self, coded: CodedTree) -> bytes:
+        """The stream of a coded tree, with digests."""
         return write(coded, effort=self.settings.effort, progress=self.progress)
 
 

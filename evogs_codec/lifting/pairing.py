@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from evogs_codec.common.morton import morton_order
 from evogs_codec.common.parallel import parallel_map
 from evogs_codec.lifting.orientations import STEP_ROTATION, STEP_SCALE
 from evogs_codec.lifting.parents import TINY, Moments, merged, sizes
@@ -114,12 +115,15 @@ def _edges(points: F64) -> tuple[I64, I64]:
     """Each node with its nearest neighbours, every pair once: (e,), (e,)."""
     n = len(points)
     k = min(N_NEIGHBOURS + 1, n)
+    # Neighbours lie beside each other in memory: a third of the time.
+    order = morton_order(points.T)
+    points = points[order]
     tree = scipy.spatial.cKDTree(points)
     # Not with `workers` of scipy: an interrupt frees the arrays that its threads still write to.
     parts = np.array_split(points, max(1, min(os.cpu_count() or 1, n // MIN_PART)))
     near = [found.ravel() for found in parallel_map(lambda part: tree.query(part, k=k)[1], parts)]
-    start = np.repeat(np.arange(n), k)
-    end = np.concatenate(near).astype(np.int64)
+    start = np.repeat(order, k)
+    end = order[np.concatenate(near)]
     keys = (np.minimum(start, end) * n + np.maximum(start, end))[start != end]
     keys.sort()  # 15 times as fast as np.unique, which hashes
     i, j = np.divmod(keys[np.diff(keys, prepend=-1) > 0], n)

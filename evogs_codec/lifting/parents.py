@@ -188,14 +188,18 @@ def _best_alpha(
     """
     n = c1.shape[1]
     bits = np.zeros(len(alphas))
+    misfits = []
+    for alpha in alphas:
+        parent = _on_line(c1, c2, alpha)
+        misfit = weight * _misfit(parent, wanted)
+        misfit[np.abs(c1 - parent).max(axis=0) >= MAX_PSI] = np.inf
+        misfits.append(misfit)
     for _ in range(PRICE_ROUNDS):
         best = np.full(n, np.inf)
         index = np.full(n, len(alphas))  # the midpoint, where every entry goes too far
-        for k, alpha in enumerate(alphas):
-            parent = _on_line(c1, c2, alpha)
-            cost = weight * _misfit(parent, wanted)
-            cost += PRICE * (bits[k] - len(c1) * np.log2(1 + alpha))
-            better = (cost < best) & (np.abs(c1 - parent).max(axis=0) < MAX_PSI)
+        for k, (alpha, misfit) in enumerate(zip(alphas, misfits, strict=True)):
+            cost = misfit + PRICE * (bits[k] - len(c1) * np.log2(1 + alpha))
+            better = cost < best
             best[better] = cost[better]
             index[better] = k
         counts = np.bincount(index, minlength=len(alphas) + 1)[: len(alphas)] + 0.5

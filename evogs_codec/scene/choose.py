@@ -14,8 +14,10 @@ from evogs_codec.encoding.measured_gains import BAND_VIEWS, ORDERING_VIEWS
 from evogs_codec.encoding.palette_worth import bits_of_palette, bits_of_psi
 from evogs_codec.encoding.settings import SCENE_PRESET, SCENE_PRICE, TREE_PRESET, TREE_PSNR
 from evogs_codec.encoding.targets import TargetEncoder, TargetMissedError
+from evogs_codec.encoding.write import write
 from evogs_codec.errors import InputError
 from evogs_codec.format.write_directory import MAX_LEVELS
+from evogs_codec.model.coded_tree import CodedTree
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.measure import with_room
 from evogs_codec.scene.request import Request
@@ -25,7 +27,8 @@ __all__ = ["FoundStream", "at_tree_psnr", "best_stream"]
 PRICED_VIEWS = 12  # by which the default weighs errors; none judges it
 # So many times the bits, by an estimate, are more: of psi, and of picks, of which the estimate does
 # not see that neighbours have the same.
-SURE, SURE_OF_PICKS = 1.2, 2.0
+SURE, SURE_OF_PICKS = 1.05, 2.0
+DRAFT = 1  # level of Zstandard of what is written to be looked at
 SEEN = 0.9  # of the worth of a number, where nobody said from where a scene is looked at
 
 
@@ -33,7 +36,8 @@ SEEN = 0.9  # of the worth of a number, where nobody said from where a scene is 
 class FoundStream:
     """A stream and the tree that it is of; the larger `merit` is the better.
 
-    `aim` and `make` are how it was made, if by views.
+    `aim` and `make` are how it was made, if by views. A draft has the integers of the stream, in
+    more bytes: it is `coded` at a `price` of a bit, and `finished` writes it.
     """
 
     data: bytes
@@ -41,6 +45,21 @@ class FoundStream:
     merit: float = 0.0
     aim: TargetEncoder | None = None
     make: Callable[[TargetEncoder], bytes] | None = None
+    price: float = 0.0
+    coded: CodedTree | None = None
+
+    @staticmethod
+    def draft(aim: TargetEncoder, price: float) -> FoundStream:
+        """At a price of a bit."""
+        coded = aim.prepared.coded(price)
+        data = write(coded, effort=DRAFT, digests=False)
+        return FoundStream(data, aim.tree, aim=aim, price=price, coded=coded)
+
+    def finished(self) -> bytes:
+        """The bytes, of a draft those of the stream."""
+        if self.aim is None or self.coded is None:
+            return self.data
+        return self.aim.written(self.coded)
 
     @property
     def is_by_views(self) -> bool:
@@ -57,9 +76,13 @@ class FoundStream:
 
         None if it was not made by views, or if the target is missed.
         """
-        if self.aim is None or self.make is None or not self.is_by_views:
+        if self.aim is None or not self.is_by_views:
             return None
         aim = self.aim.holding(runs, ratio)
+        if self.coded is not None:
+            return FoundStream.draft(aim, self.price)
+        if self.make is None:
+            return None
         try:
             return replace(self, data=self.make(aim), aim=aim)
         except TargetMissedError:
@@ -87,12 +110,7 @@ def best_stream(
         aim = replace(whole, views=views, ordering=ordering, layers=_layers(tree, request))
         aim = aim if request.cameras else replace(aim, seen=SEEN)
         price = SCENE_PRICE / tree.n_leaves
-
-        def worth(one: TargetEncoder, data: bytes) -> float:
-            return -8 * len(data) * price - 10 ** (-one.psnr(data) / 10)
-
-        aims = _that_pay(_each(aim, trees), price)
-        return _best(aims, lambda one: one.at_price(price), worth)
+        return _at_price(_that_pay(_each(aim, trees), price), price)
     if request.is_plain:
         views = request.views(tree.leaves(), ORDERING_VIEWS) if tree.n_leaves else None
 
@@ -162,6 +180,19 @@ def _that_pay(aims: Sequence[TargetEncoder], price: float) -> Sequence[TargetEnc
     if instead > SURE * bits:
         return [shared]
     return [plain] if bits > SURE_OF_PICKS * instead else aims
+
+
+def _at_price(aims: Sequence[TargetEncoder], price: float) -> FoundStream:
+    """Of the drafts, that whose bits and errors cost least."""
+    drafts = [FoundStream.draft(aim, price) for aim in aims]
+    if len(drafts) == 1:
+        return drafts[0]
+
+    def cost(draft: FoundStream) -> float:
+        assert draft.aim is not None, "drafts are made by views"
+        return 8 * len(draft.finished()) * price + 10 ** (-draft.aim.psnr(draft.data) / 10)
+
+    return min(drafts, key=cost)
 
 
 def _best(

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from evogs_codec.decoding.cut import Cut
-from evogs_codec.decoding.decode import decode
+from evogs_codec.decoding.progressive import Decoder
 from evogs_codec.editing.level_psnr import LevelPsnr, with_level_psnr
 from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.layers import RATIO
@@ -72,12 +72,16 @@ def steady(found: FoundStream, request: Request) -> bytes:
     """The stream without falls, as far as it was made by views; it says the PSNR of its levels."""
     gauge = Gauge.of(found.tree, request)
     if gauge is None:
-        return found.data
+        return found.finished()
     levels, falls = _looked_at(found, gauge, request)
-    if falls:
-        found = _mended(found, gauge.many, request)
-        levels, _ = _looked_at(found, gauge, request)
-    return with_level_psnr(found.data, LevelPsnr(tuple(levels), gauge.said))
+    mending = _Mending(gauge.many)
+    for _ in range(TRIES):
+        again = mending.mended(found) if falls else None
+        if again is None:
+            break
+        found = again
+        levels, falls = _looked_at(found, gauge, request)
+    return with_level_psnr(found.finished(), LevelPsnr(tuple(levels), gauge.said))
 
 
 def _looked_at(found: FoundStream, gauge: Gauge, request: Request) -> tuple[list[float], bool]:
@@ -85,52 +89,83 @@ def _looked_at(found: FoundStream, gauge: Gauge, request: Request) -> tuple[list
     directory = read_directory(found.data)
     n_judged = found.tree.n_levels if found.is_by_views else 0
     levels, shown = [], []
-    for level in range(directory.n_levels):
+    cuts = [
+        (level, cut is whole, cut)
+        for level in range(directory.n_levels)
+        for *parts, whole in [_cuts(directory, level)]
+        # Of level 0 what is added helps.
+        for cut in ((*parts, whole) if 0 < level < n_judged else (whole,))
+    ]
+    states = _shown(found, directory, [cut for _, _, cut in cuts])
+    for (level, is_whole, _), leaves in zip(cuts, states, strict=True):
         request.progress("measure", level / directory.n_levels)
-        *parts, whole = _cuts(directory, level)
-        leaves = _leaves(found, directory, whole)
-        if level >= n_judged:
+        if not is_whole:
+            shown.append(gauge.few.psnr(leaves))
+        elif level >= n_judged:
             levels.append(gauge.views.psnr(leaves))
-            continue
-        if level:  # what is added helps
-            shown += [gauge.few.psnr(_leaves(found, directory, part)) for part in parts]
-        of_all, of_few = gauge.both(leaves)
-        levels.append(of_all)
-        shown.append(of_few)
+        else:
+            of_all, of_few = gauge.both(leaves)
+            levels.append(of_all)
+            shown.append(of_few)
     request.progress("measure", 1.0)
     return levels, any(after < before - FELL for before, after in pairwise(shown))
 
 
-def _mended(found: FoundStream, views: Views, request: Request) -> FoundStream:
-    """The stream made again until no state looks worse than one before it."""
-    ratio, before = RATIO, list[Run]()
-    for _ in range(TRIES):
-        runs, is_coarse = _runs(_states(found, views, request))
-        finer = ratio / FINER
+@dataclass
+class _Mending:
+    """Streams made again because a state looks worse than one before it.
+
+    Attributes:
+        views: that judge.
+        ratio: of the price of a bit, from a layer to the next.
+        before: runs of steps that are held back.
+    """
+
+    views: Views
+    ratio: float = RATIO
+    before: list[Run] = field(default_factory=list)
+
+    def mended(self, found: FoundStream) -> FoundStream | None:
+        """With finer coarse splats, or with steps held back; None if there is nothing to mend."""
+        runs, is_coarse = _runs(_states(found, self.views))
+        finer = self.ratio / FINER
         if is_coarse and found.is_layered and finer >= LEAST_RATIO:
-            again, ratio = found.holding((), finer), finer
-        elif runs and runs != before:  # else they could not be held back
-            again, before = found.holding(runs, ratio), runs
-        else:
-            break
-        if again is None:
-            break
-        found = again
-    return found
+            self.ratio = finer
+            return found.holding((), finer)
+        if runs and runs != self.before:  # else they could not be held back
+            self.before = runs
+            return found.holding(runs, self.ratio)
+        return None
 
 
-def _states(found: FoundStream, views: Views, request: Request) -> list[_State]:
+def _states(found: FoundStream, views: Views) -> list[_State]:
     """Those after each step of the levels of the tree."""
     directory = read_directory(found.data)
-    return [
-        _State((level, number), views.psnr_of_each(_leaves(found, directory, cut)))
+    cuts = [
+        ((level, number), cut)
         for level in range(found.tree.n_levels)
         for number, cut in enumerate(_cuts(directory, level))
     ]
+    states = _shown(found, directory, [cut for _, cut in cuts])
+    return [
+        _State(place, views.psnr_of_each(leaves))
+        for (place, _), leaves in zip(cuts, states, strict=True)
+    ]
 
 
-def _leaves(found: FoundStream, directory: Directory, cut: Cut) -> SplatParams:
-    return decode(found.data, cut, directory=directory).leaves(sh_degree=found.tree.shown_degree)
+def _shown(found: FoundStream, directory: Directory, cuts: Sequence[Cut]) -> Iterator[SplatParams]:
+    """The leaves of cuts of which each contains the one before; no packet is decoded twice."""
+    decoder, data = Decoder(), memoryview(found.data)
+    decoder.feed(data[: directory.data_offset])
+    done = np.zeros(len(directory.packets), bool)
+    sizes = directory.packets["size"].astype(np.int64)
+    for cut in cuts:
+        selected = cut.packets(directory)
+        for packet in np.flatnonzero(selected & ~done).tolist():
+            at = int(directory.offsets[packet])
+            decoder.feed(data[at : at + int(sizes[packet])], at)
+        done |= selected
+        yield decoder.leaves(sh_degree=found.tree.shown_degree)
 
 
 def _cuts(directory: Directory, level: int) -> Iterator[Cut]:
