@@ -10,9 +10,10 @@ from pathlib import Path
 
 from evogs_codec.errors import InputError
 from evogs_codec.model.channels import GROUPS
+from evogs_codec.scene.effort import Effort
 from evogs_codec.stores.urls import Url, is_url
 
-__all__ = ["Size", "error_of_group", "number", "parse_size", "path_or_url"]
+__all__ = ["Size", "effort", "error_of_group", "number", "parse_size", "path_or_url"]
 
 UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9} | {
     "KIB": 1 << 10,
@@ -50,6 +51,20 @@ def parse_size(text: str) -> Size:
         raise argparse.ArgumentTypeError(f"{text!r} is no size: try 5000000, 5MB, 4.5MiB or 20%")
     # Digits alone are exact; a float64 is not beyond 2**53.
     return Size(int(number) if factor == 1 and number.isdigit() else round(float(number) * factor))
+
+
+def effort(text: str) -> str | int:
+    """An argparse type: a name of `EFFORTS`, or a level of Zstandard.
+
+    Raises:
+        argparse.ArgumentTypeError: the text is neither.
+    """
+    found: str | int = int(text) if text.isdigit() else text
+    try:
+        Effort.of(found)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return found
 
 
 def error_of_group(text: str) -> dict[str, float]:

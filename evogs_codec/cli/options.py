@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any, TypeAlias
 
 from evogs_codec._generated import registry
-from evogs_codec.cli.argument_types import error_of_group, number, parse_size, path_or_url
+from evogs_codec.cli.argument_types import effort, error_of_group, number, parse_size, path_or_url
 from evogs_codec.cli.common_options import (
     SCENES_IN,
     add_cut_options,
@@ -84,6 +84,7 @@ def add_encode(commands: Commands, run: Run, *, many: bool = False) -> None:
         "Encode a 3DGS scene or a tree (.tree.npz) as one progressive stream.",
         "  evogs encode scene.ply scene.evogs\n"
         "  evogs encode scene.spz scene.evogs\n"
+        "  evogs encode scene.ply scene.evogs --fast\n"
         "  evogs encode scene.ply scene.evogs --levels 6 --title Bonsai --licence CC-BY-4.0\n"
         "  evogs encode lego.tree.npz lego.evogs\n"
         "  evogs encode lego.tree.npz lego.evogs --preset trained\n"
@@ -183,11 +184,17 @@ def add_encode(commands: Commands, run: Run, *, many: bool = False) -> None:
         metavar="N",
         help="number of spatial tiles (default: depends on the number of splats; 1 below 200,000)",
     )
-    parser.add_argument(
+    work = parser.add_mutually_exclusive_group()
+    work.add_argument(
         "--effort",
-        type=number(int, 1, 22),
-        metavar="Z",
-        help="compression level of Zstandard, 1..22 (default: 19)",
+        type=effort,
+        metavar="WHAT",
+        help="fast: fewer and smaller views, about half of the time, and no PSNR of levels; best:"
+        " Zstandard 22; 1..22: the default with this level of Zstandard (default: default, level"
+        " 19)",
+    )
+    work.add_argument(
+        "--fast", dest="effort", action="store_const", const="fast", help="short for --effort fast"
     )
     add_metadata(parser)
     add_large_options(parser)

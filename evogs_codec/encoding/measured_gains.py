@@ -21,7 +21,6 @@ from evogs_codec.model.tree import EvolutionTree
 __all__ = ["ORDERING_VIEWS", "MeasuredGains", "Pictures", "Telling", "nothing_of"]
 
 ORDERING_VIEWS = 6  # enough to put packets in order
-BAND_VIEWS = 3  # of those that are drawn for the bands alone
 LEAST = 1e-12  # mean squared error that anything gains, so that its estimates still order it
 
 

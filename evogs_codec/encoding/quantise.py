@@ -61,6 +61,7 @@ def quantise(
     weights: Sequence[Sequence[StepWeights | None]] | None = None,
     entry_weights: F32 | None = None,
     price: float = 1.0,
+    ranges: Ranges | None = None,
     info: SceneInfo | None = None,
     progress: Progress | None = None,
 ) -> CodedTree:
@@ -74,6 +75,7 @@ def quantise(
             step that has None keeps its alphas and multiples of steps as they are.
         entry_weights: (degree, n) likewise of the entries of a palette, per SH band.
         price: mean squared error that a bit is worth.
+        ranges: of the tiles, if they are known.
         info: metadata.
         progress: called with the stage "quantise" and the part of it that is done.
 
@@ -81,7 +83,7 @@ def quantise(
         NotRepresentableError: values too large for any grid.
     """
     sh_degree = tiles[0].sh_degree
-    ranges = Ranges.of(tiles, n_levels)
+    ranges = ranges or Ranges.of(tiles, n_levels)
     steps = settings.accuracy.wanted_steps(ranges, n_levels)
     exponents = grid_exponents(settings, ranges, steps)
     alpha = alpha_tables(tiles, settings)

@@ -375,6 +375,7 @@ class Prepared:
                 weights=weights,
                 entry_weights=self.importance.entries if weights and self.importance else None,
                 price=price,
+                ranges=self.ranges,  # layers move nothing
                 info=self.aim.info,
             )
         return self.shown.rescale(coded) if self.shown else coded

@@ -39,7 +39,7 @@ class JobOptions:
         levels: of the tree of each tile.
         layers: of precision.
         up: what is up in views, an axis or a vector.
-        effort: Zstandard level.
+        effort: as of `encode_scene`.
         per_tile: splats of a tile, about.
         drop_invalid: leave out splats with a NaN or an infinite number.
         info: metadata; None: what the first file says.
@@ -48,7 +48,7 @@ class JobOptions:
     levels: int = LEVELS
     layers: int = N_LAYERS
     up: str | tuple[float, float, float] = "z"
-    effort: int = 19
+    effort: str | int = "default"
     per_tile: int = PER_TILE
     drop_invalid: bool = False
     info: SceneInfo | None = None

@@ -91,6 +91,10 @@ class Neighbourhood:
         """At most this many of the views."""
         return replace(self, views=self.views.fewer(n_views))
 
+    def within(self, pixels: int | None) -> Neighbourhood:
+        """The views with at most this many pixels along the longer side; None: as they are."""
+        return replace(self, views=self.views.within(pixels))
+
     def psnr(self, splats: SplatParams) -> float:
         """Mean PSNR of the views with the tile as these splats, dB."""
         return self.views.psnr(_joined(splats, self.around))

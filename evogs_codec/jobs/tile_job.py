@@ -17,7 +17,6 @@ import numpy as np
 
 from evogs_codec.encoding.alpha_tables import weighted_alphas
 from evogs_codec.encoding.grids import TooFineError
-from evogs_codec.encoding.measured_gains import BAND_VIEWS
 from evogs_codec.encoding.packet_order import gains_of_tile
 from evogs_codec.encoding.quantise import quantise_on
 from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, Settings, StepTable
@@ -31,6 +30,7 @@ from evogs_codec.lifting.lift import lift
 from evogs_codec.model.channels import GROUP_CHANNELS, channel_class, n_channels
 from evogs_codec.model.coded_tree import CodedTile
 from evogs_codec.model.splats import F32, F64, SplatParams
+from evogs_codec.scene.effort import Effort
 
 __all__ = ["TileJob", "code_tile", "sorted_rows", "survey_tile"]
 
@@ -56,7 +56,7 @@ class TileJob:
         n_levels: of the tree.
         n_layers: of precision.
         up: what is up in views, an axis or a vector.
-        effort: Zstandard level.
+        effort: as of `encode_scene`.
     """
 
     rows: str
@@ -68,7 +68,7 @@ class TileJob:
     n_levels: int
     n_layers: int
     up: str | tuple[float, float, float]
-    effort: int
+    effort: str | int = "default"
 
 
 def survey_tile(job: TileJob, out: str) -> None:
@@ -106,7 +106,7 @@ def code_tile(job: TileJob, plan: Plan, out: str) -> int | None:
     gains = gains_of_tile(coded, coded.tiles[0])
     moved = _moved(tile, [round(x * 2.0 ** plan.exponents[0]) for x in job.origin])
     of_stream = replace(coded, tiles=(moved,), quantisers=plan.quantisers, info=plan.info)
-    data = write(of_stream, effort=job.effort)
+    data = write(of_stream, effort=Effort.of(job.effort).level)
     found = io.BytesIO()
     # What views gain counts as much as all the splats for which they are.
     np.save(found, np.concatenate([[[n_shown] * gains.steps.shape[1]], gains.steps]))
@@ -125,13 +125,17 @@ def _prepared(job: TileJob) -> tuple[Prepared, int]:
     """The tile, lifted, arranged and weighed; and how many splats its views are for."""
     splats = _splats(job)
     own, around = _stand_ins([(job.stand_ins, (0.0,) * 3)], job), _stand_ins(job.around, job)
-    views = Neighbourhood.of(splats, own, around, job.n_around, up=job.up, n_views=VIEWS, keep=KEEP)
+    effort = Effort.of(job.effort)
+    n_views = min(VIEWS, effort.n_views)
+    views = Neighbourhood.of(
+        splats, own, around, job.n_around, up=job.up, n_views=n_views, keep=KEEP
+    ).within(effort.pixels)
     aim = TargetEncoder(
         lift(splats, job.n_levels),
         Settings(StepTable(()), n_alpha=N_ALPHA, alpha_bits=ALPHA_BITS),
         views,
         layers=job.n_layers,
-        ordering=views.fewer(BAND_VIEWS),
+        ordering=views.fewer(effort.n_band_views),
         seen=SEEN,
         n_tiles=1,
         n_levels=job.n_levels,

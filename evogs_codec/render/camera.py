@@ -101,6 +101,11 @@ class Camera:
             self.rotation, self.translation,
         )  # fmt: skip
 
+    def within(self, pixels: int) -> Camera:
+        """The same view whose longer side has at most this many pixels."""
+        part = min(1.0, pixels / max(self.width, self.height))
+        return self.resized(*(max(1, round(part * side)) for side in (self.width, self.height)))
+
     @staticmethod
     def look_at(
         eye: Vector,

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from evogs_codec.encoding.encode import encode
 from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.layers import N_LAYERS
-from evogs_codec.encoding.measured_gains import BAND_VIEWS, ORDERING_VIEWS
+from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
 from evogs_codec.encoding.palette_worth import bits_of_palette, bits_of_psi
 from evogs_codec.encoding.settings import SCENE_PRESET, SCENE_PRICE, TREE_PRESET, TREE_PSNR
 from evogs_codec.encoding.targets import TargetEncoder, TargetMissedError
@@ -24,7 +24,6 @@ from evogs_codec.scene.request import Request
 
 __all__ = ["FoundStream", "at_tree_psnr", "best_stream"]
 
-PRICED_VIEWS = 12  # by which the default weighs errors; none judges it
 # So many times the bits, by an estimate, are more: of psi, and of picks, of which the estimate does
 # not see that neighbours have the same.
 SURE, SURE_OF_PICKS = 1.05, 2.0
@@ -105,12 +104,13 @@ def best_stream(
     if request.errors:
         return _best(_each(whole, trees), lambda aim: aim.within(request.errors))
     if request.is_plain and not request.has_preset and tree.n_leaves and _draws(request):
-        views = request.views(tree.leaves(), PRICED_VIEWS)
-        ordering = None if views is None else views.fewer(BAND_VIEWS)
+        views = request.weighing_views(tree.leaves())
+        ordering = None if views is None else views.fewer(request.effort.n_band_views)
         aim = replace(whole, views=views, ordering=ordering, layers=_layers(tree, request))
         aim = aim if request.cameras else replace(aim, seen=SEEN)
         price = SCENE_PRICE / tree.n_leaves
-        return _at_price(_that_pay(_each(aim, trees), price), price)
+        aims = _that_pay(_each(aim, trees), price, is_sure=not request.effort.looks)
+        return _at_price(aims, price, looks=request.effort.looks)
     if request.is_plain:
         views = request.views(tree.leaves(), ORDERING_VIEWS) if tree.n_leaves else None
 
@@ -167,7 +167,9 @@ def _each(aim: TargetEncoder, trees: Sequence[EvolutionTree]) -> list[TargetEnco
     return [replace(aim, tree=tree) for tree in trees]
 
 
-def _that_pay(aims: Sequence[TargetEncoder], price: float) -> Sequence[TargetEncoder]:
+def _that_pay(
+    aims: Sequence[TargetEncoder], price: float, *, is_sure: bool = False
+) -> Sequence[TargetEncoder]:
     """Of a tree with a palette and one without, that of fewer bits where an estimate is sure."""
     if len(aims) == 1:
         return aims
@@ -179,11 +181,17 @@ def _that_pay(aims: Sequence[TargetEncoder], price: float) -> Sequence[TargetEnc
     instead = bits_of_psi(plain.tree, importance, price)
     if instead > SURE * bits:
         return [shared]
-    return [plain] if bits > SURE_OF_PICKS * instead else aims
+    if bits > SURE_OF_PICKS * instead:
+        return [plain]
+    if is_sure:
+        return [shared if bits < math.sqrt(SURE_OF_PICKS) * instead else plain]
+    return aims
 
 
-def _at_price(aims: Sequence[TargetEncoder], price: float) -> FoundStream:
-    """Of the drafts, that whose bits and errors cost least."""
+def _at_price(aims: Sequence[TargetEncoder], price: float, *, looks: bool) -> FoundStream:
+    """Of the drafts, that whose bits and errors cost least; the stream, if nothing looks at it."""
+    if len(aims) == 1 and not looks:
+        return FoundStream(aims[0].at_price(price), aims[0].tree)
     drafts = [FoundStream.draft(aim, price) for aim in aims]
     if len(drafts) == 1:
         return drafts[0]

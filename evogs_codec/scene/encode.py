@@ -78,7 +78,7 @@ def encode_scene(
     cameras: Sequence[Camera] | None = None,
     up: Direction | None = None,
     n_tiles: int | None = None,
-    effort: int | None = None,
+    effort: str | int | None = None,
     info: SceneInfo | None = None,
     progress: Progress | None = None,
 ) -> bytes:
@@ -107,7 +107,8 @@ def encode_scene(
         up: what is up in the default views: x, y or z, perhaps with a minus, or a vector; by
             default the `up_axis` of `info`, or else what the splats show, or else z.
         n_tiles: tiles wanted; by default 1 below about 200,000 splats.
-        effort: Zstandard level, 1..22; by default that of the settings, 19.
+        effort: "fast", "default" or "best" (`EFFORTS`), or the default with a Zstandard level of
+            1..22. "fast" measures no PSNR of levels.
         info: metadata; its text gets a `generator` if it has none.
         progress: called with a stage and the part of it that is done.
 
@@ -178,7 +179,7 @@ def encode_tree(
     cameras: Sequence[Camera] | None = None,
     up: Direction | None = None,
     n_tiles: int | None = None,
-    effort: int | None = None,
+    effort: str | int | None = None,
     info: SceneInfo | None = None,
     progress: Progress | None = None,
 ) -> bytes:
@@ -199,7 +200,7 @@ def encode_tree(
         cameras: of the views, as of `encode_scene`.
         up: what is up in the default views, as of `encode_scene`.
         n_tiles: tiles wanted; by default 1 below about 200,000 leaves.
-        effort: Zstandard level, 1..22; by default that of the settings, 19.
+        effort: as of `encode_scene`.
         info: metadata; its text gets a `generator` if it has none.
         progress: called with a stage and the part of it that is done.
 

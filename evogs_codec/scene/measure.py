@@ -29,7 +29,7 @@ class Gauge:
         views: of levels.
         said: what they are.
         few: some of them.
-        many: twice as many as `views`.
+        many: twice as many as `views`, of a scene of many splats fewer.
         every: so-many-th of `views` is one of the few.
     """
 
@@ -54,7 +54,8 @@ class Gauge:
         if not any((picture != 1.0).any() for picture in views.pictures):  # only background
             return None
         every = EVERY if len(scene) > MANY else 1
-        few, many = (replace(views, cameras=some) for some in (cameras[::every], more))
+        few = replace(views, cameras=cameras[::every])
+        many = replace(views, cameras=views.drawn_of(more))
         return Gauge(views, said, few, many, every)
 
     def both(self, splats: SplatParams) -> tuple[float, float]:
@@ -74,14 +75,14 @@ def with_room(info: SceneInfo, tree: EvolutionTree, n_levels: int, request: Requ
 
 
 def _measures(request: Request) -> bool:
-    """Whether there are views; those of `max_error` count numbers, not pictures."""
-    return not request.why_no_views and not request.errors
+    """Whether there are views, and time for them; `max_error` counts numbers, not pictures."""
+    return request.effort.looks and not request.why_no_views and not request.errors
 
 
 def _cameras(
     scene: SplatParams, request: Request, n_views: int = N_VIEWS, first: int = 1
 ) -> tuple[list[Camera], str]:
-    """Of the views, and what they are: others than `PRICED_VIEWS`, where nobody named any."""
+    """Of the views, and what they are: others than those that weigh, where nobody named any."""
     from evogs_codec.render import cameras_around
     from evogs_codec.render.viewpoints import N_ORBIT
 
@@ -91,10 +92,4 @@ def _cameras(
     else:
         chosen = list(request.cameras[:: -(-len(request.cameras) // n_views)])
         said = f"{len(chosen)} of the {len(request.cameras)} cameras given"
-    return [_small(camera) for camera in chosen], f"{said}, {PIXELS} pixels"
-
-
-def _small(camera: Camera) -> Camera:
-    """The same view whose longer side has at most `PIXELS` pixels."""
-    part = min(1.0, PIXELS / max(camera.width, camera.height))
-    return camera.resized(*(max(1, round(part * side)) for side in (camera.width, camera.height)))
+    return [camera.within(PIXELS) for camera in chosen], f"{said}, {PIXELS} pixels"

@@ -15,6 +15,7 @@ from evogs_codec.model.channels import GROUPS
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import SplatParams
 from evogs_codec.model.tree import EvolutionTree
+from evogs_codec.scene.effort import Effort
 
 if TYPE_CHECKING:
     from evogs_codec.render import Camera, Views
@@ -39,7 +40,7 @@ class TreeOptions(TypedDict, total=False):
     cameras: Sequence[Camera] | None
     up: Direction | None
     n_tiles: int | None
-    effort: int | None
+    effort: str | int | None
     info: SceneInfo | None
     progress: Progress | None
 
@@ -74,6 +75,7 @@ class Request:
     cameras: Sequence[Camera] | None
     up: Direction | None
     n_tiles: int | None
+    effort: Effort
     info: SceneInfo
     progress: Progress
 
@@ -99,13 +101,12 @@ class Request:
         if layers is not None and layers > 1 and (preset is not None or errors):
             raise ValueError("layers do not go with a preset or max_error")
         settings = _settings_of(default if preset is None else preset)
-        effort, n_tiles = options.get("effort"), options.get("n_tiles")
-        if effort is not None and not 1 <= effort <= 22:
-            raise ValueError(f"effort is {effort}, expected 1..22")
+        asked, n_tiles = options.get("effort"), options.get("n_tiles")
+        effort = Effort.of(asked)
         if n_tiles is not None and n_tiles < 1:
             raise ValueError(f"n_tiles is {n_tiles}, expected at least 1")
         return Request(
-            settings=settings if effort is None else replace(settings, effort=effort),
+            settings=settings if asked is None else replace(settings, effort=effort.level),
             has_preset=preset is not None,
             target_psnr=psnr,
             target_bytes=n_bytes,
@@ -115,6 +116,7 @@ class Request:
             cameras=options.get("cameras"),
             up=options.get("up"),
             n_tiles=n_tiles,
+            effort=effort,
             info=with_generator(options.get("info") or SceneInfo()),
             progress=options.get("progress") or no_progress,
         )
@@ -148,6 +150,11 @@ class Request:
         from evogs_codec.render import Views
 
         return Views.of(scene, self.cameras, up=self.up, n_views=n_views, descent=descent)
+
+    def weighing_views(self, scene: SplatParams) -> Views | None:
+        """Those by which errors are weighed where there is no target: what the effort allows."""
+        views = self.views(scene, self.effort.n_views)
+        return views if views is None else views.within(self.effort.pixels)
 
 
 def _settings_of(preset: str | Settings) -> Settings:

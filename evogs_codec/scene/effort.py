@@ -1,0 +1,52 @@
+"""Effort: how much work an encode is, by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+__all__ = ["EFFORTS", "MAX_LEVEL", "Effort"]
+
+MAX_LEVEL = 22  # of Zstandard
+
+
+@dataclass(frozen=True)
+class Effort:
+    """What an encode may spend.
+
+    Attributes:
+        level: of Zstandard.
+        n_views: views by which errors are weighed, at most, where there is no target.
+        pixels: of the longer side of these views, at most; None: as they are.
+        n_band_views: views by which the SH bands are put in order, at most.
+        looks: look at prefixes: their PSNR is stored, and none looks worse than a shorter one.
+    """
+
+    level: int = 19
+    n_views: int = 12
+    pixels: int | None = None
+    n_band_views: int = 3
+    looks: bool = True
+
+    @staticmethod
+    def of(asked: str | int | None) -> Effort:
+        """By its name in `EFFORTS`, or the default with a level of Zstandard; None: the default.
+
+        Raises:
+            ValueError: there is no such effort.
+        """
+        if asked is None or isinstance(asked, str):
+            name = asked or "default"
+            if name not in EFFORTS:
+                raise ValueError(f"effort is {name!r}, expected {', '.join(EFFORTS)} or 1..22")
+            return EFFORTS[name]
+        if not 1 <= asked <= MAX_LEVEL:
+            raise ValueError(f"effort is {asked}, expected 1..{MAX_LEVEL}")
+        return replace(EFFORTS["default"], level=asked)
+
+
+EFFORTS = {
+    # Zstandard 16 is the first level that weighs matches by what they cost: below, 7 % are lost.
+    "fast": Effort(level=16, n_views=6, pixels=200, n_band_views=2, looks=False),
+    "default": Effort(),
+    "best": Effort(level=22),
+}
