@@ -35,7 +35,7 @@ class Effort:
             ValueError: there is no such effort.
         """
         if asked is None or isinstance(asked, str):
-            name = asked or "default"
+            name = "default" if asked is None else asked
             if name not in EFFORTS:
                 raise ValueError(f"effort is {name!r}, expected {', '.join(EFFORTS)} or 1..22")
             return EFFORTS[name]

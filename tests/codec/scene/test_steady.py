@@ -9,10 +9,19 @@ import pytest
 
 pytest.importorskip("numba", reason="the rasterizer is compiled")
 
-from evogs_codec import Cut, decode, encode_scene, read_directory
+from evogs_codec import (
+    PRESETS,
+    Cut,
+    TargetEncoder,
+    decode,
+    encode_scene,
+    lift,
+    read_directory,
+)
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.scene import steady
+from evogs_codec.scene.choose import FoundStream
 
 N = 600
 WORST = 0.05  # dB
@@ -65,3 +74,26 @@ def test_without_looking_some_scenes_fall(monkeypatch):
     monkeypatch.setattr(steady, "FELL", np.inf)
     splats = odd_scenes()["all haze"]
     assert deepest_fall(encode_scene(splats, effort=1), splats) > 1.0
+
+
+def test_what_is_looked_at_is_what_a_decoder_shows():
+    splats = make_scene(N)
+    tree = lift(splats, 3)
+    aim = TargetEncoder(tree, PRESETS["scene"], Views(splats, cameras_around(splats, "z", 60, n=4)))
+    found = FoundStream.draft(replace(aim, layers=2, n_tiles=2), 4e-6 / N)
+    directory = read_directory(found.data)
+    cuts = [cut for level in range(directory.n_levels) for cut in steady._cuts(directory, level)]
+    assert len(cuts) > directory.n_levels
+    for cut, leaves in zip(cuts, steady._shown(found, directory, cuts), strict=True):
+        expected = decode(found.data, cut).leaves(sh_degree=3)
+        assert np.array_equal(leaves.channels(), expected.channels())
+
+
+def test_a_draft_has_the_integers_of_the_stream():
+    splats = make_scene(N)
+    views = Views(splats, cameras_around(splats, "z", 60, n=4))
+    found = FoundStream.draft(TargetEncoder(lift(splats, 2), PRESETS["scene"], views), 4e-6 / N)
+    whole = found.finished()
+    assert len(whole) < len(found.data)
+    assert not read_directory(found.data).digests
+    assert decode(whole, verify=True).dump() == decode(found.data).dump()
