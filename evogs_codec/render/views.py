@@ -25,7 +25,6 @@ Colour = tuple[float, float, float]
 Picture: TypeAlias = npt.NDArray[np.float32]
 MOST = 150.0  # dB of a view: of one without any error, for a mean that is a number
 DRAWN = 12  # views that the sensitivity is estimated from, at most
-LEAST_DRAWN, MANY = 6, 3_000_000  # as many at least; so that they show so many splats together
 COMPARED = 6  # of these, at most, compared with the scene
 HELD_OUT = 5  # every 5th of the cameras given judges what descends on the others
 
@@ -111,7 +110,7 @@ class Views:
         The gradient of a picture of random signs z, J^T z, has the squared length of a column of J
         as the mean of its square: one backward pass per view sees every number of every splat.
         """
-        return self._sensitivity(splats, self.drawn_of(self.cameras))[0]
+        return self._sensitivity(splats, _at_most(self.cameras, DRAWN))[0]
 
     def sensitivity_and_psnr(self, splats: SplatParams) -> tuple[F32, float]:
         """`sensitivity`, and the PSNR of every other of the pictures that are drawn for it, dB.
@@ -119,16 +118,11 @@ class Views:
         Of a coarse level, with at most a quarter of the splats of the scene, only those are drawn:
         each splat is in more pixels.
         """
-        drawn = replace(self, cameras=self.drawn_of(self.cameras), drawn=self.drawn)
+        drawn = self.fewer(DRAWN)
         few = drawn.fewer(COMPARED)
         is_coarse = 4 * len(splats) <= len(self.scene)
         found, images = self._sensitivity(splats, (few if is_coarse else drawn).cameras)
         return found, few._psnr(images.__getitem__)
-
-    def drawn_of(self, cameras: Sequence[Camera]) -> Sequence[Camera]:
-        """As many of the views as say enough: fewer of a scene of many splats."""
-        n_views = MANY // max(len(self.scene), 1)
-        return _at_most(cameras, min(DRAWN, max(LEAST_DRAWN, n_views)))
 
     def loss_gradient(self, splats: SplatParams, iteration: int) -> F32:
         """(D, N) gradient of the mean squared error of a view of `others`, one per iteration.

@@ -46,7 +46,7 @@ class Effort:
 
 EFFORTS = {
     # Zstandard 16 is the first level that weighs matches by what they cost: below, 7 % are lost.
-    "fast": Effort(level=16, n_views=6, pixels=200, n_band_views=2, looks=False),
+    "fast": Effort(level=16, n_views=6, pixels=300, n_band_views=2, looks=False),
     "default": Effort(),
     "best": Effort(level=22),
 }

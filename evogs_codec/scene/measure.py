@@ -29,7 +29,7 @@ class Gauge:
         views: of levels.
         said: what they are.
         few: some of them.
-        many: twice as many as `views`, of a scene of many splats fewer.
+        many: twice as many as `views`.
         every: so-many-th of `views` is one of the few.
     """
 
@@ -54,8 +54,7 @@ class Gauge:
         if not any((picture != 1.0).any() for picture in views.pictures):  # only background
             return None
         every = EVERY if len(scene) > MANY else 1
-        few = replace(views, cameras=cameras[::every])
-        many = replace(views, cameras=views.drawn_of(more))
+        few, many = (replace(views, cameras=some) for some in (cameras[::every], more))
         return Gauge(views, said, few, many, every)
 
     def both(self, splats: SplatParams) -> tuple[float, float]:

@@ -40,7 +40,7 @@ def test_fast_takes_fewer_and_smaller_views(monkeypatch):
 
     monkeypatch.setattr(Views, "sensitivity_and_psnr", recorded)
     encode_scene(make_scene(60), levels=2, up="z", effort="fast")
-    assert set(drawn) == {(6, 200)}
+    assert set(drawn) == {(6, 300)}
 
 
 def test_cameras_that_are_given_are_made_small_too(monkeypatch):
@@ -54,7 +54,7 @@ def test_cameras_that_are_given_are_made_small_too(monkeypatch):
     splats = make_scene(60)
     cameras = [camera.resized(400, 300) for camera in cameras_around(splats, "z", n=12)]
     encode_scene(splats, levels=2, cameras=cameras, effort="fast")
-    assert set(drawn) == {(6, (200, 150))}
+    assert set(drawn) == {(6, (300, 225))}
 
 
 def test_fast_has_layers_and_is_verified_but_is_not_looked_at():
