@@ -24,7 +24,7 @@ __all__ = ["DRAWN", "HELD_OUT", "Colour", "Views", "view_of"]
 Colour = tuple[float, float, float]
 Picture: TypeAlias = npt.NDArray[np.float32]
 MOST = 150.0  # dB of a view: of one without any error, for a mean that is a number
-DRAWN = 12  # views that the sensitivity is estimated from, at most
+DRAWN = 12  # views that the sensitivity is estimated from
 COMPARED = 6  # of these, at most, compared with the scene
 HELD_OUT = 5  # every 5th of the cameras given judges what descends on the others
 
@@ -39,6 +39,7 @@ class Views:
         background: behind the splats.
         others: cameras of the views that descent goes by.
         options: of rendering.
+        n_drawn: views that the sensitivity is estimated from, at most.
         drawn: pictures of the scene so far.
     """
 
@@ -47,6 +48,7 @@ class Views:
     background: Colour = (1.0, 1.0, 1.0)
     others: Sequence[Camera] = ()
     options: Options = DEFAULT
+    n_drawn: int = DRAWN
     drawn: dict[Camera, Picture] = field(default_factory=dict, repr=False, compare=False)
 
     @staticmethod
@@ -110,7 +112,7 @@ class Views:
         The gradient of a picture of random signs z, J^T z, has the squared length of a column of J
         as the mean of its square: one backward pass per view sees every number of every splat.
         """
-        return self._sensitivity(splats, _at_most(self.cameras, DRAWN))[0]
+        return self._sensitivity(splats, _at_most(self.cameras, self.n_drawn))[0]
 
     def sensitivity_and_psnr(self, splats: SplatParams) -> tuple[F32, float]:
         """`sensitivity`, and the PSNR of every other of the pictures that are drawn for it, dB.
@@ -118,7 +120,7 @@ class Views:
         Of a coarse level, with at most a quarter of the splats of the scene, only those are drawn:
         each splat is in more pixels.
         """
-        drawn = self.fewer(DRAWN)
+        drawn = self.fewer(self.n_drawn)
         few = drawn.fewer(COMPARED)
         is_coarse = 4 * len(splats) <= len(self.scene)
         found, images = self._sensitivity(splats, (few if is_coarse else drawn).cameras)

@@ -48,5 +48,5 @@ EFFORTS = {
     # Zstandard 16 is the first level that weighs matches by what they cost: below, 7 % are lost.
     "fast": Effort(level=16, n_views=6, pixels=300, n_band_views=2, looks=False),
     "default": Effort(),
-    "best": Effort(level=22),
+    "best": Effort(level=22, n_views=24),
 }

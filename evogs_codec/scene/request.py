@@ -154,7 +154,9 @@ class Request:
     def weighing_views(self, scene: SplatParams) -> Views | None:
         """Those by which errors are weighed where there is no target: what the effort allows."""
         views = self.views(scene, self.effort.n_views)
-        return views if views is None else views.within(self.effort.pixels)
+        if views is None:
+            return None
+        return replace(views.within(self.effort.pixels), n_drawn=self.effort.n_views)
 
 
 def _settings_of(preset: str | Settings) -> Settings:

@@ -17,7 +17,7 @@ from tools.bench.run import run
 __all__ = ["main"]
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-NEED_GSPLY = {"scene", "rate", "first", "stream"}  # tables that measure SPZ
+NEED_GSPLY = {"scene", "rate", "first", "stream", "effort"}  # tables that measure SPZ
 EXAMPLE = "example: --ply scene.ply --tree lego.tree.npz --photos lego --only rate surface"
 
 

@@ -4,5 +4,5 @@ __all__ = ["PARTS"]
 
 PARTS = (
     "raster", "scene", "rate", "sog", "levels", "refine", "tree", "surface", "prefix", "loss",
-    "falls", "first", "stream", "decimate", "scale", "large", "worst", "extremes",
+    "falls", "first", "stream", "decimate", "effort", "scale", "large", "worst", "extremes",
 )  # fmt: skip

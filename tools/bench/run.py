@@ -33,6 +33,9 @@ from tools.bench.subjects import Subject, subjects
 from tools.bench.surface import tables as surface
 from tools.bench.worst import worst
 
+OF_SUBJECTS = {
+    *("rate", "sog", "surface", "prefix", "loss", "first", "stream", "decimate", "effort"),
+}
 Measurement = tuple[str, str, Callable[[], Rows]]  # name, title, what measures it
 
 
@@ -85,7 +88,7 @@ def _measurements(args: argparse.Namespace, folder: Path) -> Iterator[Measuremen
         if args.photos:
             title = "Pictures of a trained tree, on photographs it was not trained on"
             yield "photographs", title, partial(pictures.photographs, tree, args.photos)
-    if {"rate", "sog", "surface", "prefix", "loss", "first", "stream", "decimate"} & set(args.only):
+    if OF_SUBJECTS & set(args.only):
         yield from _of_subjects(args, folder)
     if "falls" in args.only:
         yield "falls", "Falls from prefix to prefix, of odd scenes", falls
@@ -102,7 +105,7 @@ def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement
     """What takes trees and their pictures: of the scene, and of the tree if there is one."""
     of, command = tuple(subjects(args)), args.splat_transform
     shipped: tuple[Subject, ...] = ()
-    if args.ply and {"rate", "surface", "prefix", "loss", "stream", "decimate"} & set(args.only):
+    if args.ply and (OF_SUBJECTS - {"sog", "first"}) & set(args.only):
         shipped = (Subject.of_scene("shipped", make_scene(), "z"),)
     if {"rate", "first"} & set(args.only):
         from tools.bench.first import first  # these need gsply
@@ -134,6 +137,11 @@ def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement
         yield "stream-curves", "PSNR after seconds of replayed connections", streams.curves
         title = "Streams while the camera moves"
         yield "stream-moves", title, partial(moves, (*shipped, *of), folder)
+    if "effort" in args.only:
+        from tools.bench.effort import effort  # needs gsply
+
+        scenes = [one for one in (*shipped, *of) if one.lifted is not None]
+        yield "effort", "Efforts of the encoder", partial(effort, scenes, folder)
     if "decimate" in args.only and command:
         title = "Coarse levels against decimation, over 24 views"
         yield "decimate", title, partial(decimate, (of[0], *shipped), command, folder)

@@ -18,8 +18,9 @@ from evogs_codec import (
     read_ply,
     write_ply,
 )
-from evogs_codec.render import Views, cameras_around
+from evogs_codec.render import Views, cameras_around, viewpoints, views
 from evogs_codec.render.demo_scene import make_scene
+from evogs_codec.render.forward import draw
 from evogs_codec.scene import choose
 from evogs_codec.scene.effort import EFFORTS, Effort
 
@@ -34,9 +35,9 @@ def fast():
 def test_fast_takes_fewer_and_smaller_views(monkeypatch):
     weighed, drawn = Views.sensitivity_and_psnr, []
 
-    def recorded(views, splats):
-        drawn.append((len(views.cameras), max(camera.width for camera in views.cameras)))
-        return weighed(views, splats)
+    def recorded(own, splats):
+        drawn.append((len(own.cameras), max(camera.width for camera in own.cameras)))
+        return weighed(own, splats)
 
     monkeypatch.setattr(Views, "sensitivity_and_psnr", recorded)
     encode_scene(make_scene(60), levels=2, up="z", effort="fast")
@@ -46,9 +47,9 @@ def test_fast_takes_fewer_and_smaller_views(monkeypatch):
 def test_cameras_that_are_given_are_made_small_too(monkeypatch):
     weighed, drawn = Views.sensitivity_and_psnr, []
 
-    def recorded(views, splats):
-        drawn.append((len(views.cameras), *{(c.width, c.height) for c in views.cameras}))
-        return weighed(views, splats)
+    def recorded(own, splats):
+        drawn.append((len(own.cameras), *{(c.width, c.height) for c in own.cameras}))
+        return weighed(own, splats)
 
     monkeypatch.setattr(Views, "sensitivity_and_psnr", recorded)
     splats = make_scene(60)
@@ -68,10 +69,10 @@ def test_fast_has_layers_and_is_verified_but_is_not_looked_at():
 
 def test_first_bytes_of_fast_look_like_the_scene():
     splats = make_scene(N)
-    views = Views(splats, cameras_around(splats, "z", 100, n=4))
+    judges = Views(splats, cameras_around(splats, "z", 100, n=4))
     directory = read_directory(fast())
     shown = [
-        views.psnr(decode(fast(), level=level).leaves(sh_degree=3))
+        judges.psnr(decode(fast(), level=level).leaves(sh_degree=3))
         for level in range(directory.n_levels)
     ]
     assert shown == sorted(shown)
@@ -105,12 +106,16 @@ def test_a_number_is_the_default_with_a_level_of_zstandard():
     assert Effort.of(None) == Effort.of("default") == EFFORTS["default"]
 
 
-def test_best_has_the_integers_of_the_default_in_fewer_bytes():
-    best, default = (
-        encode_scene(make_scene(N), levels=3, up="z", effort=e) for e in ("best", "default")
+@pytest.mark.parametrize(("effort", "n_views"), [("best", 24), ("default", 12)])
+def test_best_looks_at_twice_the_views(effort, n_views, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(viewpoints, "SIZE", 40)
+    monkeypatch.setattr(
+        views, "draw", lambda *args, **more: drawn.append(args) or draw(*args, **more)
     )
-    assert len(best) <= len(default)
-    assert decode(best).dump() == decode(default).dump()
+    encode_scene(make_scene(60), levels=1, up="z", effort=effort)
+    finest = [camera for splats, camera, *_ in drawn if len(splats) == 60]
+    assert len(finest) == len(set(finest)) == n_views
 
 
 @pytest.mark.parametrize("effort", ["slow", "", 0, 23])
