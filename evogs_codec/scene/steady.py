@@ -73,22 +73,28 @@ def steady(found: FoundStream, request: Request) -> bytes:
     gauge = Gauge.of(found.tree, request)
     if gauge is None:
         return found.finished()
-    levels, falls = _looked_at(found, gauge, request)
     mending = _Mending(gauge.many)
+    levels = None
     for _ in range(TRIES):
-        again = mending.mended(found) if falls else None
+        levels = _looked_at(found, gauge, request)
+        again = mending.mended(found) if levels is None else None
         if again is None:
             break
         found = again
-        levels, falls = _looked_at(found, gauge, request)
+    if levels is None:
+        levels = _looked_at(found, gauge, request, worst=math.inf)
+    assert levels is not None, "nothing falls so far"
     return with_level_psnr(found.finished(), LevelPsnr(tuple(levels), gauge.said))
 
 
-def _looked_at(found: FoundStream, gauge: Gauge, request: Request) -> tuple[list[float], bool]:
-    """PSNR of each level, and whether a state of the levels of the tree looks worse than before."""
+def _looked_at(
+    found: FoundStream, gauge: Gauge, request: Request, worst: float | None = None
+) -> list[float] | None:
+    """PSNR of each level; None as soon as a state of the levels of the tree falls by `worst` dB."""
     directory = read_directory(found.data)
     n_judged = found.tree.n_levels if found.is_by_views else 0
-    levels, shown = [], []
+    most = FELL if worst is None else worst
+    levels, before = [], -math.inf
     cuts = [
         (level, cut is whole, cut)
         for level in range(directory.n_levels)
@@ -99,16 +105,19 @@ def _looked_at(found: FoundStream, gauge: Gauge, request: Request) -> tuple[list
     states = _shown(found, directory, [cut for _, _, cut in cuts])
     for (level, is_whole, _), leaves in zip(cuts, states, strict=True):
         request.progress("measure", level / directory.n_levels)
-        if not is_whole:
-            shown.append(gauge.few.psnr(leaves))
-        elif level >= n_judged:
+        if level >= n_judged:
             levels.append(gauge.views.psnr(leaves))
-        else:
-            of_all, of_few = gauge.both(leaves)
+            continue
+        if is_whole:
+            of_all, shown = gauge.both(leaves)
             levels.append(of_all)
-            shown.append(of_few)
+        else:
+            shown = gauge.few.psnr(leaves)
+        if shown < before - most:
+            return None
+        before = shown
     request.progress("measure", 1.0)
-    return levels, any(after < before - FELL for before, after in pairwise(shown))
+    return levels
 
 
 @dataclass
