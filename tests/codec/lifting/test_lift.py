@@ -10,6 +10,7 @@ import scipy
 
 from evogs_codec.common.morton import morton_order
 from evogs_codec.lifting import lift as lift_module
+from evogs_codec.lifting import pairing
 from evogs_codec.lifting.concat import joined
 from evogs_codec.lifting.lift import lift, lift_with_order
 from evogs_codec.lifting.orientations import MAX_G, largest_w, turned
@@ -273,3 +274,13 @@ def test_adds_and_splits_are_as_many_as_leaves_so_levels_are_free_of_extra_recor
     tree = lift(surface(3000), 5)
     made = sum(step.n_adds + int((step.kinds == Kind.SPLIT).sum()) for step in tree.steps)
     assert made == tree.n_leaves == 3000
+
+
+def test_candidate_pairs_are_those_of_the_nearest_whatever_the_order_of_points():
+    points = np.random.default_rng(0).normal(size=(300, 3))
+    apart = np.square(points[:, None] - points).sum(axis=2)
+    nearest = np.argsort(apart, axis=1)[:, : pairing.N_NEIGHBOURS + 1]
+    expected = {(min(i, j), max(i, j)) for i, row in enumerate(nearest.tolist()) for j in row}
+    found = list(zip(*(ends.tolist() for ends in pairing._edges(points)), strict=True))
+    assert len(found) == len(set(found))
+    assert set(found) == {(i, j) for i, j in expected if i != j}
