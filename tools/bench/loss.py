@@ -17,7 +17,8 @@ from evogs_codec.encoding.settings import TREE_PSNR
 from evogs_codec.encoding.targets import PRICES, TargetEncoder, TargetMissedError
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.views import Views
-from evogs_codec.scene.choose import PRICED_VIEWS, SEEN
+from evogs_codec.scene.choose import SEEN
+from evogs_codec.scene.effort import EFFORTS
 from tools.bench.page import Rows
 from tools.bench.prefix import ends_of_packets, sizes_of_packets
 from tools.bench.subjects import Subject
@@ -219,7 +220,7 @@ def _aim(subject: Subject, n_layers: int = 1) -> TargetEncoder:
 
 def _aim_of_default(subject: Subject) -> TargetEncoder:
     """One layer, weighed as `encode_scene` weighs by default."""
-    every = -(-len(subject.views.cameras) // PRICED_VIEWS)
+    every = -(-len(subject.views.cameras) // EFFORTS["default"].n_views)
     views = replace(subject.views, cameras=subject.views.cameras[::every])
     return replace(_aim(subject), views=views, seen=SEEN)
 
