@@ -77,6 +77,7 @@ def run_the_readme():
     exec(compile(program, "README.md", "exec"), {})
 
 
+@pytest.mark.thorough
 def test_the_commands_and_the_python_of_the_readme_run(tmp_path, monkeypatch, capsys):
     pytest.importorskip("numba", reason="the rasterizer is compiled")
     monkeypatch.chdir(tmp_path)

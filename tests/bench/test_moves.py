@@ -30,6 +30,7 @@ def test_boxes_are_in_sight_where_the_camera_looks():
     assert around.weights(AHEAD).tolist() == [1.0]
 
 
+@pytest.mark.thorough
 def test_packets_by_view_lack_none_that_they_need():
     data = encode_scene(make_scene(3000), preset="scene", n_tiles=6, levels=3)
     directory = read_directory(data)

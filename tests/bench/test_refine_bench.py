@@ -8,6 +8,7 @@ from evogs_codec.render.demo_scene import make_scene
 refine = pytest.importorskip("tools.bench.refine", reason="the rasterizer is compiled")
 
 
+@pytest.mark.thorough
 def test_levels_before_and_after_with_their_bytes(tmp_path, monkeypatch):
     ply = tmp_path / "other.ply"
     write_ply(ply, make_scene(150, seed=1))

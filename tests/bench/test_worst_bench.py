@@ -33,6 +33,7 @@ def fault_of(data):
     return ""
 
 
+@pytest.mark.thorough
 def test_random_shapes_are_legal_but_for_the_fault_they_name():
     found = set()
     for shape, data in random_streams(80):

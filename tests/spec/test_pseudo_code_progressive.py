@@ -54,6 +54,7 @@ def oracle_cut(scene: oracle.Scene, cut: dict[tuple[int, int], int]) -> list[lis
 # --- cuts -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_a_cut_by_level_has_the_packets_that_the_oracle_takes():
     for data in streams():
         scene = oracle.read_tables(data, {})

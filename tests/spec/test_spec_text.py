@@ -177,6 +177,7 @@ def test_the_example_of_sibling_differences_holds():
         assert q == values
 
 
+@pytest.mark.thorough
 def test_the_pseudo_code_decodes_random_streams_with_sibling_differences_as_the_oracle_does():
     n_of_bands = n_of_core = 0
     for seed in range(250):
@@ -254,6 +255,7 @@ def test_the_pseudo_code_decodes_streams_with_a_palette_as_the_oracle_does(late)
     assert decode_with_pseudo_code(data) == oracle.decode(data).dump()
 
 
+@pytest.mark.thorough
 def test_the_pseudo_code_decodes_random_streams_with_a_palette_as_the_oracle_does():
     streams = [random_stream(Random(f"pseudo-code {seed}")) for seed in range(350)]
     scenes = [oracle.decode(data) for data in streams]

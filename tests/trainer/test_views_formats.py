@@ -332,6 +332,7 @@ def test_a_lens_that_distorts_is_refused_where_the_format_cannot_say_it(tmp_path
     assert "choose another --format" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_the_lego_photographs_are_read_as_their_tree_was_trained(shared):
     dataset = load_views(shared / "data" / "lego", size=50)
     assert dataset.name == "lego"

@@ -56,6 +56,7 @@ def test_every_command_finds_out_what_is_up_and_says_so(evogs, upside_down, tmp_
     assert found["up"] == {"axis": "-y", "source": "estimated from the splats"}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("options", [[], ["--target-psnr", 30]])
 def test_an_encode_has_the_views_of_the_axis_that_was_found(evogs, upside_down, tmp_path, options):
     streams = []

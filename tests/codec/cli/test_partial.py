@@ -171,6 +171,7 @@ def test_extract_says_what_it_keeps(options, said, evogs, made, tmp_path):
     assert out.endswith(f", {size:,} of {whole:,} bytes\n")
 
 
+@pytest.mark.thorough
 def test_a_part_of_an_extraction_by_level_is_said_to_be_one(evogs, made, tmp_path):
     shutil.copy(made / "scene.ply", tmp_path / "scene.ply")
     tiles = tmp_path / "tiles.evogs"

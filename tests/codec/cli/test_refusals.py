@@ -209,6 +209,7 @@ def test_a_bug_is_not_dressed_up_as_a_bad_file(made, monkeypatch):
 # --- odd scenes ----------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("n", [0, 1, 2, 3])
 def test_scenes_of_few_splats_go_through_every_command(n, evogs, tmp_path):
     scene, stream, back = (tmp_path / name for name in ("a.ply", "a.evogs", "b.ply"))

@@ -49,6 +49,7 @@ def scratch(tmp_path, monkeypatch):
 # --- from and to a store --------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_a_scene_of_the_web_is_encoded_to_an_object(evogs, made, store, scratch, tmp_path):
     options = ["--preset", "scene"]
     with serving({"scene.ply": (made / "scene.ply").read_bytes()}) as site:
@@ -281,6 +282,7 @@ def test_there_is_no_half_object_where_the_store_goes_away(
         assert store[key] == b"ply\nold"
 
 
+@pytest.mark.thorough
 def test_an_object_of_many_parts_is_whole(evogs, made, store, scratch, monkeypatch):
     monkeypatch.setattr(client, "PART", 5 << 20)
     splats = make_scene(50_000)

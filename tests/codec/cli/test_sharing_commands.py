@@ -24,6 +24,7 @@ OPTIONS = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("option", OPTIONS, ids=lambda option: " ".join(option))
 def test_the_command_takes_a_palette_where_it_pays(tmp_path, capsys, option):
     assert encoded(tmp_path, capsys, shared_scene(), option) == [True, False]

@@ -163,6 +163,7 @@ def test_a_report_says_what_each_level_costs(evogs, made, tmp_path):
     assert evogs(*words, "--report", page)[0] == 0
 
 
+@pytest.mark.thorough
 def test_a_report_says_what_was_left_out(evogs, tmp_path):
     channels = make_scene(400).channels()
     channels[0, :3] = np.nan
@@ -177,6 +178,7 @@ def test_a_report_says_what_was_left_out(evogs, tmp_path):
     assert len(read_ply(tmp_path / "x.ply")) == 400
 
 
+@pytest.mark.thorough
 def test_a_report_of_a_tree_and_by_cameras_is_written_too(evogs, made, cameras, tmp_path):
     words = ["encode", made / "x.tree.npz", tmp_path / "x.evogs", "--preset", "trained"]
     code, _, _ = evogs(*words, "--camera", cameras, "--report", tmp_path / "x.html")

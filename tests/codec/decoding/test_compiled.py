@@ -60,6 +60,7 @@ def test_compiled_loops_decode_legal_streams_to_the_same_integers(tree, seed):
     assert of_kernels == of_numpy
 
 
+@pytest.mark.thorough
 @budget(max_examples=60)
 @given(coded_trees(max_tiles=2, max_adds=7), SEEDS)
 def test_compiled_loops_find_the_same_faults_in_damaged_streams(tree, seed):

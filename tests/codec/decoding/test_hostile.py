@@ -230,6 +230,7 @@ def seconds_to_decode(data):
     return time.process_time() - begin
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("degree", [0, 3])
 def test_decoding_many_empty_packets_takes_time_linear_in_their_number(degree):
     def seconds(n):

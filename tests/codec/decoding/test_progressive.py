@@ -3,6 +3,7 @@
 import random
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import settings as budget
 from hypothesis import strategies as st
@@ -108,6 +109,7 @@ def test_what_was_fed_so_far_is_always_the_largest_complete_cut(tree, seed):
         assert dump_of(decoder) == oracle.decode(data, cut=cut.steps.tolist()).dump()
 
 
+@pytest.mark.thorough
 @budget(max_examples=50)
 @given(SMALL, SEEDS)
 def test_any_legal_order_of_the_packets_gives_the_same_integers(tree, seed):
@@ -118,6 +120,7 @@ def test_any_legal_order_of_the_packets_gives_the_same_integers(tree, seed):
     assert fed_dump(moved, 97) == decode(data).dump()
 
 
+@pytest.mark.thorough
 @budget(max_examples=60)
 @given(SMALL, SEEDS)
 def test_every_cut_decodes_as_the_oracle_does_with_sh_late_or_never(tree, seed):
@@ -142,6 +145,7 @@ def test_every_level_decodes_as_the_oracle_does(tree):
         assert decode(data, cut).dump() == oracle.decode(data, level=level).dump()
 
 
+@pytest.mark.thorough
 @budget(max_examples=25)
 @given(SMALL)
 def test_every_prefix_decodes_as_the_oracle_does(tree):

@@ -85,6 +85,7 @@ def damaged(data: bytes, rng: random.Random) -> bytes:
     return bytes(out) if rng.random() < 0.3 else damage.repaired(bytes(out))
 
 
+@pytest.mark.thorough
 @budget(max_examples=200)
 @given(st.sampled_from([0, 1]), SEEDS)
 def test_decode_and_the_oracle_and_every_way_of_feeding_find_the_same_fault(which, seed):

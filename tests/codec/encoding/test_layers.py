@@ -43,6 +43,7 @@ from tests.support.layered import (
 # --- what layers are ------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("layers", [1, 2, 3])
 def test_all_splats_meet_the_target_and_each_further_layer_is_a_level(layers):
     found = decode(stream(layers), verify=True)

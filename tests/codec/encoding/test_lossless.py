@@ -71,6 +71,7 @@ ALL_DROPPED = one_tile(np.ones((14, 1)), kept(0, Kind.DROP), quantiser=Quantiser
 MANY_EQUAL_ROOTS = one_tile(np.zeros((14, 30000)), quantiser=Quantiser(65535, 24))
 
 
+@pytest.mark.thorough
 @MANY
 @given(coded_trees())
 @example(NOTHING)

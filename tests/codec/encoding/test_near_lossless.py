@@ -83,6 +83,7 @@ def test_every_number_is_within_a_grid_unit_after_every_step(tree):
         assert max(errors) <= 1
 
 
+@pytest.mark.thorough
 @budget(max_examples=15)
 @given(trees(largest=300), st.integers(1, 3))
 def test_every_number_is_within_a_grid_unit_after_every_level_of_every_tile(tree, n_tiles):

@@ -89,6 +89,7 @@ def test_only_integers_of_the_last_level_move_and_zeros_do_not():
             assert np.array_equal(getattr(old, name), getattr(new, name))
 
 
+@pytest.mark.thorough
 @budget(max_examples=40)
 @given(coded_trees(), st.integers(0, 2**32))
 def test_whatever_moves_the_stream_stays_legal(tree, seed):

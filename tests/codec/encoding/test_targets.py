@@ -50,6 +50,7 @@ def psnr(data):
 # --- targets --------------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("decibels", [32, 44])
 def test_a_psnr_is_met(decibels):
     assert psnr(aim().at_psnr(decibels)) == pytest.approx(decibels, abs=0.2)

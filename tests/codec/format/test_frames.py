@@ -181,6 +181,7 @@ def test_blocks_that_do_not_regenerate_the_content_size_are_refused(blocks, size
     assert fault(frame(size, blocks), size) is Fault.E_ZSTD
 
 
+@pytest.mark.thorough
 def test_damaged_content_is_refused_or_has_the_right_size():
     data = compress(text(600), 19)
     for bit in range(8 * 9, 8 * len(data)):

@@ -416,6 +416,7 @@ def test_gltf_files_that_are_not_what_they_say_are_refused(whole, tmp_path):
         assert said in refusal(path)
 
 
+@pytest.mark.thorough
 def test_one_mesh_at_many_nodes_is_refused_before_memory_is_full(whole, tmp_path):
     made = gltf_of(whole["glb"])
     made["nodes"] = [{"mesh": 0}] * 9000

@@ -68,6 +68,7 @@ def test_pictures_of_infinite_opacities_are_those_of_large_ones(evogs, infinite,
     assert infinite.with_suffix(".png").read_bytes() == finite.with_suffix(".png").read_bytes()
 
 
+@pytest.mark.thorough
 def test_psnr_is_against_opaque_splats_too(evogs, infinite, tmp_path):
     dropped, stream = tmp_path / "dropped.ply", tmp_path / "x.evogs"
     write_ply(dropped, with_opacities(0, 0).take(np.arange(20, 400)))
@@ -82,6 +83,7 @@ def test_psnr_is_against_opaque_splats_too(evogs, infinite, tmp_path):
     assert psnr_of(stream) > psnr_of(dropped) + 5
 
 
+@pytest.mark.thorough
 def test_other_numbers_that_are_not_finite_are_refused_as_before(evogs, refused, tmp_path):
     scene = with_opacities(np.inf, -np.inf)
     opacities, means = scene.opacity_logits.copy(), scene.means.copy()

@@ -59,6 +59,7 @@ def test_a_scene_is_encoded_as_the_command_does(tmp_path):
     assert encode_scene(read_ply(tmp_path / "s.ply")) == by_command(tmp_path, tmp_path / "s.ply")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("words", "options"),
     [
@@ -84,6 +85,7 @@ def test_every_option_of_the_command_is_one_of_the_library(tmp_path, words, opti
     assert data == by_command(tmp_path, tmp_path / "s.ply", *words)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("palette", ["auto", "never"])
 def test_a_palette_is_taken_by_both(tmp_path, palette):
     write_ply(tmp_path / "s.ply", shared_scene())
@@ -93,6 +95,7 @@ def test_a_palette_is_taken_by_both(tmp_path, palette):
     assert data == by_command(tmp_path, tmp_path / "s.ply", *words)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("preset", [None, "trained"])
 @pytest.mark.parametrize("name", ["floats", "integers"])
 def test_a_tree_is_encoded_as_the_command_does(tmp_path, name, preset):
@@ -246,6 +249,7 @@ def test_the_default_has_two_layers_and_is_smaller_than_the_preset_at_its_psnr()
     assert views.psnr(decode(found).leaves()) > views.psnr(decode(fixed).leaves()) - 0.5
 
 
+@pytest.mark.thorough
 def test_a_tree_of_all_levels_has_no_room_for_a_layer():
     pytest.importorskip("numba", reason="views are rendered")
     splats = small()

@@ -98,6 +98,7 @@ def test_of_a_scene_that_no_view_shows_nothing_is_said():
     assert level_psnr(read_directory(data)) is None
 
 
+@pytest.mark.thorough
 def test_trees_are_measured_too():
     _, cameras, _ = stream()
     tree = lift(make_scene(300), 3)

@@ -63,6 +63,7 @@ def deepest_fall(data, splats):
     return fall
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", odd_scenes())
 def test_no_packet_of_core_makes_pictures_worse(name):
     """Those of SH are not looked at: one of a last layer was seen to cost 0.2 dB, of a clump."""
