@@ -121,6 +121,12 @@ def register(commands: Commands) -> None:
         metavar="DIR",
         help="write checkpoints, a log, results and views here",
     )
+    parser.add_argument(
+        "--sheet",
+        type=Path,
+        metavar="FILE.png",
+        help="held-out views: the photograph, then each level (default: beside OUT.tree.npz)",
+    )
     parser.add_argument("--resume", action="store_true", help="continue from the checkpoint")
     parser.add_argument("--quiet", action="store_true", help="show no progress bar")
 
@@ -132,6 +138,7 @@ def run_train(args: argparse.Namespace) -> None:
             raise InputError(f"training needs {library}: pip install -e '.[train]'")
     from reference_trainer.data import load_views
     from reference_trainer.evaluate import evaluate
+    from reference_trainer.held_out import at_full_size, write_sheet
     from reference_trainer.models.backends import backend_for
     from reference_trainer.run import run
     from reference_trainer.runtime.memory import keep_freed_memory
@@ -141,6 +148,7 @@ def run_train(args: argparse.Namespace) -> None:
     if args.resume and args.checkpoint is None:
         raise ValueError("--resume needs --checkpoint")
     config = config_of(args)
+    sheet = _sheet(args)
     if args.checkpoint is not None:
         _check_checkpoint(args, config.n_levels)
     keep_freed_memory()
@@ -178,6 +186,24 @@ def run_train(args: argparse.Namespace) -> None:
             f"L{row['level']}: {row['width']} x {row['height']}, {row['psnr']:.2f} dB, "
             f"SSIM {row['ssim']:.4f}, {row['splats']:,} splats, {row['storage_bytes']:,} bytes"
         )
+    views = "held-out views" if data.test else "training views"
+    worth = " / ".join(f"{x:.2f}" for x in at_full_size(tree, data, config.n_levels))
+    print(f"levels drawn at full size, {views}: {worth} dB")
+    if sheet is not None:
+        write_sheet(sheet, tree, data, config.n_levels, made_by=args.command)
+        print(f"{sheet}: {views}, photograph and levels")
+
+
+def _sheet(args: argparse.Namespace) -> Path | None:
+    """Where the sheet goes; None where the tree goes to a store and no file is named."""
+    path: Path | None = args.sheet
+    if path is None:
+        if not isinstance(args.output, Path):
+            return None
+        path = args.output.with_name(args.output.name.removesuffix(".tree.npz") + ".png")
+    sources = [source for source in (args.base, args.output) if isinstance(source, Path)]
+    check_target(path, PICTURE, command=args.command, sources=sources, force=args.force)
+    return path
 
 
 def _check_checkpoint(args: argparse.Namespace, n_levels: int) -> None:

@@ -10,7 +10,17 @@ from typing import Any
 
 __all__ = ["METHODS", "PRESETS", "CloudGrowth", "Config", "FrontierGrowth", "Integers", "Rates"]
 
-METHODS = ("evogs", "evogs-sym", "evogs-a", "evogs-b", "lapis", "l3gs", "mono", "single")
+METHODS = (
+    "evogs",
+    "evogs-mixed",
+    "evogs-sym",
+    "evogs-a",
+    "evogs-b",
+    "lapis",
+    "l3gs",
+    "mono",
+    "single",
+)
 
 
 @dataclass(frozen=True)

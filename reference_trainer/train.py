@@ -76,6 +76,7 @@ class Stage:
         iterations, cap: how long, and the most splats.
         seed: of the order of views.
         rates: how fast.
+        rate_weight: bits of numbers that cost bits, in the loss: as a part of it per number.
     """
 
     views: tuple[View, ...]
@@ -85,6 +86,7 @@ class Stage:
     cap: int
     seed: tuple[int, ...]
     rates: Rates
+    rate_weight: float = 0.0
 
 
 def train(
@@ -115,13 +117,20 @@ def train(
         if screen.grad is not None:
             training.scores.add(screen.grad.cpu().numpy(), camera.width, camera.height)
         progress = training.iteration / stage.iterations
-        rates = RateTable(stage.rates, stage.extent, progress)
-        for variable in model.variables():
+        variables = model.variables()
+        price = stage.rate_weight * training.loss / max(_priced(variables), 1)
+        rates = RateTable(stage.rates, stage.extent, progress, price)
+        for variable in variables:
             variable.step(rates)
         training.iteration += 1
         if model.densify(training.iteration, stage.iterations, training.scores, stage.cap):
             training.scores = ScreenGradients(model.n_splats)
         each(training)
+
+
+def _priced(variables: list[Variable]) -> int:
+    """Numbers that cost bits."""
+    return sum(variable.value.numel() for variable in variables if variable.quanta is not None)
 
 
 def view_of(iteration: int, n_views: int, seed: tuple[int, ...]) -> int:

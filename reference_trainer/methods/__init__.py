@@ -15,6 +15,7 @@ def method_named(name: str) -> Method:
     """The method of a name of `config.METHODS`."""
     methods: dict[str, Method] = {
         "evogs": Evogs("D"),
+        "evogs-mixed": Evogs("M"),
         "evogs-sym": Evogs("C"),
         "evogs-b": Evogs("B"),
         "evogs-a": Evogs("A"),

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+import numpy as np
+
+from evogs_codec.model.channels import channel_class, n_channels
 from reference_trainer.config import Config
 from reference_trainer.export import frontier_steps, roots
 from reference_trainer.methods.base import Done, Plan, Setting, a_plan_per_level
@@ -47,7 +50,11 @@ class Evogs:
         if setting.plan.in_integers:
             return IntegerLevel.begin(setting, done)
         leaves = SplatTensors.of(done.tree.leaves(), setting.device)
-        return Frontier(leaves, self.option, setting.config.frontier, setting.extent)
+        quanta = None
+        if done.quanta:
+            kinds = [channel_class(c) for c in range(n_channels(done.sh_degree))]
+            quanta = np.array(done.quanta[-1], np.float32)[kinds]
+        return Frontier(leaves, self.option, setting.config.frontier, setting.extent, quanta)
 
     def finish(self, setting: Setting, done: Done, model: Model) -> Done:
         """Roots, then splits."""

@@ -6,6 +6,7 @@ one does. Variables are never resized in place: `rows` and `appended` make new o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -15,7 +16,7 @@ import torch
 from torch import Tensor
 
 from reference_trainer.config import Rates
-from reference_trainer.models.kernels import adam
+from reference_trainer.models.kernels import adam, shrink
 from reference_trainer.models.saved import Arrays, taken, taken_number
 from reference_trainer.models.tensors import SplatTensors
 
@@ -36,6 +37,7 @@ class Variable:
         group: which learning rate it has; one of `GROUPS`, or "alpha".
         m, v: first and second moments, shaped like `value`.
         t: steps made.
+        quanta: (d,) of the numbers of a row, which cost bits where they are not 0; or None.
     """
 
     value: Tensor
@@ -43,6 +45,7 @@ class Variable:
     m: Tensor
     v: Tensor
     t: int = 0
+    quanta: npt.NDArray[np.float32] | None = None
 
     @staticmethod
     def of(value: Tensor, group: str) -> Variable:
@@ -67,7 +70,21 @@ class Variable:
             root = v.div(1 - BETA2**self.t).sqrt_().add_(EPS)
             scaled = m / (1 - BETA1**self.t) * torch.from_numpy(columns).to(x)
             x.sub_(scaled.div_(root))
+        if self.quanta is not None and rates.price:
+            self._shrink(x, v, columns, rates.price)
         self.value.grad = None
+
+    def _shrink(self, x: Tensor, v: Tensor, columns: npt.NDArray[np.float32], price: float) -> None:
+        """Pull numbers towards 0, as far as their bits cost more than the gradient says."""
+        assert self.quanta is not None
+        if x.is_cpu:
+            shrink(x.numpy(), v.numpy(), columns, self.quanta, price, BETA2, EPS, self.t)
+            return
+        size, quanta = x.abs(), torch.from_numpy(self.quanta).to(x)
+        root = v.div(1 - BETA2**self.t).sqrt_().add_(EPS)
+        slope = price / math.log(2) / (size + quanta)
+        pull = torch.from_numpy(columns).to(x) * slope / root
+        x.copy_(torch.sign(x) * (size - pull).clamp_(min=0))
 
     def rows(self, rows: Tensor) -> Variable:
         """Only these rows, with their moments."""
@@ -113,11 +130,13 @@ class RateTable:
         rates: of the run.
         extent: of the cameras, scene units.
         progress: part of the stage that is over, 0..1.
+        price: of a bit, as a part of the loss.
     """
 
     rates: Rates
     extent: float
     progress: float
+    price: float = 0.0
 
     def columns(self, group: str, d: int) -> npt.NDArray[np.float32]:
         """(d,) rates of the numbers of a row."""

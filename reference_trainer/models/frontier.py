@@ -15,7 +15,7 @@ import torch
 
 from evogs_codec import InputError, SplatParams
 from reference_trainer.config import FrontierGrowth
-from reference_trainer.models.adam import Variable
+from reference_trainer.models.adam import GROUPS, Variable
 from reference_trainer.models.blocks import (
     Block,
     Collinear,
@@ -33,8 +33,14 @@ from reference_trainer.models.tensors import SplatTensors
 __all__ = ["OPTIONS", "Frontier"]
 
 # The paper's design space (its section 3.1).
-OPTIONS = {"A": "independent children", "B": "residuals", "C": "symmetric", "D": "asymmetric"}
-KINDS = {"A": "children", "B": "residuals", "C": "fixed", "D": "learned"}  # of blocks
+OPTIONS = {
+    "A": "independent children",
+    "B": "residuals",
+    "C": "symmetric",
+    "D": "asymmetric",
+    "M": "asymmetric, of parents that are refined before",
+}
+KINDS = {"A": "children", "B": "residuals", "C": "fixed", "D": "learned", "M": "learned"}
 
 
 class Frontier:
@@ -50,10 +56,16 @@ class Frontier:
     """
 
     def __init__(
-        self, base: SplatTensors, option: str, growth: FrontierGrowth, extent: float
+        self,
+        base: SplatTensors,
+        option: str,
+        growth: FrontierGrowth,
+        extent: float,
+        quanta: npt.NDArray[np.float32] | None = None,
     ) -> None:
         self.base, self.option = base, option
         self.growth, self.extent = growth, extent
+        self.quanta = quanta
         self.blocks: list[Block] = []
         self.live = np.ones(len(base.means), bool)
 
@@ -69,7 +81,13 @@ class Frontier:
 
     def variables(self) -> list[Variable]:
         """What is trained."""
-        return [variable for block in self.blocks for variable in block.variables]
+        found = [variable for block in self.blocks for variable in block.variables]
+        if self.quanta is not None:
+            widths = [math.prod(x.shape[1:]) for x in self.base]
+            parts = dict(zip(GROUPS, np.split(self.quanta, np.cumsum(widths)[:-1]), strict=True))
+            for variable in found:
+                variable.quanta = parts.get(variable.group)
+        return found
 
     def densify(self, iteration: int, n_iterations: int, scores: ScreenGradients, cap: int) -> bool:
         """Prune and split if a round is due after this iteration; `cap` bounds the leaves."""
@@ -81,6 +99,8 @@ class Frontier:
         slots = np.flatnonzero(self.live)
         dead = useless(leaves, self.growth.prune_opacity, self.growth.prune_scale * self.extent)
         self.live[slots[dead]] = False
+        if self.option == "M" and iteration == due[0]:
+            self._refine_all()
         n = self.n_splats
         room = self._target(due.index(iteration), len(due), cap) - n
         rows = largest(np.where(dead, -np.inf, scores.mean()), self.growth.threshold, room)
@@ -89,6 +109,12 @@ class Frontier:
         if iteration == due[-1] and self.growth.refines_rest:
             self._refine_rest()
         return True
+
+    def _refine_all(self) -> None:
+        """Let every leaf learn, also what the children of it will share."""
+        rows = np.flatnonzero(self.live)
+        if len(rows):
+            self.blocks.append(Refined.of(rows, len(self.live), self.base))
 
     def _refine_rest(self) -> None:
         """Let the leaves learn that no round of this level has split."""
@@ -113,10 +139,10 @@ class Frontier:
     def _split(self, slots: npt.NDArray[np.int64], parents: SplatParams) -> None:
         first, device = len(self.live), self.base.means.device
         distance = self.growth.distance
-        if self.option in "CD":
-            rule = moment_matched if self.option == "D" else symmetric
+        if self.option in "CDM":
+            rule = symmetric if self.option == "C" else moment_matched
             psi, alpha = rule(parents, distance)
-            block: Block = Collinear.of(slots, first, psi, alpha, self.option == "D", device)
+            block: Block = Collinear.of(slots, first, psi, alpha, self.option != "C", device)
         else:
             block = Free.of(slots, first, *_children(parents, distance, self.option), device)
         self.blocks.append(block)

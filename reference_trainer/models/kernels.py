@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from evogs_codec.render.compiled import parallel_kernel, prange
 
-__all__ = ["adam", "evolve", "evolve_free", "evolve_free_gradient", "evolve_gradient"]
+__all__ = ["adam", "evolve", "evolve_free", "evolve_free_gradient", "evolve_gradient", "shrink"]
 
 Array = npt.NDArray[Any]
 
@@ -97,3 +97,26 @@ def adam(
             m[i, k] = first
             v[i, k] = second
             x[i, k] -= rates[k] * (first * unbias1) / (np.sqrt(second) * unbias2 + tiny)
+
+
+@parallel_kernel
+def shrink(
+    x: Array, v: Array, rates: Array, quanta: Array, price: float, b2: float, eps: float, t: int
+) -> None:
+    """Pull `x` (n, d) towards 0 by what log2(1 + |x| / quanta) bits cost, as Adam would step.
+
+    Nothing is pulled past 0. `v` are Adam's second moments after the `t`-th step, `quanta` (d,).
+    """
+    real = x.dtype.type
+    tiny, nothing = real(eps), real(0)
+    unbias2 = real(np.sqrt(1.0 / (1.0 - b2**t)))
+    cost = real(price / np.log(2.0))
+    for i in prange(len(x)):
+        for k in range(x.shape[1]):
+            size = abs(x[i, k])
+            if size == nothing:
+                continue
+            slope = cost / (size + quanta[k])
+            pull = rates[k] * slope / (np.sqrt(v[i, k]) * unbias2 + tiny)
+            left = max(size - pull, nothing)
+            x[i, k] = left if x[i, k] > nothing else -left

@@ -5,7 +5,9 @@ import json
 
 import numpy as np
 import pytest
+from PIL import Image
 
+from evogs_codec import InputError
 from evogs_codec.cli.commands import main
 from evogs_codec.io.tree_npz import read_tree, write_tree
 from evogs_codec.lifting.lift import lift
@@ -13,6 +15,7 @@ from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.png import write_png
 from reference_trainer.cli import config_of, register
 from reference_trainer.config import PRESETS, Config
+from reference_trainer.data import load_views
 from tests.trainer import tiny
 from tools.photo_formats import FORMATS, Cloud, Shot
 
@@ -45,7 +48,10 @@ def test_training_a_folder(folder, tmp_path, capsys):
     args.run(args)
     tree = read_tree(out)
     assert (tree.n_levels, tree.sh_degree) == (2, 0)
-    assert len(capsys.readouterr().out.splitlines()) == 2
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split(":")[0] for line in lines[:2]] == ["L0", "L1"]
+    assert "levels drawn at full size, held-out views: " in lines[2]
+    assert lines[3].startswith(f"{tmp_path / 'a.png'}: held-out views")
     rows = json.loads((work / "result.json").read_text())["levels"]
     assert [row["width"] for row in rows] == [16, 32]
     assert (work / "pictures" / "L1.png").exists()
@@ -61,6 +67,32 @@ def test_training_a_folder(folder, tmp_path, capsys):
     np.testing.assert_array_equal(
         read_tree(tmp_path / "c.tree.npz").leaves(0).means, tree.leaves(0).means
     )
+
+
+def test_a_run_ends_with_a_picture_of_held_out_views_beside_the_tree(folder, tmp_path):
+    one, two = tmp_path / "a.tree.npz", tmp_path / "b.tree.npz"
+    for out, flags in ((one, []), (two, ["--sheet", tmp_path / "sheet.png"])):
+        args = parsed(folder, out, *FLAGS, *SHORT, *flags)
+        args.run(args)
+    with Image.open(tmp_path / "a.png") as picture:
+        assert picture.width == 3 * (32 + 4) - 4  # the photograph and two levels
+        pixels = np.asarray(picture)
+    data = load_views(folder)
+    right = np.rint(data.test[0].image * 255)
+    bottom = pixels[-32:, :32].astype(int)
+    assert np.abs(bottom - right).max() <= 1
+    assert (tmp_path / "sheet.png").read_bytes() == (tmp_path / "a.png").read_bytes()
+    assert not (tmp_path / "b.png").exists()
+
+
+def test_a_picture_of_others_is_not_replaced_and_nothing_is_trained(folder, tmp_path):
+    write_png(tmp_path / "a.png", np.zeros((2, 2, 3)))
+    before = (tmp_path / "a.png").read_bytes()
+    args = parsed(folder, tmp_path / "a.tree.npz", *FLAGS, *SHORT)
+    with pytest.raises(InputError, match="was not made by"):
+        args.run(args)
+    assert (tmp_path / "a.png").read_bytes() == before
+    assert not (tmp_path / "a.tree.npz").exists()
 
 
 @pytest.mark.parametrize(

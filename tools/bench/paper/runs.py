@@ -23,7 +23,7 @@ from evogs_codec.render import psnr, render
 if TYPE_CHECKING:
     from reference_trainer.data import Dataset, View
 
-__all__ = ["BUDGETS", "TITLES", "Run", "Views", "find_runs"]
+__all__ = ["BUDGETS", "TITLES", "Run", "Views", "find_runs", "read_run"]
 
 BUDGETS = {
     "equal": "At an equal budget of splats per level",
@@ -38,6 +38,7 @@ TITLES = {
     "evogs-b": "EvoGS option B",
     "evogs-sym": "EvoGS symmetric",
     "evogs": "EvoGS",
+    "evogs-mixed": "EvoGS mixed",
 }
 
 
@@ -87,12 +88,17 @@ def find_runs(folder: Path) -> list[Run]:
     for path in sorted(folder.glob("*/result.json")):
         budget = path.parent.name.split("-")[0]
         if budget in BUDGETS:
-            runs.append(_read(path, budget))
+            runs.append(read_run(path, budget))
     methods = list(TITLES)
     return sorted(runs, key=lambda run: (methods.index(run.method), run.seed))
 
 
-def _read(path: Path, budget: str) -> Run:
+def read_run(path: Path, budget: str) -> Run:
+    """The run of a `result.json`, of a budget.
+
+    Raises:
+        InputError: it cannot be read.
+    """
     try:
         result: Any = read_json(path)
         config = result["config"]

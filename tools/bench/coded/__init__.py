@@ -1,0 +1,1 @@
+"""What trees and layers are worth for their coded bytes: curves, and their distance."""

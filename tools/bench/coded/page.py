@@ -1,0 +1,67 @@
+"""The page of coded bytes: a table of all points, BD-rates, a figure."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from tools.bench.coded.curves import distances
+from tools.bench.paper.plots import lines
+from tools.bench.paper.report import Canvas, Figure, Section, Table, pivot, write_report
+from tools.bench.paper.runs import TITLES
+
+__all__ = ["write_page"]
+
+Rows = list[dict[str, Any]]
+PAPER = ("evogs", "evogs-a")  # whose better one is a rival of its own
+
+
+def write_page(path: Path, rows: Rows, data: str, of: str) -> None:
+    """The page and its files.
+
+    Args:
+        path: of the page.
+        rows: a point and level each, with `method`, `distortion`, `point`, `level`, `bytes`,
+            `psnr`, `splats` and `seconds`.
+        data: name of the photographs.
+        of: the method that the others are rivals of.
+    """
+    methods = list(dict.fromkeys(row["method"] for row in rows))
+    head = (
+        f"# Coded bytes, {data}\n\nPSNR on the held-out views of each level against the bytes of a"
+        " stream up to that level. Trees are trained in integers, at several distortions. Others"
+        " are trained in floats and encoded at several PSNR against themselves."
+    )
+    points = [
+        {
+            "method": TITLES[row["method"]],
+            "point": row["point"] if row["distortion"] is None else f"{row['distortion']:g}",
+            "seconds": round(row["seconds"]),
+            "level": row["level"],
+            "kB": row["bytes"] / 1e3,
+            "PSNR, dB": row["psnr"],
+        }
+        for row in rows
+    ]
+    shown = pivot(points, "level", ["kB", "PSNR, dB"])
+    rivals = [(name,) for name in methods if name != of]
+    if all(name in methods for name in PAPER) and of not in PAPER:
+        rivals.insert(0, PAPER)
+    tables = [Table("points", "All points", points, shown)]
+    if rivals:
+        found = distances(rows, of, rivals)
+        tables.append(Table("bd-rate", "BD-rate: negative is smaller", found))
+    figures = [Figure("curves", "PSNR against coded bytes", partial(_figure, rows))]
+    write_report(path, head, [Section("Curves", "", tables, figures)])
+
+
+def _figure(rows: Rows) -> Canvas:
+    panels: dict[str, dict[str, tuple[list[float], list[float]]]] = {}
+    for level in sorted({row["level"] for row in rows}):
+        panel = panels[f"L{level}"] = {}
+        for method in dict.fromkeys(row["method"] for row in rows):
+            own = [r for r in rows if (r["method"], r["level"]) == (method, level)]
+            points = sorted((row["bytes"] / 1e3, row["psnr"]) for row in own)
+            panel[TITLES[method]] = [x for x, _ in points], [y for _, y in points]
+    return lines(panels, "kB", "PSNR, dB")
