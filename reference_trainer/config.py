@@ -116,12 +116,15 @@ class Integers:
         part: of the iterations of a level, after them; 0 for none.
         distortion: squared error that rounding adds to the pictures before descent mends it, as a
             part of the error that they have; nearly. More makes smaller streams.
+        thrift: bits of the psi of a mixed tree weigh in the loss while they are still floats, by
+            this times `distortion`: as a part of the loss, for each bit of a number on average.
         rate: of the learning rates, falling to a tenth of that. Positions have come to rest before:
             they have ten times, falling to once, this part of their last rate.
     """
 
     part: float = 0.0
     distortion: float = 0.07
+    thrift: float = 1.0
     rate: float = 0.3
 
     def __post_init__(self) -> None:
@@ -129,6 +132,8 @@ class Integers:
             raise ValueError(f"a part of {self.part:g} in integers, expected 0 to 1")
         if not 0 < self.distortion < 10:
             raise ValueError(f"distortion is {self.distortion:g}, expected above 0, below 10")
+        if not 0 <= self.thrift <= 100:
+            raise ValueError(f"thrift is {self.thrift:g}, expected 0 to 100")
         if not 0 < self.rate <= 1:
             raise ValueError(f"rate is {self.rate:g}, expected above 0, at most 1")
 

@@ -126,6 +126,7 @@ def _run_stage(
         plan.cap,
         order,
         config.integers.rates(config.rates) if plan.in_integers else config.rates,
+        config.integers.thrift * config.integers.distortion if config.integers.part else 0.0,
     )
     train(training, stage, config, backend, each)
     if not model.n_splats and plan.level != plans[-1].level:

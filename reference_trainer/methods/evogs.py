@@ -51,7 +51,7 @@ class Evogs:
             return IntegerLevel.begin(setting, done)
         leaves = SplatTensors.of(done.tree.leaves(), setting.device)
         quanta = None
-        if done.quanta:
+        if done.quanta and self.option == "M":  # those of the level before are near enough
             kinds = [channel_class(c) for c in range(n_channels(done.sh_degree))]
             quanta = np.array(done.quanta[-1], np.float32)[kinds]
         return Frontier(leaves, self.option, setting.config.frontier, setting.extent, quanta)

@@ -71,15 +71,18 @@ class Variable:
             scaled = m / (1 - BETA1**self.t) * torch.from_numpy(columns).to(x)
             x.sub_(scaled.div_(root))
         if self.quanta is not None and rates.price:
-            self._shrink(x, v, columns, rates.price)
+            if x.is_cpu:
+                quanta = self.quanta
+                shrink(x.numpy(), v.numpy(), columns, quanta, rates.price, BETA2, EPS, self.t)
+            else:
+                self.shrink_plain(x, v, columns, rates.price)
         self.value.grad = None
 
-    def _shrink(self, x: Tensor, v: Tensor, columns: npt.NDArray[np.float32], price: float) -> None:
-        """Pull numbers towards 0, as far as their bits cost more than the gradient says."""
+    def shrink_plain(
+        self, x: Tensor, v: Tensor, columns: npt.NDArray[np.float32], price: float
+    ) -> None:
+        """`kernels.shrink` in torch's own operations, for other devices and as its test."""
         assert self.quanta is not None
-        if x.is_cpu:
-            shrink(x.numpy(), v.numpy(), columns, self.quanta, price, BETA2, EPS, self.t)
-            return
         size, quanta = x.abs(), torch.from_numpy(self.quanta).to(x)
         root = v.div(1 - BETA2**self.t).sqrt_().add_(EPS)
         slope = price / math.log(2) / (size + quanta)

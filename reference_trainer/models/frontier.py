@@ -51,7 +51,8 @@ class Frontier:
         option: of `OPTIONS`.
         growth: how it grows.
         extent: of the cameras, scene units.
-        blocks: in the order in which they were split.
+        quanta: (D,) in which bits of psi are counted while it trains; None: they cost nothing.
+        blocks: in the order in which they change the leaves.
         live: (S,) bool, slots that have a leaf.
     """
 
@@ -99,22 +100,22 @@ class Frontier:
         slots = np.flatnonzero(self.live)
         dead = useless(leaves, self.growth.prune_opacity, self.growth.prune_scale * self.extent)
         self.live[slots[dead]] = False
-        if self.option == "M" and iteration == due[0]:
-            self._refine_all()
         n = self.n_splats
         room = self._target(due.index(iteration), len(due), cap) - n
         rows = largest(np.where(dead, -np.inf, scores.mean()), self.growth.threshold, room)
         if len(rows):
             self._split(slots[rows], leaves.take(rows))
+        if iteration == due[-1] and self.option == "M":
+            self._refine_all()
         if iteration == due[-1] and self.growth.refines_rest:
             self._refine_rest()
         return True
 
     def _refine_all(self) -> None:
-        """Let every leaf learn, also what the children of it will share."""
-        rows = np.flatnonzero(self.live)
+        """Let every leaf of the level before learn, and with it what its children share."""
+        rows = np.arange(len(self.base.means))
         if len(rows):
-            self.blocks.append(Refined.of(rows, len(self.live), self.base))
+            self.blocks.insert(0, Refined.of(rows, len(rows), self.base))
 
     def _refine_rest(self) -> None:
         """Let the leaves learn that no round of this level has split."""

@@ -48,5 +48,5 @@ def test_interpolation_keeps_the_points_and_does_not_swing_over():
 
 @pytest.mark.parametrize("curve", [[(1, 30)], [(1, 30), (2, 29)], [(1, 30), (1, 31)]])
 def test_what_is_no_curve_is_refused(curve):
-    with pytest.raises(ValueError, match="curve of 1 point|rise together"):
+    with pytest.raises(ValueError, match=r"curve of 1 point|rise together"):
         bd_rate(curve, CURVE)

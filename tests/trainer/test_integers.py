@@ -24,7 +24,7 @@ from reference_trainer.run import run
 from reference_trainer.train import Stage, Training, train
 from tests.trainer import tiny
 
-METHODS = ("evogs", "evogs-sym", "evogs-a", "evogs-b")
+METHODS = ("evogs", "evogs-mixed", "evogs-sym", "evogs-a", "evogs-b")
 
 
 def trained(method="evogs", integers=Integers(0.3), **changes):  # noqa: B008 - frozen

@@ -1,0 +1,153 @@
+"""Mixed trees: parents are refined before they are split, and numbers pay for their bits."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from evogs_codec import encode
+from evogs_codec.model.tree import Kind
+from reference_trainer.config import PRESETS, Integers, Rates
+from reference_trainer.methods.base import Done, Plan, Setting
+from reference_trainer.methods.evogs import Evogs
+from reference_trainer.models.adam import RateTable, Variable
+from reference_trainer.models.backends import backend_for
+from reference_trainer.models.densify import ScreenGradients
+from reference_trainer.models.kernels import shrink
+from reference_trainer.run import run
+from reference_trainer.runtime.checkpoint import FILE
+from reference_trainer.runtime.progress import Progress
+from tests.trainer import tiny
+
+QUANTA = np.array([0.1, 0.02], np.float32)
+
+
+def trained(method="evogs-mixed", **integers):
+    """With rates that move numbers in so few iterations."""
+    rates = PRESETS["quick"].rates
+    return tiny.trained(method=method, integers=Integers(0.3, **integers), rates=rates)
+
+
+def pulled(x, v, price, *, rate=0.01, t=5):
+    out = np.array(x, np.float32)
+    rates = np.full(out.shape[1], rate, np.float32)
+    v = np.broadcast_to(np.array(v, np.float32), out.shape).copy()
+    shrink(out, v, rates, QUANTA, price, 0.999, 1e-15, t)
+    return out
+
+
+def test_a_pull_is_the_slope_of_the_bits_as_adam_would_step():
+    x, t = np.array([[0.5, -0.3]], np.float32), 7
+    v = np.float32(0.04)
+    found = pulled(x, v, 0.01, t=t)
+    root = np.sqrt(0.04 / (1 - 0.999**t))
+    slope = 0.01 / np.log(2) / (np.abs(x) + QUANTA)
+    right = np.sign(x) * (np.abs(x) - 0.01 * slope / root)
+    np.testing.assert_allclose(found, right, rtol=1e-5)
+
+
+def test_nothing_is_pulled_past_zero_and_what_no_view_shows_goes_at_once():
+    x = np.array([[0.5, -0.3], [1e-6, -1e-6]], np.float32)
+    assert (pulled(x, [[1.0], [1.0]], 1e3) == 0).all()
+    assert (pulled(x, 0.0, 1e-9) == 0).all()
+    np.testing.assert_array_equal(pulled(x, 1.0, 0.0), x)
+
+
+def test_torch_pulls_as_compiled_loops_do():
+    rng = np.random.default_rng(0)
+    value = rng.normal(0, 0.1, (50, 2)).astype(np.float32)
+    v = rng.uniform(0, 0.1, (50, 2)).astype(np.float32)
+    rates = np.array([0.01, 0.02], np.float32)
+    compiled = value.copy()
+    shrink(compiled, v, rates, QUANTA, 0.005, 0.999, 1e-15, 3)
+    variable = Variable.of(torch.from_numpy(value.copy()), "sh")
+    variable.t, variable.quanta = 3, QUANTA
+    x = variable.value.detach()
+    variable.shrink_plain(x, torch.from_numpy(v), rates, 0.005)
+    assert (compiled == 0).any()
+    np.testing.assert_allclose(x.numpy(), compiled, rtol=1e-5, atol=1e-8)
+
+
+def test_a_variable_without_quanta_costs_nothing():
+    def stepped(quanta, price):
+        variable = Variable.of(torch.ones(4, 2), "scale")
+        variable.quanta = quanta
+        variable.value.grad = torch.full((4, 2), 0.1)
+        variable.step(RateTable(Rates(), 1.0, 0.0, price))
+        return variable.value.detach().numpy()
+
+    np.testing.assert_array_equal(stepped(None, 1.0), stepped(QUANTA, 0.0))
+    assert (stepped(QUANTA, 0.01) < stepped(None, 0.01)).all()
+
+
+def test_every_leaf_of_the_level_before_is_refined_before_it_is_split():
+    tree = trained(distortion=1e-3, thrift=0.0)
+    steps = [step for step in tree.steps if step.level == 1]
+    drops, first, *others = steps if (steps[0].kinds == Kind.DROP).all() else (None, *steps)
+    assert (first.kinds == Kind.REFINE).all()
+    dropped = 0 if drops is None else len(drops.slots)
+    assert len(first.slots) + dropped == len(tree.leaves(0))
+    splits = np.concatenate([step.slots[step.kinds == Kind.SPLIT] for step in others])
+    assert np.isin(first.slots, splits).any()
+    assert first.psi.any()
+
+
+def test_thrift_makes_zeros_and_smaller_streams():
+    trees = [trained(distortion=0.01, thrift=thrift) for thrift in (0.0, 100.0)]
+    sizes = [len(encode(tree)) for tree in trees]
+    zeros = [
+        np.mean(np.concatenate([step.psi.ravel() for step in tree.steps if step.level]) == 0)
+        for tree in trees
+    ]
+    assert sizes[1] < 0.9 * sizes[0]
+    assert zeros[1] > zeros[0] + 0.05
+
+
+def test_other_trees_know_no_thrift():
+    one, other = (trained("evogs", thrift=thrift) for thrift in (0.0, 10.0))
+    for a, b in zip(one.steps, other.steps, strict=True):
+        np.testing.assert_array_equal(a.psi, b.psi)
+
+
+@pytest.mark.parametrize("option", ["D", "M"])
+def test_only_what_a_mixed_tree_refines_and_splits_has_quanta(option):
+    tree = trained()
+    config, data = tiny.config(integers=Integers(0.3)), tiny.pyramid()[1]
+    setting = Setting(config, Plan(1, 1, 40, 70), data, 100.0, backend_for("cpu").device)
+    done = Done(1, tree.steps[:1], quanta=tree.quanta[:2])
+    model = Evogs(option).begin(setting, done)
+    for iteration in range(1, 41):
+        gradients = ScreenGradients(model.n_splats)
+        gradients.total += 1.0
+        gradients.count += 1
+        model.densify(iteration, 40, gradients, 70)
+    groups = {v.group: v.quanta for v in model.variables()}
+    assert groups["alpha"] is None
+    assert (groups["sh"] is not None) == (option == "M")
+
+
+def test_an_interrupted_mixed_run_ends_in_the_same_bytes(tmp_path):
+    config = tiny.config(method="evogs-mixed", integers=Integers(0.3), rates=PRESETS["quick"].rates)
+
+    class StoppedError(Exception):
+        pass
+
+    class Interrupted(Progress):
+        def each(self, training):
+            super().each(training)
+            if training.model.n_splats > 60 and training.iteration == 35:
+                raise StoppedError
+
+    backend = backend_for("cpu")
+    with pytest.raises(StoppedError):
+        run(config, tiny.pyramid(), backend, folder=tmp_path, progress=Interrupted())
+    assert (tmp_path / FILE).exists()
+    again = run(config, tiny.pyramid(), backend, folder=tmp_path, resume=True)
+    assert encode(again) == encode(trained())
+
+
+@pytest.mark.parametrize("thrift", [-1, 101, float("nan")])
+def test_thrift_has_bounds(thrift):
+    with pytest.raises(ValueError, match="thrift is"):
+        replace(Integers(), thrift=thrift)
