@@ -17,7 +17,7 @@ from tools.bench.paper.psi import concentration, distribution, refinements
 from tools.bench.paper.runs import Run, Views
 from tools.bench.paper.streaming import CODINGS, N_CUTS, ORDERS, curve, raw_cuts
 
-METHODS = ("evogs", "evogs-sym", "evogs-b", "lapis", "l3gs")
+METHODS = ("evogs", "evogs-mixed", "evogs-sym", "evogs-b", "lapis", "l3gs")
 D = 14
 
 

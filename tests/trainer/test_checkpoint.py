@@ -28,6 +28,7 @@ RUNS = {
     "between stages": ("evogs", 0, 42),
     "frontier": ("evogs", 0, 75),
     "integers": ("evogs", 0.5, 115),
+    "mixed": ("evogs-mixed", 0.5, 90),
     "residuals": ("evogs-b", 0, 75),
     "opacities": ("lapis", 0, 75),
     "splats to spare": ("l3gs", 0, 65),

@@ -15,9 +15,6 @@ from reference_trainer.models.adam import RateTable, Variable
 from reference_trainer.models.backends import backend_for
 from reference_trainer.models.densify import ScreenGradients
 from reference_trainer.models.kernels import shrink
-from reference_trainer.run import run
-from reference_trainer.runtime.checkpoint import FILE
-from reference_trainer.runtime.progress import Progress
 from tests.trainer import tiny
 
 QUANTA = np.array([0.1, 0.02], np.float32)
@@ -125,26 +122,6 @@ def test_only_what_a_mixed_tree_refines_and_splits_has_quanta(option):
     groups = {v.group: v.quanta for v in model.variables()}
     assert groups["alpha"] is None
     assert (groups["sh"] is not None) == (option == "M")
-
-
-def test_an_interrupted_mixed_run_ends_in_the_same_bytes(tmp_path):
-    config = tiny.config(method="evogs-mixed", integers=Integers(0.3), rates=PRESETS["quick"].rates)
-
-    class StoppedError(Exception):
-        pass
-
-    class Interrupted(Progress):
-        def each(self, training):
-            super().each(training)
-            if training.model.n_splats > 60 and training.iteration == 35:
-                raise StoppedError
-
-    backend = backend_for("cpu")
-    with pytest.raises(StoppedError):
-        run(config, tiny.pyramid(), backend, folder=tmp_path, progress=Interrupted())
-    assert (tmp_path / FILE).exists()
-    again = run(config, tiny.pyramid(), backend, folder=tmp_path, resume=True)
-    assert encode(again) == encode(trained())
 
 
 @pytest.mark.parametrize("thrift", [-1, 101, float("nan")])

@@ -45,7 +45,7 @@ def write_page(path: Path, rows: Rows, data: str, of: str) -> None:
         for row in rows
     ]
     shown = pivot(points, "level", ["kB", "PSNR, dB"])
-    rivals = [(name,) for name in methods if name != of]
+    rivals: list[tuple[str, ...]] = [(name,) for name in methods if name != of]
     if all(name in methods for name in PAPER) and of not in PAPER:
         rivals.insert(0, PAPER)
     tables = [Table("points", "All points", points, shown)]

@@ -26,7 +26,7 @@ from tools.bench.paper.runs import BUDGETS, TITLES, Run
 
 __all__ = ["AIMED", "PRESET", "compressed", "rows", "section"]
 
-METHODS = ("lapis", "l3gs", "evogs-sym", "evogs")
+METHODS = ("lapis", "l3gs", "evogs-sym", "evogs", "evogs-mixed")
 AIMED = "our codec"  # as `evogs encode` has it by default
 PRESET = "--preset trained"
 NAMES = {"raw": "raw", "paper": "--preset paper", "trained": PRESET, "aimed": AIMED}

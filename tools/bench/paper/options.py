@@ -22,6 +22,7 @@ OPTIONS = {
     "evogs-b": "B: independent residuals",
     "evogs-sym": "C: symmetric",
     "evogs": "D: asymmetric",
+    "evogs-mixed": "M: mixed, D with parents refined",
 }
 
 
