@@ -44,6 +44,6 @@ def write_sheet(
             for level in range(n_levels)
         ]
         rows.append([view.image, *drawn])
-        worth = ", ".join(f"l{k} {psnr(image, view.image):.1f}" for k, image in enumerate(drawn))
-        labels.append(f"photograph, {worth} dB")
+        worth = ", ".join(f"{psnr(image, view.image):.1f}" for image in drawn)
+        labels.append(f"photograph, then levels: {worth} dB")
     write_png(path, contact_sheet(rows, labels=labels), made_by=made_by)

@@ -26,6 +26,8 @@ GROUPS = ("position", "rotation", "scale", "opacity", "sh")
 N_BAND_0 = 3  # numbers of SH band 0, which come first
 BETA1, BETA2, EPS = 0.9, 0.999, 1e-15
 MAX_STEPS = 2**31 - 1
+# Steps before bits cost something: what no view has shown yet has no gradient to hold it.
+FREE_STEPS = 100
 
 
 @dataclass
@@ -70,7 +72,7 @@ class Variable:
             root = v.div(1 - BETA2**self.t).sqrt_().add_(EPS)
             scaled = m / (1 - BETA1**self.t) * torch.from_numpy(columns).to(x)
             x.sub_(scaled.div_(root))
-        if self.quanta is not None and rates.price:
+        if self.quanta is not None and rates.price and self.t > FREE_STEPS:
             if x.is_cpu:
                 quanta = self.quanta
                 shrink(x.numpy(), v.numpy(), columns, quanta, rates.price, BETA2, EPS, self.t)

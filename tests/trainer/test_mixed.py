@@ -11,10 +11,12 @@ from evogs_codec.model.tree import Kind
 from reference_trainer.config import PRESETS, Integers, Rates
 from reference_trainer.methods.base import Done, Plan, Setting
 from reference_trainer.methods.evogs import Evogs
-from reference_trainer.models.adam import RateTable, Variable
+from reference_trainer.models import adam
+from reference_trainer.models.adam import FREE_STEPS, RateTable, Variable
 from reference_trainer.models.backends import backend_for
 from reference_trainer.models.densify import ScreenGradients
 from reference_trainer.models.kernels import shrink
+from reference_trainer.run import run
 from tests.trainer import tiny
 
 QUANTA = np.array([0.1, 0.02], np.float32)
@@ -23,7 +25,14 @@ QUANTA = np.array([0.1, 0.02], np.float32)
 def trained(method="evogs-mixed", **integers):
     """With rates that move numbers in so few iterations."""
     rates = PRESETS["quick"].rates
-    return tiny.trained(method=method, integers=Integers(0.3, **integers), rates=rates)
+    config = tiny.config(method=method, integers=Integers(0.3, **integers), rates=rates)
+    return run(config, tiny.pyramid(), backend_for("cpu"))
+
+
+@pytest.fixture
+def soon(monkeypatch):
+    """Bits cost something from the start of these short runs."""
+    monkeypatch.setattr(adam, "FREE_STEPS", 3)
 
 
 def pulled(x, v, price, *, rate=0.01, t=5):
@@ -66,16 +75,17 @@ def test_torch_pulls_as_compiled_loops_do():
     np.testing.assert_allclose(x.numpy(), compiled, rtol=1e-5, atol=1e-8)
 
 
-def test_a_variable_without_quanta_costs_nothing():
-    def stepped(quanta, price):
+def test_a_variable_without_quanta_costs_nothing_nor_does_a_new_one():
+    def stepped(quanta, price, t=FREE_STEPS):
         variable = Variable.of(torch.ones(4, 2), "scale")
-        variable.quanta = quanta
+        variable.quanta, variable.t = quanta, t
         variable.value.grad = torch.full((4, 2), 0.1)
         variable.step(RateTable(Rates(), 1.0, 0.0, price))
         return variable.value.detach().numpy()
 
     np.testing.assert_array_equal(stepped(None, 1.0), stepped(QUANTA, 0.0))
     assert (stepped(QUANTA, 0.01) < stepped(None, 0.01)).all()
+    np.testing.assert_array_equal(*(stepped(q, 0.01, FREE_STEPS - 1) for q in (QUANTA, None)))
 
 
 def test_every_leaf_of_the_level_before_is_refined_before_it_is_split():
@@ -90,7 +100,7 @@ def test_every_leaf_of_the_level_before_is_refined_before_it_is_split():
     assert first.psi.any()
 
 
-def test_thrift_makes_zeros_and_smaller_streams():
+def test_thrift_makes_zeros_and_smaller_streams(soon):
     trees = [trained(distortion=0.01, thrift=thrift) for thrift in (0.0, 100.0)]
     sizes = [len(encode(tree)) for tree in trees]
     zeros = [
@@ -101,7 +111,7 @@ def test_thrift_makes_zeros_and_smaller_streams():
     assert zeros[1] > zeros[0] + 0.05
 
 
-def test_other_trees_know_no_thrift():
+def test_other_trees_know_no_thrift(soon):
     one, other = (trained("evogs", thrift=thrift) for thrift in (0.0, 10.0))
     for a, b in zip(one.steps, other.steps, strict=True):
         np.testing.assert_array_equal(a.psi, b.psi)
