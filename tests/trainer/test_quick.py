@@ -1,5 +1,6 @@
 """`--preset quick` on the photographs that ship with the project."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from reference_trainer.config import PRESETS
 from reference_trainer.data import Dataset, View, load_views
 from reference_trainer.data.seeding import first_splats
 from reference_trainer.evaluate import evaluate
+from reference_trainer.held_out import at_full_size
 from reference_trainer.models.backends import backend_for
 from reference_trainer.run import run
 from tools import photos
@@ -31,20 +33,21 @@ def test_random_points_fill_what_the_cameras_show(radius, half_side):
 
 
 def trained(folder, n_levels, size):
-    """PSNR of each level."""
+    """PSNR of each level at its own size, then of each at the size of the last."""
     quick = PRESETS["quick"]
     config = replace(
         quick, iterations=quick.iterations[:n_levels], max_splats=quick.max_splats[:n_levels]
     )
     pyramid = pyramid_of(load_views(folder, size=size), n_levels)
-    rows = evaluate(run(config, pyramid, backend_for("cpu")), config.method, pyramid)
-    return [row["psnr"] for row in rows]
+    tree = run(config, pyramid, backend_for("cpu"))
+    rows = evaluate(tree, config.method, pyramid)
+    return [row["psnr"] for row in rows], at_full_size(tree, pyramid[-1], n_levels)
 
 
 @pytest.mark.parametrize(("kind", "least"), [("blender", 22), ("colmap", 25)])
 def test_the_coarsest_level_of_the_shipped_photographs_is_learned(tmp_path, kind, least):
     photos.main([str(tmp_path), "--size", "25", "--format", kind])
-    (psnr,) = trained(tmp_path, 1, 25)
+    (psnr,), _ = trained(tmp_path, 1, 25)
     assert psnr > least
 
 
@@ -52,6 +55,9 @@ def test_the_coarsest_level_of_the_shipped_photographs_is_learned(tmp_path, kind
 @pytest.mark.parametrize(("kind", "least"), [("blender", 23.5), ("colmap", 26.5)])
 def test_every_level_of_the_shipped_photographs_is_learned(tmp_path, kind, least):
     photos.main([str(tmp_path), "--format", kind])
-    found = trained(tmp_path, 4, 200)
+    before = time.process_time()
+    found, at_last = trained(tmp_path, 4, 200)
+    assert time.process_time() - before < 180
     assert min(found) > least
     assert found[-1] == max(found)
+    assert min(np.diff(at_last)) > 1
