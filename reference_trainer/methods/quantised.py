@@ -139,7 +139,7 @@ class IntegerLevel:
                 steps[place.step] = replace(step, psi=changed)
             else:
                 steps[place.step] = replace(step, adds=step.adds + psi)
-        return tuple(steps)
+        return tuple(_without_idle(step) for step in steps)
 
 
 @dataclass
@@ -176,6 +176,21 @@ class _Rounded:
         if grad is not None:
             self.latent.value.grad = torch.where(self.moves, grad, 0.0)
         return self.latent
+
+
+def _without_idle(step: Step) -> Step:
+    """Without refines that change nothing, which would cost their place in the lists."""
+    has_psi = step.kinds != Kind.DROP
+    idle = np.zeros(len(step.slots), bool)
+    idle[has_psi] = (step.kinds[has_psi] == Kind.REFINE) & ~step.psi.any(axis=0)
+    if not idle.any():
+        return step
+    return replace(
+        step,
+        slots=step.slots[~idle],
+        kinds=step.kinds[~idle],
+        psi=np.ascontiguousarray(step.psi[:, ~idle[has_psi]]),
+    )
 
 
 def _coded(setting: Setting, done: Done) -> tuple[CodedTree, Quanta]:

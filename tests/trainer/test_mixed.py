@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from evogs_codec import encode
+from evogs_codec import decode, encode
 from evogs_codec.model.tree import Kind
 from reference_trainer.config import PRESETS, Integers, Rates
 from reference_trainer.methods.base import Done, Plan, Setting
@@ -89,7 +89,7 @@ def test_a_variable_without_quanta_costs_nothing_nor_does_a_new_one():
 
 
 def test_every_leaf_of_the_level_before_is_refined_before_it_is_split():
-    tree = trained(distortion=1e-3, thrift=0.0)
+    tree = tiny.trained(method="evogs-mixed")
     steps = [step for step in tree.steps if step.level == 1]
     drops, first, *others = steps if (steps[0].kinds == Kind.DROP).all() else (None, *steps)
     assert (first.kinds == Kind.REFINE).all()
@@ -109,6 +109,26 @@ def test_thrift_makes_zeros_and_smaller_streams(soon):
     ]
     assert sizes[1] < 0.9 * sizes[0]
     assert zeros[1] > zeros[0] + 0.05
+
+
+def test_refines_that_change_nothing_are_not_kept(soon):
+    config = tiny.config(
+        method="evogs-mixed",
+        integers=Integers(0.3, distortion=2.0, thrift=100.0),
+        rates=PRESETS["quick"].rates,
+    )
+    floats = run(replace(config, integers=Integers()), tiny.pyramid(), backend_for("cpu"))
+    tree = run(config, tiny.pyramid(), backend_for("cpu"))
+    counts = []
+    for found in (floats, tree):
+        steps = [step for step in found.steps if step.level]
+        kinds = np.concatenate([step.kinds for step in steps])
+        counts.append(np.count_nonzero(kinds == Kind.REFINE))
+    for step in (step for step in tree.steps if step.level):
+        kinds = step.kinds[step.kinds != Kind.DROP]
+        assert step.psi[:, kinds == Kind.REFINE].any(axis=0).all()
+    assert counts[1] < counts[0]
+    assert len(decode(encode(tree)).leaves()) == tree.n_leaves
 
 
 def test_other_trees_know_no_thrift(soon):
