@@ -97,6 +97,8 @@ class Frontier:
             return False
         with torch.no_grad():
             leaves = self.splats(iteration).params()
+        if iteration == due[0] and self.option == "M":
+            self._refine_all()
         slots = np.flatnonzero(self.live)
         dead = useless(leaves, self.growth.prune_opacity, self.growth.prune_scale * self.extent)
         self.live[slots[dead]] = False
@@ -105,8 +107,6 @@ class Frontier:
         rows = largest(np.where(dead, -np.inf, scores.mean()), self.growth.threshold, room)
         if len(rows):
             self._split(slots[rows], leaves.take(rows))
-        if iteration == due[-1] and self.option == "M":
-            self._refine_all()
         if iteration == due[-1] and self.growth.refines_rest:
             self._refine_rest()
         return True
@@ -115,7 +115,7 @@ class Frontier:
         """Let every leaf of the level before learn, and with it what its children share."""
         rows = np.arange(len(self.base.means))
         if len(rows):
-            self.blocks.insert(0, Refined.of(rows, len(rows), self.base))
+            self.blocks.append(Refined.of(rows, len(rows), self.base))
 
     def _refine_rest(self) -> None:
         """Let the leaves learn that no round of this level has split."""
@@ -163,7 +163,7 @@ class Frontier:
             InputError: the arrays are of no such frontier.
         """
         n_slots, blocks = len(self.base.means), []
-        for i in range(taken_number(arrays, "n_blocks", 0, self.growth.rounds + 1)):
+        for i in range(taken_number(arrays, "n_blocks", 0, self.growth.rounds + 2)):
             block = restored(arrays, f"block{i}", self.base, n_slots)
             if block.kind not in (KINDS[self.option], "refined"):
                 raise InputError(f"block{i} is {block.kind}, expected {KINDS[self.option]}")
