@@ -37,8 +37,9 @@ export interface Refinements {
   /** The slots of refines and splits, in order. */
   slots: Int32Array;
   n: number;
-  /** Which of them are splits: places in `slots`, and -1 behind the last. */
+  /** Which of them are splits: places in `slots`; and the slots there. */
   splits: Int32Array;
+  parents: Int32Array;
   nSplits: number;
   /** The table of alpha, and the index of each split; null if all are 0. */
   table: AlphaTable;
@@ -53,17 +54,15 @@ export interface Refinements {
  * False if a product or a number leaves its range (R-7.3-2, R-7.3-3, R-7.3-4).
  */
 export function refineSlots(column: Column, refinements: Refinements, delta: Int32Array): boolean {
-  const { n, nSplits } = refinements;
-  if (nSplits === 0) return refineAll(column, refinements, delta);
-  if (nSplits === n) return splitAll(column, refinements, delta);
-  return refineOrSplit(column, refinements, delta);
+  const areSecondsGood = refinements.nSplits === 0 || writeSeconds(column, refinements, delta);
+  return addDelta(column, refinements, delta) && areSecondsGood;
 }
 
+// Two loops without a branch are faster than one with it: which records are splits cannot be foreseen.
 // Distances to both ends of a range are below 2^32. If a number is outside, one of them is negative in 32 bits,
 // even where the other one is so negative that it is not.
 
-/** `refineSlots` without splits. */
-function refineAll({ x, least, most }: Column, { slots, n }: Refinements, delta: Int32Array): boolean {
+function addDelta({ x, least, most }: Column, { slots, n }: Refinements, delta: Int32Array): boolean {
   let margin = 0;
   for (let i = 0; i < n; i++) {
     const u = slots[i];
@@ -74,57 +73,25 @@ function refineAll({ x, least, most }: Column, { slots, n }: Refinements, delta:
   return margin >= 0;
 }
 
-/** `refineSlots` where all are splits, as in the levels under a lifted scene. */
-function splitAll(column: Column, refinements: Refinements, delta: Int32Array): boolean {
+function writeSeconds(column: Column, refinements: Refinements, delta: Int32Array): boolean {
   const { x, least, most } = column;
-  const { slots, n, indices, first, table } = refinements;
+  const { splits, parents, nSplits, indices, first, table } = refinements;
   const { entries, shift } = table;
   const half = (1 << shift) >> 1;
   const { least: bound } = boundsOf(table);
   let margin = 0;
   let productMargin = 0;
   let a = entries[0];
-  for (let i = 0; i < n; i++) {
-    const u = slots[i];
-    const d = delta[i];
-    const p = x[u];
-    if (indices !== null) a = entries[indices[i]];
+  for (let j = 0; j < nSplits; j++) {
+    const d = delta[splits[j]];
+    if (indices !== null) a = entries[indices[j]];
     // If the product is out of range, what is written for it does not matter.
-    const value = (p + d) | 0;
-    const second = (p - ((Math.imul(d, a) + half) >> shift)) | 0;
-    x[u] = value;
-    x[(first + i) | 0] = second;
-    margin |= (value - least) | (most - value) | (second - least) | (most - second);
+    const second = (x[parents[j]] - ((Math.imul(d, a) + half) >> shift)) | 0;
+    x[(first + j) | 0] = second;
+    margin |= (second - least) | (most - second);
     productMargin |= (bound - d) | (bound + d);
   }
   return margin >= 0 && (productMargin >= 0 || areProductsGood(refinements, delta));
-}
-
-/** As `refineSlots`, for any records. */
-function refineOrSplit(column: Column, refinements: Refinements, delta: Int32Array): boolean {
-  const { x, least, most } = column;
-  const { slots, n, splits, indices, first, table } = refinements;
-  const { entries, shift } = table;
-  const half = (1 << shift) >> 1;
-  let margin = 0;
-  let a = entries[0];
-  let j = 0;
-  let next = splits[0];
-  for (let i = 0; i < n; i++) {
-    const u = slots[i];
-    const d = delta[i];
-    const p = x[u];
-    const value = (p + d) | 0;
-    x[u] = value;
-    margin |= (value - least) | (most - value);
-    if (i !== next) continue;
-    if (indices !== null) a = entries[indices[j]];
-    const second = (p - ((Math.imul(d, a) + half) >> shift)) | 0;
-    x[(first + j) | 0] = second;
-    margin |= (second - least) | (most - second);
-    next = splits[++j];
-  }
-  return margin >= 0 && areProductsGood(refinements, delta);
 }
 
 function areProductsGood({ splits, nSplits, table, indices }: Refinements, delta: Int32Array): boolean {
@@ -164,13 +131,6 @@ export function unrefineSlots(column: Column, slots: Int32Array, n: number, delt
 }
 
 /** Second children where Delta is 0: copies of P. */
-export function copySlots(
-  column: Column,
-  slots: Int32Array,
-  splits: Int32Array,
-  nSplits: number,
-  first: number,
-): void {
-  const { x } = column;
-  for (let j = 0; j < nSplits; j++) x[(first + j) | 0] = x[slots[splits[j]]];
+export function copySlots({ x }: Column, parents: Int32Array, nSplits: number, first: number): void {
+  for (let j = 0; j < nSplits; j++) x[(first + j) | 0] = x[parents[j]];
 }

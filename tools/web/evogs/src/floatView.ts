@@ -22,9 +22,24 @@ export function slotFloats(
   const origin = channel < 3 ? tiles.origin[3 * t + channel] : 0;
   const unit = 2 ** -header.gridExponents[groupOf(channel)];
   const numbers = shown.read(t, channel, from, to);
-  // The sum is below 2^53 and the product exact, so the only rounding is that to binary32.
-  for (let i = 0; i < numbers.length; i++) out[i] = (origin + numbers[i]) * unit;
+  toFloats(numbers, origin, unit, out);
   return out;
+}
+
+/** The sum is below 2^53 and the product exact, so the only rounding is that to binary32. */
+function toFloats(numbers: Int32Array, origin: number, unit: number, out: Float32Array): void {
+  for (let i = 0; i < numbers.length; i++) out[i] = (origin + numbers[i]) * unit;
+}
+
+/** As `toFloats`, of the numbers of some slots. */
+function gatherFloats(
+  numbers: Int32Array,
+  slots: Int32Array,
+  origin: number,
+  unit: number,
+  out: Float32Array,
+): void {
+  for (let i = 0; i < slots.length; i++) out[i] = (origin + numbers[slots[i]]) * unit;
 }
 
 /** Values of all live splats, in the order of tiles and of slots: an array for each of the D channels. */
@@ -49,8 +64,8 @@ export function floatView(scene: Scene): Float32Array[] {
       const origin = channel < 3 ? tiles.origin[3 * t + channel] : 0;
       const unit = 2 ** -header.gridExponents[groupOf(channel)];
       const numbers = shown.read(t, channel);
-      if (slots === null) for (let i = 0; i < out.length; i++) out[i] = (origin + numbers[i]) * unit;
-      else for (let i = 0; i < out.length; i++) out[i] = (origin + numbers[slots[i]]) * unit;
+      if (slots === null) toFloats(numbers, origin, unit, out);
+      else gatherFloats(numbers, slots, origin, unit, out);
     }
     from = to;
   }

@@ -34,19 +34,20 @@ export function isLowPlaneClean(coding: number, n: number, planes: Uint8Array, a
 /** The `n` stored integers of a list whose planes begin at `at`. The coding byte is not 0. */
 export function unpack(coding: number, n: number, planes: Uint8Array, at: number, out: Int32Array): void {
   const low = lowOf(coding);
-  let from = at;
+  const high = highOf(coding);
+  let from = at + lowPlaneSize(coding, n);
+  if (low === 0 && high === 2) return unpackPairs(planes, at, at + n, 8, n, out);
+  if (low === 0) return unpackBytes(planes.subarray(at, at + n), out);
+  if (!isPacked(low) && high === 1) return unpackPairs(planes, at, from, low, n, out);
   if (isPacked(low)) unpackBits(low, n, planes.subarray(at), out);
-  else if (low > 0) unpackBytes(planes.subarray(at, at + n), out);
-  from += lowPlaneSize(coding, n);
-  for (let k = 0; k < highOf(coding); k++, from += n) {
-    const shift = low + 8 * k;
-    const plane = planes.subarray(from, from + n);
-    if (shift === 0) unpackBytes(plane, out);
-    else for (let i = 0; i < n; i++) out[i] |= plane[i] << shift;
-  }
+  else unpackBytes(planes.subarray(at, at + n), out);
+  for (let k = 0; k < high; k++, from += n) addPlane(planes, from, low + 8 * k, n, out);
 }
 
-/** As `unpack`, of signed integers: 0, 1, 2, 3, 4 ... means 0, -1, 1, -2, 2 ... each times `factor`. */
+/**
+ * As `unpack`, of signed integers: 0, 1, 2, 3, 4 ... means 0, -1, 1, -2, 2 ... each times `factor`.
+ * The kinds of lists that most integers are in have a loop of their own, since each pass costs as much again.
+ */
 export function unpackSigned(
   coding: number,
   n: number,
@@ -55,15 +56,44 @@ export function unpackSigned(
   factor: number,
   out: Int32Array,
 ): void {
-  const isByte = lowOf(coding) === 0 ? highOf(coding) === 1 : highOf(coding) === 0 && !isPacked(lowOf(coding));
+  const low = lowOf(coding);
+  const high = highOf(coding);
+  const isByte = low === 0 ? high === 1 : high === 0 && !isPacked(low);
   if (isByte) {
     const plane = planes.subarray(at, at + n);
     for (let i = 0; i < n; i++) out[i] = Math.imul((plane[i] >> 1) ^ -(plane[i] & 1), factor);
-    return;
+  } else if (low === 4 && high === 0) unpackSignedHalves(planes.subarray(at), n, factor, out);
+  else {
+    unpack(coding, n, planes, at, out);
+    for (let i = 0; i < n; i++) out[i] = Math.imul((out[i] >> 1) ^ -(out[i] & 1), factor);
   }
-  unpack(coding, n, planes, at, out);
-  if (factor === 1) unzigzag(out, n);
-  else for (let i = 0; i < n; i++) out[i] = Math.imul((out[i] >> 1) ^ -(out[i] & 1), factor);
+}
+
+/** Signed integers of 4 bits. */
+function unpackSignedHalves(plane: Uint8Array, n: number, factor: number, out: Int32Array): void {
+  const pairs = n & ~1;
+  for (let i = 0, p = 0; i < pairs; i += 2, p++) {
+    const byte = plane[p];
+    out[i] = Math.imul(((byte >> 1) & 7) ^ -(byte & 1), factor);
+    out[i + 1] = Math.imul((byte >> 5) ^ -((byte >> 4) & 1), factor);
+  }
+  if (pairs < n) out[pairs] = Math.imul((plane[pairs >> 1] >> 1) ^ -(plane[pairs >> 1] & 1), factor);
+}
+
+/** Integers of a plane at `at` and one at `above`, whose bytes count from bit `shift` on. */
+function unpackPairs(
+  planes: Uint8Array,
+  at: number,
+  above: number,
+  shift: number,
+  n: number,
+  out: Int32Array,
+): void {
+  for (let i = 0; i < n; i++) out[i] = planes[at + i] | (planes[above + i] << shift);
+}
+
+function addPlane(planes: Uint8Array, at: number, shift: number, n: number, out: Int32Array): void {
+  for (let i = 0; i < n; i++) out[i] |= planes[at + i] << shift;
 }
 
 function unpackBytes(plane: Uint8Array, out: Int32Array): void {
@@ -88,12 +118,14 @@ export function unzigzag(values: Int32Array, n: number): void {
 /** Running sums. False if one leaves +-2^28 (R-7.1-1). */
 export function undelta(values: Int32Array, n: number): boolean {
   let sum = 0;
+  // Negative once a sum was out of range.
+  let margin = 0;
   for (let i = 0; i < n; i++) {
-    sum += values[i];
-    if (sum > MAX_SUM || sum < -MAX_SUM) return false;
+    sum = (sum + values[i]) | 0;
+    margin |= (MAX_SUM - sum) | (MAX_SUM + sum);
     values[i] = sum;
   }
-  return true;
+  return margin >= 0;
 }
 
 /** R, G, B in place of Y, Co, Cg (YCoCg-R). Integers are within 2^28, so results are within 3 * 2^28. */

@@ -5,7 +5,7 @@ import { check } from "./faults.js";
 import type { StepCounts } from "./lists.js";
 import { DROP, REFINE, SPLIT } from "./model.js";
 import type { PacketLists } from "./packet.js";
-import { DROPS, PLAIN, PSI_SLOTS, SPLITS, type Workspace } from "./workspace.js";
+import { DROPS, PARENTS, PLAIN, PSI_SLOTS, SPLITS, type Workspace } from "./workspace.js";
 
 const N_GROUPS = 5;
 
@@ -26,8 +26,9 @@ export interface StepPlan {
   /** Slots of refines and splits. */
   psiSlots: Int32Array;
   nPsi: number;
-  /** The splits: places in psiSlots, and -1 behind the last. */
+  /** The splits: places in psiSlots, and the slots there. */
   splits: Int32Array;
+  parents: Int32Array;
   nSplits: number;
   drops: Int32Array;
   nDrops: number;
@@ -98,24 +99,33 @@ function readKinds(stored: Int32Array, n: number, counts: StepCounts, offset: nu
 
 /** Sorts the records by what they do. The plan lasts until the next one. */
 export function planOf(records: StepRecords, workspace: Workspace): StepPlan {
-  const { slots, kinds, kind, counts } = records;
+  const { slots, kinds, counts } = records;
   const { nSplits, nDrops, nAdds } = counts;
   const nPsi = nSplits + counts.nRefines;
-  const psiSlots = workspace.integers(PSI_SLOTS, nPsi);
-  const splits = workspace.integers(SPLITS, nSplits + 1);
-  const drops = workspace.integers(DROPS, nDrops);
+  const splits = workspace.integers(SPLITS, nSplits);
+  if (kinds === null) {
+    for (let j = 0; j < nSplits; j++) splits[j] = j;
+    return { psiSlots: slots, nPsi, splits, parents: slots, nSplits, drops: slots, nDrops, nAdds };
+  }
+  // What a record does cannot be foreseen, so there is no branch: each is written to all lists, and only one
+  // of them grows. They have a place more for it.
+  const psiSlots = workspace.integers(PSI_SLOTS, nPsi + 1);
+  const parents = workspace.integers(PARENTS, nSplits + 1);
+  const places = workspace.integers(SPLITS, nSplits + 1);
+  const drops = workspace.integers(DROPS, nDrops + 1);
   let i = 0;
   let j = 0;
   let k = 0;
   for (let r = 0; r < slots.length; r++) {
-    const own = kinds === null ? kind : kinds[r];
-    if (own === DROP) {
-      drops[k++] = slots[r];
-      continue;
-    }
-    if (own === SPLIT) splits[j++] = i;
-    psiSlots[i++] = slots[r];
+    const slot = slots[r];
+    const own = kinds[r];
+    psiSlots[i] = slot;
+    parents[j] = slot;
+    places[j] = i;
+    drops[k] = slot;
+    i += own === DROP ? 0 : 1;
+    j += own === SPLIT ? 1 : 0;
+    k += own === DROP ? 1 : 0;
   }
-  splits[j] = -1;
-  return { psiSlots, nPsi, splits, nSplits, drops, nDrops, nAdds };
+  return { psiSlots, nPsi, splits: places, parents, nSplits, drops, nDrops, nAdds };
 }

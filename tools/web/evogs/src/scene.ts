@@ -1,6 +1,6 @@
 /** The state of a scene, and what a packet does to it (spec 7, 12.5). */
 
-import { ChannelBlock, NO_INTEGERS } from "./channelBlock.js";
+import { ChannelBlock, NO_BYTES, NO_INTEGERS } from "./channelBlock.js";
 import { crc32 } from "./crc32.js";
 import type { Cut } from "./cut.js";
 import type { Directory } from "./directory.js";
@@ -58,7 +58,10 @@ export class Scene {
   /** Live splats of all tiles. */
   splatCount(): number {
     let count = 0;
-    for (const tile of this.tiles) if (tile) for (const live of tile.liveSlots()) count += live;
+    for (const tile of this.tiles) {
+      const live = tile?.liveSlots() ?? NO_BYTES;
+      for (let u = 0; u < live.length; u++) count += live[u];
+    }
     return count;
   }
 
@@ -180,7 +183,7 @@ export class Scene {
       applyPsi(block, first, plan, records, tile.bornFrom, lists, quantisers, alpha, box, workspace);
     if (!isGood) return false;
     if (component === CORE) {
-      tile.addSlots(plan.psiSlots, plan.splits, plan.nSplits, plan.nAdds);
+      tile.addSlots(plan.parents, plan.nSplits, plan.nAdds);
       for (let d = 0; d < plan.nDrops; d++) tile.live[plan.drops[d]] = 0;
     }
     block.count = end;

@@ -24,15 +24,18 @@ export function siblingsOf(slots: Int32Array, n: number, bornFrom: Int32Array, w
 
 /** The integers of a list of sibling differences, in place. False if one is out of range (R-7.1-2). */
 export function addSiblings(values: Int32Array, n: number, firsts: Int32Array): boolean {
+  // Negative once a number was out of range: none before it was, so neither sum leaves 32 bits unseen.
+  let margin = 0;
   for (let i = 0; i < n; i++) {
     const first = firsts[i];
-    if (first === NONE) continue;
+    if (first < 0) continue;
     const difference = values[i];
-    const own = values[first] - difference;
-    const other = values[first] + difference;
-    if (own > MAX_SUM || own < -MAX_SUM || other > MAX_SUM || other < -MAX_SUM) return false;
+    const before = values[first];
+    const own = (before - difference) | 0;
+    const other = (before + difference) | 0;
+    margin |= (MAX_SUM - own) | (MAX_SUM + own) | (MAX_SUM - other) | (MAX_SUM + other);
     values[i] = own;
     values[first] = other;
   }
-  return true;
+  return margin >= 0;
 }

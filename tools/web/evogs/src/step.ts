@@ -2,7 +2,7 @@
 
 import type { AlphaTables } from "./alpha.js";
 import { type Column, copySlots, furthestOf, quantise, refineSlots, unrefineSlots } from "./arithmetic.js";
-import type { ChannelBlock } from "./channelBlock.js";
+import { type ChannelBlock, NO_INTEGERS } from "./channelBlock.js";
 import { ADDS_ARE_YCOCG, PSI_IS_YCOCG } from "./lists.js";
 import { FIRST_SH, classOf, groupOf } from "./model.js";
 import type { PacketLists } from "./packet.js";
@@ -21,6 +21,8 @@ export interface Box {
 
 /** Delta of the channels of a packet, channel by channel, in increasing order. */
 class DeltaReader {
+  private firsts: Int32Array | null = null;
+
   constructor(
     private readonly lists: PacketLists | null,
     private readonly quantisers: Quantisers,
@@ -32,8 +34,9 @@ class DeltaReader {
     private readonly n: number,
     private readonly flag: number,
     private readonly row: number,
-    /** Of psi: the record of each record's parent (7.1). It is asked for if a list has `delta`. */
-    private readonly siblings: (() => Int32Array) | null = null,
+    /** Of psi: slots by record, and the slots that slots were born from, for lists that have `delta` (7.1). */
+    private readonly slots: Int32Array | null = null,
+    private readonly bornFrom: Int32Array = NO_INTEGERS,
   ) {}
 
   /** Delta of channel k of the component; null if all are 0; false if one is out of range. */
@@ -54,16 +57,22 @@ class DeltaReader {
       if (lists.isZero(this.list + k)) return null;
       values = this.workspace.integers(TRIPLE, n);
       const list = this.list + k;
-      if (!lists.hasDelta(list) && lists.furthest(list) <= furthestOf(mantissa[entry], shift[entry])) {
-        lists.readSigned(list, values, mantissa[entry] << shift[entry]);
-        return values;
+      // Sums of products are products of sums: if none leaves its range, no sum without the factor does.
+      if (lists.furthest(list) <= furthestOf(mantissa[entry], shift[entry])) {
+        const isGood = lists.readSigned(list, values, mantissa[entry] << shift[entry]);
+        if (isGood && this.addSiblingsOf(list, values)) return values;
       }
       if (!lists.readSigned(list, values)) return false;
     }
-    if (this.siblings !== null && lists.hasDelta(this.list + k)) {
-      if (!addSiblings(values, n, this.siblings())) return false;
-    }
+    if (!this.addSiblingsOf(this.list + k, values)) return false;
     return quantise(values, n, mantissa[entry], shift[entry]) && values;
+  }
+
+  /** Turns sibling differences into psi, if a list holds them. False if one is out of range. */
+  private addSiblingsOf(list: number, values: Int32Array): boolean {
+    if (this.slots === null || !this.lists?.hasDelta(list)) return true;
+    this.firsts ??= siblingsOf(this.slots, this.n, this.bornFrom, this.workspace);
+    return addSiblings(values, this.n, this.firsts);
   }
 
   private readTriple(lists: PacketLists, list: number): boolean {
@@ -131,22 +140,28 @@ export function applyPsi(
   box: Box | null,
   workspace: Workspace,
 ): boolean {
-  const { psiSlots, nPsi, splits, nSplits } = plan;
+  const { psiSlots, nPsi, splits, parents, nSplits } = plan;
   const list = lists?.layout.psi ?? 0;
   const row = 1 + records.label;
-  let firsts: Int32Array | null = null;
-  const siblings = () => {
-    firsts ??= siblingsOf(psiSlots, nPsi, bornFrom, workspace);
-    return firsts;
-  };
-  const reader = new DeltaReader(lists, quantisers, workspace, first, list, nPsi, PSI_IS_YCOCG, row, siblings);
+  const reader = new DeltaReader(
+    lists,
+    quantisers,
+    workspace,
+    first,
+    list,
+    nPsi,
+    PSI_IS_YCOCG,
+    row,
+    psiSlots,
+    bornFrom,
+  );
   let done = 0;
   const apply = (k: number): boolean => {
     const column = columnOf(block, k, first + k, box);
     const delta = reader.read(k);
     if (delta === false) return false;
     if (delta === null) {
-      copySlots(column, psiSlots, splits, nSplits, block.count);
+      copySlots(column, parents, nSplits, block.count);
       return true;
     }
     const group = groupOf(first + k);
@@ -154,7 +169,8 @@ export function applyPsi(
     const indices = records.alpha[group];
     done = k + 1;
     const { count } = block;
-    return refineSlots(column, { slots: psiSlots, n: nPsi, splits, nSplits, table, indices, first: count }, delta);
+    const refinements = { slots: psiSlots, n: nPsi, splits, parents, nSplits, table, indices, first: count };
+    return refineSlots(column, refinements, delta);
   };
   for (let k = 0; k < block.nChannels; k++) {
     if (apply(k)) continue;

@@ -64,10 +64,10 @@ export class TileState {
     this.picks = grown(this.picks, n, this.plan.mostSlots, this.plan.atOnce);
   }
 
-  /** Counts a step of core: `parents` of its second children come first, then `nAdds` adds. */
-  addSlots(parents: Int32Array, places: Int32Array, nSplits: number, nAdds: number): void {
+  /** Counts a step of core: second children of `parents` come first, then `nAdds` adds. */
+  addSlots(parents: Int32Array, nSplits: number, nAdds: number): void {
     const from = this.nSlots;
-    for (let j = 0; j < nSplits; j++) this.bornFrom[from + j] = parents[places[j]];
+    this.bornFrom.set(parents.subarray(0, nSplits), from);
     this.nSlots = from + nSplits + nAdds;
     this.bornFrom.fill(NO_PARENT, from + nSplits, this.nSlots);
     this.live.fill(1, from, this.nSlots);

@@ -27,3 +27,4 @@ export const DROPS = 5;
 export const PLAIN = 6;
 export const SIBLINGS = 7;
 export const PLACES = 8;
+export const PARENTS = 9;

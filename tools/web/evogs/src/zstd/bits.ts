@@ -18,9 +18,9 @@ export class BackwardBits {
   left: number;
 
   constructor(
-    private readonly view: DataView,
+    readonly view: DataView,
     bytes: Uint8Array,
-    private readonly from: number,
+    readonly from: number,
     to: number,
   ) {
     this.left = bitLength(bytes, from, to);

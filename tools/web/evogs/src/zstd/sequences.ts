@@ -21,6 +21,8 @@ import type { Literals } from "./literals.js";
 const TOO_MANY_BITS = 25;
 /** Below this many bytes a loop is faster than a call. */
 const SHORT = 24;
+/** Bits that a load of four bytes has at the least. */
+const AT_ONCE = 25;
 
 /** Codes of one kind: where their tables come from. */
 interface Kind {
@@ -131,17 +133,49 @@ export class Sequences {
     let ll = llEntries[bits.read(llTable.log)];
     let of = ofEntries[bits.read(ofTable.log)];
     let ml = mlEntries[bits.read(mlTable.log)];
+    // What `bits` does is written out here: this loop runs for each few bytes of a stream.
+    const { view, from: first } = bits;
+    let { left } = bits;
+    let { rep1, rep2, rep3 } = this;
     let at = from;
     let literal = 0;
     for (let i = count; ; ) {
-      const ofCode = of & 255;
-      if (ofCode >= TOO_MANY_BITS) corrupt("an offset before the frame");
-      const ofValue = (1 << ofCode) + bits.read(ofCode);
+      const ofBits = of & 255;
       const mlCode = ml & 255;
-      const matchLength = ML_BASE[mlCode] + bits.read(ML_BITS[mlCode]);
       const llCode = ll & 255;
-      const literalLength = LL_BASE[llCode] + bits.read(LL_BITS[llCode]);
-      const offset = this.offsetOf(ofValue, literalLength === 0);
+      if (ofBits >= TOO_MANY_BITS) corrupt("an offset before the frame");
+      const mlBits = ML_BITS[mlCode];
+      const llBits = LL_BITS[llCode];
+      let ofValue = 1 << ofBits;
+      let matchLength = ML_BASE[mlCode];
+      let literalLength = LL_BASE[llCode];
+      const extra = ofBits + mlBits + llBits;
+      if (extra > left) corrupt("a bit stream ends early");
+      left -= extra;
+      if (extra <= AT_ONCE) {
+        const word = view.getInt32(first + (left >> 3), true) >>> (left & 7);
+        literalLength += word & ((1 << llBits) - 1);
+        matchLength += (word >>> llBits) & ((1 << mlBits) - 1);
+        ofValue += (word >>> (llBits + mlBits)) & ((1 << ofBits) - 1);
+      } else {
+        literalLength += bitsAt(view, first, left, llBits);
+        matchLength += bitsAt(view, first, left + llBits, mlBits);
+        ofValue += bitsAt(view, first, left + llBits + mlBits, ofBits);
+      }
+
+      // Repeated offsets (R-5.10-7).
+      let offset = ofValue - 3;
+      if (ofValue > 3) {
+        rep3 = rep2;
+        rep2 = rep1;
+        rep1 = offset;
+      } else {
+        const index = literalLength === 0 ? ofValue + 1 : ofValue;
+        offset = index === 1 ? rep1 : index === 2 ? rep2 : index === 3 ? rep3 : rep1 - 1;
+        if (index > 2) rep3 = rep2;
+        if (index > 1) rep2 = rep1;
+        rep1 = offset;
+      }
 
       if (literalLength > nLiterals - literal) corrupt("more literals than there are");
       if (literalLength + matchLength > end - at) corrupt("a block is too large");
@@ -153,30 +187,34 @@ export class Sequences {
       at += matchLength;
 
       if (--i === 0) break;
-      ll = llEntries[(ll >>> 16) + bits.read((ll >>> 8) & 255)];
-      ml = mlEntries[(ml >>> 16) + bits.read((ml >>> 8) & 255)];
-      of = ofEntries[(of >>> 16) + bits.read((of >>> 8) & 255)];
+      const llNext = (ll >>> 8) & 255;
+      const mlNext = (ml >>> 8) & 255;
+      const ofNext = (of >>> 8) & 255;
+      const next = llNext + mlNext + ofNext;
+      if (next > left) corrupt("a bit stream ends early");
+      left -= next;
+      if (next <= AT_ONCE) {
+        const word = view.getInt32(first + (left >> 3), true) >>> (left & 7);
+        of = ofEntries[(of >>> 16) + (word & ((1 << ofNext) - 1))];
+        ml = mlEntries[(ml >>> 16) + ((word >>> ofNext) & ((1 << mlNext) - 1))];
+        ll = llEntries[(ll >>> 16) + ((word >>> (ofNext + mlNext)) & ((1 << llNext) - 1))];
+      } else {
+        of = ofEntries[(of >>> 16) + bitsAt(view, first, left, ofNext)];
+        ml = mlEntries[(ml >>> 16) + bitsAt(view, first, left + ofNext, mlNext)];
+        ll = llEntries[(ll >>> 16) + bitsAt(view, first, left + ofNext + mlNext, llNext)];
+      }
     }
-    if (bits.left !== 0) corrupt("bits are left behind the sequences");
+    if (left !== 0) corrupt("bits are left behind the sequences");
+    this.rep1 = rep1;
+    this.rep2 = rep2;
+    this.rep3 = rep3;
     return { at, literal };
   }
+}
 
-  /** The offset of an Offset_Value, and the new repeated offsets. 0 is corrupt (R-5.10-7). */
-  private offsetOf(value: number, isAfterMatch: boolean): number {
-    if (value > 3) {
-      this.rep3 = this.rep2;
-      this.rep2 = this.rep1;
-      this.rep1 = value - 3;
-      return this.rep1;
-    }
-    const index = value + (isAfterMatch ? 1 : 0);
-    if (index === 1) return this.rep1;
-    const offset = index === 2 ? this.rep2 : index === 3 ? this.rep3 : this.rep1 - 1;
-    if (index !== 2) this.rep3 = this.rep2;
-    this.rep2 = this.rep1;
-    this.rep1 = offset;
-    return offset;
-  }
+/** The `n` bits, 0 to 24, above bit `at` of a stream that begins at `from`. */
+function bitsAt(view: DataView, from: number, at: number, n: number): number {
+  return (view.getInt32(from + (at >> 3), true) >>> (at & 7)) & ((1 << n) - 1);
 }
 
 function copyLiterals(from: Uint8Array, at: number, out: Uint8Array, to: number, n: number): void {
