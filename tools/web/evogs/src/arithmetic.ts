@@ -55,14 +55,16 @@ export interface Refinements {
  */
 export function refineSlots(column: Column, refinements: Refinements, delta: Int32Array): boolean {
   const areSecondsGood = refinements.nSplits === 0 || writeSeconds(column, refinements, delta);
-  return addDelta(column, refinements, delta) && areSecondsGood;
+  const { slots, n } = refinements;
+  return addDelta(column, slots, n, delta) && areSecondsGood;
 }
 
 // Two loops without a branch are faster than one with it: which records are splits cannot be foreseen.
 // Distances to both ends of a range are below 2^32. If a number is outside, one of them is negative in 32 bits,
 // even where the other one is so negative that it is not.
 
-function addDelta({ x, least, most }: Column, { slots, n }: Refinements, delta: Int32Array): boolean {
+/** Adds Delta to the numbers of slots: `refineSlots` without splits. */
+export function addDelta({ x, least, most }: Column, slots: Int32Array, n: number, delta: Int32Array): boolean {
   let margin = 0;
   for (let i = 0; i < n; i++) {
     const u = slots[i];

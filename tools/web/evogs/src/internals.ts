@@ -1,10 +1,10 @@
 /** Parts that are tested one by one. They may change with any version. */
 
-export { inverseYcocg, undelta, unpack, unzigzag } from "./planes.js";
+export { inverseYcocg, undelta, unpack, unpackSigned, unzigzag } from "./planes.js";
 export { quantise, refineSlots } from "./arithmetic.js";
 export { RangeBuffer } from "./ranges.js";
 export { DirtySlots } from "./dirty.js";
 export { FrameDecompressor } from "./zstd/frame.js";
 export { decompressFrame } from "./frames.js";
-export { addSiblings, siblingsOf } from "./siblings.js";
+export { addSiblings, siblingsOf, unpackSiblings } from "./siblings.js";
 export { Workspace } from "./workspace.js";

@@ -9,6 +9,7 @@ import {
   hasDelta,
   highOf,
   isLowPlaneClean,
+  isPlaneOfBytes,
   lowOf,
   lowPlaneSize,
   undelta,
@@ -50,6 +51,14 @@ export class PacketLists {
   /** Whether a list has `delta`: running sums in adds and entries, sibling differences in psi. */
   hasDelta(list: number): boolean {
     return hasDelta(this.coding[list]);
+  }
+
+  /** The plane of a list whose integers have a byte each, or null. */
+  planeOfBytes(list: number): Uint8Array | null {
+    const start = this.starts[list];
+    return isPlaneOfBytes(this.coding[list])
+      ? this.planes.subarray(start, start + this.layout.lengths[list])
+      : null;
   }
 
   /** No signed integer of a list without `delta` is further from 0. */

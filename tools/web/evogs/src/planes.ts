@@ -10,6 +10,12 @@ export const hasDelta = (coding: number): boolean => (coding & 0x40) !== 0;
 /** Whether the low bits share bytes. Otherwise each integer has a byte. */
 const isPacked = (low: number): boolean => low === 1 || low === 2 || low === 4;
 
+/** Whether the integers of a list have a plane of a byte each, and no other. */
+export function isPlaneOfBytes(coding: number): boolean {
+  const low = lowOf(coding);
+  return low === 0 ? highOf(coding) === 1 : highOf(coding) === 0 && !isPacked(low);
+}
+
 /** Bytes of the plane of low bits of `n` integers. */
 export function lowPlaneSize(coding: number, n: number): number {
   const low = lowOf(coding);
@@ -35,13 +41,15 @@ export function isLowPlaneClean(coding: number, n: number, planes: Uint8Array, a
 export function unpack(coding: number, n: number, planes: Uint8Array, at: number, out: Int32Array): void {
   const low = lowOf(coding);
   const high = highOf(coding);
-  let from = at + lowPlaneSize(coding, n);
-  if (low === 0 && high === 2) return unpackPairs(planes, at, at + n, 8, n, out);
-  if (low === 0) return unpackBytes(planes.subarray(at, at + n), out);
-  if (!isPacked(low) && high === 1) return unpackPairs(planes, at, from, low, n, out);
-  if (isPacked(low)) unpackBits(low, n, planes.subarray(at), out);
-  else unpackBytes(planes.subarray(at, at + n), out);
-  for (let k = 0; k < high; k++, from += n) addPlane(planes, from, low + 8 * k, n, out);
+  const above = at + lowPlaneSize(coding, n);
+  if (low === 0 && high === 2) unpackPairs(planes, at, at + n, 8, n, out);
+  else if (isPlaneOfBytes(coding)) unpackBytes(planes.subarray(at, at + n), out);
+  else if (!isPacked(low) && high === 1) unpackPairs(planes, at, above, low, n, out);
+  else {
+    if (isPacked(low)) unpackBits(low, n, planes.subarray(at), out);
+    else unpackBytes(planes.subarray(at, at + n), out);
+    for (let k = 0; k < high; k++) addPlane(planes, above + k * n, low + 8 * k, n, out);
+  }
 }
 
 /**
@@ -56,13 +64,10 @@ export function unpackSigned(
   factor: number,
   out: Int32Array,
 ): void {
-  const low = lowOf(coding);
-  const high = highOf(coding);
-  const isByte = low === 0 ? high === 1 : high === 0 && !isPacked(low);
-  if (isByte) {
+  if (isPlaneOfBytes(coding)) {
     const plane = planes.subarray(at, at + n);
     for (let i = 0; i < n; i++) out[i] = Math.imul((plane[i] >> 1) ^ -(plane[i] & 1), factor);
-  } else if (low === 4 && high === 0) unpackSignedHalves(planes.subarray(at), n, factor, out);
+  } else if (lowOf(coding) === 4 && highOf(coding) === 0) unpackSignedHalves(planes.subarray(at), n, factor, out);
   else {
     unpack(coding, n, planes, at, out);
     for (let i = 0; i < n; i++) out[i] = Math.imul((out[i] >> 1) ^ -(out[i] & 1), factor);
@@ -77,7 +82,7 @@ function unpackSignedHalves(plane: Uint8Array, n: number, factor: number, out: I
     out[i] = Math.imul(((byte >> 1) & 7) ^ -(byte & 1), factor);
     out[i + 1] = Math.imul((byte >> 5) ^ -((byte >> 4) & 1), factor);
   }
-  if (pairs < n) out[pairs] = Math.imul((plane[pairs >> 1] >> 1) ^ -(plane[pairs >> 1] & 1), factor);
+  if (pairs < n) out[pairs] = Math.imul(((plane[pairs >> 1] >> 1) & 7) ^ -(plane[pairs >> 1] & 1), factor);
 }
 
 /** Integers of a plane at `at` and one at `above`, whose bytes count from bit `shift` on. */

@@ -1,7 +1,7 @@
 /** The records of a step: slots, kinds and alpha of its core packet (spec 7.2). */
 
 import type { AlphaTables } from "./alpha.js";
-import { check } from "./faults.js";
+import { StreamError, check } from "./faults.js";
 import type { StepCounts } from "./lists.js";
 import { DROP, REFINE, SPLIT } from "./model.js";
 import type { PacketLists } from "./packet.js";
@@ -62,8 +62,8 @@ export function readRecords(
   let slot = -1;
   for (let i = 0; i < n; i++) {
     // A gap is below 2^24 and a slot is below nSlots, so the sum stays small.
-    slot += plain[i] + 1;
-    check(slot < nSlots && live[slot] === 1, "E_SLOT", offset);
+    slot = (slot + plain[i] + 1) | 0;
+    if (slot >= nSlots || live[slot] !== 1) throw new StreamError("E_SLOT", offset);
     slots[i] = slot;
   }
   if (lists.length(layout.kinds) > 0) {
@@ -76,7 +76,7 @@ export function readRecords(
     const size = tables.get(label, group).entries.length;
     const indices = new Uint8Array(nSplits);
     for (let j = 0; j < nSplits; j++) {
-      check(plain[j] < size, "E_INDEX", offset, "an alpha index");
+      if (plain[j] >= size) throw new StreamError("E_INDEX", offset, "an alpha index");
       indices[j] = plain[j];
     }
     records.alpha[group] = indices;

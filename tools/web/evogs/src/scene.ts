@@ -6,12 +6,13 @@ import type { Cut } from "./cut.js";
 import type { Directory } from "./directory.js";
 import type { SlotRange } from "./dirty.js";
 import { check } from "./faults.js";
-import type { StepCounts } from "./lists.js";
+import { PSI_IS_YCOCG, type StepCounts } from "./lists.js";
 import { CORE, PALETTE, PICKS, channelsOf } from "./model.js";
 import { type PacketLists, parsePacket } from "./packet.js";
 import { applyPicks } from "./picks.js";
+import { applyRefines } from "./refineRun.js";
 import { type StepRecords, planOf, readRecords } from "./records.js";
-import { type Box, applyAdds, applyDrops, applyPsi } from "./step.js";
+import { type Box, DeltaReader, applyAdds, applyDrops, applyPsi } from "./step.js";
 import { TileState } from "./tileState.js";
 import { Workspace } from "./workspace.js";
 
@@ -34,6 +35,8 @@ export class Scene {
   private readonly tiles: (TileState | undefined)[];
   private readonly empty: TileState;
   private readonly workspace = new Workspace();
+  /** Planes of the packets of a run. */
+  private readonly runSpaces: Workspace[] = [];
   /** Records of core packets that a packet of the cut still needs, and how many do. */
   private readonly records = new Map<number, { records: StepRecords; users: number }>();
   /** Tiles with changes that were not taken. */
@@ -81,6 +84,50 @@ export class Scene {
     }
     if (component === PALETTE) this.applyPalette(lists, counts, offset);
     else this.applyToTile(i, component, lists, counts, offset);
+  }
+
+  /**
+   * Applies packets of a chain that only refine, all at once. Those of core that they need were applied.
+   * Throws a StreamError if one has a fault: the scene is then of no use.
+   */
+  applyRun(run: number[], bytes: Uint8Array[]): void {
+    const { header, packets, quantisers, alpha } = this.directory;
+    const component = packets.component[run[0]];
+    const t = packets.tile[run[0]];
+    const tile = this.tile(t);
+    const { nSlots, live, bornFrom } = tile;
+    const { first } = channelsOf(component, header.shDegree);
+    const refines = run.map((i, place) => {
+      const offset = packets.offset[i];
+      const counts = this.countsOf(packets.core[i]);
+      check(crc32(bytes[place]) === packets.crc[i], "E_CRC", offset);
+      this.runSpaces[place] ??= new Workspace();
+      const own = this.runSpaces[place];
+      const lists = parsePacket(bytes[place], component, header.shDegree, counts, offset, own);
+      const label = packets.label[i];
+      const records =
+        component === CORE
+          ? readRecords(lists, counts, label, live, nSlots, alpha, this.workspace, offset)
+          : (this.records.get(packets.core[i])?.records as StepRecords);
+      const { slots } = records;
+      const reader = new DeltaReader(
+        lists,
+        quantisers,
+        this.workspace,
+        first,
+        lists.layout.psi,
+        slots.length,
+        PSI_IS_YCOCG,
+        1 + label,
+        slots,
+        bornFrom,
+        own,
+      );
+      return { slots, reader, records };
+    });
+    const block = tile.block(component);
+    check(applyRefines(block, first, refines, this.boxOf(t, component)), "E_RANGE", packets.offset[run[0]]);
+    run.forEach((i, place) => this.countStep(tile, i, refines[place].records));
   }
 
   /** The slots that changed since the last call, in ranges. Gaps of up to `maxGap` slots are taken with them. */
@@ -132,12 +179,10 @@ export class Scene {
     const t = packets.tile[i];
     const tile = this.tiles[t] ?? new TileState(this.planOfTile(t));
     const { nSlots } = tile;
-    const core = packets.core[i];
-    const kept = this.records.get(core);
     const records =
       component === CORE
         ? readRecords(lists, counts, packets.label[i], tile.live, nSlots, alpha, this.workspace, offset)
-        : (kept?.records as StepRecords);
+        : (this.records.get(packets.core[i])?.records as StepRecords);
     const from = tile.slotsOf(component);
     if (component === PICKS) {
       const nEntries = this.cut.entriesUpTo[packets.label[i]];
@@ -146,16 +191,29 @@ export class Scene {
       check(this.applyChannels(t, tile, component, records, lists), "E_RANGE", offset);
     }
     this.tiles[t] = tile;
-    tile.steps[component]++;
     tile.markChanged(component, records.slots, from);
-    if (component === CORE) {
-      this.markLate(tile, records, from);
+    if (component === CORE) this.markLate(tile, records, from);
+    this.countStep(tile, i, records);
+    if (this.options.tracksChanges) this.changed.add(t);
+  }
+
+  /** Packet `i` was applied: its records are kept for those that need them, and let go behind the last. */
+  private countStep(tile: TileState, i: number, records: StepRecords): void {
+    const { component, core } = this.directory.packets;
+    tile.steps[component[i]]++;
+    if (component[i] === CORE) {
       const users = this.cut.users[i];
       if (users > 0) this.records.set(i, { records, users });
-    } else if (kept && --kept.users === 0) {
-      this.records.delete(core);
+      return;
     }
-    if (this.options.tracksChanges) this.changed.add(t);
+    const kept = this.records.get(core[i]);
+    if (kept && --kept.users === 0) this.records.delete(core[i]);
+  }
+
+  private boxOf(t: number, component: number): Box | null {
+    if (component !== CORE) return null;
+    const { boxMin, boxMax } = this.directory.tiles;
+    return { least: boxMin.subarray(3 * t, 3 * t + 3), most: boxMax.subarray(3 * t, 3 * t + 3) };
   }
 
   /** Core or a band: refines, splits and adds, then drops, which cannot fail. */
@@ -166,13 +224,10 @@ export class Scene {
     records: StepRecords,
     lists: PacketLists | null,
   ) {
-    const { alpha, quantisers, header, tiles } = this.directory;
+    const { alpha, quantisers, header } = this.directory;
     const { workspace } = this;
     const { first } = channelsOf(component, header.shDegree);
-    const box: Box | null =
-      component === CORE
-        ? { least: tiles.boxMin.subarray(3 * t, 3 * t + 3), most: tiles.boxMax.subarray(3 * t, 3 * t + 3) }
-        : null;
+    const box = this.boxOf(t, component);
     const plan = planOf(records, workspace);
     const block = tile.block(component);
     const addsAt = block.count + plan.nSplits;

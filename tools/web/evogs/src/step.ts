@@ -9,7 +9,7 @@ import type { PacketLists } from "./packet.js";
 import { inverseYcocg } from "./planes.js";
 import { type Quantisers, ROW_OF_ADDS } from "./quantisers.js";
 import type { StepPlan, StepRecords } from "./records.js";
-import { addSiblings, siblingsOf } from "./siblings.js";
+import { addSiblings, siblingsOf, unpackSiblings } from "./siblings.js";
 import { MAX_X } from "./tiles.js";
 import { TRIPLE, type Workspace } from "./workspace.js";
 
@@ -20,7 +20,7 @@ export interface Box {
 }
 
 /** Delta of the channels of a packet, channel by channel, in increasing order. */
-class DeltaReader {
+export class DeltaReader {
   private firsts: Int32Array | null = null;
 
   constructor(
@@ -37,6 +37,8 @@ class DeltaReader {
     /** Of psi: slots by record, and the slots that slots were born from, for lists that have `delta` (7.1). */
     private readonly slots: Int32Array | null = null,
     private readonly bornFrom: Int32Array = NO_INTEGERS,
+    /** Where the places of siblings are kept. */
+    private readonly own = workspace,
   ) {}
 
   /** Delta of channel k of the component; null if all are 0; false if one is out of range. */
@@ -59,8 +61,13 @@ class DeltaReader {
       const list = this.list + k;
       // Sums of products are products of sums: if none leaves its range, no sum without the factor does.
       if (lists.furthest(list) <= furthestOf(mantissa[entry], shift[entry])) {
-        const isGood = lists.readSigned(list, values, mantissa[entry] << shift[entry]);
-        if (isGood && this.addSiblingsOf(list, values)) return values;
+        const factor = mantissa[entry] << shift[entry];
+        const bytes = this.hasSiblings(list) ? lists.planeOfBytes(list) : null;
+        const isGood =
+          bytes === null
+            ? lists.readSigned(list, values, factor) && this.addSiblingsOf(list, values)
+            : unpackSiblings(bytes, n, factor, this.siblingPlaces(), values);
+        if (isGood) return values;
       }
       if (!lists.readSigned(list, values)) return false;
     }
@@ -70,9 +77,16 @@ class DeltaReader {
 
   /** Turns sibling differences into psi, if a list holds them. False if one is out of range. */
   private addSiblingsOf(list: number, values: Int32Array): boolean {
-    if (this.slots === null || !this.lists?.hasDelta(list)) return true;
-    this.firsts ??= siblingsOf(this.slots, this.n, this.bornFrom, this.workspace);
-    return addSiblings(values, this.n, this.firsts);
+    return !this.hasSiblings(list) || addSiblings(values, this.n, this.siblingPlaces());
+  }
+
+  private hasSiblings(list: number): boolean {
+    return this.slots !== null && this.lists !== null && this.lists.hasDelta(list);
+  }
+
+  private siblingPlaces(): Int32Array {
+    this.firsts ??= siblingsOf(this.slots ?? NO_INTEGERS, this.n, this.bornFrom, this.workspace, this.own);
+    return this.firsts;
   }
 
   private readTriple(lists: PacketLists, list: number): boolean {
@@ -83,7 +97,7 @@ class DeltaReader {
   }
 }
 
-function columnOf(block: ChannelBlock, k: number, channel: number, box: Box | null): Column {
+export function columnOf(block: ChannelBlock, k: number, channel: number, box: Box | null): Column {
   const hasBox = box !== null && channel < 3;
   return {
     x: block.room(k),
@@ -114,10 +128,14 @@ export function applyAdds(
       x.fill(0, at, at + n);
       continue;
     }
+    // Negative once a number was out of range: they are within 2^28, and the range is within 2^30.
+    let margin = 0;
     for (let i = 0; i < n; i++) {
-      if (delta[i] < least || delta[i] > most) return false;
-      x[(at + i) | 0] = delta[i];
+      const value = delta[i];
+      x[(at + i) | 0] = value;
+      margin |= (value - least) | (most - value);
     }
+    if (margin < 0) return false;
   }
   return true;
 }

@@ -181,6 +181,102 @@ test("a packet with sibling differences that has a fault changes nothing (R-6.4-
   assert.deepEqual([x[4], x[7], x[9], x[12]], [15 * n, 8 * n, 6 * n, 11 * n]);
 });
 
+/** A list of `n` integers by chance, of some coding; `delta` is its bit of sums and differences, or 0. */
+function listByChance(random, n, delta) {
+  const codings = [
+    [0x08, n, 1],
+    [0x10, n, 1],
+    [0x04, (n + 1) >> 1, 1],
+    [0x18, 2 * n, 2],
+    [0x20, 2 * n, 2],
+    [0x14, ((n + 1) >> 1) + n, 2],
+  ];
+  const [coding, size, count] = codings[random(codings.length)];
+  const plane = Uint8Array.from({ length: size }, () => random(256));
+  // A byte of the low plane may hold half of an integer that is not there.
+  if ((coding & 15) === 4 && n & 1) plane[(n - 1) >> 1] &= 15;
+  return [coding | (random(2) ? delta : 0), plane, count];
+}
+
+const N_BAND = 9;
+
+/** Lists of `n` integers from `first` on, some of them left out. */
+function listsByChance(random, first, count, n, delta) {
+  const lists = {};
+  for (let k = 0; k < count; k++) if (random(4)) lists[first + k] = listByChance(random, n, delta);
+  return lists;
+}
+
+/** Two tiles with an SH band: adds, splits of all, then packets that refine slots by chance. */
+function refinedByChance(random, mantissa) {
+  const rows = [];
+  const step = (tile, counts, psi, lists) => {
+    const n = psi ? (counts.splits ?? counts.refines) : counts.adds;
+    const flags = psi ? random(2) : 2 * random(2);
+    const bits = psi && !counts.refines ? 0 : 0x40;
+    const ofCore = listsByChance(random, psi ? PSI : ADDS, 14, n, bits);
+    rows.push({ tile, ...counts, bytes: core({ ...lists, ...ofCore }, flags) });
+    const bytes = packet(2 * N_BAND, listsByChance(random, psi ? 0 : N_BAND, N_BAND, n, bits), flags);
+    rows.push({ tile, component: 1, ...counts, bytes });
+  };
+  const n = 20 + random(30);
+  for (const tile of [0, 1]) step(tile, { adds: n }, false, {});
+  for (const tile of [0, 1]) step(tile, { splits: n }, true, {});
+  for (let k = 0; k < 12; k++) {
+    const gaps = [];
+    for (let slot = -1; ; ) {
+      const gap = random(4);
+      slot += gap + 1;
+      if (slot >= 2 * n) break;
+      gaps.push(gap);
+    }
+    step(random(2), { refines: gaps.length }, true, { 0: [0x08, gaps] });
+  }
+  const ofBands = ({ component }) => component === 1;
+  const plain = rows.map((row) => (ofBands(row) ? { tile: row.tile, component: 1, bytes: row.bytes } : row));
+  return stream({ nTiles: 2, shDegree: 1, rows: plain, mantissa });
+}
+
+test("a whole file, whose packets are applied tile by tile and several at once, is what they are one by one", () => {
+  const random = chance(22);
+  for (let round = 0; round < 40; round++) {
+    const file = refinedByChance(random, 1 + random(300));
+    const decoder = new Decoder();
+    decoder.feed(file);
+    assert.equal(decoder.end().kind, "complete", decoder.fault?.message);
+    assert.equal(hex(sha256(dump(decode(file)))), hex(sha256(dump(decoder.scene))));
+  }
+});
+
+test("the first fault is that of the file, where tiles are decoded one after the other (6.1)", () => {
+  const adds = (tile) => ({ tile, adds: 3, bytes: core({}) });
+  const beyond = core({ 0: [0x08, [9]], [PSI]: [0x08, [2]] });
+  const reserved = core({ 0: [0x08, [0]], [PSI]: [0x80, [2]] });
+  const rows = [
+    adds(0),
+    adds(1),
+    { tile: 1, refines: 1, bytes: beyond },
+    { tile: 0, refines: 1, bytes: reserved },
+  ];
+  const file = stream({ nTiles: 2, rows });
+  const offset = file.length - reserved.length - beyond.length;
+  assert.throws(() => decode(file), { code: "E_SLOT", offset });
+  const many = new Array(4).fill({ refines: 1, bytes: core({ 0: [0x08, [0]], [PSI]: [0x08, [2]] }) });
+  const late = stream({ rows: [adds(0), ...many, { refines: 1, bytes: beyond }] });
+  assert.throws(() => decode(late), { code: "E_SLOT", offset: late.length - beyond.length });
+});
+
+test("products of sibling differences stay within 2^28 where the differences do (R-7.3-1)", () => {
+  // The largest Delta is that of slot 7: 127 and 127 again, each times 2^16 - 1, and then times a sum of 34 steps.
+  const bytes = core({ 0: [0x08, [4, 2]], [PSI + 10]: [0x68, [254, 254, 255, 255, 63, 63], 3] });
+  const rows = [...FAMILY, { refines: 2, bytes }];
+  assert.throws(() => decode(stream({ rows, mantissa: 65535 })), { code: "E_RANGE" });
+  const small = core({ 0: [0x08, [4, 2]], [PSI + 10]: [0x48, [254, 253]] });
+  const scene = decode(stream({ rows: [...FAMILY, { refines: 2, bytes: small }], mantissa: 65535 }));
+  const numbers = scene.tile(0).core.channel(10);
+  assert.deepEqual([numbers[4], numbers[7]], [0, 254 * 65535]);
+});
+
 test("a file of 100 kB with as many records as it may have takes memory and time in proportion (8.3)", () => {
   const plane = new Uint8Array(100000).map((_, i) => i & 1);
   const size = core({ [ADDS]: [0x01, plane] }).length;

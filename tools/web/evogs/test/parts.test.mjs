@@ -15,6 +15,8 @@ const {
   refineSlots,
   undelta,
   unpack,
+  unpackSiblings,
+  unpackSigned,
   unzigzag,
 } = internals;
 const hex = (bytes) => Buffer.from(bytes).toString("hex");
@@ -57,6 +59,26 @@ test("planes: the low bits come first, then whole bytes (5.9)", () => {
   assert.deepEqual([...out], [1, 0, 2]);
   unpack(0x28, 2, Uint8Array.of(1, 2, 3, 4, 5, 6), 0, out);
   assert.deepEqual([...out.subarray(0, 2)], [0x050301, 0x060402]);
+});
+
+test("signed integers of any coding are those of the stored integers (7.1)", () => {
+  const random = chance(4);
+  for (let round = 0; round < 200; round++) {
+    const n = 1 + random(20);
+    const coding = random(9) | (random(3) << 4);
+    if (coding === 0) continue;
+    const planes = Uint8Array.from({ length: 3 + 4 * n }, () => random(256));
+    const out = new Int32Array(n);
+    unpack(coding, n, planes, 3, out);
+    unzigzag(out, n);
+    const signed = new Int32Array(n);
+    unpackSigned(coding, n, planes, 3, 7, signed);
+    assert.deepEqual(
+      [...signed],
+      [...out].map((q) => 7 * q),
+      `coding ${coding}`,
+    );
+  }
 });
 
 test("running sums stay within 2^28 (R-7.1-1)", () => {
@@ -102,10 +124,10 @@ function secondOf(delta, a, k) {
   const column = { x, least: -(2 ** 30 - 1), most: 2 ** 30 - 1 };
   const table = { shift: k, entries: Int16Array.of(a) };
   const slots = Int32Array.of(0);
-  const splits = Int32Array.of(0, -1);
+  const splits = Int32Array.of(0);
   const isGood = refineSlots(
     column,
-    { slots, n: 1, splits, nSplits: 1, table, indices: null, first: 1 },
+    { slots, n: 1, splits, parents: slots, nSplits: 1, table, indices: null, first: 1 },
     Int32Array.of(delta),
   );
   return isGood ? -x[1] : null;
@@ -165,9 +187,17 @@ test("sibling differences of tiles by chance, one after the other, are those of 
     const bornFrom = Int32Array.from({ length: n }, (_, u) => (u > 0 && random(3) ? random(u) : -1));
     const slots = Int32Array.from(bornFrom.keys()).filter(() => random(2));
     const values = slots.map(() => random(21) - 10);
-    const expected = addSiblingsByText([...values], [...slots], bornFrom);
-    assert.equal(addSiblings(values, slots.length, siblingsOf(slots, slots.length, bornFrom, workspace)), true);
+    const differences = [...values];
+    const expected = addSiblingsByText(differences, [...slots], bornFrom);
+    const firsts = siblingsOf(slots, slots.length, bornFrom, workspace);
+    assert.equal(addSiblings(values, slots.length, firsts), true);
     assert.deepEqual([...values], expected);
+    const plane = Uint8Array.from(differences, (d) => (d < 0 ? -2 * d - 1 : 2 * d));
+    assert.equal(unpackSiblings(plane, slots.length, 3, firsts, values), true);
+    assert.deepEqual(
+      [...values],
+      expected.map((value) => 3 * value),
+    );
   }
 });
 

@@ -88,12 +88,12 @@ function header({ tier = 3, shDegree = 0, nLevels = 1, flags = 0, nTiles, nPacke
 }
 
 /**
- * A stream. All quantisers are 1, all grids 2^0, boxes as wide as they may be.
+ * A stream. All quantisers are 1, or `mantissa`, all grids 2^0, boxes as wide as they may be.
  * `rows` are packets: {tile, component, level, adds, splits, refines, drops, bytes}.
  */
-export function stream({ nTiles = 1, shDegree = 0, nLevels = 1, hasPalette = false, rows, tier }) {
+export function stream({ nTiles = 1, shDegree = 0, nLevels = 1, hasPalette = false, rows, tier, mantissa = 1 }) {
   const quan = new Uint8Array(3 * (1 + nLevels) * (5 + shDegree));
-  for (let i = 0; i < quan.length; i += 3) quan[i] = 1;
+  for (let i = 0; i < quan.length; i += 3) quan.set([mantissa & 255, mantissa >> 8], i);
   const most = 2 ** 30 - 1;
   const tile = join(new Uint8Array(24), u32(-most >>> 0, -most >>> 0, -most >>> 0, most, most, most));
   const tiles = join(...Array.from({ length: nTiles }, () => tile));

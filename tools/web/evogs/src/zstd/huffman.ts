@@ -120,12 +120,10 @@ export function decodeStream(
   finishStream(table, view, from, bitLength(bytes, from, to), out, at, end);
 }
 
-const froms = new Int32Array(4);
-const lefts = new Int32Array(4);
-
 /**
  * Decodes four streams, which begin at `starts[0]`, .. and end where the next one begins, to `size` bytes from
- * 0 on: a quarter each, rounded up. They take turns, since none of them waits for another.
+ * 0 on: a quarter each, rounded up. They take turns, since none of them waits for another. The four are written
+ * out, so that nothing of them is in memory.
  */
 export function decodeFourStreams(
   table: HuffmanTable,
@@ -138,32 +136,60 @@ export function decodeFourStreams(
   const { log, entries } = table;
   const mask = (1 << log) - 1;
   const part = (size + 3) >> 2;
-  for (let s = 0; s < 4; s++) {
-    froms[s] = starts[s];
-    lefts[s] = bitLength(bytes, starts[s], starts[s + 1]);
-  }
-  // A load has at least 25 bits that count: two codes. The last part is the shortest.
-  let low = Math.min(lefts[0], lefts[1], lefts[2], lefts[3]) - 25;
+  const [from0, from1, from2, from3, to] = Array.from(starts);
+  let left0 = bitLength(bytes, from0, from1);
+  let left1 = bitLength(bytes, from1, from2);
+  let left2 = bitLength(bytes, from2, from3);
+  let left3 = bitLength(bytes, from3, to);
+  const at1 = part;
+  const at2 = 2 * part;
+  const at3 = 3 * part;
   let o = 0;
-  for (const pairs = size - 3 * part - 1; o < pairs && low >= 0; o += 2) {
-    for (let s = 0, at = o; s < 4; s++, at += part) {
-      const left = lefts[s];
-      const first = (left - 25) >> 3;
-      const word = view.getInt32(froms[s] + first, true);
-      let top = left - 8 * first;
-      let entry = entries[(word >>> (top - log)) & mask];
-      out[at] = entry;
-      top -= entry >> 8;
-      entry = entries[(word >>> (top - log)) & mask];
-      out[at + 1] = entry;
-      lefts[s] = 8 * first + top - (entry >> 8);
-      low |= lefts[s] - 25;
-    }
+  // A load has at least 25 bits that count: two codes. The last part is the shortest.
+  for (const pairs = size - at3 - 1; o < pairs; o += 2) {
+    if (((left0 - 25) | (left1 - 25) | (left2 - 25) | (left3 - 25)) < 0) break;
+    let low = (left0 - 25) & ~7;
+    let word = view.getInt32(from0 + (low >> 3), true);
+    let entry = entries[(word >>> (left0 - low - log)) & mask];
+    out[o] = entry;
+    left0 -= entry >> 8;
+    entry = entries[(word >>> (left0 - low - log)) & mask];
+    out[o + 1] = entry;
+    left0 -= entry >> 8;
+
+    low = (left1 - 25) & ~7;
+    word = view.getInt32(from1 + (low >> 3), true);
+    entry = entries[(word >>> (left1 - low - log)) & mask];
+    out[at1 + o] = entry;
+    left1 -= entry >> 8;
+    entry = entries[(word >>> (left1 - low - log)) & mask];
+    out[at1 + o + 1] = entry;
+    left1 -= entry >> 8;
+
+    low = (left2 - 25) & ~7;
+    word = view.getInt32(from2 + (low >> 3), true);
+    entry = entries[(word >>> (left2 - low - log)) & mask];
+    out[at2 + o] = entry;
+    left2 -= entry >> 8;
+    entry = entries[(word >>> (left2 - low - log)) & mask];
+    out[at2 + o + 1] = entry;
+    left2 -= entry >> 8;
+
+    low = (left3 - 25) & ~7;
+    word = view.getInt32(from3 + (low >> 3), true);
+    entry = entries[(word >>> (left3 - low - log)) & mask];
+    out[at3 + o] = entry;
+    left3 -= entry >> 8;
+    entry = entries[(word >>> (left3 - low - log)) & mask];
+    out[at3 + o + 1] = entry;
+    left3 -= entry >> 8;
   }
-  for (let s = 0; s < 4; s++) {
-    const end = Math.min((s + 1) * part, size);
-    finishStream(table, view, froms[s], lefts[s], out, Math.min(s * part, size) + o, end);
-  }
+  const finish = (from: number, left: number, at: number, end: number) =>
+    finishStream(table, view, from, left, out, Math.min(at, size) + o, Math.min(end, size));
+  finish(from0, left0, 0, at1);
+  finish(from1, left1, at1, at2);
+  finish(from2, left2, at2, at3);
+  finish(from3, left3, at3, size);
 }
 
 /** Decodes the last `left` bits of the stream that begins at `from` to `out[at..end)`. */
