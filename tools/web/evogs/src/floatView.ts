@@ -87,9 +87,7 @@ function entryFloats({ directory, palette }: Scene): Float32Array[] {
   const unit = 2 ** -directory.header.gridExponents[groupOf(N_CORE)];
   return Array.from({ length: palette.nChannels }, (_, k) => {
     const floats = new Float32Array(1 + palette.count);
-    palette.channel(k).forEach((number, e) => {
-      floats[1 + e] = number * unit;
-    });
+    toFloats(palette.channel(k), 0, unit, floats.subarray(1));
     return floats;
   });
 }
