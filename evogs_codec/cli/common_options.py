@@ -7,12 +7,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from evogs_codec._generated.limits import LIMITS
-from evogs_codec.cli.argument_types import number, parse_size, path_or_url
+from evogs_codec.cli.argument_types import effort, number, parse_size, path_or_url
 from evogs_codec.io import files
 
 __all__ = [
     "SCENES_IN",
     "add_cut_options",
+    "add_effort",
     "add_inputs",
     "add_limits",
     "add_output",
@@ -109,4 +110,20 @@ def add_cut_options(parser: argparse.ArgumentParser) -> None:
         metavar="D",
         help="leave out the SH bands above D; a stream with a palette keeps all bands unless D is"
         " 0",
+    )
+
+
+def add_effort(parser: argparse.ArgumentParser) -> None:
+    """`--effort` and `--fast`."""
+    work = parser.add_mutually_exclusive_group()
+    work.add_argument(
+        "--effort",
+        type=effort,
+        metavar="WHAT",
+        help="fast: fewer and smaller views, about half of the time, and no PSNR of levels; best:"
+        " Zstandard 22; 1..22: the default with this level of Zstandard (default: default, level"
+        " 19)",
+    )
+    work.add_argument(
+        "--fast", dest="effort", action="store_const", const="fast", help="short for --effort fast"
     )

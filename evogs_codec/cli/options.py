@@ -8,10 +8,11 @@ from collections.abc import Callable
 from typing import Any, TypeAlias
 
 from evogs_codec._generated import registry
-from evogs_codec.cli.argument_types import effort, error_of_group, number, parse_size, path_or_url
+from evogs_codec.cli.argument_types import error_of_group, number, parse_size, path_or_url
 from evogs_codec.cli.common_options import (
     SCENES_IN,
     add_cut_options,
+    add_effort,
     add_inputs,
     add_limits,
     add_output,
@@ -184,18 +185,7 @@ def add_encode(commands: Commands, run: Run, *, many: bool = False) -> None:
         metavar="N",
         help="number of spatial tiles (default: depends on the number of splats; 1 below 200,000)",
     )
-    work = parser.add_mutually_exclusive_group()
-    work.add_argument(
-        "--effort",
-        type=effort,
-        metavar="WHAT",
-        help="fast: fewer and smaller views, about half of the time, and no PSNR of levels; best:"
-        " Zstandard 22; 1..22: the default with this level of Zstandard (default: default, level"
-        " 19)",
-    )
-    work.add_argument(
-        "--fast", dest="effort", action="store_const", const="fast", help="short for --effort fast"
-    )
+    add_effort(parser)
     add_metadata(parser)
     add_large_options(parser)
     _add_json(parser)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from evogs_codec.cli.argument_types import number, path_or_url
-from evogs_codec.cli.common_options import SCENES_IN
+from evogs_codec.cli.common_options import SCENES_IN, add_effort
 from evogs_codec.cli.encode_and_lift import scene_info
 from evogs_codec.cli.large_scenes import add_engine, engine_of, files_of
 from evogs_codec.cli.looking import axis_or_cameras, up_unseen
@@ -100,13 +100,7 @@ def add_tileset(commands: Commands) -> None:
         metavar="N",
         help="of the tree of each file (default: %(default)s)",
     )
-    parser.add_argument(
-        "--effort",
-        type=number(int, 1, 22),
-        default=JobOptions.effort,
-        metavar="Z",
-        help="compression level of Zstandard (default: %(default)s)",
-    )
+    add_effort(parser)
     parser.add_argument(
         "--up",
         type=axis_or_cameras,
@@ -133,7 +127,7 @@ def run_tileset(args: argparse.Namespace) -> None:
         levels=args.levels,
         layers=N_LAYERS,
         up=JobOptions.up if up is None else up.vector,
-        effort=args.effort,
+        effort=args.effort or JobOptions.effort,
         drop_invalid=args.drop_invalid,
         info=info,
     )

@@ -60,6 +60,20 @@ def test_the_options_reach_the_tileset(evogs, tmp_path, monkeypatch):
     assert others["engine"].workers == 3
 
 
+def test_effort_is_that_of_encode_and_the_default_without_it(evogs, tmp_path, monkeypatch):
+    asked = []
+
+    def begin(files, folder, options, **_):
+        asked.append(options.job.effort)
+        raise InputError("enough")
+
+    write_ply(tmp_path / "scene.ply", make_scene(10))
+    monkeypatch.setattr(tilesets, "write_tileset", begin)
+    for options in ([], ["--fast"], ["--effort", "best"], ["--effort", 7]):
+        evogs("tileset", tmp_path / "scene.ply", tmp_path / "city", *options)
+    assert asked == ["default", "fast", "best", 7]
+
+
 def test_a_transform_that_is_none_is_refused(refused, tmp_path):
     write_ply(tmp_path / "scene.ply", make_scene(10))
     for matrix in ([0] * 16, list(range(16))):
