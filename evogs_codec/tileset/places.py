@@ -84,11 +84,12 @@ class Place:
         if not path or STRANGE.match(path):
             raise InputError(f"{self}: '{shown(uri)}' is not a file beside it")
         for part in path.split("/"):
-            if part == ".." and parts:
+            plain = unquote(part)  # `%2e%2e` is `..`, too
+            if plain == ".." and parts:
                 parts.pop()
-            elif part == ".." or "\\" in unquote(part) or "/" in unquote(part):
+            elif plain == ".." or "\\" in plain or "/" in plain:
                 raise InputError(f"{self}: '{shown(uri)}' leads out of its folder")
-            elif part not in ("", "."):
+            elif plain not in ("", "."):
                 parts.append(part)
         return "/".join(parts)
 

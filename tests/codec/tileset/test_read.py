@@ -149,6 +149,8 @@ def test_a_damaged_content_is_found(tmp_path):
         (lambda t: t["root"].update(children=3), "children are no list"),
         (lambda t: t["root"]["content"].update(uri="../../etc/passwd"), "leads out of its folder"),
         (lambda t: t["root"]["content"].update(uri="%2e%2e%2fa"), "leads out of its folder"),
+        (lambda t: t["root"]["content"].update(uri="%2e%2e/a.evogs"), "leads out of its folder"),
+        (lambda t: t["root"]["content"].update(uri="%2E./a"), "leads out of its folder"),
         (lambda t: t["root"]["content"].update(uri="https://example.org/a"), "not a file beside"),
         (lambda t: t["root"]["content"].update(uri="/etc/passwd"), "not a file beside it"),
         (lambda t: t["root"]["content"].update(uri="tileset.json"), "is among its own tiles"),
