@@ -31,7 +31,8 @@ PLACES = (CAMERA, CAMERAS, CRS, TRANSFORM)  # keys whose values hold in the coor
 def placed_text(text: Mapping[str, str], linear: F64, offset: F64) -> dict[str, str]:
     """The metadata of a scene whose splats moved by x -> linear @ x + offset.
 
-    Values that are malformed are left out where they would no longer hold.
+    Values that are malformed, and matrices whose numbers would be infinite, are left out where they
+    would no longer hold.
 
     Args:
         text: of the scene before.
@@ -54,9 +55,11 @@ def placed_text(text: Mapping[str, str], linear: F64, offset: F64) -> dict[str, 
     if matrix is not None:
         move = np.eye(4)
         move[:3, :3], move[:3, 3] = linear, offset
-        rows = matrix @ np.linalg.inv(move)
+        with np.errstate(over="ignore", invalid="ignore"):
+            rows = matrix @ np.linalg.inv(move)
         rows[3] = 0, 0, 0, 1
-        found[TRANSFORM] = " ".join(f"{number:.17g}" for number in (rows + 0.0).ravel())
+        if np.isfinite(rows).all():
+            found[TRANSFORM] = " ".join(f"{number:.17g}" for number in (rows + 0.0).ravel())
     return found
 
 

@@ -44,3 +44,10 @@ def test_what_does_not_move_is_left_alone_and_what_is_malformed_is_dropped():
     text = {"camera": "no camera", "transform": "1 2", "psnr": "x"}
     assert placed_text(text, np.eye(3), np.zeros(3)) == text
     assert placed_text(text, np.eye(3), OFFSET) == {"psnr": "x"}
+
+
+def test_a_matrix_whose_numbers_would_be_infinite_is_left_out(recwarn):
+    text = {"transform": "1e300 0 0 1e308 0 1e300 0 1e308 0 0 1e300 1e308 0 0 0 1", "title": "x"}
+    assert placed_text(text, np.eye(3), np.array([1e9, 0, 0])) == {"title": "x"}
+    assert placed_text(text, 1e-12 * np.eye(3), np.zeros(3)) == {"title": "x"}
+    assert not recwarn.list
