@@ -53,6 +53,7 @@ class GltfFile:
         n_bytes: of the file and its buffers so far.
         n_missing: bytes at the end of a `.glb` that are not there.
         buffers: what is there of those that were read, by number.
+        files: of buffers, which several may name; each is read once.
     """
 
     path: Path
@@ -61,6 +62,7 @@ class GltfFile:
     n_bytes: int
     n_missing: int = 0
     buffers: dict[int, memoryview] = field(default_factory=dict)
+    files: dict[Path, memoryview] = field(default_factory=dict)
 
     def list_of(self, parent: dict[str, Any], key: str) -> list[Any]:
         """The list of an object; an empty one if it has none."""
@@ -133,15 +135,16 @@ class GltfFile:
             raise InputError(f"{self.path}: its buffer {shown(uri)} is not a file beside it")
         if not (self.path.parent / name).is_file():
             raise InputError(f"{self.path}: its buffer {shown(uri)} is not there")
-        data = read_bytes(self.path.parent / name)
-        self.n_bytes += len(data)
-        return memoryview(data)
+        if name not in self.files:
+            self.files[name] = memoryview(read_bytes(self.path.parent / name))
+            self.n_bytes += len(self.files[name])
+        return self.files[name]
 
     def accessor(self, number: object, width: str) -> F32:
         """(n, width) or (n,) the numbers of an accessor."""
         entry = self.item("accessors", number)
         kind = entry.get("componentType")
-        if entry.get("type") != width or kind not in TYPES:
+        if entry.get("type") != width or not isinstance(kind, int | float) or kind not in TYPES:
             raise InputError(f"{self.path}: accessor {number} is not {width} of a known type")
         if "sparse" in entry or "bufferView" not in entry:
             raise InputError(f"{self.path}: accessor {number} is sparse or has no bytes: not read")
@@ -286,6 +289,7 @@ def _matrix(file: GltfFile, node: dict[str, Any]) -> F64:
     factor = float(np.trace(squares)) / 3
     if not factor > 0 or np.abs(squares - factor * np.eye(3)).max() > 1e-4 * factor:
         raise InputError(f"{file.path}: a node stretches its splats unevenly, which is not read")
-    near = np.abs(matrix[:3, :3] - np.rint(matrix[:3, :3])) < 1e-6
+    slack = 1e-6 * min(1.0, float(np.sqrt(factor)))
+    near = np.abs(matrix[:3, :3] - np.rint(matrix[:3, :3])) < slack
     matrix[:3, :3] = np.where(near, np.rint(matrix[:3, :3]), matrix[:3, :3])  # quarter turns
     return matrix

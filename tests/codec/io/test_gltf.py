@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from evogs_codec import read_scene, write_scene
+from evogs_codec.io.interchange import gltf_file
 from evogs_codec.io.interchange.frames import transformed, turn
 from evogs_codec.io.interchange.values import unit
 from tests.support.odd_scenes import covariances, odd_scene, opacities, spread
@@ -94,6 +95,34 @@ def test_a_quarter_turn_of_a_node_changes_positions_exactly(tmp_path):
     expected = np.stack([-x, -z, -y], axis=1)
     found = read_scene(gltf(tmp_path, root, payload)).splats.means
     np.testing.assert_array_equal(found, expected.astype(np.float32))
+
+
+def test_a_node_may_scale_its_splats_down_a_lot(tmp_path):
+    scene = odd_scene(degree=1)
+    root, payload = made(tmp_path, scene)
+    for factor in (1e-7, 1e-20):
+        root["nodes"][0]["scale"] = [factor] * 3
+        found = read_scene(gltf(tmp_path, root, payload)).splats
+        assert np.allclose(found.means, scene.means * factor, rtol=1e-5, atol=0)
+        shift = np.log(factor)
+        assert np.allclose(found.log_scales, scene.log_scales + shift, rtol=0, atol=1e-4)
+
+
+def test_a_file_that_many_buffers_name_is_read_once(tmp_path, monkeypatch):
+    scene = odd_scene(degree=0)
+    root, payload = made(tmp_path, scene)
+    path = gltf(tmp_path, root, payload)
+    n_buffers = len(root["bufferViews"])
+    root["buffers"] *= n_buffers
+    for number, view in enumerate(root["bufferViews"]):
+        view["buffer"] = number
+    path.write_text(json.dumps(root))
+    names = []
+    read = gltf_file.read_bytes
+    monkeypatch.setattr(gltf_file, "read_bytes", lambda at: names.append(at.name) or read(at))
+    assert_same(read_scene(path).splats, scene)
+    assert n_buffers > 1
+    assert names == ["x.gltf", "the bytes.bin"]
 
 
 def test_primitives_and_meshes_are_joined_and_short_sh_filled_with_zeros(tmp_path):

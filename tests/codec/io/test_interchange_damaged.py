@@ -379,6 +379,7 @@ def test_gltf_files_that_are_not_what_they_say_are_refused(whole, tmp_path):
         )),
         "is not VEC3": sets("accessors", 0, "type", "VEC2"),
         "of a known type": sets("accessors", 0, "componentType", "float"),
+        "VEC3 of a known type": sets("accessors", 0, "componentType", []),
         "ends after": sets("accessors", 0, "count", 10**11),
         "number of bytes or splats": sets("accessors", 0, "count", -1),
         "'count' is no": sets("accessors", 0, "count", 1e300),
