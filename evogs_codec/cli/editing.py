@@ -151,7 +151,12 @@ def run_edit(args: argparse.Namespace) -> None:
 
 def _kind(path: Path) -> FileKind:
     """What is written: a stream, or what `convert` writes of this name."""
-    return STREAM if _is_stream(path) else kind_to_write(path)
+    if _is_stream(path):
+        return STREAM
+    try:
+        return kind_to_write(path)
+    except InputError as error:
+        raise InputError(f"{error}, or {ENDING}") from error
 
 
 def _is_stream(path: Path) -> bool:

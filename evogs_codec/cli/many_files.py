@@ -68,6 +68,8 @@ def run_many(args: argparse.Namespace, run_one: Callable[[argparse.Namespace], i
     outputs = _outputs(args)
     made = isinstance(args.out_dir, Path) and not args.out_dir.exists()
     if isinstance(args.out_dir, Path):
+        if args.out_dir.exists() and not args.out_dir.is_dir():
+            raise InputError(f"{args.out_dir}: exists and is no folder")
         args.out_dir.mkdir(exist_ok=True)
     on_disk = [path for path in args.inputs if isinstance(path, Path)]
     n_failed = 0

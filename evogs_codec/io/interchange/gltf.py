@@ -93,6 +93,8 @@ def read(path: Path) -> tuple[SplatParams, SceneInfo]:
             check_splats(path, n_splats, most, file.n_bytes + streams.allowance)
             found.append((placed, splats))
     parts = [transformed(splats, at[:3, :3], at[:3, 3]) for at, splats in found]
+    if not parts and "geometricError" in file.root:
+        raise InputError(f"{path}: is a tileset: `evogs decode {path} OUT.ply` makes a scene of it")
     if not parts:
         raise InputError(f"{path}: it has no splats ({KHR}) in a scene; is it a mesh?")
     space = spaces.pop() if len(spaces) == 1 else "unspecified"

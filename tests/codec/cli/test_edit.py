@@ -89,7 +89,9 @@ def test_what_cannot_be_edited_is_refused_in_one_line(evogs, refused, small, mad
     refused("edit", small, out, "--crop-sphere", 0, 0, 0, -1, words=["no radius"])
     refused("edit", small, out, "--rotate", 0, 0, 0, 90, words=["the axis has no direction"])
     refused("edit", small, out, "--rotate-matrix", *[1] * 9, words=["no rotation"])
-    refused("edit", small, tmp_path / "a.sog", "--scale", 2, words=["scenes are written as"])
+    refused(
+        "edit", small, tmp_path / "a.sog", "--scale", 2, words=["scenes are written as", ".evogs"]
+    )
     refused("edit", small, out, "--scale", 1e12, "--about", *[1e30] * 3, words=["too large"])
     refused("edit", small, "--scale", 2, code=2)
     refused("edit", small, out, "--scale", 0, code=2)

@@ -69,6 +69,7 @@ def test_outputs_of_one_name_or_over_an_input_are_refused_before_anything(refuse
     refused("convert", "-", "--out-dir", out, words=["no name"])
     refused("encode", here / "a.ply", "--out-dir", out, "--report", here / "r.html", words=["one"])
     refused("convert", here / "a.ply", "--out-dir", here / "no" / "out", words=["No such file"])
+    refused("convert", here / "a.ply", "--out-dir", here / "b.ply", words=["is no folder"])
     refused("convert", here / "a.ply", "--out-dir", here / "b.ply", words=["b.ply", "exists"])
     assert names(here) == before
 

@@ -87,6 +87,12 @@ def test_a_run_whose_input_was_fetched_is_not_resumed(refused, tmp_path):
     refused(*words, words=["--resume: needs inputs on the disk"])
 
 
+def test_commands_that_read_scenes_say_what_to_do_with_a_tileset(refused, small, tmp_path):
+    for command, out in (("convert", "x.ply"), ("encode", "x.evogs"), ("edit", "x.spz")):
+        words = ["is a tileset: `evogs decode"]
+        refused(command, small / "tileset.json", tmp_path / out, words=words)
+
+
 def test_info_shows_the_tree(evogs, small):
     code, out, _ = evogs("info", small / "tileset.json")
     assert code == 0
