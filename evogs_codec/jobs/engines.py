@@ -87,7 +87,8 @@ def run_jobs(
             )
         with _one_thread_each(), engine.executor() as executor:
             batch = dict(islice(left.items(), engine.n_batch))
-            futures = {executor.submit(function, *call): number for number, call in batch.items()}
+            with _interrupts_wait():  # `submit` starts processes
+                futures = {executor.submit(function, *call): n for n, call in batch.items()}
             try:
                 for future in as_completed(futures):
                     found = future.result()
@@ -103,6 +104,24 @@ def run_jobs(
 def _end_quietly() -> None:
     """Ctrl-C ends a worker; what is to be said of it the main process says."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
+@contextmanager
+def _interrupts_wait() -> Iterator[None]:
+    """Ctrl-C comes afterwards, and to processes that are started meanwhile in `_end_quietly`.
+
+    They would print a traceback of their imports.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager
