@@ -78,6 +78,7 @@ class Tileset:
         self.matrix: F64 = np.eye(4)
         self.extras: dict[str, Any] = {}
         self._read: set[str] = set()
+        self._contents: set[str] = set()
         found = self._json(place.root)
         extras = found.get("extras")
         own = extras.get("evogs") if isinstance(extras, dict) else None
@@ -196,13 +197,18 @@ class Tileset:
         uri = content.get("uri") if isinstance(content, dict) else None
         if uri is not None and not isinstance(uri, str):
             raise _BadError("the uri of a content is no text")
+        file = None if uri is None else self.place.named(uri, name)
+        if file is not None and not file.endswith(".json"):
+            if file in self._contents:  # little JSON would be much to decode
+                raise _BadError(f"two tiles have the content {shown(file)}")
+            self._contents.add(file)
         extras = content.get("extras") if isinstance(content, dict) else None
         extras = extras if isinstance(extras, dict) else {}
         return Tile(
             origin=origin,
             box=_box(_numbers(volume["box"], 12, "box")),
             error=error,
-            name=None if uri is None else self.place.named(uri, name),
+            name=file,
             n_splats=_count(extras.get("splats")),
             n_bytes=_count(extras.get("bytes")),
             depth=depth,

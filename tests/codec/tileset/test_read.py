@@ -156,6 +156,7 @@ def test_a_damaged_content_is_found(tmp_path):
         (lambda t: t["root"]["content"].update(uri="tileset.json"), "is among its own tiles"),
         (lambda t: t["root"]["children"][0].update(transform=[2] * 16), "turned or scaled"),
         (lambda t: t["root"].update(implicitTiling={}), "implicit"),
+        (lambda t: t["root"].update(children=t["root"]["children"][:1] * 2), "two tiles have the"),
     ],
 )
 def test_what_is_no_tileset_that_is_known_is_refused_in_one_line(folder, tmp_path, change, said):
