@@ -35,8 +35,16 @@ from evogs_codec.lifting.orientations import (
     write_shape,
 )
 from evogs_codec.lifting.pairing import features, match
-from evogs_codec.lifting.parents import N_SHAPE, line_parents, median_mass, merged, moments
-from evogs_codec.lifting.splitting import split_steps
+from evogs_codec.lifting.parents import (
+    N_SHAPE,
+    line_parents,
+    median_mass,
+    merged_pairs,
+    midpoints,
+    moments,
+)
+from evogs_codec.lifting.splitting import split_nodes
+from evogs_codec.model.channels import N_GEOMETRY
 from evogs_codec.model.splats import F32, F64, I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree, Step
 
@@ -175,7 +183,7 @@ def _pair_up(
         quats, log_scales = unit_quats(right[3:7]), right[7:10].copy()
         turn_c2 = nearest_turns(now[4:7, c1], now[7:10, c1], quats, log_scales)
         write_shape(right, quats, log_scales, turn_c2)
-        mass_parents = merged(mass.take(c1), mass.take(c2))
+        mass_parents = merged_pairs(mass, c1, c2)
         parents, _ = line_parents(now[:, c1], right, mass_parents, unit_mass)
         quats, log_scales = unit_quats(parents[3:7]), parents[7:10].copy()
         turn_parent = largest_w(quats)
@@ -198,16 +206,21 @@ def _pair_up(
 
 def _raise_parents(x: F64, rounds: list[Round]) -> tuple[F64, list[F64]]:
     """Pass 3: channels (D, T) of all nodes, and alpha (5, R) of each round."""
-    values = np.concatenate([x, *(np.empty((len(x), len(r.parent))) for r in rounds)], axis=1)
+    n = x.shape[1]
+    values = np.empty((len(x), n + sum(len(r.parent) for r in rounds)))
+    values[:, :n] = x
     mass = moments(x)
     unit_mass = median_mass(mass)
     alphas = []
     for r in rounds:
         # Parents are numbered in the order of the rounds, as `followed_by` appends them.
-        mass = mass.followed_by(merged(mass.take(r.c1), mass.take(r.c2)))
-        values[:, r.parent], alpha = line_parents(
-            values[:, r.c1], values[:, r.c2], mass.take(r.parent), unit_mass
-        )
+        own = merged_pairs(mass, r.c1, r.c2)
+        mass = mass.followed_by(own)
+        parents = values[:, n : n + len(r.parent)]
+        c1, c2 = (np.take(values[:N_GEOMETRY], node, axis=1) for node in (r.c1, r.c2))
+        parents[:N_GEOMETRY], alpha = line_parents(c1, c2, own, unit_mass)
+        midpoints(values[N_GEOMETRY:], r.c1, r.c2, parents[N_GEOMETRY:])
+        n += len(r.parent)
         alphas.append(alpha)
     return values, alphas
 
@@ -224,8 +237,8 @@ def _grow(
         order = np.argsort(slot_of[r.parent])
         c1, c2, parent = r.c1[order], r.c2[order], r.parent[order]
         slots = slot_of[parent]
-        nodes = values[:, parent], values[:, c1], values[:, c2]
-        steps += split_steps(level, slots, len(node_at), *nodes, alpha[:, order])
+        nodes = parent, c1, c2
+        steps += split_nodes(level, slots, len(node_at), values, nodes, alpha[:, order])
         slot_of[c1] = slots
         slot_of[c2] = len(node_at) + np.arange(len(c2))
         node_at = np.concatenate([node_at, c2])

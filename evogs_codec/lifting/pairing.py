@@ -11,14 +11,17 @@ Letters: n nodes, e edges (candidate pairs), channel-major arrays.
 
 from __future__ import annotations
 
-import os
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from types import ModuleType
 
 import numpy as np
-import scipy
 
-from evogs_codec.common.morton import morton_order
 from evogs_codec.common.parallel import parallel_map
+from evogs_codec.lifting.compiled.dispatch import compiled_for
+from evogs_codec.lifting.neighbours import nearest
 from evogs_codec.lifting.orientations import STEP_ROTATION, STEP_SCALE
 from evogs_codec.lifting.parents import TINY, Moments, merged, sizes
 from evogs_codec.model.splats import F32, F64, I64
@@ -40,8 +43,8 @@ BITS_PER_MASS = 2.0  # price of a doubling of the ratio of the masses beyond FRE
 FREE_MASS = 2.0
 MAX_MASS = 7.0  # doublings; beyond, the lesser would only tint the greater
 JITTER = 1e-3  # in units of the median splat
-MIN_PART = 2048  # nodes that are worth a thread
 CHUNK = 1 << 16  # edges priced at a time: fits the cache
+COMPILED_CHUNK = 1 << 13
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +87,7 @@ def match(f: Features) -> tuple[I64, I64]:
     """Disjoint pairs (i, j) of nodes that are close and alike, of most nodes."""
     n = f.points.shape[1]
     points = f.points.T + JITTER * _spread_points(n)
+    prices_of = _pricer(f)
     free = np.ones(n, bool)
     taken = [(np.empty(0, np.int64), np.empty(0, np.int64))]
     for limit in MAX_GROWTH:
@@ -91,7 +95,7 @@ def match(f: Features) -> tuple[I64, I64]:
         if len(nodes) < max(2, (MAX_WAITING if limit == np.inf else MAX_ALONE) * n):
             break
         i, j = (nodes[end] for end in _edges(points[nodes]))
-        price, growth = _prices(f, i, j)
+        price, growth = prices_of(i, j)
         kept = np.flatnonzero(growth <= limit)
         i, j = _greedy(i[kept], j[kept], price[kept], n)
         free[i] = free[j] = False
@@ -114,16 +118,12 @@ def _spread_points(n: int) -> F64:
 def _edges(points: F64) -> tuple[I64, I64]:
     """Each node with its nearest neighbours, every pair once: (e,), (e,)."""
     n = len(points)
-    k = min(N_NEIGHBOURS + 1, n)
-    # Neighbours lie beside each other in memory: a third of the time.
-    order = morton_order(points.T)
-    points = points[order]
-    tree = scipy.spatial.cKDTree(points)
-    # Not with `workers` of scipy: an interrupt frees the arrays that its threads still write to.
-    parts = np.array_split(points, max(1, min(os.cpu_count() or 1, n // MIN_PART)))
-    near = [found.ravel() for found in parallel_map(lambda part: tree.query(part, k=k)[1], parts)]
-    start = np.repeat(order, k)
-    end = order[np.concatenate(near)]
+    order, near = nearest(points, min(N_NEIGHBOURS + 1, n))
+    loops = compiled_for(n)
+    if loops is not None:
+        found: tuple[I64, I64] = loops.matching.edges(order, near)
+        return found
+    start, end = np.repeat(order, near.shape[1]), order[near.ravel()]
     keys = (np.minimum(start, end) * n + np.maximum(start, end))[start != end]
     keys.sort()  # 15 times as fast as np.unique, which hashes
     i, j = np.divmod(keys[np.diff(keys, prepend=-1) > 0], n)
@@ -136,6 +136,13 @@ def _greedy(i: I64, j: I64, price: F32, n: int) -> tuple[I64, I64]:
     An edge that is the cheapest of both its ends belongs to the greedy matching whatever the rest
     does, so all such edges are taken at once, and again with the edges that are left.
     """
+    loops = compiled_for(n)
+    if loops is not None:
+        taken, ends = loops.matching.greedy(i, j, price, n)
+        rounds = [taken[begin:end] for begin, end in pairwise(ends.tolist())]
+        rows = [one[np.argsort(price[one], kind="stable")] for one in rounds]
+        order = np.concatenate([np.empty(0, np.int64), *rows])
+        return i[order], j[order]
     order = np.argsort(price, kind="stable")
     i, j = i[order], j[order]
     free = np.ones(n, bool)
@@ -151,6 +158,39 @@ def _greedy(i: I64, j: I64, price: F32, n: int) -> tuple[I64, I64]:
         left = free[i] & free[j]
         i, j = i[left], j[left]
     return np.concatenate([t[0] for t in taken]), np.concatenate([t[1] for t in taken])
+
+
+def _pricer(f: Features) -> Callable[[I64, I64], tuple[F32, F32]]:
+    """`_prices` of the features, compiled where that pays."""
+    loops = compiled_for(f.points.shape[1])
+    if loops is None:
+        return partial(_prices, f)
+    m = f.moments
+    n = len(m.mass)
+    alike, sums = np.empty((n, 14), np.float32), np.empty((n, 12))
+    mass = np.log2(np.maximum(m.mass, TINY))
+    loops.matching.pack(f.rest, f.scales, f.quats, m.mass, m.mean, m.cov, mass, TINY, alike, sums)
+    return partial(_compiled_prices, loops.matching, alike, sums)
+
+
+def _compiled_prices(
+    matching: ModuleType, alike: F32, sums: F64, i: I64, j: I64
+) -> tuple[F32, F32]:
+    """`_prices`: all but the logarithms in compiled loops."""
+    price, growth = np.empty(len(i), np.float32), np.empty(len(i), np.float32)
+
+    def fill(part: slice) -> None:
+        a, b = i[part], j[part]
+        logs, sides = np.empty((11, len(a)), np.float32), np.empty((2, len(a)))
+        matching.differences(a, b, alike, sums, (TINY, 2 * STEP_ROTATION), logs, sides)
+        np.log2(logs, out=logs)
+        np.log2(sides, out=sides)
+        numbers = (BITS_PER_GROWTH, BITS_PER_MASS, FREE_MASS, MAX_MASS)
+        matching.prices(a, b, sums, numbers, logs, sides, price[part], growth[part])
+
+    chunks = [slice(at, at + COMPILED_CHUNK) for at in range(0, len(i), COMPILED_CHUNK)]
+    list(parallel_map(fill, chunks))
+    return price, growth
 
 
 def _prices(f: Features, i: I64, j: I64) -> tuple[F32, F32]:

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from evogs_codec.lifting.compiled.dispatch import compiled_for
 from evogs_codec.lifting.orientations import matrices, nearest_turns, turned
 from evogs_codec.model.channels import GROUP_CHANNELS
 from evogs_codec.model.splats import F64, I64
@@ -36,6 +37,8 @@ __all__ = [
     "line_parents",
     "median_mass",
     "merged",
+    "merged_pairs",
+    "midpoints",
     "moments",
     "sizes",
 ]
@@ -113,6 +116,17 @@ def merged(a: Moments, b: Moments) -> Moments:
     return Moments(mass, b.mean + weight_a * d, cov)
 
 
+def merged_pairs(m: Moments, a: I64, b: I64) -> Moments:
+    """`merged` of the sets a and b of `m`."""
+    loops = compiled_for(len(a))
+    if loops is None:
+        return merged(m.take(a), m.take(b))
+    n = len(a)
+    out = Moments(np.empty(n), np.empty((3, n)), np.empty((3, 3, n)))
+    loops.raising.merge(m.mass, m.mean, m.cov, a, b, out.mass, out.mean, out.cov)
+    return out
+
+
 def median_mass(m: Moments) -> float:
     """Of the sets of Gaussians, at least `TINY`; 1 if there are none."""
     return max(float(np.median(m.mass)), TINY) if len(m.mass) else 1.0
@@ -156,7 +170,7 @@ def line_parents(c1: F64, c2: F64, target: Moments, unit_mass: float) -> tuple[F
     weight = np.minimum(target.mass / unit_mass, MAX_WEIGHT)
 
     axes = matrices(parent[4:7])
-    variance = np.einsum("ikn,ijn,jkn->kn", axes, target.cov, axes, optimize=True)
+    variance = _variances(axes, target.cov)
     wanted = 0.5 * np.log(np.maximum(variance, TINY))
     alpha[2], cost = _best_alpha(c1[_SCALE], c2[_SCALE], wanted, ALPHAS_SCALE, weight)
     parent[_SCALE] = _on_line(c1[_SCALE], c2[_SCALE], alpha[2])
@@ -178,6 +192,23 @@ def line_parents(c1: F64, c2: F64, target: Moments, unit_mass: float) -> tuple[F
     return parent, alpha
 
 
+def midpoints(values: F64, c1: I64, c2: I64, parents: F64) -> None:
+    """Parents (D, n) of pairs whose channels take the midpoint, out; see `line_parents`.
+
+    Args:
+        values: (D, T) channels of nodes.
+        c1: (n,) nodes.
+        c2: (n,) nodes.
+        parents: written.
+    """
+    loops = compiled_for(len(c1))
+    if loops is not None:
+        loops.raising.midpoints(values, c1, c2, parents)
+        return
+    for row, to in zip(values, parents, strict=True):
+        to[:] = (row[c1] + row[c2]) / 2
+
+
 def _best_alpha(
     c1: F64, c2: F64, wanted: F64, alphas: Sequence[float], weight: F64
 ) -> tuple[F64, F64]:
@@ -188,35 +219,58 @@ def _best_alpha(
     """
     n = c1.shape[1]
     bits = np.zeros(len(alphas))
-    misfits = []
-    for alpha in alphas:
-        parent = _on_line(c1, c2, alpha)
-        misfit = weight * _misfit(parent, wanted)
-        misfit[np.abs(c1 - parent).max(axis=0) >= MAX_PSI] = np.inf
-        misfits.append(misfit)
+    table = np.array(alphas)
+    loops = compiled_for(n)
+    choose = _choose if loops is None else loops.raising.choose
+    misfits_of = _misfits if loops is None else loops.raising.misfits
+    misfits = np.empty((len(alphas), n))
+    misfits_of(c1, c2, wanted, table, weight, TOO_LARGE, MAX_PSI, misfits)
     for _ in range(PRICE_ROUNDS):
-        best = np.full(n, np.inf)
-        index = np.full(n, len(alphas))  # the midpoint, where every entry goes too far
-        for k, (alpha, misfit) in enumerate(zip(alphas, misfits, strict=True)):
-            cost = misfit + PRICE * (bits[k] - len(c1) * np.log2(1 + alpha))
-            better = cost < best
-            best[better] = cost[better]
-            index[better] = k
-        counts = np.bincount(index, minlength=len(alphas) + 1)[: len(alphas)] + 0.5
+        best, index = np.empty(n), np.empty(n, np.int64)
+        found = np.zeros(len(alphas) + 1, np.int64)
+        choose(misfits, PRICE * (bits - len(c1) * np.log2(1 + table)), index, best, found)
+        counts = found[: len(alphas)] + 0.5
         bits = np.log2(counts.sum() / counts)
-    return np.append(alphas, 1.0)[index], best
+    return np.append(table, 1.0)[index], best
 
 
-def _misfit(parent: F64, wanted: F64) -> F64:
-    """(n,) squared error of (C, n), where too large counts more."""
-    error = parent - wanted
-    out: F64 = (np.where(error > 0, TOO_LARGE, 1.0) * error**2).sum(axis=0)
-    return out
+def _misfits(
+    c1: F64, c2: F64, wanted: F64, alphas: F64, weight: F64, too_large: float, most: float, out: F64
+) -> None:
+    """`raising.misfits` in numpy: a squared error counts more where the parent is too large."""
+    for alpha, to in zip(alphas, out, strict=True):
+        parent = _on_line(c1, c2, alpha)
+        error = parent - wanted
+        to[:] = weight * (np.where(error > 0, too_large, 1.0) * error**2).sum(axis=0)
+        to[np.abs(c1 - parent).max(axis=0) >= most] = np.inf
+
+
+def _choose(misfits: F64, prices: F64, index: I64, best: F64, counts: I64) -> None:
+    """`raising.choose` in numpy; `len(prices)` is the midpoint, where every entry goes too far."""
+    best[:], index[:] = np.inf, len(prices)
+    for k, (price, misfit) in enumerate(zip(prices, misfits, strict=True)):
+        cost = misfit + price
+        better = cost < best
+        best[better], index[better] = cost[better], k
+    counts += np.bincount(index, minlength=len(counts))
 
 
 def _on_line(c1: F64, c2: F64, alpha: F64 | float) -> F64:
     """The point P of the line with c2 = P - alpha (c1 - P)."""
     return (c2 + alpha * c1) / (1 + alpha)
+
+
+def _variances(axes: F64, cov: F64) -> F64:
+    """(3, n) variances of covariances (3, 3, n) along the axes (3, 3, n), which are columns."""
+    out = np.zeros((3, cov.shape[2]))
+    loops = compiled_for(cov.shape[2])
+    if loops is not None:
+        loops.raising.variances(axes, cov, out)
+        return out
+    for i in range(3):
+        along = cov[i, 0] * axes[0] + cov[i, 1] * axes[1] + cov[i, 2] * axes[2]
+        out += axes[i] * along
+    return out
 
 
 def _shapes(m: Moments, like: F64) -> F64:

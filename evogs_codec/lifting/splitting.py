@@ -8,14 +8,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+import numpy.typing as npt
 
+from evogs_codec.lifting.compiled.dispatch import compiled_for
 from evogs_codec.lifting.parents import MENDED
 from evogs_codec.model.channels import GROUP_CHANNELS
 from evogs_codec.model.hiding import hiding
 from evogs_codec.model.splats import F32, F64, I64
 from evogs_codec.model.tree import Step, alpha_channels
 
-__all__ = ["alpha_of", "split_steps"]
+__all__ = ["alpha_of", "split_nodes", "split_steps"]
 
 # Of a number: what it may be off after a split without a refine; a few roundings to float32.
 ROUNDING = 2.0**-21
@@ -47,24 +49,65 @@ def split_steps(
         c2: (D, S) children that take new slots.
         alpha: (5, S) of the splits.
     """
-    # As exact as a step is.
-    psi = (c1 - parents).astype(np.float32).astype(np.float64)
+    n = len(slots)
+    values, nodes = np.concatenate([parents, c1, c2], axis=1), np.arange(n)
+    yield from split_nodes(level, slots, n_before, values, (nodes, n + nodes, 2 * n + nodes), alpha)
+
+
+def split_nodes(
+    level: int,
+    slots: I64,
+    n_before: int,
+    values: F64,
+    nodes: tuple[I64, I64, I64],
+    alpha: F32 | F64,
+) -> Iterator[Step]:
+    """`split_steps` of the columns of `values` (D, T): of parents, C1s and C2s, each (S,)."""
+    parent, c1, c2 = nodes
     alpha = alpha.astype(np.float64)  # a copy
-    off = np.abs(c2 - (parents - alpha_channels(alpha, len(c2)) * psi))
-    largest = np.maximum(np.maximum(np.abs(parents), np.abs(c1)), np.abs(c2))
-    is_off = (alpha[2] == MENDED) | np.any(off > ROUNDING * largest, axis=0)
+    psi = np.empty((len(values), len(slots)), np.float32)  # as exact as a step is
+    is_off = alpha[2] == MENDED
+    group_of = np.repeat(np.arange(len(GROUP_CHANNELS)), _sizes_of_groups(len(values)))
+    loops = compiled_for(len(slots))
+    fill = _split if loops is None else loops.raising.split
+    fill(values, parent, c1, c2, alpha, group_of, ROUNDING, psi, is_off)
     rows = np.flatnonzero((alpha[2:4] == MENDED).all(axis=0))
     psi[:, rows] = 0
-    psi[_OPACITY, rows] = hiding(parents[_OPACITY, rows])
+    psi[_OPACITY, rows] = hiding(values[_OPACITY, parent[rows]])
     alpha[3, rows] = 0
     split = Step.of_splits(level, slots, psi, alpha)
     yield split
     seconds = np.flatnonzero(is_off)
     if len(seconds):
-        hidden = parents[:, rows] + split.psi[:, rows]
-        second = parents - alpha_channels(split.alpha, len(c2)) * split.psi
-        refined = np.concatenate([c1[:, rows] - hidden, (c2 - second)[:, seconds]], axis=1)
-        yield Step.of_refines(level, np.append(slots[rows], n_before + seconds), refined)
+        hidden = values[:, parent[rows]] + split.psi[:, rows]
+        steps = alpha_channels(split.alpha[:, seconds], len(values)) * split.psi[:, seconds]
+        second = values[:, parent[seconds]] - steps
+        refined = [values[:, c1[rows]] - hidden, values[:, c2[seconds]] - second]
+        slots_of_both = np.append(slots[rows], n_before + seconds)
+        yield Step.of_refines(level, slots_of_both, np.concatenate(refined, axis=1))
+
+
+def _split(
+    values: F64,
+    parent: I64,
+    c1: I64,
+    c2: I64,
+    alpha: F64,
+    group_of: I64,
+    rounding: float,
+    psi: F32,
+    is_off: npt.NDArray[np.bool_],
+) -> None:
+    """`raising.split` in numpy."""
+    for row, to, group in zip(values, psi, group_of, strict=True):
+        p, a, b = row[parent], row[c1], row[c2]
+        to[:] = a - p
+        off = np.abs(b - (p - alpha[group] * to))
+        is_off |= off > rounding * np.maximum(np.maximum(np.abs(p), np.abs(a)), np.abs(b))
+
+
+def _sizes_of_groups(d: int) -> list[int]:
+    return [len(range(d)[channels]) for channels in GROUP_CHANNELS]
 
 
 def alpha_of(split: Step) -> F32:

@@ -108,7 +108,9 @@ class Step:
         )
 
     @staticmethod
-    def of_splits(level: int, slots: npt.NDArray[np.integer], psi: F64, alpha: F32 | F64) -> Step:
+    def of_splits(
+        level: int, slots: npt.NDArray[np.integer], psi: F32 | F64, alpha: F32 | F64
+    ) -> Step:
         """A step that splits `slots` (S,), in increasing order, by psi (D, S) and alpha (5, S)."""
         return Step(
             level,
