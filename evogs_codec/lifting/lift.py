@@ -37,14 +37,15 @@ from evogs_codec.lifting.orientations import (
 from evogs_codec.lifting.pairing import features, match
 from evogs_codec.lifting.parents import (
     N_SHAPE,
+    Moments,
     line_parents,
     median_mass,
-    merged_pairs,
+    merge_pairs,
     midpoints,
     moments,
 )
 from evogs_codec.lifting.splitting import split_nodes
-from evogs_codec.model.channels import N_GEOMETRY
+from evogs_codec.model.channels import N_GEOMETRY, n_channels
 from evogs_codec.model.splats import F32, F64, I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree, Step
 
@@ -138,7 +139,10 @@ def lift_with_order(
 
 def _lift(splats: SplatParams, n_levels: int, report: Callable[[float], None]) -> Lifted:
     """`lift_with_order` of splats that are finite."""
-    x = splats.channels().astype(np.float64)
+    # Of the leaves, and room for their parents: fewer than leaves.
+    values = np.empty((n_channels(splats.sh_degree), 2 * len(splats)))
+    x = values[:, : len(splats)]
+    x[:] = splats.channels()
     quats = unit_quats(x[3:7])
     log_scales = x[7:10].copy()
     own_turn = largest_w(quats)
@@ -148,7 +152,7 @@ def _lift(splats: SplatParams, n_levels: int, report: Callable[[float], None]) -
     turns = consistent_turns(rounds, shapes)[: len(splats)]
     write_shape(x, quats, log_scales, COMPOSE[own_turn, turns])
     report(0.85)
-    values, alphas = _raise_parents(x, rounds)
+    alphas = _raise_parents(values, len(splats), rounds)
     report(0.95)
     roots = roots[morton_order(values[0:3, roots])]
     lifted = _grow(values, alphas, rounds, roots, splats.sh_degree)
@@ -179,12 +183,13 @@ def _pair_up(
         larger = now[7:10, i].sum(axis=0) > now[7:10, j].sum(axis=0)
         c1, c2 = np.where(larger, j, i), np.where(larger, i, j)
 
-        right = now[:, c2]
+        left, right = np.take(now, c1, axis=1), np.take(now, c2, axis=1)
         quats, log_scales = unit_quats(right[3:7]), right[7:10].copy()
-        turn_c2 = nearest_turns(now[4:7, c1], now[7:10, c1], quats, log_scales)
+        turn_c2 = nearest_turns(left[4:7], left[7:10], quats, log_scales)
         write_shape(right, quats, log_scales, turn_c2)
-        mass_parents = merged_pairs(mass, c1, c2)
-        parents, _ = line_parents(now[:, c1], right, mass_parents, unit_mass)
+        mass_parents = Moments.empty(len(c1))
+        merge_pairs(mass, c1, c2, mass_parents)
+        parents, _ = line_parents(left, right, mass_parents, unit_mass)
         quats, log_scales = unit_quats(parents[3:7]), parents[7:10].copy()
         turn_parent = largest_w(quats)
         write_shape(parents, quats, log_scales, turn_parent)
@@ -196,7 +201,7 @@ def _pair_up(
         alone = np.ones(len(nodes), bool)
         alone[c1] = alone[c2] = False
         rows = np.flatnonzero(alone)
-        now = np.concatenate([now[:, rows], parents], axis=1)
+        now = np.concatenate([np.take(now, rows, axis=1), parents], axis=1)
         mass = mass.take(rows).followed_by(mass_parents)
         nodes = np.concatenate([nodes[rows], ids])
         # Each round has half the nodes of the one before.
@@ -204,31 +209,33 @@ def _pair_up(
     return rounds, np.concatenate(shapes, axis=1), nodes
 
 
-def _raise_parents(x: F64, rounds: list[Round]) -> tuple[F64, list[F64]]:
-    """Pass 3: channels (D, T) of all nodes, and alpha (5, R) of each round."""
-    n = x.shape[1]
-    values = np.empty((len(x), n + sum(len(r.parent) for r in rounds)))
-    values[:, :n] = x
-    mass = moments(x)
-    unit_mass = median_mass(mass)
+def _raise_parents(values: F64, n: int, rounds: list[Round]) -> list[F64]:
+    """Pass 3: the channels (D, at least T) of n leaves become those of all nodes, in place.
+
+    Returns:
+        Alpha (5, R) of each round.
+    """
+    mass = moments(values[:, :n]).with_room(values.shape[1])
+    unit_mass = median_mass(mass.part(0, n))
     alphas = []
     for r in rounds:
-        # Parents are numbered in the order of the rounds, as `followed_by` appends them.
-        own = merged_pairs(mass, r.c1, r.c2)
-        mass = mass.followed_by(own)
-        parents = values[:, n : n + len(r.parent)]
+        # Parents are numbered in the order of the rounds.
+        end = n + len(r.parent)
+        own = mass.part(n, end)
+        merge_pairs(mass, r.c1, r.c2, own)
+        parents = values[:, n:end]
         c1, c2 = (np.take(values[:N_GEOMETRY], node, axis=1) for node in (r.c1, r.c2))
         parents[:N_GEOMETRY], alpha = line_parents(c1, c2, own, unit_mass)
         midpoints(values[N_GEOMETRY:], r.c1, r.c2, parents[N_GEOMETRY:])
-        n += len(r.parent)
         alphas.append(alpha)
-    return values, alphas
+        n = end
+    return alphas
 
 
 def _grow(
     values: F64, alphas: list[F64], rounds: list[Round], roots: I64, sh_degree: int
 ) -> Lifted:
-    """The tree of the nodes (D, T), roots in the order given."""
+    """The tree of the nodes (D, at least T), roots in the order given."""
     steps = [Step.of_adds(0, values[:, roots].astype(np.float32))]
     slot_of = np.full(values.shape[1], -1)
     slot_of[roots] = np.arange(len(roots))

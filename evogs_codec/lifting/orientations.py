@@ -18,6 +18,7 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.lifting.compiled.dispatch import compiled_for
 from evogs_codec.model.splats import F64, I64
 
 __all__ = [
@@ -43,7 +44,6 @@ __all__ = [
 STEP_ROTATION = 0.003
 STEP_SCALE = 0.0624
 MAX_G = 0.85  # no turn may move |g| beyond: far from 0 the same rotation takes more steps of g
-PRICE_OF_G = 3.0  # exponent of 1 + |g|**2, for the same reason
 MIN_W = 0.8  # of a unit quaternion; below, `consistent_turns` writes a node anew
 
 
@@ -190,9 +190,15 @@ def nearest_turns(
     # logarithm of a product, bounded so that the product stays in float32.
     factor = 1 + np.abs(log_scales[:, None] - their_log_scales[None]) / (2 * STEP_SCALE)
     factor = np.minimum(factor, 1e8).astype(np.float32)
+    unit = np.float32(1 / (2 * STEP_ROTATION))
+    loops = compiled_for(n)
+    if loops is not None:
+        numbers = g.astype(np.float32), quats.astype(np.float32), factor
+        turns = TURNS.astype(np.float32)
+        loops.shapes.nearest_turns(*numbers, turns, PERMUTE, unit, MAX_G**2, out)
+        return out
     w, x, y, z = quats.astype(np.float32)
     gx, gy, gz = g.astype(np.float32)
-    unit = np.float32(1 / (2 * STEP_ROTATION))
     for k in range(N_TURNS):
         a, b, c, d = TURNS[k].astype(np.float32)
         # A w of 0 gives infinities, which the bound on |g| turns away.
@@ -203,7 +209,8 @@ def nearest_turns(
             hz = (a * z + d * w + c * x - b * y) * r
             norm = hx * hx + hy * hy + hz * hz
             cost = (1 + np.abs(hx - gx) * unit) * (1 + np.abs(hy - gy) * unit)
-            cost *= (1 + np.abs(hz - gz) * unit) * (1 + norm) ** np.float32(PRICE_OF_G)
+            far = 1 + norm
+            cost *= (1 + np.abs(hz - gz) * unit) * (far * far * far)  # far from 0, g is dearer
             for axis in range(3):
                 cost *= factor[axis, PERMUTE[k, axis]]
             better = (norm < MAX_G**2) & (cost < best)

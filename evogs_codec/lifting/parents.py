@@ -36,8 +36,8 @@ __all__ = [
     "Moments",
     "line_parents",
     "median_mass",
+    "merge_pairs",
     "merged",
-    "merged_pairs",
     "midpoints",
     "moments",
     "sizes",
@@ -85,9 +85,26 @@ class Moments:
     mean: F64
     cov: F64
 
+    @staticmethod
+    def empty(n: int) -> Moments:
+        """Of n sets, yet to be written."""
+        return Moments(np.empty(n), np.empty((3, n)), np.empty((3, 3, n)))
+
     def take(self, rows: I64) -> Moments:
         """The moments of `rows`."""
-        return Moments(self.mass[rows], self.mean[:, rows], self.cov[:, :, rows])
+        mean, cov = np.take(self.mean, rows, axis=1), np.take(self.cov, rows, axis=2)
+        return Moments(self.mass[rows], mean, cov)
+
+    def part(self, begin: int, end: int) -> Moments:
+        """A view of those from `begin` to `end`."""
+        return Moments(self.mass[begin:end], self.mean[:, begin:end], self.cov[:, :, begin:end])
+
+    def with_room(self, n: int) -> Moments:
+        """These, and as many more as make n, which are yet to be written."""
+        out = Moments.empty(n)
+        own = out.part(0, len(self.mass))
+        own.mass[:], own.mean[:], own.cov[:] = self.mass, self.mean, self.cov
+        return out
 
     def followed_by(self, other: Moments) -> Moments:
         """Both, one after the other."""
@@ -116,15 +133,14 @@ def merged(a: Moments, b: Moments) -> Moments:
     return Moments(mass, b.mean + weight_a * d, cov)
 
 
-def merged_pairs(m: Moments, a: I64, b: I64) -> Moments:
-    """`merged` of the sets a and b of `m`."""
+def merge_pairs(m: Moments, a: I64, b: I64, out: Moments) -> None:
+    """Write `merged` of the sets a and b of `m`."""
     loops = compiled_for(len(a))
-    if loops is None:
-        return merged(m.take(a), m.take(b))
-    n = len(a)
-    out = Moments(np.empty(n), np.empty((3, n)), np.empty((3, 3, n)))
-    loops.raising.merge(m.mass, m.mean, m.cov, a, b, out.mass, out.mean, out.cov)
-    return out
+    if loops is not None:
+        loops.raising.merge(m.mass, m.mean, m.cov, a, b, out.mass, out.mean, out.cov)
+        return
+    both = merged(m.take(a), m.take(b))
+    out.mass[:], out.mean[:], out.cov[:] = both.mass, both.mean, both.cov
 
 
 def median_mass(m: Moments) -> float:
@@ -169,8 +185,7 @@ def line_parents(c1: F64, c2: F64, target: Moments, unit_mass: float) -> tuple[F
     parent[_ROTATION] = c2[_ROTATION]
     weight = np.minimum(target.mass / unit_mass, MAX_WEIGHT)
 
-    axes = matrices(parent[4:7])
-    variance = _variances(axes, target.cov)
+    variance = _variances(parent[4:7], target.cov)
     wanted = 0.5 * np.log(np.maximum(variance, TINY))
     alpha[2], cost = _best_alpha(c1[_SCALE], c2[_SCALE], wanted, ALPHAS_SCALE, weight)
     parent[_SCALE] = _on_line(c1[_SCALE], c2[_SCALE], alpha[2])
@@ -260,13 +275,14 @@ def _on_line(c1: F64, c2: F64, alpha: F64 | float) -> F64:
     return (c2 + alpha * c1) / (1 + alpha)
 
 
-def _variances(axes: F64, cov: F64) -> F64:
-    """(3, n) variances of covariances (3, 3, n) along the axes (3, 3, n), which are columns."""
+def _variances(g: F64, cov: F64) -> F64:
+    """(3, n) variances of covariances (3, 3, n) along the axes of the rotations g (3, n)."""
     out = np.zeros((3, cov.shape[2]))
     loops = compiled_for(cov.shape[2])
     if loops is not None:
-        loops.raising.variances(axes, cov, out)
+        loops.shapes.variances(g, cov, out)
         return out
+    axes = matrices(g)
     for i in range(3):
         along = cov[i, 0] * axes[0] + cov[i, 1] * axes[1] + cov[i, 2] * axes[2]
         out += axes[i] * along

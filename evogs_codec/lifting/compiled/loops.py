@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from evogs_codec.lifting.compiled import matching, neighbours, raising
+from evogs_codec.lifting.compiled import matching, neighbours, raising, shapes
 
-__all__ = ["matching", "neighbours", "raising"]
+__all__ = ["matching", "neighbours", "raising", "shapes"]

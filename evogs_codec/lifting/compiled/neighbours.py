@@ -20,7 +20,7 @@ from evogs_codec.model.splats import F64, I64
 __all__ = ["build", "depth_of", "nearest"]
 
 _jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
-LEAF = 8  # points of a leaf at most
+LEAF = 16  # points of a leaf at most
 
 
 def depth_of(n: int) -> int:
@@ -154,8 +154,9 @@ def nearest(
                         continue
                     begin = n * (node - n_leaves) >> depth
                     end = n * (node - n_leaves + 1) >> depth
-                    for q in range(end - begin):
-                        dx, dy, dz = px - x[begin + q], py - y[begin + q], pz - z[begin + q]
+                    xs, ys, zs = x[begin:end], y[begin:end], z[begin:end]
+                    for q in range(len(xs)):
+                        dx, dy, dz = px - xs[q], py - ys[q], pz - zs[q]
                         apart[q] = dx * dx + dy * dy + dz * dz
                     for q in range(end - begin):
                         d = apart[q]

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from evogs_codec.model.splats import F32, F64, I64
 
-__all__ = ["choose", "merge", "midpoints", "misfits", "split", "variances"]
+__all__ = ["choose", "merge", "midpoints", "misfits", "split"]
 
 _jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False, error_model="numpy")
 
@@ -43,20 +43,6 @@ def merge(
                 apart = d * (mean[q, i] - mean[q, j])
                 sum_of = share * cov[p, q, i] + rest * cov[p, q, j] + share * rest * apart
                 cov_out[p, q, row] = cov_out[q, p, row] = sum_of
-
-
-@_jit
-def variances(axes: F64, cov: F64, out: F64) -> None:
-    """`parents._variances`: (3, n), out."""
-    for row in range(axes.shape[2]):
-        for k in range(3):
-            total = 0.0
-            for i in range(3):
-                along = 0.0
-                for j in range(3):
-                    along += cov[i, j, row] * axes[j, k, row]
-                total += axes[i, k, row] * along
-            out[k, row] = total
 
 
 @_jit

@@ -137,7 +137,7 @@ def test_neighbours_are_those_of_scipy_whatever_is_equally_near(name):
 
 
 def test_neighbours_that_are_nearest_are_not_asked_of_scipy(monkeypatch):
-    monkeypatch.setattr(neighbours.scipy.spatial, "cKDTree", None)
+    monkeypatch.setattr("scipy.spatial.cKDTree", None)
     points = CLOUDS["spread"]
     with compiled_from(ALWAYS):
         found = neighbours_of(points, 9)
