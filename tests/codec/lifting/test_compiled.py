@@ -26,6 +26,7 @@ ALWAYS, NEVER = 0, 1 << 62  # nodes from which on the compiled loops are used
 def compiled_from(n_nodes):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(dispatch, "MIN_COMPILED", n_nodes)
+        patch.setattr(dispatch, "MIN_LOADING", n_nodes)
         yield
 
 
@@ -147,9 +148,18 @@ def test_neighbours_that_are_nearest_are_not_asked_of_scipy(monkeypatch):
 
 def test_without_numba_numpy_lifts(monkeypatch):
     monkeypatch.delattr(compiled, "loops", raising=False)
-    monkeypatch.setitem(sys.modules, "evogs_codec.lifting.compiled.loops", None)
+    monkeypatch.setitem(sys.modules, dispatch.LOOPS, None)
     with compiled_from(ALWAYS):
         assert dispatch.compiled_for(10) is None
         without = lift_with_order(surface(300))
     with compiled_from(NEVER):
         assert_same(without, lift_with_order(surface(300)))
+
+
+def test_few_nodes_load_no_compiled_code(monkeypatch):
+    monkeypatch.delattr(compiled, "loops", raising=False)
+    monkeypatch.delitem(sys.modules, dispatch.LOOPS, raising=False)
+    assert dispatch.compiled_for(dispatch.MIN_LOADING - 1) is None
+    assert dispatch.LOOPS not in sys.modules
+    assert dispatch.compiled_for(dispatch.MIN_LOADING) is not None
+    assert dispatch.compiled_for(dispatch.MIN_COMPILED) is not None
