@@ -31,6 +31,7 @@ from evogs_codec.decoding.compiled.headers import (
     bits_are_plain,
     read_headers,
 )
+from evogs_codec.decoding.compiled.runs import gather, refine_runs, scatter, split_runs
 from evogs_codec.decoding.compiled.values import (
     MAX_INT,
     add_siblings,
@@ -44,12 +45,18 @@ from evogs_codec.decoding.compiled.values import (
     products_fit,
     scale,
     second_children,
+    sum_siblings,
+    turn_back,
     unpack,
+    unpack_signed,
     unzigzag,
 )
+from evogs_codec.format.packet_header import FLAG_OF_CHANGED
 from evogs_codec.format.planes import MAX_SUM
-from evogs_codec.model.arithmetic import MAX_X
-from evogs_codec.model.splats import I32, I64
+from evogs_codec.model.arithmetic import MAX_DELTA, MAX_PRODUCT, MAX_X
+from evogs_codec.model.components import PICKS
+from evogs_codec.model.siblings import MAX_SIBLING
+from evogs_codec.model.splats import I32, I64, U8
 from evogs_codec.model.tree import Kind
 
 __all__ = [
@@ -61,8 +68,11 @@ __all__ = [
     "entries",
     "float_picks",
     "float_rows",
-    "picks",
+    "inverse_ycocg",
     "read_headers",
+    "sibling_runs",
+    "unpack",
+    "unzigzag",
 ]
 
 _jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
@@ -94,26 +104,30 @@ class Channels(NamedTuple):
         rows: (C, n) their slots.
         kind: their class.
         low, high: the least and the largest number that a slot may hold.
+        bounds: (C,) no |number| of a slot is above it.
     """
 
     rows: I32
     kind: int
     low: np.int64
     high: np.int64
+    bounds: I64
 
 
 class Plans(NamedTuple):
     """Where the core steps of a tile act; the packets of the bands use it again.
 
     Attributes:
-        places: (1 + steps, 5) slots before the step; where its `runs`, `splits` and `drops` begin;
-            P of all steps before it.
+        places: (1 + steps, 6) slots before the step; where its `runs`, `splits` and `drops` begin;
+            P of all steps before it; where its `siblings` begin.
         runs: (2, n) first slot and length of runs of slots of P; none crosses a chunk of P.
         splits: (n,) which of P are splits.
         drops: (n,) slots of the drops.
         alphas: (5, n) a of the splits per group.
-        parents: (n,) of the refines, the record of the slot that its slot was born from, or -1;
-            unset but for steps that only refine.
+        siblings: (3, n) of steps that only refine, runs of records whose slots were born from slots
+            of the step: the first record, the record of its sibling, and the length.
+        terms: (steps,) the most differences that a psi of the step is the sum of.
+        bounds: (D,) of each channel, no |number| of a slot is above it.
     """
 
     places: I64
@@ -121,21 +135,27 @@ class Plans(NamedTuple):
     splits: I64
     drops: I64
     alphas: I32
-    parents: I32
+    siblings: I32
+    terms: I64
+    bounds: I64
 
     @staticmethod
     def empty(
-        scratch: Scratch, n_steps: int, n_records: int, n_splits: int, n_refines: int
+        scratch: Scratch, n_channels: int, n_steps: int, n_psi: tuple[int, int], n_drops: int
     ) -> Plans:
-        """Room for the core steps of a tile."""
+        """Room for the core steps of a tile; of psi the splits and the refines."""
+        n_splits, n_refines = n_psi
+        n_records = n_splits + n_refines + n_drops
         n_runs = n_records + n_records // CHUNK + n_steps
         return Plans(
-            np.zeros((n_steps + 1, 5), np.int64),
+            np.zeros((n_steps + 1, 6), np.int64),
             scratch.take((2, n_runs), np.int64),
             scratch.take((n_splits,), np.int64),
-            scratch.take((n_records - n_splits,), np.int64),
+            scratch.take((n_drops,), np.int64),
             scratch.take((N_GROUPS, n_splits), np.int32),
-            scratch.take((n_refines,), np.int32),
+            scratch.take((3, n_refines), np.int32),
+            np.ones(n_steps, np.int64),
+            np.zeros(n_channels, np.int64),
         )
 
 
@@ -147,6 +167,7 @@ def apply_packets(
     x: I32,
     live: npt.NDArray[np.bool_],
     born_from: I32,
+    shown: I32,
 ) -> bool:
     """Apply packets of a tile to its slots (spec 7.4); False if one is not plainly legal.
 
@@ -157,6 +178,7 @@ def apply_packets(
         x: (D, n) slots.
         live: (n,) whether a slot is.
         born_from: (n,) slot each slot was split from, -1 for adds.
+        shown: (n,) picks of the slots, where there is a palette.
     """
     places = np.empty(len(live), np.int32)  # pages that no step of refines looks at are never made
     for k in range(len(headers.components)):
@@ -172,6 +194,9 @@ def apply_packets(
         if not _apply_channels(headers, tables, plans, first, x[first : first + count], scratch):
             return False
         first += count
+    for k in range(len(headers.components)):
+        if headers.components[k] == PICKS and not _apply_picks(headers, k, plans, shown):
+            return False
     return True
 
 
@@ -189,23 +214,26 @@ def _read_records(
     step, planes = headers.steps[k], headers.planes
     n_adds, n_splits, n_refines, n_drops = headers.counts[k]
     n_records, codes, starts = n_splits + n_refines + n_drops, headers.codes[k], headers.starts[k]
-    n_before, run, split, drop, before = plans.places[step]
+    n_before, run, split, drop, before, sibling = plans.places[step]
     at_split, at_drop, n_psi = split, drop, 0
     kind = SPLIT if n_splits else DROP if n_drops else REFINE
     has_kinds = (n_splits > 0) + (n_refines > 0) + (n_drops > 0) > 1
     gaps, kinds = np.empty(CHUNK, np.int32), np.empty(CHUNK, np.int32)
     slot, end_of_run = np.int64(-1), np.int64(-1)
-    all_split = n_splits == n_records and drop == 0  # of slots that are all live
+    all_live = drop == 0
+    slots = np.empty(n_refines if n_splits == 0 and n_drops == 0 else 0, np.int32)
     for begin in range(0, n_records, CHUNK):
         n = min(CHUNK, n_records - begin)
         unpack(codes[0], planes, starts[0], n_records, begin, n, gaps)
-        if all_split:
-            first = n_before + begin
-            slot = _next_slots(gaps[:n], slot, born_from[first : first + n])
+        if all_live and n_drops == 0 and not has_kinds:
+            of = slots[begin : begin + n]
+            if n_splits:
+                of = born_from[n_before + begin : n_before + begin + n]
+            slot = _next_slots(gaps[:n], slot, of)
             if slot >= n_before:  # R-7.2-1
                 return False
-            run = _next_runs(gaps[:n], born_from[first], plans.runs, run)
-            n_psi, at_split = n_psi + n, at_split + n
+            run = _next_runs(gaps[:n], of[0], plans.runs, run)
+            n_psi, at_split = n_psi + n, at_split + (n if n_splits else 0)
             continue
         if has_kinds:
             unpack(codes[1], planes, starts[1], n_records, begin, n, kinds)
@@ -221,6 +249,8 @@ def _read_records(
                 plans.drops[at_drop] = slot
                 at_drop += 1
                 continue
+            if len(slots):
+                slots[n_psi] = slot
             if kind == SPLIT:
                 if at_split - split == n_splits:
                     return False
@@ -251,10 +281,10 @@ def _read_records(
                 return False
             for i in range(n):
                 alphas[begin + i] = tables.alphas[first + gaps[i]]
-    if n_splits == 0 and n_drops == 0 and n_refines:
-        _parent_records(plans, plans.places[step, 1], n_refines, before - split, born_from, places)
+    if len(slots):
+        sibling, plans.terms[step] = sibling_runs(slots, born_from, places, plans.siblings, sibling)
     end = n_before + n_splits + n_adds
-    plans.places[step + 1] = end, run, at_split, at_drop, before + n_psi
+    plans.places[step + 1] = end, run, at_split, at_drop, before + n_psi, sibling
     live[n_before : n_before + n_splits + n_adds] = True
     born_from[n_before + n_splits : n_before + n_splits + n_adds] = -1
     for slot in plans.drops[drop:at_drop]:
@@ -263,24 +293,42 @@ def _read_records(
 
 
 @_jit
-def _parent_records(
-    plans: Plans, run: int, n: int, parent: int, born_from: I32, places: I32
-) -> None:
-    """The `parents` of n records whose slots are those of the runs from `run` on.
+def sibling_runs(
+    slots: I32, born_from: I32, places: I32, siblings: I32, at_run: int
+) -> tuple[int, np.int32]:
+    """The runs of `siblings` of records with these slots, from `at_run` on.
 
-    `places` is any number of each slot: that of a record counts if it is of that slot.
+    `places` is any number of each slot: that of a record counts if it is of that slot. No record
+    is on both sides of a run, so that a run may be turned in any order.
+
+    Returns:
+        The run after them, and the most differences that a psi is the sum of.
     """
-    parents = plans.parents[parent : parent + n]
-    slots, i = np.empty(n, np.int32), 0
-    while i < n:
-        slot, length = plans.runs[0, run], plans.runs[1, run]
-        for j in range(length):
-            of = born_from[slot + j]
-            at = places[of] if of >= 0 else -1
-            parents[i] = at if 0 <= at < i and slots[at] == of else -1
-            slots[i], places[slot + j] = slot + j, i
-            i += 1
-        run += 1
+    terms, most = np.ones(len(slots), np.int32), np.int32(1)
+    begin, other, length = np.int64(-1), np.int64(-1), np.int64(0)
+    for i in range(len(slots)):
+        slot = slots[i]
+        places[slot] = i
+        of = born_from[slot]
+        if of < 0:
+            continue
+        at = np.int64(places[of])
+        if at < 0 or at >= i or slots[at] != of:
+            continue
+        n = np.int32(terms[at] + np.int32(1))
+        terms[at], terms[i] = n, n
+        most = max(most, n)
+        if length and i == begin + length and at == other + length and at < begin:
+            length += 1
+            continue
+        if length:
+            siblings[0, at_run], siblings[1, at_run], siblings[2, at_run] = begin, other, length
+            at_run += 1
+        begin, other, length = np.int64(i), at, np.int64(1)
+    if length:
+        siblings[0, at_run], siblings[1, at_run], siblings[2, at_run] = begin, other, length
+        at_run += 1
+    return at_run, most
 
 
 @_jit
@@ -324,7 +372,7 @@ def _apply_channels(
     low, high = -np.int64(MAX_X), np.int64(MAX_X)
     if kind == 0:
         low, high = tables.box[first]
-    channels = Channels(rows, kind, low, high)
+    channels = Channels(rows, kind, low, high, plans.bounds[first : first + len(rows)])
     for k in range(len(headers.components)):
         if headers.components[k] != component:
             continue
@@ -362,37 +410,125 @@ def _apply_psi(
     scratch: I32,
 ) -> bool:
     """Refines and splits of a packet; `at` is the first list of the channels."""
+    rows, kind, low, high, bounds = channels
+    width = len(rows) if headers.flags[k] & 1 else 1
+    for first in range(0, len(rows), width):
+        largest = _largest_q(headers.codes[k, at + first : at + first + width])
+        part = rows[first : first + width]
+        if largest == 0:
+            _copy_parents(part, plans, headers.steps[k], scratch[0])
+            continue
+        some = Channels(part, kind, low, high, bounds[first : first + width])
+        if not _apply_turned(headers, k, at + first, largest, tables, plans, some, scratch):
+            return False
+    return True
+
+
+@_jit
+def _largest_q(codes: U8) -> int:
+    """A bound of |q| of channels that are turned together, from their codings (spec 7.1)."""
+    bits = np.int64(0)
+    for code in codes:
+        bits = max(bits, (np.int64(code) & 15) + 8 * ((np.int64(code) >> 4) & 3))
+    largest = np.int64(1) << bits >> 1
+    return 4 * largest + 2 if len(codes) == 3 and bits else largest
+
+
+@_jit
+def _copy_parents(rows: I32, plans: Plans, step: int, scratch: I32) -> None:
+    """The C2 of splits whose psi are 0."""
+    run, split, end = plans.places[step, 1], plans.places[step, 2], plans.places[step + 1, 2]
+    first, n_psi = plans.places[step, 0], plans.places[step + 1, 4] - plans.places[step, 4]
+    n_splits, begin = end - split, 0
+    while begin < n_psi and n_splits:
+        n, next_run = min(CHUNK, n_psi - begin), run
+        last = _first_split(plans, step, split, begin + n)
+        for row in rows:
+            seconds = row[first : first + last - split]
+            if n_splits == n_psi:
+                next_run = gather(row, plans.runs, run, seconds, n)
+                continue
+            next_run = gather(row, plans.runs, run, scratch, n)
+            for j in range(last - split):
+                seconds[j] = scratch[plans.splits[split + j] - begin]
+        first, run, split, begin = first + last - split, next_run, last, begin + n
+
+
+@_jit
+def _apply_turned(
+    headers: Headers,
+    k: int,
+    at: int,
+    largest_q: int,
+    tables: Tables,
+    plans: Plans,
+    channels: Channels,
+    scratch: I32,
+) -> bool:
+    """`_apply_psi` of channels that are turned together; no |q| but of siblings is above a bound.
+
+    Where bounds say that every number stays in range, nothing is looked at but what is changed.
+    """
     step, level, q = headers.steps[k], headers.levels[k], scratch[:3]
-    n_psi = headers.counts[k, 1] + headers.counts[k, 2]
-    rows, kind, low, high = channels
+    n_splits, n_refines = headers.counts[k, 1], headers.counts[k, 2]
+    n_psi = n_splits + n_refines
+    rows, kind, low, high, bounds = channels
     group, unit = min(kind, SH_GROUP), tables.units[1 + level, kind]
     _, _, shift, largest_alpha = tables.alpha_places[level, group]
+    half = np.int64((1 << shift) >> 1)
     run, split = plans.places[step, 1], plans.places[step, 2]
     whole, has_siblings = np.empty((0, 0), np.int32), False
     for j in range(len(rows)):
         has_siblings |= headers.codes[k, at + j] & 64 > 0
     if has_siblings:
-        parent = plans.places[step, 4] - plans.places[step, 2]  # refines before the step
+        sibling, end = plans.places[step, 5], plans.places[step + 1, 5]
         whole = _whole_psi(headers, k, at, n_psi, len(rows))
+        fits = largest_q * plans.terms[step] <= MAX_SIBLING
         for j in range(len(rows)):
-            if headers.codes[k, at + j] & 64 and not add_siblings(
-                whole[j], plans.parents[parent : parent + n_psi]
-            ):
+            if not headers.codes[k, at + j] & 64:
+                continue
+            if fits:
+                sum_siblings(whole[j], plans.siblings, sibling, end)
+            elif not add_siblings(whole[j], plans.siblings, sibling, end):
                 return False
+        largest_q = largest_q * plans.terms[step] if fits else np.int64(MAX_SIBLING)
+    # Of what |q| may be: |Delta|, |a * Delta| with its rounding, |C1| and |C2|.
+    delta = largest_q * unit if largest_q <= MAX_DELTA // unit else np.int64(MAX_INT)
+    is_bounded = n_splits == 0 or n_refines == 0
+    product = np.int64(0)
+    if n_splits:
+        product = delta * largest_alpha + half
+        is_bounded &= product <= MAX_PRODUCT
+    is_bounded &= delta <= MAX_DELTA
+    moved, room = max(delta, (product >> shift) + 1 if n_splits else 0), min(high, -low)
+    is_quick = np.zeros(3, np.bool_)
+    for j in range(len(rows)):
+        is_quick[j] = is_bounded and bounds[j] + moved <= room
+        bounds[j] = bounds[j] + moved if is_quick[j] else max(abs(low), abs(high))
     for begin in range(0, n_psi, CHUNK):
         n = min(CHUNK, n_psi - begin)
-        if has_siblings:
-            for j in range(len(rows)):
-                q[j, :n] = whole[j, begin : begin + n]
-        else:
-            _psi_chunk(headers, k, at, begin, n, q[: len(rows)])
+        if not has_siblings:
+            _psi_chunk(headers, k, at, begin, n, q, 0, len(rows))
         next_run, next_split = run, split
         for j in range(len(rows)):
-            largest = scale(q[j], n, unit)
+            row, part = rows[j], q[j]
+            if has_siblings:
+                part = whole[j][begin : begin + n]
+            if is_quick[j] and n_splits == 0:
+                next_run = refine_runs(row, part, np.int32(unit), plans.runs, run, n)
+                continue
+            if is_quick[j]:
+                next_split, first = split + n, plans.places[step, 0] + begin
+                next_run = split_runs(
+                    row, part, np.int32(unit), plans.alphas[group, split:next_split], shift,
+                    row[first : first + n], plans.runs, run,
+                )  # fmt: skip
+                continue
+            largest = scale(part, n, unit)
             if largest < 0:
                 return False
             next_run, next_split = _refine_chunk(
-                rows[j], q[j], n, begin, largest, plans, step, run, split,
+                row, part, n, begin, largest, plans, step, run, split,
                 plans.alphas[group], largest_alpha, shift, low, high, scratch[3:],
             )  # fmt: skip
             if next_run < 0:
@@ -402,15 +538,19 @@ def _apply_psi(
 
 
 @_jit
-def _psi_chunk(headers: Headers, k: int, at: int, begin: int, n: int, q: I32) -> None:
-    """Integers begin .. begin + n of psi of channels whose first list is `at`, without siblings."""
+def _psi_chunk(
+    headers: Headers, k: int, at: int, begin: int, n: int, q: I32, to: int, width: int
+) -> None:
+    """Integers begin .. begin + n of psi without siblings, in q (C, any) from `to` on.
+
+    They are of `width` channels that are turned together; `at` is the list of the first.
+    """
     n_psi = headers.counts[k, 1] + headers.counts[k, 2]
-    for j in range(len(q)):
+    for j in range(width):
         code, start = headers.codes[k, at + j], headers.starts[k, at + j]
-        unpack(code, headers.planes, start, n_psi, begin, n, q[j])
-        unzigzag(q[j], n)
-    if len(q) == 3 and headers.flags[k] & 1:
-        inverse_ycocg(q, n)
+        unpack_signed(code, headers.planes, start, n_psi, begin, n, q[j][to : to + n])
+    if width == 3:
+        turn_back(q[0][to : to + n], q[1][to : to + n], q[2][to : to + n])
 
 
 @_jit
@@ -419,7 +559,7 @@ def _whole_psi(headers: Headers, k: int, at: int, n_psi: int, n_rows: int) -> I3
     whole = np.empty((n_rows, n_psi), np.int32)
     for begin in range(0, n_psi, CHUNK):
         n = min(CHUNK, n_psi - begin)
-        _psi_chunk(headers, k, at, begin, n, whole[:, begin : begin + n])
+        _psi_chunk(headers, k, at, begin, n, whole, begin, n_rows)
     return whole
 
 
@@ -445,7 +585,7 @@ def _refine_chunk(
 
     `largest` is the largest |Delta|; `run` and `split` are the first of the chunk.
     """
-    parents, next_run = scratch[0], _gather(row, plans.runs, run, scratch[0], n)
+    parents, next_run = scratch[0], gather(row, plans.runs, run, scratch[0], n)
     next_split = _first_split(plans, step, split, begin + n)
     n_splits = next_split - split
     at = plans.places[step, 0] + split - plans.places[step, 2]
@@ -467,35 +607,8 @@ def _refine_chunk(
             least, most = min(least, low_second), max(most, high_second)
     if least < low or most > high:
         return -1, 0
-    _scatter(parents, plans.runs, run, row, n)
+    scatter(parents, plans.runs, run, row, n)
     return next_run, next_split
-
-
-@_jit
-def _gather(row: I32, runs: I64, run: int, out: I32, n: int) -> int:
-    """The slots of the runs from `run` on, n in all, one after the other; the run after them."""
-    i = 0
-    while i < n:
-        slot, length = runs[0, run], runs[1, run]
-        to, part = out[i : i + length], row[slot : slot + length]
-        for j in range(length):
-            to[j] = part[j]
-        i += length
-        run += 1
-    return run
-
-
-@_jit
-def _scatter(values: I32, runs: I64, run: int, row: I32, n: int) -> None:
-    """The inverse of `_gather`."""
-    i = 0
-    while i < n:
-        slot, length = runs[0, run], runs[1, run]
-        to, part = row[slot : slot + length], values[i : i + length]
-        for j in range(length):
-            to[j] = part[j]
-        i += length
-        run += 1
 
 
 @_jit
@@ -527,15 +640,14 @@ def _apply_adds(
 ) -> bool:
     """Adds of a packet; `at` is the first list of the channels."""
     n_adds, n_splits, _, _ = headers.counts[k]
-    rows, kind, low, high = channels
+    rows, kind, low, high, bounds = channels
     first, unit = plans.places[headers.steps[k], 0] + n_splits, tables.units[0, kind]
     q, sums = scratch[:3], np.zeros(3, np.int64)
     for begin in range(0, n_adds, CHUNK):
         n = min(CHUNK, n_adds - begin)
         for j in range(len(rows)):
             code, start = headers.codes[k, at + j], headers.starts[k, at + j]
-            unpack(code, headers.planes, start, n_adds, begin, n, q[j])
-            unzigzag(q[j], n)
+            unpack_signed(code, headers.planes, start, n_adds, begin, n, q[j])
             if code & 64:
                 for i in range(n):
                     sums[j] += q[j, i]
@@ -554,4 +666,25 @@ def _apply_adds(
                 least, most = min(least, q[j, i]), max(most, q[j, i])
             if least < low or most > high:
                 return False
+            bounds[j] = max(bounds[j], max(np.int64(most), -np.int64(least)))
+    return True
+
+
+@_jit
+def _apply_picks(headers: Headers, k: int, plans: Plans, shown: I32) -> bool:
+    """The picks of a packet (spec 7.4); False if one is past the entries that it may name."""
+    step = headers.steps[k]
+    first, run, drop = plans.places[step, 0], plans.places[step, 1], plans.places[step, 3]
+    end, end_of_runs, end_of_drops = (
+        plans.places[step + 1, 0], plans.places[step + 1, 1], plans.places[step + 1, 3],
+    )  # fmt: skip
+    n_psi = headers.counts[k, 1] + headers.counts[k, 2] if headers.flags[k] & FLAG_OF_CHANGED else 0
+    code, start = headers.codes[k, 0], headers.starts[k, 0]
+    if not picks(
+        code, headers.planes, start, plans.runs[:, run:end_of_runs], n_psi, first,
+        headers.n_entries[k], shown, n_psi + end - first,
+    ):  # fmt: skip
+        return False
+    for slot in plans.drops[drop:end_of_drops]:
+        shown[slot] = 0
     return True

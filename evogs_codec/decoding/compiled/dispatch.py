@@ -15,16 +15,13 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.common.buffers import Scratch
-from evogs_codec.decoding.palette_state import read_picks
-from evogs_codec.errors import StreamError
 from evogs_codec.format.crc import crc32
 from evogs_codec.format.frames import decompress_all
-from evogs_codec.format.packet_header import FLAG_OF_CHANGED, N_SIDES, Counts
+from evogs_codec.format.packet_header import N_SIDES
 from evogs_codec.model.components import PICKS, component_channels
 from evogs_codec.model.splats import I64
 
 if TYPE_CHECKING:
-    from evogs_codec.decoding.compiled.channels import Plans
     from evogs_codec.decoding.tile_state import TileState
     from evogs_codec.format.directory import Directory
 
@@ -37,7 +34,8 @@ LOADING = 160  # bytes, for each of MIN_COMPILED
 SLOT = 4  # bytes
 KERNELS = "evogs_codec.decoding.compiled.channels"
 MAX_PLANES = 16 << 20  # bytes of planes that are decompressed at a time, if packets allow
-N_CHANNELS = np.array([component_channels(k) for k in range(PICKS)])  # of core and each SH band
+# Of core, each SH band and picks.
+N_CHANNELS = np.array([*(component_channels(k) for k in range(PICKS)), 1])
 
 
 _has_decoded = False  # a stream that was large enough: the process may well decode more
@@ -91,14 +89,12 @@ def apply_compiled(
     names = ("n_adds", "n_splits", "n_refines", "n_drops")
     core_counts = np.stack([core[name].astype(np.int64) for name in names], 1)
     counts, levels = core_counts[steps], core["level"].astype(np.int64)[steps]
-    n_records, n_splits = int(core_counts[:, 1:].sum()), int(core_counts[:, 1].sum())
-    n_refines = int(core_counts[:, 2].sum())
-    plans = channels.Plans.empty(scratch, len(core), n_records, n_splits, n_refines)
+    _, n_splits, n_refines, n_drops = core_counts.sum(0).tolist()
+    sizes_of_plans = len(state.x), len(core), (n_splits, n_refines), n_drops
+    plans = channels.Plans.empty(scratch, *sizes_of_plans)
     tables = _tables(channels, directory, state.tile)
-    is_compiled = components != PICKS
-    others = np.flatnonzero(is_compiled)
-    for within in _parts(components[others], counts[others]):
-        part = others[within]
+    entries = directory.entries_required[packets].astype(np.int64)
+    for part in _parts(components, counts):
         headers = _headers(
             channels, data, offsets[part], sizes[part], components[part], counts[part]
         )
@@ -106,47 +102,12 @@ def apply_compiled(
             return False
         codes, starts, flags, planes = headers
         args = components[part], steps[part], levels[part], counts[part], codes, starts, flags
-        if not channels.apply_packets(
-            channels.Headers(*args, planes), tables, plans, state.x, state.live, state.born_from
-        ):
+        found = channels.Headers(*args, planes, entries[part])
+        slots = state.x, state.live, state.born_from, state.picks
+        if not channels.apply_packets(found, tables, plans, *slots):
             return False
-    try:
-        for k in np.flatnonzero(~is_compiled):
-            own, begin = Counts(*counts[k].tolist()), int(offsets[k])
-            body = data[begin : begin + int(sizes[k])]
-            if not _apply_picks(channels, state, body, int(packets[k]), own, plans):
-                return False
-    except StreamError:
-        return False
     applied = {c: int(np.count_nonzero(components == c)) for c in directory.components.of_tiles}
     state.set_applied(applied, plans.places[1:, 0].tolist())
-    return True
-
-
-def _apply_picks(
-    channels: ModuleType,
-    state: TileState,
-    body: memoryview,
-    packet: int,
-    counts: Counts,
-    plans: Plans,
-) -> bool:
-    """The picks of a step (spec 7.4), of whose slots `plans` says where they are."""
-    directory, step = state.directory, int(state.directory.steps[packet])
-    (first, run, _, drop, *_), (end, end_of_runs, _, end_of_drops, *_) = plans.places[
-        step : step + 2
-    ].tolist()
-    if len(body):
-        head, planes = read_picks(body, counts, int(directory.offsets[packet]))
-        runs = plans.runs[:, run:end_of_runs]
-        n_entries = int(directory.entries_required[packet])
-        code, n = head.coding_bytes[0], head.lengths[0]
-        n_changed = counts.n_psi if head.flags & FLAG_OF_CHANGED else 0
-        if not channels.picks(code, planes, runs, n_changed, first, n_entries, state.picks, n):
-            return False
-    else:
-        state.picks[first:end] = 0
-    state.picks[plans.drops[drop:end_of_drops]] = 0
     return True
 
 

@@ -12,6 +12,8 @@ import numba
 import numpy as np
 
 from evogs_codec.format.frames import MAX_BLOCK, MAX_CONTENT
+from evogs_codec.format.packet_header import FLAG_OF_CHANGED
+from evogs_codec.model.components import PICKS
 from evogs_codec.model.splats import I64, U8
 
 __all__ = [
@@ -39,6 +41,7 @@ class Headers(NamedTuple):
         counts: (K, 4) adds, splits, refines, drops of its step.
         codes, starts, flags: (K, MAX_LISTS), (K, MAX_LISTS), (K,).
         planes: all planes.
+        n_entries: (K,) of the palette, which picks may name.
     """
 
     components: I64
@@ -49,6 +52,7 @@ class Headers(NamedTuple):
     starts: I64
     flags: I64
     planes: U8
+    n_entries: I64
 
 
 @_jit
@@ -87,19 +91,23 @@ def read_headers(
         flags[p] = 0
         if sizes[p] == 0:
             continue
-        if components[p] < 0 or components[p] > 3:
+        if components[p] < 0 or components[p] > PICKS:
             return -1
-        lengths, n_lists = _lengths(components[p], counts[p])
         end, at = offsets[p] + sizes[p], offsets[p] + 2
-        if at + n_lists > end:
+        if at > end:
             return -1
         flags[p], n_frames = data[offsets[p]], np.int64(data[offsets[p] + 1])
-        if flags[p] >> 2:
+        lengths, n_lists = _lengths(components[p], counts[p], flags[p])
+        if at + n_lists > end:
+            return -1
+        if flags[p] >> (3 if components[p] == PICKS else 2):
             return -1
         n_planes = 0
-        first_delta = n_lists - (14 if components[p] == 0 else 3 * (2 * components[p] + 1))
-        if counts[p, 1] == 0 and counts[p, 3] == 0:  # psi of refines alone
-            first_delta -= n_lists - first_delta
+        first_delta = n_lists
+        if components[p] != PICKS:
+            first_delta -= 14 if components[p] == 0 else 3 * (2 * components[p] + 1)
+            if counts[p, 1] == 0 and counts[p, 3] == 0:  # psi of refines alone
+                first_delta -= n_lists - first_delta
         for k in range(n_lists):
             code = np.int64(data[at + k])
             low, high, n = code & 15, (code >> 4) & 3, lengths[k]
@@ -140,10 +148,15 @@ def read_headers(
 
 
 @_jit
-def _lengths(component: int, counts: I64) -> tuple[I64, int]:
+def _lengths(component: int, counts: I64, flags: int) -> tuple[I64, int]:
     """(integers of each list, number of lists), spec 5.9."""
     out = np.zeros(MAX_LISTS, np.int64)
     n_adds, n_splits, n_refines, n_drops = counts
+    if component == PICKS:
+        out[0] = n_splits + n_adds
+        if flags & FLAG_OF_CHANGED:
+            out[0] += n_splits + n_refines
+        return out, 1
     n_channels, at = 3 * (2 * component + 1), 0
     if component == 0:
         n_channels, at = 14, N_SIDES
@@ -220,6 +233,10 @@ def _list_length(headers: Headers, k: int, j: int) -> int:
     """Integers of a list that is stored (spec 5.9)."""
     n_adds, n_splits, n_refines, n_drops = headers.counts[k]
     component = headers.components[k]
+    if component == PICKS:
+        return (
+            n_splits + n_adds + (n_splits + n_refines if headers.flags[k] & FLAG_OF_CHANGED else 0)
+        )
     n_channels, first = 3 * (2 * component + 1), 0
     if component == 0:
         n_channels, first = N_CORE, N_SIDES

@@ -28,13 +28,17 @@ __all__ = [
     "products_fit",
     "scale",
     "second_children",
+    "sum_siblings",
+    "turn_back",
     "unpack",
+    "unpack_signed",
     "unzigzag",
 ]
 
 _jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
 MAX_INT = 0x7FFFFFFF
 BLOCK = 2048  # splats whose floats are written at a time
+N_ASKED = 64  # rows of a palette that are read ahead
 
 
 @_jit
@@ -91,6 +95,23 @@ def _unpack_low(part: U8, low: int, n: int, out: I32) -> None:
 
 
 @_jit
+def unpack_signed(
+    code: int, planes: U8, start: int, n_all: int, begin: int, n: int, out: I32
+) -> None:
+    """`unpack` and `unzigzag`, in one loop for the codings that most values have."""
+    kind, one = np.int64(code) & 63, np.int32(1)
+    if kind == 16:  # one plane of whole bytes
+        part = planes[start + begin : start + begin + n]
+        for i in range(n):
+            byte = np.int32(part[i])
+            out[i] = (byte >> one) ^ -(byte & one)
+        return
+    unpack(code, planes, start, n_all, begin, n, out)
+    if kind:
+        unzigzag(out, n)
+
+
+@_jit
 def unzigzag(q: I32, n: int) -> None:
     """The first n of q, in place (spec 7.1)."""
     one = np.int32(1)
@@ -111,21 +132,35 @@ def undelta(q: I32, n: int) -> bool:
 
 
 @_jit
-def add_siblings(q: I32, parents: I32) -> bool:
-    """The psi of sibling differences, in place; False if one leaves its range (R-7.1-2).
+def sum_siblings(q: I32, siblings: I32, run: int, end: int) -> None:
+    """The psi of sibling differences, in place; known to stay in range.
 
     Args:
         q: (P,) differences.
-        parents: (P,) the record of the slot that each slot was born from, or -1.
+        siblings: (3, any) runs of records whose slots were born from slots of the step: the first
+            record, the record of its sibling, and the length.
+        run: the first of the step.
+        end: the run after its last.
     """
-    for i in range(len(q)):
-        at = parents[i]
-        if at >= 0:
-            d, common = np.int64(q[i]), np.int64(q[at])
+    for k in range(run, end):
+        begin, other, length = siblings[0, k], siblings[1, k], siblings[2, k]
+        seconds, firsts = q[begin : begin + length], q[other : other + length]
+        for i in range(length):
+            d, common = seconds[i], firsts[i]
+            seconds[i], firsts[i] = np.int32(common - d), np.int32(common + d)
+
+
+@_jit
+def add_siblings(q: I32, siblings: I32, run: int, end: int) -> bool:
+    """`sum_siblings`; False if a number leaves its range (R-7.1-2)."""
+    for k in range(run, end):
+        begin, other, length = siblings[0, k], siblings[1, k], siblings[2, k]
+        for i in range(length):
+            d, common = np.int64(q[begin + i]), np.int64(q[other + i])
             second, first = common - d, common + d
             if max(abs(second), abs(first)) > MAX_SIBLING:
                 return False
-            q[i], q[at] = np.int32(second), np.int32(first)
+            q[begin + i], q[other + i] = np.int32(second), np.int32(first)
     return True
 
 
@@ -136,8 +171,7 @@ def entries(codes: U8, starts: I64, planes: U8, is_ycocg: bool, units: I64, out:
     for first in range(0, len(out), 3):
         triple = out[first : first + 3]
         for k in range(3):
-            unpack(codes[first + k], planes, starts[first + k], n, 0, n, triple[k])
-            unzigzag(triple[k], n)
+            unpack_signed(codes[first + k], planes, starts[first + k], n, 0, n, triple[k])
             if codes[first + k] & 64 and not undelta(triple[k], n):
                 return False
         if is_ycocg:
@@ -150,15 +184,25 @@ def entries(codes: U8, starts: I64, planes: U8, is_ycocg: bool, units: I64, out:
 
 @_jit
 def picks(
-    code: int, planes: U8, runs: I64, n_changed: int, first: int, n_entries: int, out: I32, n: int
+    code: int,
+    planes: U8,
+    start: int,
+    runs: I64,
+    n_changed: int,
+    first: int,
+    n_entries: int,
+    out: I32,
+    n: int,
 ) -> bool:
     """The n picks of a packet to their slots in `out` (spec 7.4); False if one is too large.
 
     The first `n_changed` are of the slots in runs (2, any) of begins and lengths, the others of
     those from `first` on.
     """
-    found = np.empty(n, np.int32)
-    unpack(code, planes, 0, n, 0, n, found)
+    found = out[first : first + n]
+    if n_changed:
+        found = np.empty(n, np.int32)
+    unpack(code, planes, start, n, 0, n, found)
     most = np.int32(0)
     for i in range(n):
         most = max(most, found[i])
@@ -169,15 +213,22 @@ def picks(
         for slot in range(runs[0, r], runs[0, r] + runs[1, r]):
             out[slot] = found[at]
             at += 1
-    out[first : first + n - n_changed] = found[n_changed:]
+    if n_changed:
+        out[first : first + n - n_changed] = found[n_changed:]
     return True
 
 
 @_jit
 def inverse_ycocg(q: I32, n: int) -> None:
     """The first n of the rows Y Co Cg to R G B, in place (spec 7.1)."""
-    one, first, second, third = np.int32(1), q[0], q[1], q[2]
-    for i in range(n):
+    turn_back(q[0][:n], q[1][:n], q[2][:n])
+
+
+@_jit
+def turn_back(first: I32, second: I32, third: I32) -> None:
+    """`inverse_ycocg` of three rows."""
+    one = np.int32(1)
+    for i in range(len(first)):
         y, co, cg = first[i], second[i], third[i]
         t = np.int32(y - (cg >> one))
         b = np.int32(t - (co >> one))
@@ -311,15 +362,21 @@ def float_rows(x: I32, origins: I64, scale: float, out: F32) -> None:
 
 
 @_jit
-def float_picks(x: I32, scale: float, picks: I32, rows: Any, out: F32) -> None:  # noqa: ANN401
+def float_picks(x: I32, scale: float, picks: I32, rows: Any, out: F32) -> int:  # noqa: ANN401
     """SH of splats with picks: out[i, :3] is x[:, i] * scale, of band 0, the rest a row * scale.
 
-    Each line of memory is written once, from its begin to its end.
+    Each line of memory is written once, from its begin to its end. Of some splats at a time the
+    rows are first asked for, so that many come at once: their sum is returned for that alone.
     """
-    n_rest, factor = out.shape[1] - 3, np.float32(scale)
-    for i in range(len(out)):
-        row, to = rows[picks[i]], out[i]
-        for c in range(3):
-            to[c] = np.float32(x[c, i]) * factor
-        for c in range(n_rest):
-            to[3 + c] = np.float32(row[c]) * factor
+    n_rest, factor, asked = out.shape[1] - 3, np.float32(scale), np.int64(0)
+    for begin in range(0, len(out), N_ASKED):
+        end = min(begin + N_ASKED, len(out))
+        for i in range(begin, end):
+            asked += rows[picks[i], 0]
+        for i in range(begin, end):
+            row, to = rows[picks[i]], out[i]
+            for c in range(3):
+                to[c] = np.float32(x[c, i]) * factor
+            for c in range(n_rest):
+                to[3 + c] = np.float32(row[c]) * factor
+    return asked

@@ -64,14 +64,54 @@ def test_a_sum_out_of_its_range_is_refused_also_where_it_comes_back(step):
         assert siblings.sums(differences[None])[0].tolist() == right
 
 
+def compiled_runs(slots, born_from):
+    """(runs of siblings, the most differences in a sum) as compiled code finds them."""
+    channels = pytest.importorskip("evogs_codec.decoding.compiled.channels")
+    runs = np.empty((3, len(slots)), np.int32)
+    places = np.full(len(born_from), len(slots) - 1, np.int32)  # as left over from another step
+    args = slots.astype(np.int32), born_from.astype(np.int32), places
+    n_runs, terms = channels.sibling_runs(*args, runs, 0)
+    return runs[:, :n_runs], terms
+
+
+@given(steps_of_refines())
+def test_runs_of_siblings_are_the_parents_in_order_and_hold_no_record_twice(step):
+    slots, born_from, _ = step
+    runs, _ = compiled_runs(slots, born_from)
+    pairs = []
+    for begin, other, length in runs.T.tolist():
+        assert other + length <= begin
+        pairs += [(begin + k, other + k) for k in range(length)]
+    parents = parent_records(slots, born_from).tolist()
+    assert pairs == [(k, parent) for k, parent in enumerate(parents) if parent >= 0]
+
+
+def test_rows_of_siblings_are_one_run_and_chains_are_many():
+    doubled = np.concatenate([np.full(8, -1), np.arange(8), np.arange(16)])
+    runs, terms = compiled_runs(np.arange(32), doubled)
+    assert runs.T.tolist() == [[8, 0, 8], [16, 0, 16]]
+    assert terms == 3
+    chain = np.arange(-1, 9)  # each from the one before it
+    runs, terms = compiled_runs(np.arange(10), chain)
+    assert runs[2].tolist() == [1] * 9
+    assert terms == 10
+
+
 @given(steps_of_refines(LARGE))
 def test_compiled_loops_give_the_same(step):
     values = pytest.importorskip("evogs_codec.decoding.compiled.values")
     slots, born_from, differences = step
     found, right = differences.copy(), one_by_one(*step)
-    is_good = values.add_siblings(found, parent_records(slots, born_from))
+    runs, terms = compiled_runs(slots, born_from)
+    is_good = values.add_siblings(found, runs, 0, runs.shape[1])
     assert is_good == (right is not None)
     assert right is None or found.tolist() == right
+    largest = int(np.abs(differences).max(initial=0)) * int(terms)
+    assert right is None or int(np.abs(found).max(initial=0)) <= largest
+    if largest <= MAX_SIBLING:
+        found = differences.copy()
+        values.sum_siblings(found, runs, 0, runs.shape[1])
+        assert found.tolist() == right
 
 
 def test_a_chain_leaves_the_range_or_just_does_not():
