@@ -237,7 +237,8 @@ def test_steps_up_to_the_largest_give_the_same_integers_and_faults(quantiser, ps
 @pytest.mark.parametrize("n_psi", [1, 4095, 4096, 4097, 9000])
 @pytest.mark.parametrize("scattered", [False, True])
 @pytest.mark.parametrize("mixed", [False, True])
-def test_steps_of_any_length_agree(n_psi, scattered, mixed):
+@pytest.mark.parametrize("psi", [0, 300])
+def test_steps_of_any_length_agree(n_psi, scattered, mixed, psi):
     rng = np.random.default_rng(n_psi)
     n = 2 * n_psi
     chosen = (
@@ -252,7 +253,7 @@ def test_steps_of_any_length_agree(n_psi, scattered, mixed):
         (some if mixed else np.full(n_psi, Kind.SPLIT)).astype(np.uint8),
         table=AlphaTable(3, (5, -7, 8)),
         quantiser=Quantiser(3, 1),
-        psi=300,
+        psi=psi,
         spread=1000,
         seed=n_psi,
     )
