@@ -38,6 +38,8 @@ def test_the_command_makes_shows_and_decodes_layers(evogs, tmp_path):
         "3",
         "--effort",
         "1",
+        "--view",
+        "none",
         "--json",
     ]
     code, said, errors = evogs("encode", scene_file, out, "--camera", cameras, *options)
