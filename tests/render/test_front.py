@@ -23,8 +23,8 @@ def wall(side):
     n = len(means)
     return SplatParams(
         means=means.astype(np.float32),
-        quats=np.tile(np.float32([1, 0, 0, 0]), (n, 1)),
-        log_scales=np.tile(np.log(np.float32([0.06, 0.01, 0.06])), (n, 1)),
+        quats=np.tile(np.float32([1, 0, 0, 0]), (n, 1)),  # type: ignore[arg-type]
+        log_scales=np.tile(np.log(np.float32([0.06, 0.01, 0.06])), (n, 1)),  # type: ignore[arg-type]
         opacity_logits=np.full(n, 8, np.float32),
         sh=np.repeat(dc.astype(np.float32)[:, None, None], 3, axis=2),
     )

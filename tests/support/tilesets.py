@@ -44,8 +44,9 @@ def small_tileset(folder: Path, far=FAR, max_json=1 << 16) -> Node:
 @cache
 def stream(number: int) -> bytes:
     """Of `near`, with two levels."""
-    options = {"preset": "scene", "palette": "never", "effort": 1, "cameras": []}
-    return encode_scene(near(number), levels=2, **options)
+    return encode_scene(
+        near(number), levels=2, preset="scene", palette="never", effort=1, cameras=[]
+    )
 
 
 def near(number: int) -> SplatParams:

@@ -36,7 +36,7 @@ def test_against_several_curves_the_best_at_each_psnr_counts():
     others = CURVE[:2], scaled(2)
     worst, best = bd_rate(CURVE, scaled(2)), bd_rate(CURVE, *others)
     assert worst == pytest.approx(-50)
-    assert -50 < best < 0
+    assert -50 < best < 0  # type: ignore[operator]
     assert bd_rate(CURVE[:2], *others) == pytest.approx(0, abs=1e-9)
 
 

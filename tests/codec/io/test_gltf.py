@@ -118,8 +118,8 @@ def test_a_file_that_many_buffers_name_is_read_once(tmp_path, monkeypatch):
         view["buffer"] = number
     path.write_text(json.dumps(root))
     names = []
-    read = gltf_file.read_bytes
-    monkeypatch.setattr(gltf_file, "read_bytes", lambda at: names.append(at.name) or read(at))
+    read = gltf_file.read_bytes  # type: ignore[attr-defined]
+    monkeypatch.setattr(gltf_file, "read_bytes", lambda at: names.append(at.name) or read(at))  # type: ignore[func-returns-value]
     assert_same(read_scene(path).splats, scene)
     assert n_buffers > 1
     assert names == ["x.gltf", "the bytes.bin"]

@@ -207,7 +207,7 @@ def test_what_is_said_of_a_stream_is_not_believed(folder, tmp_path):
         assert said in refusal(path)
         with pytest.raises(InputError):
             read_gltf_stream(path)
-    for said, (place, key, value) in {
+    for said, (place, key, value) in {  # type: ignore[assignment]
         "ends after the end of its buffer": ("bufferViews", "byteLength", len(data) + 1),
         "are compressed": ("bufferViews", "extensions", {"EXT_meshopt_compression": {}}),
         "its stream: E_": ("bufferViews", "byteLength", len(data) - 1),

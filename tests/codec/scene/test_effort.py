@@ -92,7 +92,9 @@ def test_fast_encodes_one_of_two_trees(monkeypatch):
     monkeypatch.setattr(choose, "SURE_OF_PICKS", 1e9)
     draft = choose.FoundStream.draft
     monkeypatch.setattr(
-        choose.FoundStream, "draft", lambda *args: written.append(args) or draft(*args)
+        choose.FoundStream,
+        "draft",
+        lambda *args: written.append(args) or draft(*args),  # type: ignore[func-returns-value]
     )
     shared = type(splats)(splats.means, splats.quats, splats.log_scales, splats.opacity_logits, sh)
     assert read_directory(encode_scene(shared, levels=2, up="z", effort="fast")).has_palette
@@ -111,7 +113,9 @@ def test_best_looks_at_twice_the_views(effort, n_views, monkeypatch):
     drawn = []
     monkeypatch.setattr(viewpoints, "SIZE", 40)
     monkeypatch.setattr(
-        views, "draw", lambda *args, **more: drawn.append(args) or draw(*args, **more)
+        views,
+        "draw",
+        lambda *args, **more: drawn.append(args) or draw(*args, **more),  # type: ignore[func-returns-value]
     )
     encode_scene(make_scene(60), levels=1, up="z", effort=effort)
     finest = [camera for splats, camera, *_ in drawn if len(splats) == 60]

@@ -59,7 +59,7 @@ def test_the_camera_goes_with_the_splats_in_a_stream_and_in_a_scene(stream):
     edited = edit_scenes([whole], Edit(offset=np.array([4.0, 0, 0])))
     there = Viewpoint((4.0, -2.0, 0.0), (4.0, 0.0, 0.0), 50.0)
     assert default_viewpoint(edited.scene.info.text) == there
-    assert default_viewpoint(read_directory(edited.stream).info.text) == there
+    assert default_viewpoint(read_directory(edited.stream).info.text) == there  # type: ignore[arg-type]
     both = merged([edited.scene, edit_scenes([whole], Edit(scale=2.0)).scene])
     assert default_viewpoint(both.info.text) == there
 

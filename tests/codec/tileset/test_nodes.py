@@ -16,7 +16,7 @@ def partition_of(n_files, counts=None, seed=1):
     points = np.random.default_rng(seed).uniform(-1000, 1000, (max(64 * n_files, 200), 3))
     tree = Tree.of(points, n_files)
     counts = np.full(tree.n_tiles, 500_000) if counts is None else np.array(counts)
-    return Partition(None, tree, 0, counts, None, None)
+    return Partition(None, tree, 0, counts, None, None)  # type: ignore[arg-type]
 
 
 def filled(root):
@@ -33,7 +33,7 @@ def filled(root):
 def test_every_file_is_a_leaf_once_and_no_node_has_many_children(n_files):
     root = nodes_of(partition_of(n_files))
     leaves = [node for node in root.all() if not node.children]
-    assert sorted(leaf.tile for leaf in leaves) == list(range(n_files))
+    assert sorted(leaf.tile for leaf in leaves) == list(range(n_files))  # type: ignore[type-var]
     assert root.weight == n_files * 500_000
     inner = [node for node in root.all() if node.children]
     assert all(2 <= len(node.children) <= MOST for node in inner)

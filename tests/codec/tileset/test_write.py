@@ -164,11 +164,11 @@ def test_contents_of_gltf_are_the_splats_of_streams_with_y_up(folder, right, tmp
             take(tileset)
     assert [one.box for one, _ in tiles] == [other.box for _, other in tiles]
     for one, other in tiles:
-        assert one.name == other.name.replace(".evogs", ".glb")
+        assert one.name == other.name.replace(".evogs", ".glb")  # type: ignore[union-attr]
         x, y, z = decode(right / other.name).leaves().means.T
         # Readers have a `.ply` before them, whose x and y are the negative of those of glTF; a
         # client of 3D Tiles makes (x, -z, y) of glTF.
-        found = read_scene(tmp_path / "a" / one.name).splats.means * np.float32([-1, -1, 1])
+        found = read_scene(tmp_path / "a" / one.name).splats.means * np.float32([-1, -1, 1])  # type: ignore[arg-type, operator]
         assert np.stack([found[:, 0], -found[:, 2], found[:, 1]], axis=1) == pytest.approx(
             np.stack([x, y, z], axis=1)
         )
@@ -185,7 +185,7 @@ def test_the_place_that_a_scene_says_is_kept_and_options_say_more():
         assert _with_place_of(info, TilesetOptions()) == TilesetOptions()
     of_scene = SceneInfo(text={"camera": "{}", "psnr": "40"})
     job = with_place(JOB, of_scene, np.array(matrix).reshape(4, 4), "EPSG:4978")
-    assert job.info.text == said
+    assert job.info.text == said  # type: ignore[union-attr]
 
 
 @pytest.mark.parametrize("crs", ["32632", "EPSG:", "EPSG:1x", "utm"])
