@@ -13,11 +13,19 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.render import projection as p
-from evogs_codec.render.compiled import Scalar, exp2, inlined, parallel_kernel, prange, row_kernel
+from evogs_codec.render.compiled import (
+    Scalar,
+    exp2,
+    inlined,
+    parallel_kernel,
+    prange,
+    prefetch,
+    row_kernel,
+)
 from evogs_codec.render.options import ALPHA_MIN, T_MIN
-from evogs_codec.render.tiles import SIDE
+from evogs_codec.render.spans import LOG_MIN, SIDE
 
-__all__ = ["FAR", "blend", "clip_rows"]
+__all__ = ["AHEAD", "FAR", "blend", "clip_rows"]
 
 Array = npt.NDArray[Any]
 
@@ -29,6 +37,7 @@ _WIDTH = SIDE * 6
 _ROW = np.uint64(_WIDTH)
 _PATIENCE = 8  # splats between two looks at whether rows are finished
 FAR = -1000.0  # log2 alpha of nothing
+AHEAD = 8  # entries of a list from one whose record is asked for to the one that is drawn
 
 
 @row_kernel
@@ -86,7 +95,7 @@ def clip_rows(lines: Array, record: Array, x: int, y: int) -> None:
         # No branch: which of the three it is cannot be predicted.
         gap = base if base > 0.0 else (end if end < 0.0 else 0.0)
         lines[row] = base
-        lines[row + _LANES] = most if gap * gap <= most - p.LOG_MIN + 1e-4 else FAR
+        lines[row + _LANES] = most if gap * gap <= most - LOG_MIN + 1e-4 else FAR
 
 
 @inlined
@@ -116,6 +125,8 @@ def _blend_tile(
             if n_open == 0:
                 break
         splat = entries[j]
+        if j + AHEAD < end:
+            prefetch(records, entries[j + AHEAD])
         record = records[splat]
         red, green, blue = real(record[p.RED]), real(record[p.GREEN]), real(record[p.BLUE])
         weight = real(record[p.WEIGHT])

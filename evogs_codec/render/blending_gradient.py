@@ -15,10 +15,18 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.render import projection as p
-from evogs_codec.render.blending import FAR, clip_rows
-from evogs_codec.render.compiled import Scalar, exp2, inlined, parallel_kernel, prange, row_kernel
+from evogs_codec.render.blending import AHEAD, FAR, clip_rows
+from evogs_codec.render.compiled import (
+    Scalar,
+    exp2,
+    inlined,
+    parallel_kernel,
+    prange,
+    prefetch,
+    row_kernel,
+)
 from evogs_codec.render.options import ALPHA_MIN
-from evogs_codec.render.tiles import SIDE
+from evogs_codec.render.spans import SIDE
 
 __all__ = ["ENTRY", "add_up", "blend_gradient"]
 
@@ -109,6 +117,8 @@ def _unblend_tile(
     out[begin + last + 1 : end] = real(0)
     for j in range(begin + last, begin - 1, -1):
         splat = entries[j]
+        if j - AHEAD >= begin:
+            prefetch(records, entries[j - AHEAD])
         record = records[splat]
         red, green, blue = real(record[p.RED]), real(record[p.GREEN]), real(record[p.BLUE])
         clip_rows(lines, record, x, y)

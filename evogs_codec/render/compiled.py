@@ -26,6 +26,7 @@ __all__ = [
     "n_threads",
     "parallel_kernel",
     "prange",
+    "prefetch",
     "row_kernel",
 ]
 
@@ -69,6 +70,25 @@ def n_threads() -> int:
     Kernels get the number as an argument: numba cannot cache a kernel that asks for it.
     """
     return int(numba.get_num_threads())
+
+
+@intrinsic  # type: ignore[misc, untyped-decorator, unused-ignore]
+def prefetch(_context: Numba, rows: Numba, row: Numba) -> Numba:
+    """Ask for the beginning of a row of an array (n, ...), which is read a little later."""
+
+    def generate(context: Numba, builder: Numba, signature: Numba, args: Numba) -> Numba:
+        array = context.make_array(signature.args[0])(context, builder, args[0])
+        stride = builder.extract_value(array.strides, 0)
+        index = builder.sext(args[1], ir.IntType(64)) if args[1].type.width < 64 else args[1]
+        byte, word = ir.IntType(8), ir.IntType(32)
+        start = builder.bitcast(array.data, byte.as_pointer())
+        at = builder.gep(start, [builder.mul(stride, index)])
+        kind = ir.FunctionType(ir.VoidType(), [byte.as_pointer(), word, word, word])
+        function = builder.module.declare_intrinsic("llvm.prefetch", [byte.as_pointer()], kind)
+        builder.call(function, [at, *(ir.Constant(word, k) for k in (0, 3, 1))])
+        return context.get_dummy_value()
+
+    return numba.types.void(rows, row), generate
 
 
 def exp2(t: float) -> float:

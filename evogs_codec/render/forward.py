@@ -18,6 +18,7 @@ from evogs_codec.render.blending import blend
 from evogs_codec.render.camera import Camera
 from evogs_codec.render.compiled import n_threads
 from evogs_codec.render.options import DEFAULT, Options
+from evogs_codec.render.spans import SPAN
 from evogs_codec.render.tiles import Chunk, Tiles, depth_order
 
 __all__ = ["Counts", "Drawing", "Splats", "draw", "render", "render_counted"]
@@ -169,15 +170,16 @@ def prepare(
     n = len(splats.means)
     records = np.empty((n, p.FIELDS), np.float64)
     rows = np.empty((n, 2), np.int32)
+    spans = np.empty((n, SPAN), np.int16)
     depths = np.empty(n, np.float64)
     status = np.empty(n, np.uint8)
     p.project(
         splats.means, splats.quats, splats.log_scales, splats.opacity_logits, splats.sh,
         camera.view(options), options.antialiased, camera.width, camera.height,
-        records, rows, depths, status, n_threads(),
+        records, rows, spans, depths, status, n_threads(),
     )  # fmt: skip
     order = depth_order(depths, status)
-    tiles = Tiles.of(records, rows, order, camera.width, camera.height)
+    tiles = Tiles.of(records, rows, spans, order, camera.width, camera.height)
     if tiles.n_intersections > options.max_intersections:
         raise ValueError(
             f"{tiles.n_intersections} pairs of a splat and a tile, over max_intersections = "

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from evogs_codec.render.blending_gradient import ENTRY, add_up, blend_gradient
-from evogs_codec.render.compiled import kernel, n_threads
+from evogs_codec.render.compiled import n_threads
 from evogs_codec.render.forward import Drawing, Real, Splats
-from evogs_codec.render.projection_gradient import project_gradient
+from evogs_codec.render.projection_gradient import project_gradient, project_squares
 
-__all__ = ["Gradients", "add_squares", "gradients"]
+__all__ = ["Gradients", "add_squared_gradients", "gradients"]
 
 _MAX_LIST = 1 << 24  # float32 counts exactly up to here
 
@@ -46,6 +47,56 @@ def gradients(drawing: Drawing, splats: Splats, image_gradient: Real) -> Gradien
         ValueError: the shapes do not fit, or one tile has more than 2^24 splats.
     """
     dtype = drawing.image.dtype
+    to_records = _to_records(drawing, splats, image_gradient)
+    out = Gradients(
+        np.empty(splats.means.shape, dtype),
+        np.empty(splats.quats.shape, dtype),
+        np.empty(splats.log_scales.shape, dtype),
+        np.empty(splats.opacity_logits.shape, dtype),
+        np.empty(splats.sh.shape, dtype),
+        to_records[:, :2].astype(dtype),
+    )
+    project_gradient(
+        splats.means, splats.quats, splats.log_scales, splats.opacity_logits, splats.sh,
+        drawing.camera.view(drawing.options), drawing.options.antialiased,
+        drawing.tiles.records, drawing.status, to_records,
+        out.means, out.quats, out.log_scales, out.opacity_logits, out.sh, n_threads(),
+    )  # fmt: skip
+    return out
+
+
+def add_squared_gradients(
+    totals: Sequence[Real], drawing: Drawing, splats: Splats, image_gradient: Real, by: float
+) -> None:
+    """Add squares of what `gradients` gives, each divided by a number, to a total of each.
+
+    Args:
+        totals: means, quats, log_scales, opacity_logits and sh, added to; shaped like those of
+            `splats`, of the type of the picture.
+        drawing: as of `gradients`.
+        splats: as of `gradients`.
+        image_gradient: as of `gradients`.
+        by: what squares are divided by.
+
+    Raises:
+        ValueError: as `gradients`.
+    """
+    means, quats, log_scales, opacity_logits, sh = totals
+    project_squares(
+        splats.means, splats.quats, splats.log_scales, splats.opacity_logits, splats.sh,
+        drawing.camera.view(drawing.options), drawing.options.antialiased,
+        drawing.tiles.records, drawing.status, _to_records(drawing, splats, image_gradient), by,
+        means, quats, log_scales, opacity_logits, sh, n_threads(),
+    )  # fmt: skip
+
+
+def _to_records(drawing: Drawing, splats: Splats, image_gradient: Real) -> Real:
+    """(N, ENTRY) gradients to the records, float64.
+
+    Raises:
+        ValueError: as `gradients`.
+    """
+    dtype = drawing.image.dtype
     if image_gradient.shape != drawing.image.shape:
         raise ValueError(
             f"gradient of shape {image_gradient.shape}, {drawing.image.shape} expected"
@@ -65,26 +116,4 @@ def gradients(drawing: Drawing, splats: Splats, image_gradient: Real) -> Gradien
             g, drawing.transmittance, drawing.last, rows, n_threads(),
         )  # fmt: skip
         add_up(chunk.offsets, chunk.block_ends, chunk.entries, rows, to_records)
-    out = Gradients(
-        np.empty(splats.means.shape, dtype),
-        np.empty(splats.quats.shape, dtype),
-        np.empty(splats.log_scales.shape, dtype),
-        np.empty(splats.opacity_logits.shape, dtype),
-        np.empty(splats.sh.shape, dtype),
-        to_records[:, :2].astype(dtype),
-    )
-    project_gradient(
-        splats.means, splats.quats, splats.log_scales, splats.opacity_logits, splats.sh,
-        drawing.camera.view(drawing.options), drawing.options.antialiased,
-        tiles.records, drawing.status, to_records,
-        out.means, out.quats, out.log_scales, out.opacity_logits, out.sh, n_threads(),
-    )  # fmt: skip
-    return out
-
-
-@kernel
-def add_squares(total: Real, part: Real, by: int) -> None:
-    """Add the squares of a part (n,), each divided by a number, to a total (n,)."""
-    divisor = total.dtype.type(by)
-    for i in range(len(total)):
-        total[i] += part[i] * part[i] / divisor
+    return to_records

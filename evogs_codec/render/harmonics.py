@@ -80,9 +80,9 @@ def basis_gradient(
 @inlined
 def shade(dx: float, dy: float, dz: float, sh: Array, values: Array) -> tuple[float, float, float]:
     """R G B of (K, 3) coefficients along a direction, not clamped at 0; `values` is scratch."""
-    length = math.sqrt(dx * dx + dy * dy + dz * dz)
+    inverse = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)
     n = sh.shape[0]
-    basis(dx / length, dy / length, dz / length, values, n)
+    basis(dx * inverse, dy * inverse, dz * inverse, values, n)
     red = green = blue = 0.5
     for k in range(n):
         red += values[k] * sh[k, 0]

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from evogs_codec.render.compiled import inlined, parallel_kernel, prange
 from evogs_codec.render.harmonics import shade
 from evogs_codec.render.options import ALPHA_MIN
+from evogs_codec.render.spans import LOG_MIN, MARGIN, fill_span
 
 __all__ = ["DRAWN", "FIELDS", "INVISIBLE", "NON_FINITE", "project"]
 
@@ -44,9 +45,7 @@ X, Y, WEIGHT, SLOPE, CURVE, LOG_OPACITY, RED, GREEN, BLUE, WIDEST = range(10)
 FIELDS = 10
 
 DRAWN, INVISIBLE, NON_FINITE = 0, 1, 2
-LOG_MIN = math.log2(ALPHA_MIN)
 LOG2E = math.log2(math.e)
-MARGIN = 1e-3  # pixels; boxes are a little larger than they need to be
 
 
 @inlined
@@ -55,7 +54,8 @@ def unit_quaternion(w: float, x: float, y: float, z: float) -> tuple[float, ...]
     norm = math.sqrt(w * w + x * x + y * y + z * z)
     if norm == 0.0:
         return 1.0, 0.0, 0.0, 0.0, 0.0
-    return w / norm, x / norm, y / norm, z / norm, 1.0 / norm
+    inverse = 1.0 / norm
+    return w * inverse, x * inverse, y * inverse, z * inverse, inverse
 
 
 @inlined
@@ -81,9 +81,11 @@ def to_camera(view: Array, x: float, y: float, z: float) -> tuple[float, ...]:
 @inlined
 def jacobian(view: Array, x: float, y: float, z: float) -> tuple[float, ...]:
     """The four entries of J that are not zero: J00, J02, J11, J12."""
-    slope_x = min(max(x / z, view[LEFT]), view[RIGHT])
-    slope_y = min(max(y / z, view[TOP]), view[BOTTOM])
-    return view[FX] / z, -view[FX] * slope_x / z, view[FY] / z, -view[FY] * slope_y / z
+    inverse = 1.0 / z
+    slope_x = min(max(x * inverse, view[LEFT]), view[RIGHT])
+    slope_y = min(max(y * inverse, view[TOP]), view[BOTTOM])
+    j00, j11 = view[FX] * inverse, view[FY] * inverse
+    return j00, -j00 * slope_x, j11, -j11 * slope_y
 
 
 @inlined
@@ -141,10 +143,10 @@ def opacity_of(logit: float) -> float:
 
 
 @inlined
-def _is_finite(means: Array, quats: Array, scales: Array, logit: float, sh: Array) -> bool:
-    zero = logit * 0.0  # becomes NaN at the first number that is not finite
+def _is_finite(means: Array, quats: Array, sh: Array) -> bool:
+    zero = 0.0  # becomes NaN at the first number that is not finite
     for c in range(3):
-        zero += means[c] * 0.0 + scales[c] * 0.0
+        zero += means[c] * 0.0
     for c in range(4):
         zero += quats[c] * 0.0
     for k in range(sh.shape[0]):
@@ -164,14 +166,16 @@ def _clip(value: float, size: int) -> int:
 def _splat(
     mean: Array, quat: Array, scale: Array, logit: float, sh: Array,
     view: Array, antialiased: bool, width: int, height: int,
-    out: Array, rows: Array, scratch: Array,
+    out: Array, rows: Array, span: Array, scratch: Array,
 ) -> tuple[int, float]:  # fmt: skip
-    """Fill one record and its pixel rows; returns its status and depth."""
-    if not _is_finite(mean, quat, scale, logit, sh):
+    """Fill one record, its pixel rows and its span; returns its status and depth."""
+    # Infinite scales and logits may give finite numbers; what else is not finite spreads to those
+    # that are looked at below.
+    if scale[0] * 0.0 + scale[1] * 0.0 + scale[2] * 0.0 + logit * 0.0 != 0.0:
         return NON_FINITE, 0.0
     x, y, z = to_camera(view, mean[0], mean[1], mean[2])
     if not z > view[NEAR]:
-        return INVISIBLE, 0.0
+        return (INVISIBLE if _is_finite(mean, quat, sh) else NON_FINITE), 0.0
     qw, qx, qy, qz, _ = unit_quaternion(
         np.float64(quat[0]), np.float64(quat[1]), np.float64(quat[2]), np.float64(quat[3])
     )
@@ -183,24 +187,27 @@ def _splat(
     red, green, blue = shade(
         mean[0] - view[EYE], mean[1] - view[EYE + 1], mean[2] - view[EYE + 2], sh, scratch
     )
-    if not math.isfinite(det + red + green + blue + opacity + x / z + y / z):
+    slope_x, slope_y = x / z, y / z
+    if not math.isfinite(det + red + green + blue + opacity + slope_x + slope_y):
         return NON_FINITE, 0.0
     if not opacity >= ALPHA_MIN:
         return INVISIBLE, 0.0
     log_opacity = math.log2(opacity)
     room = log_opacity - LOG_MIN
     reach = 2.0 * room / LOG2E  # the squared distance, in standard deviations, of alpha = 1/255
-    out[X] = view[FX] * (x / z) + view[CX]
-    out[Y] = view[FY] * (y / z) + view[CY]
+    out[X] = view[FX] * slope_x + view[CX]
+    out[Y] = view[FY] * slope_y + view[CY]
+    inverse = 1.0 / yy
     out[WEIGHT] = math.sqrt(0.5 * LOG2E * (yy / det))
-    out[SLOPE] = xy / yy
-    out[CURVE] = 0.5 * LOG2E / yy
+    out[SLOPE] = xy * inverse
+    out[CURVE] = 0.5 * LOG2E * inverse
     out[LOG_OPACITY] = log_opacity
     out[RED] = max(0.0, red)
     out[GREEN] = max(0.0, green)
     out[BLUE] = max(0.0, blue)
-    out[WIDEST] = xy * math.sqrt(reach / xx)  # dy of the rightmost point
-    half = math.sqrt(reach * xx)
+    part = math.sqrt(reach / xx)
+    out[WIDEST] = xy * part  # dy of the rightmost point
+    half = xx * part
     if not (out[X] + half + MARGIN >= 0.5 and out[X] - half - MARGIN <= width - 0.5):
         return INVISIBLE, 0.0
     half = math.sqrt(reach * yy)
@@ -208,6 +215,10 @@ def _splat(
     rows[1] = _clip(math.floor(out[Y] + half + MARGIN - 0.5) + 1.0, height)
     if rows[0] >= rows[1]:
         return INVISIBLE, 0.0
+    fill_span(
+        out[X], out[Y], out[WEIGHT], out[SLOPE], out[CURVE], out[LOG_OPACITY], out[WIDEST],
+        rows[0], rows[1], width, span,
+    )  # fmt: skip
     return DRAWN, z
 
 
@@ -215,9 +226,9 @@ def _splat(
 def project(
     means: Array, quats: Array, log_scales: Array, opacity_logits: Array, sh: Array,
     view: Array, antialiased: bool, width: int, height: int,
-    records: Array, rows: Array, depths: Array, status: Array, n_workers: int,
+    records: Array, rows: Array, spans: Array, depths: Array, status: Array, n_workers: int,
 ) -> None:  # fmt: skip
-    """Fill, for each of N splats, its record, pixel rows [first, last), camera z and status.
+    """Fill, for each of N splats, its record, pixel rows, span, camera z and status.
 
     Arguments, several to a line:
         means, quats, log_scales, opacity_logits, sh: parameters before activation.
@@ -225,7 +236,8 @@ def project(
         antialiased: whether opacity is compensated.
         width, height: pixels.
         records: (N, FIELDS) float64, out.
-        rows: (N, 2) int32, out.
+        rows: (N, 2) int32, [first, last), out.
+        spans: (N, SPAN) int16, out; only where drawn.
         depths: (N,) float64, out; only where drawn.
         status: (N,) uint8, out.
         n_workers: splats are dealt out to so many.
@@ -236,5 +248,6 @@ def project(
         for i in range(worker * n // n_workers, (worker + 1) * n // n_workers):
             status[i], depths[i] = _splat(
                 means[i], quats[i], log_scales[i], opacity_logits[i], sh[i],
-                view, antialiased, width, height, records[i], rows[i], scratch,
+                view, antialiased, width, height, records[i], rows[i], spans[i],
+                scratch,
             )  # fmt: skip

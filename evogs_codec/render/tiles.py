@@ -1,6 +1,6 @@
 """Which splats each tile draws, front to back.
 
-A tile is SIDE x SIDE pixels, tiles are numbered row by row. Splats are put in depth order once and
+Tiles are numbered row by row. Splats are put in depth order once and
 then counted and written into the lists of their tiles in that order, so every list is in depth
 order, and equal depths in order of index. Each worker has a block of splats, consecutive in depth,
 and its own place in every list, after those of the blocks before: the lists do not depend on the
@@ -10,7 +10,6 @@ entries or the longest list.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -20,15 +19,15 @@ import numpy.typing as npt
 
 from evogs_codec.render import projection as p
 from evogs_codec.render.compiled import inlined, kernel, n_threads, parallel_kernel, prange
+from evogs_codec.render.spans import RUNS, SIDE, SPAN, columns_of
 
-__all__ = ["SIDE", "Chunk", "Tiles", "depth_order"]
+__all__ = ["Chunk", "Tiles", "depth_order"]
 
 Array = npt.NDArray[Any]
+I16 = npt.NDArray[np.int16]
 I32 = npt.NDArray[np.int32]
 I64 = npt.NDArray[np.int64]
 
-SIDE = 16
-RUNS = 3  # rows of tiles: most splats are in no more
 CHUNK = 1 << 22  # entries of one chunk: 16 MB of lists, 150 MB of gradients
 _MIN_BLOCK = 2048  # splats that are worth a thread
 _MAX_BLOCKS = 16  # each counts all tiles: 2 MB of a picture of 8192 x 8192 pixels
@@ -64,7 +63,7 @@ class Tiles:
         width: pixels.
         records, rows: what `projection.project` made.
         order: indexes of the drawn splats, in depth order.
-        runs: (drawn, RUNS, 2) tile columns [first, last) of each in its first rows of tiles.
+        runs: (drawn, SPAN) their spans.
         block_ends: (B, tiles) how many entries of every tile's list come from blocks 0..b.
     """
 
@@ -73,17 +72,17 @@ class Tiles:
     records: Array
     rows: I32
     order: I64
-    runs: I32
+    runs: I16
     block_ends: I64
 
     @staticmethod
-    def of(records: Array, rows: I32, order: I64, width: int, height: int) -> Tiles:
-        """Count the entries of every tile."""
+    def of(records: Array, rows: I32, spans: I16, order: I64, width: int, height: int) -> Tiles:
+        """Count the entries of every tile; `records`, `rows` and `spans` are of all splats."""
         columns, tile_rows = -(-width // SIDE), -(-height // SIDE)
         n_blocks = max(1, min(n_threads(), _MAX_BLOCKS, len(order) // _MIN_BLOCK))
         block_ends = np.zeros((n_blocks, tile_rows, columns + 1), np.int64)
-        runs = np.empty((len(order), RUNS, 2), np.int32)
-        _count(records, rows, order, width, runs, block_ends)
+        runs = np.empty((len(order), SPAN), np.int16)
+        _count(records, rows, spans, order, width, runs, block_ends)
         # Until here marks of where runs of tiles begin and end along rows, whose last is no tile.
         np.cumsum(np.cumsum(block_ends, axis=2), axis=0, out=block_ends)
         ends = block_ends[:, :, :-1].reshape(n_blocks, -1)
@@ -163,45 +162,40 @@ def _radix_sort(keys: Array, values: Array, n_bits: int) -> Array:
 
 
 @inlined
-def _columns_of(record: Array, first: int, last: int, row: int, width: int) -> tuple[int, int]:
-    """Tile columns [first, last) where alpha reaches 1/255 in a row of tiles."""
-    # The ellipse between two dy: its rightmost point is at WIDEST or at the nearer end.
-    top = max(row * SIDE, first) + 0.5 - record[p.Y]
-    bottom = min(row * SIDE + SIDE, last) - 0.5 - record[p.Y]
-    room = record[p.LOG_OPACITY] - p.LOG_MIN
-    dy = min(max(record[p.WIDEST], top), bottom)
-    right = math.sqrt(max(0.0, room - record[p.CURVE] * dy * dy)) / record[p.WEIGHT]
-    right += record[p.SLOPE] * dy + record[p.X] + p.MARGIN
-    dy = min(max(-record[p.WIDEST], top), bottom)
-    left = -math.sqrt(max(0.0, room - record[p.CURVE] * dy * dy)) / record[p.WEIGHT]
-    left += record[p.SLOPE] * dy + record[p.X] - p.MARGIN
-    # Pixels whose centres are between them. NaN (an infinite splat) means all.
-    begin, end = 0, width
-    if left > 0.5:
-        begin = width if left > width else math.ceil(left - 0.5)
-    if right < width - 0.5:
-        end = 0 if right < 0.5 else math.floor(right - 0.5) + 1
-    if begin >= end:
-        return 0, 0
-    return begin // SIDE, (end - 1) // SIDE + 1
+def _columns(record: Array, rows: Array, row: int, width: int) -> tuple[int, int]:
+    """Tile columns of a splat in a row of tiles that its span does not have."""
+    return columns_of(
+        record[p.X], record[p.Y], record[p.WEIGHT], record[p.SLOPE], record[p.CURVE],
+        record[p.LOG_OPACITY], record[p.WIDEST], rows[0], rows[1], row, width,
+    )  # fmt: skip
 
 
 @parallel_kernel
 def _count(
-    records: Array, rows: Array, order: Array, width: int, runs: Array, marks: Array
+    records: Array, rows: Array, spans: Array, order: Array, width: int, runs: Array, marks: Array
 ) -> None:  # fmt: skip
-    """Mark, for each block, where runs of tiles begin and end: marks is (B, rows, columns + 1)."""
+    """Put spans in depth order and mark, for each block, where runs of tiles begin and end.
+
+    Arguments, several to a line:
+        records, rows, spans: what `projection.project` made.
+        order: indexes of the drawn splats, in depth order.
+        width: pixels.
+        runs: (drawn, SPAN), out.
+        marks: (B, rows of tiles, columns + 1), added to.
+    """
     n_blocks = len(marks)
     for block in prange(n_blocks):
         for i in range(block * len(order) // n_blocks, (block + 1) * len(order) // n_blocks):
             splat = order[i]
-            top, bottom = rows[splat, 0], rows[splat, 1]
-            first_row = top // SIDE
-            for row in range(first_row, (bottom - 1) // SIDE + 1):
-                begin, end = _columns_of(records[splat], top, bottom, row, width)
-                if row - first_row < RUNS:
-                    runs[i, row - first_row, 0] = begin
-                    runs[i, row - first_row, 1] = end
+            for k in range(SPAN):
+                runs[i, k] = spans[splat, k]
+            first, last = runs[i, 0], runs[i, 1]
+            for row in range(first, min(last, first + RUNS)):
+                k = 2 + 2 * (row - first)
+                marks[block, row, runs[i, k]] += 1
+                marks[block, row, runs[i, k + 1]] -= 1
+            for row in range(first + RUNS, last):
+                begin, end = _columns(records[splat], rows[splat], row, width)
                 marks[block, row, begin] += 1
                 marks[block, row, end] -= 1
 
@@ -216,14 +210,13 @@ def _fill(
     n_blocks = len(next_entry)
     for block in prange(n_blocks):
         for i in range(block * len(order) // n_blocks, (block + 1) * len(order) // n_blocks):
-            splat = order[i]
-            top, bottom = rows[splat, 0], rows[splat, 1]
-            for row in range(max(top // SIDE, first_row), min((bottom - 1) // SIDE + 1, last_row)):
-                k = row - top // SIDE
+            splat, top = order[i], runs[i, 0]
+            for row in range(max(top, first_row), min(runs[i, 1], last_row)):
+                k = row - top
                 if k < RUNS:
-                    begin, end = runs[i, k, 0], runs[i, k, 1]
+                    begin, end = runs[i, 2 + 2 * k], runs[i, 3 + 2 * k]
                 else:
-                    begin, end = _columns_of(records[splat], top, bottom, row, width)
+                    begin, end = _columns(records[splat], rows[splat], row, width)
                 tile = row * n_columns
                 for t in range(max(tile + begin, first), min(tile + end, last)):
                     at = next_entry[block, t - first]

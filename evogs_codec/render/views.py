@@ -13,7 +13,7 @@ from evogs_codec.model.splats import F32, F64, SplatParams
 from evogs_codec.render.camera import Camera
 from evogs_codec.render.forward import Real, Splats, draw, render
 from evogs_codec.render.framing import options_for
-from evogs_codec.render.gradients import add_squares, gradients
+from evogs_codec.render.gradients import add_squared_gradients, gradients
 from evogs_codec.render.metrics import psnr
 from evogs_codec.render.options import DEFAULT, Options
 from evogs_codec.render.up import Direction, up_of
@@ -182,9 +182,7 @@ class Views:
             if not len(splats):
                 continue
             signs = rng.integers(0, 2, drawing.image.shape).astype(np.float32) * 2 - 1
-            found, size = gradients(drawing, splats, signs), signs.size
-            for total, part in zip(totals, _parts(found), strict=True):
-                add_squares(total.reshape(-1), part.reshape(-1), size)
+            add_squared_gradients(totals, drawing, splats, signs, signs.size)
         for total in totals:
             total /= len(cameras)
         return SplatParams(*totals).channels(), images
