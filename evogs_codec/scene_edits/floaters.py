@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-import scipy.spatial
+import scipy
 
 from evogs_codec.model.splats import F64, SplatParams
 
