@@ -39,13 +39,13 @@ from evogs_codec.errors import InputError as InputError
 from evogs_codec.errors import StreamError as StreamError
 from evogs_codec.format.directory import Directory as Directory
 from evogs_codec.format.directory import read_directory as read_directory
+from evogs_codec.io.finite import drop_non_finite as drop_non_finite
+from evogs_codec.io.finite import finite_opacities as finite_opacities
 from evogs_codec.io.interchange.gltf_stream import read_gltf_stream as read_gltf_stream
 from evogs_codec.io.interchange.gltf_stream_write import write_gltf_stream as write_gltf_stream
 from evogs_codec.io.interchange.scene_files import Scene as Scene
 from evogs_codec.io.interchange.scene_files import read_scene as read_scene
 from evogs_codec.io.interchange.scene_files import write_scene as write_scene
-from evogs_codec.io.ply import drop_non_finite as drop_non_finite
-from evogs_codec.io.ply import finite_opacities as finite_opacities
 from evogs_codec.io.ply import read_ply as read_ply
 from evogs_codec.io.ply import write_ply as write_ply
 from evogs_codec.io.tree_npz import read_tree as read_tree

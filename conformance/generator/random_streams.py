@@ -21,24 +21,27 @@ from conformance.generator.builder import (
     REFINE,
     SPLIT,
     Chunk,
-    FrameStyle,
     Packet,
     Stream,
     Tile,
     build,
-    compressed,
-    raw,
-    runs,
+)
+from conformance.generator.random_values import (
+    ANCILLARY,
+    random_alphas,
+    random_coding,
+    random_metadata,
+    random_names,
+    random_numbers,
+    random_origin,
+    random_quantiser,
+    random_style,
 )
 
 __all__ = ["random_stream"]
 
-QUANTISERS = ((1, 0), (3, 1), (255, 8), (65535, 0), (1, 24), (65535, 24), (40000, 12), (7, 20))
-ENTRIES = (1, 1, -1, 0, 2, -3, 64, 4096, 32767, -32768)
-SPREADS = (0, 0, 1, 3, 7, 100, 3000, 1 << 15, (1 << 23) - 1)  # of q; values have 24 bits
 MAX_DELTA, MAX_PRODUCT = 1 << 28, 1 << 30
 HAS_PALETTE = 1 << 8  # bit of the flags
-ANCILLARY = (b"teSt", b"abCD", b"zZZz", b"aaAa")
 
 
 @dataclass
@@ -83,14 +86,14 @@ def random_stream(rng: Random, times: int = 1) -> bytes:
     if has_palette:
         n_levels = rng.choice((n_levels, 3, 4, 8))
     rows = [(row, c) for row in range(1 + n_levels) for c in range(5 + degree)]
-    quantisers = {at: _quantiser(rng) for at in rows} if rng.random() < 0.7 else {}
-    alphas = _alphas(rng, n_levels)
+    quantisers = {at: random_quantiser(rng) for at in rows} if rng.random() < 0.7 else {}
+    alphas = random_alphas(rng, n_levels)
     flags = rng.choice((0, 1, 0xFE)) | (HAS_PALETTE if has_palette else 0)
     stream = Stream(
         degree=degree,
         has_palette=has_palette,
         n_levels=n_levels,
-        tiles=[Tile(_origin(rng)) for _ in range(n_tiles)],
+        tiles=[Tile(random_origin(rng)) for _ in range(n_tiles)],
         quantisers=quantisers,
         alphas=alphas,
         grid=tuple(rng.choice((-16, 0, 10, 40)) for _ in range(5)),  # type: ignore[arg-type]
@@ -98,10 +101,10 @@ def random_stream(rng: Random, times: int = 1) -> bytes:
         header={"version_minor": rng.choice((0, 0, 1, 255)), "flags": flags},
     )
     packets = _packets(rng, stream, times)
-    stream = replace(stream, packets=packets, metadata=_metadata(rng))
+    stream = replace(stream, packets=packets, metadata=random_metadata(rng))
     stream = replace(stream, chunks=lambda chunks: _with_ancillary(Random(len(packets)), chunks))
     if rng.random() < 0.5:
-        stream = replace(stream, digests=dict.fromkeys(_names(rng, packets)))
+        stream = replace(stream, digests=dict.fromkeys(random_names(rng, packets)))
     if rng.random() < 0.7:
         stream = replace(stream, tiles=_tight(stream))
     return _built(stream)
@@ -224,7 +227,7 @@ def _picks(rng: Random, core: Packet, palette: Palette) -> list[Packet]:
     picks = [
         rng.choice((0, n_entries, *[rng.randint(0, most)] * 3)) for _ in range(n_changed + n_new)
     ]
-    codings = {"picks": _coding(rng, max(picks))} if picks and rng.random() < 0.5 else {}
+    codings = {"picks": random_coding(rng, max(picks))} if picks and rng.random() < 0.5 else {}
     packet = replace(
         packet,
         picks=picks[n_changed:],
@@ -232,7 +235,7 @@ def _picks(rng: Random, core: Packet, palette: Palette) -> list[Packet]:
         codings=codings,
         flags=rng.choice((0, 0, 1, 2, 3)),
         is_explicit=True,
-        style=_style(rng),
+        style=random_style(rng),
     )
     return [*packets, packet]
 
@@ -264,16 +267,20 @@ def _filled(
         is_sh = kind >= 4
         # What YCoCg-R gives is up to three times as large.
         share = 24 if is_sh else 8
-        psi[channel] = _numbers(rng, n_psi, _most_psi(stream, core, kind) // share // n_summed)
-        adds[channel] = _numbers(rng, counts["n_adds"], _most_adds(stream, kind) // share)
+        psi[channel] = random_numbers(
+            rng, n_psi, _most_psi(stream, core, kind) // share // n_summed
+        )
+        adds[channel] = random_numbers(rng, counts["n_adds"], _most_adds(stream, kind) // share)
         is_flat = all(abs(b - a) < 1 << 23 for a, b in pairwise([0, *adds[channel]]))
         if counts["n_adds"] and is_flat and rng.random() < 0.3:
             codings[f"adds {channel}"] = 0x68  # delta; 8 low bits and two planes
         for name, values in ((f"psi {channel}", psi[channel]), (f"adds {channel}", adds[channel])):
             if values and name not in codings and rng.random() < 0.3:
-                codings[name] = _coding(rng, max(2 * abs(q) for q in values))
+                codings[name] = random_coding(rng, max(2 * abs(q) for q in values))
     if is_palette and counts["n_adds"] > 16 * (2 + len(channels)):
-        codings.setdefault("adds 0", _coding(rng, max(2 * abs(q) for q in adds[0])))  # R-5.6-7
+        codings.setdefault(
+            "adds 0", random_coding(rng, max(2 * abs(q) for q in adds[0]))
+        )  # R-5.6-7
     filled = replace(
         packet,
         adds=adds if counts["n_adds"] else {},
@@ -282,7 +289,7 @@ def _filled(
         codings=codings,
         flags=ycocg,
         is_explicit=True,
-        style=_style(rng),
+        style=random_style(rng),
     )
     if not any(counts.values()):
         return replace(packet, is_explicit=band > 0 and not stream.has_palette)
@@ -302,78 +309,6 @@ def _most_psi(stream: Stream, core: Packet, kind: int) -> int:
     _, entries = (stream.alphas or {}).get((core.level, group), (0, [1]))
     largest = max(1, *(abs(a) for a in entries))
     return min(MAX_DELTA, MAX_PRODUCT // largest - 4096) // (m << e)
-
-
-def _numbers(rng: Random, n: int, most: int) -> list[int]:
-    spread = min(rng.choice(SPREADS), max(0, most))
-    if rng.random() < 0.1:
-        return [rng.choice((-spread, spread, 0)) for _ in range(n)]
-    return [rng.randint(-spread, spread) for _ in range(n)]
-
-
-def _coding(rng: Random, largest: int) -> int:
-    """Any coding byte that holds integers up to `largest`."""
-    wide = [
-        low | high << 4
-        for low in range(9)
-        for high in range(3)
-        if low + 8 * high >= largest.bit_length() and low + high
-    ]
-    return rng.choice(wide)
-
-
-def _style(rng: Random) -> FrameStyle:
-    """A way of making frames."""
-    block, width = rng.choice((1, 3, 7, 1 << 17)), rng.choice((None, 4, 8))
-    styles: tuple[FrameStyle, ...] = (
-        raw,
-        runs,
-        compressed(rng.choice((-5, 1, 3, 19))),
-        lambda content: raw(content, block, width),
-    )
-    return rng.choice(styles)
-
-
-def _quantiser(rng: Random) -> tuple[int, int]:
-    if rng.random() < 0.6:
-        return rng.choice(QUANTISERS)
-    return rng.randint(1, 65535), rng.randint(0, 24)
-
-
-def _alphas(rng: Random, n_levels: int) -> dict[tuple[int, int], tuple[int, list[int]]] | None:
-    """Tables of some levels and groups; None: no ALFA."""
-    if rng.random() < 0.2:
-        return None
-    keys = [(level, g) for level in range(min(n_levels, 5)) for g in range(5) if rng.random() < 0.5]
-    return {
-        key: (
-            rng.randint(0, 12),
-            rng.choices(ENTRIES, k=256 if rng.random() < 0.02 else rng.randint(1, 4)),
-        )
-        for key in keys
-    }
-
-
-def _origin(rng: Random) -> tuple[int, int, int]:
-    x, y, z = (rng.choice((0, 1, -1, 1 << 52, -(1 << 52), 123456789)) for _ in range(3))
-    return x, y, z
-
-
-def _metadata(rng: Random) -> dict[str | bytes, str | bytes] | None:
-    if rng.random() < 0.6:
-        return None
-    keys = sorted({rng.choice(("a", "title", "z.-_9", "0", "comment")) for _ in range(2)})
-    return {key: rng.choice(("", "x", "\0\n", "é𝄞")) for key in keys}
-
-
-def _names(rng: Random, packets: list[Packet]) -> list[tuple[int, int, int]]:
-    """Some packets by tile, component and step, in the order of dGST."""
-    seen, names = dict[tuple[int, int], int](), list[tuple[int, int, int]]()
-    for packet in packets:
-        chain = (packet.tile, packet.component)
-        names.append((*chain, seen.get(chain, 0)))
-        seen[chain] = seen.get(chain, 0) + 1
-    return sorted(name for name in names if rng.random() < 0.7)
 
 
 def _with_ancillary(rng: Random, chunks: list[Chunk]) -> list[Chunk]:

@@ -29,10 +29,10 @@ from evogs_codec.encoding.settings import PRESETS, SCENE_PRESET, TREE_PRESET, Ra
 from evogs_codec.errors import InputError
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.io.files import KIND_BYTES, STREAM, kind_of, write_atomic
+from evogs_codec.io.finite import drop_non_finite
 from evogs_codec.io.foreign import hint_for_zip
 from evogs_codec.io.interchange.scene_files import Scene, read_scene
 from evogs_codec.io.interchange.sog import is_sog
-from evogs_codec.io.ply import drop_non_finite
 from evogs_codec.io.tree_npz import read_tree, write_tree
 from evogs_codec.lifting.lift import N_LEVELS, lift
 from evogs_codec.model.scene_info import SceneInfo

@@ -7,51 +7,35 @@ steps and roundings (`sensitivity`); without, the factor of the steps of the set
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Generic, TypeVar
 
 import numpy as np
 
-from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.decoding.decode import decode
-from evogs_codec.encoding.arrange import arrange, default_tiles
-from evogs_codec.encoding.grids import AccuracyWarning
-from evogs_codec.encoding.held_steps import Run, held
-from evogs_codec.encoding.layers import Layered, expect_levels
-from evogs_codec.encoding.measured_gains import MeasuredGains, Pictures, Telling, nothing_of
-from evogs_codec.encoding.polish import polished
-from evogs_codec.encoding.quantise import quantise
-from evogs_codec.encoding.ranges import Ranges
-from evogs_codec.encoding.sensitivity import SEEN, Importance, StepWeights
-from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, NearLossless, Settings, StepTable
+from evogs_codec.encoding.held_steps import Run
+from evogs_codec.encoding.prepared import Aim, Prepared
+from evogs_codec.encoding.search import MOST_TRIES, ONE_SIDED, Found, nearest
+from evogs_codec.encoding.sensitivity import Importance
+from evogs_codec.encoding.settings import NearLossless, StepTable
 from evogs_codec.encoding.write import write
 from evogs_codec.errors import InputError
 from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS
 from evogs_codec.model.coded_tree import CodedTree
-from evogs_codec.model.scene_info import SceneInfo
-from evogs_codec.model.splats import F32, F64, SplatParams
+from evogs_codec.model.splats import F64
 from evogs_codec.model.tree import EvolutionTree
 
-__all__ = ["PRICES", "Prepared", "TargetEncoder", "TargetMissedError"]
+__all__ = ["PRICES", "TargetEncoder", "TargetMissedError"]
 
 FIRST_PRICE = 1e-11  # mean squared error that a bit is worth: about 45 dB
 PRICES = (1e-18, 1e-5)
 FACTORS = (1e-4, 1e4)
-MOST_TRIES = 14
 MORE_TRIES = 60  # of few splats, where a rounding moves a PSNR
 TRIED = 200_000  # splats, those of all tries together
-NARROW = 1e-6
-ROUGH, SPREAD, GOLDEN = 0.02, 0.2, 0.618  # of the logarithm of a price
 PSNR_SLACK, BYTES_SLACK = 0.1, 0.005  # dB, and part of the bytes asked for
 POLISH_GAIN = 2.0  # dB, about
 FAR_PSNR, FAR_BYTES = 15.0, math.log(8.0)  # from the first try: the end of the range is tried next
-ONE_SIDED = 3  # tries on one side of a target, after which it is, too
-
-T = TypeVar("T")
 
 
 class TargetMissedError(InputError):
@@ -63,36 +47,8 @@ class TargetMissedError(InputError):
 
 
 @dataclass(frozen=True)
-class TargetEncoder:
-    """A tree that is encoded until it meets a target.
-
-    Attributes:
-        tree: any.
-        settings: what is kept of them: the effort, and the steps where there are no views.
-        views: of the tree's leaves, or None.
-        polish: iterations of `polished`, where views decide; 0 for none.
-        layers: of precision (`layers`), where views decide.
-        leaf_error: (5,) per group, the largest distance of the tree's leaves from the splats that
-            they stand for: `within` adds it to the error of the stream.
-        ordering: a few views by which packets are put in order, where those that are drawn for the
-            sensitivity do not tell; `views` by default.
-        seen: part of the worth of a number that the views decide.
-        n_tiles, info, progress: as of `encode`.
-        n_levels: of the first layer; by default those of the tree.
-    """
-
-    tree: EvolutionTree
-    settings: Settings
-    views: Pictures | None = None
-    polish: int = 0
-    layers: int = 1
-    leaf_error: tuple[float, ...] = (0.0,) * len(GROUPS)
-    ordering: Pictures | None = None
-    seen: float = SEEN
-    n_tiles: int | None = None
-    info: SceneInfo | None = None
-    progress: Progress | None = None
-    n_levels: int = 1
+class TargetEncoder(Aim):
+    """A tree that is encoded until it meets a target; its attributes are those of `Aim`."""
 
     def at_psnr(self, decibels: float) -> bytes:
         """The stream whose leaves have this PSNR against the tree's, within 0.2 dB.
@@ -113,10 +69,10 @@ class TargetEncoder:
             start: float,
             slack: float,
             tries: int = MOST_TRIES,
-        ) -> _Found[CodedTree]:
+        ) -> Found[CodedTree]:
             # 3 dB for a price twice as high.
             slope = -10 / math.log(10)
-            return _search(
+            return nearest(
                 lambda price: measure(code(price)),
                 target,
                 slope,
@@ -155,14 +111,14 @@ class TargetEncoder:
         """
         coder = self.prepared
 
-        def search(code: Callable[[float], CodedTree], start: float) -> _Found[bytes]:
+        def search(code: Callable[[float], CodedTree], start: float) -> Found[bytes]:
             def measure(price: float) -> tuple[float, bytes]:
                 data = self.written(code(price))
                 return math.log(len(data)), data
 
             bounds = PRICES if self.views else FACTORS
             most = math.log(n_bytes)
-            return _search(
+            return nearest(
                 measure,
                 most - BYTES_SLACK,
                 -0.1,
@@ -296,115 +252,6 @@ class TargetEncoder:
         return write(coded, effort=self.settings.effort, progress=self.progress)
 
 
-class Prepared:
-    """A tree arranged once, and quantised as often as it takes."""
-
-    def __init__(self, aim: TargetEncoder) -> None:
-        self.aim = aim
-        self.n_levels = max(aim.tree.n_levels, aim.n_levels)
-        if (aim.polish or aim.layers > 1) and aim.views is None:
-            raise ValueError(f"{'polishing needs' if aim.polish else 'layers need'} views")
-        if aim.layers > 1:
-            expect_levels(self.n_levels, aim.layers)  # before anything is rendered
-        self.polishes = aim.polish > 0 and (self.n_levels > 1 or aim.layers > 1)
-        report = aim.progress or no_progress
-        report("arrange", 0.0)
-        self.tiles = arrange(aim.tree, aim.n_tiles or default_tiles(aim.tree.n_leaves))
-        self.importance = self.shown = self.layered = None
-        if aim.views is not None:
-            report("draw", 0.0)
-            self.importance, self.shown = _drawn(aim, aim.views, self.tiles, self.n_levels)
-            if aim.layers > 1 and aim.tree.n_leaves:
-                self.layered = Layered.of(self.tiles, self.n_levels, self.importance, aim.layers)
-        self.ranges = Ranges.of(self.tiles, self.n_levels)
-
-    def holding(self, runs: Sequence[Run], ratio: float) -> Prepared:
-        """The same with runs of steps held back."""
-        other = copy(self)
-        if self.importance is None:
-            return other
-        pairs = zip(self.tiles, self.importance.weights, strict=True)
-        tiles, weights = zip(*(held(tile, own, runs) for tile, own in pairs), strict=True)
-        other.tiles, other.importance = list(tiles), replace(self.importance, weights=weights)
-        if self.layered is not None:
-            n_layers = self.aim.layers
-            other.layered = Layered.of(
-                other.tiles, self.n_levels, other.importance, n_layers, ratio
-            )
-        other.ranges = Ranges.of(other.tiles, self.n_levels)
-        return other
-
-    def coded(self, at: float) -> CodedTree:
-        """At a price of a bit, or at a factor of the steps."""
-        if self.importance is None:
-            return self.quantised(self.aim.settings.finer(1 / at))
-        source = self.layered or self.importance
-        settings = replace(
-            self.aim.settings,
-            accuracy=StepTable.of(source.steps(at, self.ranges.extent)),
-            n_alpha=N_ALPHA,
-            alpha_bits=ALPHA_BITS,
-        )
-        if self.layered is not None:
-            weights = self.layered.weights(at, self.ranges.extent)
-            return self.layered.with_gains(self.quantised(settings, weights, at))
-        return self.quantised(settings, self.importance.raised(at, self.ranges.extent), at)
-
-    def polished(self, price: float) -> CodedTree:
-        """At a price of a bit, the integers of the last level moved by pictures."""
-        views, report = self.aim.views, self.aim.progress or no_progress
-        assert views is not None, "polishing has views"
-        return polished(
-            self.coded(price), views, price, self.aim.polish, lambda part: report("polish", part)
-        )
-
-    def quantised(
-        self,
-        settings: Settings,
-        weights: Sequence[Sequence[StepWeights | None]] | None = None,
-        price: float = 1.0,
-    ) -> CodedTree:
-        """With these settings."""
-        with warnings.catch_warnings():
-            # Of a search: whoever asks for a target is told whether it was met.
-            warnings.simplefilter("ignore", AccuracyWarning)
-            coded = quantise(
-                self.layered.tiles if self.layered else self.tiles,
-                self.layered.n_levels if self.layered else self.n_levels,
-                settings,
-                weights=weights,
-                entry_weights=self.importance.entries if weights and self.importance else None,
-                price=price,
-                ranges=self.ranges,  # layers move nothing
-                info=self.aim.info,
-            )
-        return self.shown.rescale(coded) if self.shown else coded
-
-    def first_table(self) -> F64:
-        """(1 + n_levels, K) steps of the settings."""
-        return self.aim.settings.accuracy.wanted_steps(self.ranges, self.n_levels)
-
-
-def _drawn(
-    aim: TargetEncoder, views: Pictures, tiles: Sequence[EvolutionTree], n_levels: int
-) -> tuple[Importance, MeasuredGains]:
-    """What the numbers of arranged tiles are worth, and what their packets gain."""
-    if aim.ordering is None or not isinstance(views, Telling):
-        found = Importance.of(tiles, n_levels, views.sensitivity, seen=aim.seen)
-        return found, MeasuredGains.of(aim.tree, aim.ordering or views)
-    told: list[float] = []
-
-    def sensitivity(splats: SplatParams) -> F32:
-        found, decibels = views.sensitivity_and_psnr(splats)
-        told.append(decibels)
-        return found
-
-    sensitivity(nothing_of(aim.tree.leaves(0)))
-    found = Importance.of(tiles, n_levels, sensitivity, seen=aim.seen)
-    shown = told[:-1] if len(told) == 1 + n_levels else None  # of each level that has splats
-    return found, MeasuredGains.of(aim.tree, aim.ordering, shown)
-
-
 def _errors(tiles: Sequence[EvolutionTree], data: bytes, sh_degree: int) -> F64:
     """(5,) largest error of the leaves of a stream, per group, in the units of the group."""
     leaves = [tile.leaves().channels() for tile in tiles if tile.steps]
@@ -414,87 +261,3 @@ def _errors(tiles: Sequence[EvolutionTree], data: bytes, sh_degree: int) -> F64:
     found = decode(data).leaves(sh_degree=sh_degree).channels()
     off = np.abs(found.astype(np.float64) - right)
     return np.array([off[part].max(initial=0.0) for part in GROUP_CHANNELS])
-
-
-@dataclass(frozen=True)
-class _Found(Generic[T]):
-    """The best of a search: where, its value, and what has it.
-
-    `is_end`: an end of what was searched, beyond which the target lies.
-    """
-
-    at: float
-    value: float
-    what: T
-    is_end: bool = False
-
-
-def _search(
-    measure: Callable[[float], tuple[float, T]],
-    target: float,
-    slope: float,
-    start: float,
-    bounds: tuple[float, float],
-    slack: float,
-    most: float = math.inf,
-    tries: int = MOST_TRIES,
-    far: float = math.inf,
-) -> _Found[T]:
-    """Where a value that falls is nearest to `target`: secants in the logarithm, kept in brackets.
-
-    Args:
-        measure: value at a place, and what has it.
-        target: of the value.
-        slope: first guess of the change of the value over that of the logarithm of the place.
-        start: first place.
-        bounds: no place is outside.
-        slack: a value this near is good enough.
-        most: a value above it is the best only where none is below.
-        tries: at most.
-        far: a first value that is further off has the end of the range tried, as one does of which
-            the first tries are all on one side: if the end does not reach the target, nothing does.
-    """
-
-    def badness(value: float) -> tuple[bool, float]:
-        return value > most, abs(value - target)
-
-    low, high = (math.log(bound) for bound in bounds)
-    at = math.log(start)
-    best: _Found[T] | None = None
-    before: tuple[float, float] | None = None
-    middle: float | None = None
-    is_above: set[bool] = set()
-    tried: set[float] = set()  # ends of the range
-    for k in range(tries):
-        value, what = measure(math.exp(at))
-        if best is None or badness(value) < badness(best.value):
-            best = _Found(math.exp(at), value, what)
-        if abs(value - target) <= slack:
-            break
-        is_above.add(value > target)
-        if k + 1 == ONE_SIDED or (not k and abs(value - target) > far):
-            end = bounds[0] if value < target else bounds[1]
-            if len(is_above) == 1 and end not in tried:
-                tried.add(end)
-                last, at_end = measure(end)
-                if (last > target) == (value > target) and abs(last - target) > slack:
-                    return _Found(end, last, at_end, is_end=True)
-        if value > target:
-            low = at
-        else:
-            high = at
-        if before is not None and before[0] != at and (before[1] - value) * (before[0] - at) < 0:
-            slope = (before[1] - value) / (before[0] - at)
-        before = at, value
-        at += (target - value) / slope
-        if not low < at < high:
-            at = (low + high) / 2
-        if k + 1 == MOST_TRIES and high - low < ROUGH and is_above == {True, False}:
-            middle = (low + high) / 2
-        if middle is not None:
-            # Of few splats a PSNR is rough: places around have any value near it.
-            at = middle + SPREAD * (k * GOLDEN % 1 - 0.5)
-        elif high - low < NARROW or k + 1 >= MOST_TRIES:
-            break
-    assert best is not None
-    return best

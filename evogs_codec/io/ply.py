@@ -13,7 +13,7 @@ import os
 import re
 import warnings
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from io import BytesIO, TextIOWrapper
 from pathlib import Path
 from typing import Any, BinaryIO, TextIO, TypeAlias
@@ -25,18 +25,15 @@ from plyfile import PlyData, PlyElement, PlyListProperty, PlyParseError
 from evogs_codec.common.printable import shown
 from evogs_codec.errors import InputError
 from evogs_codec.io.files import write_atomic
+from evogs_codec.io.finite import with_finite_opacities
 from evogs_codec.io.foreign import hint_for_no_ply
 from evogs_codec.model.splats import SplatParams, sh_degree_of
 
 __all__ = [
-    "OPAQUE",
     "PlyBlocks",
     "PlyHeader",
-    "drop_non_finite",
-    "finite_opacities",
     "read_ply",
     "read_ply_header",
-    "with_finite_opacities",
     "write_ply",
 ]
 
@@ -45,10 +42,6 @@ PathLike: TypeAlias = "str | os.PathLike[str]"
 MAX_HEADER = 1 << 20  # bytes; real headers have 2 kB, comments of an hour's work a little more
 BLOCK = 4096  # rows converted at a time, so that one block of all properties stays in cache
 
-# The logit for an opacity of 1, which some trainers write as infinity. From 17.4 on the opacity is
-# exactly 1 in float32: this renders the same, also where a quantiser rounds it by up to 2.6, and is
-# small enough to cost no bits worth a mention.
-OPAQUE = 20.0
 
 MEANS = ("x", "y", "z")
 QUATS = ("rot_0", "rot_1", "rot_2", "rot_3")
@@ -171,38 +164,6 @@ def _columns(splats: SplatParams) -> npt.NDArray[np.float32]:
     columns[:, -7:-4] = splats.log_scales
     columns[:, -4:] = splats.quats
     return columns
-
-
-def finite_opacities(splats: SplatParams) -> tuple[SplatParams, int]:
-    """`splats` with `OPAQUE` for an opacity logit of +infinity and its negative for -infinity.
-
-    Also how many those were. They render the same: opaque, or not at all.
-    """
-    infinite = np.isinf(splats.opacity_logits)
-    n_infinite = int(np.count_nonzero(infinite))
-    if not n_infinite:
-        return splats, 0
-    finite = np.where(infinite, np.copysign(OPAQUE, splats.opacity_logits), splats.opacity_logits)
-    return replace(splats, opacity_logits=finite), n_infinite
-
-
-def with_finite_opacities(path: PathLike, splats: SplatParams) -> SplatParams:
-    """What `finite_opacities` makes of the splats of a file; a warning says how many they were."""
-    finite, n_infinite = finite_opacities(splats)
-    if n_infinite:
-        warnings.warn(
-            f"{path}: {n_infinite:,} of {len(splats):,} splats have an infinite opacity:"
-            f" {OPAQUE:g} or {-OPAQUE:g} is taken, which renders the same",
-            stacklevel=3,
-        )
-    return finite
-
-
-def drop_non_finite(splats: SplatParams) -> tuple[SplatParams, int]:
-    """`splats` without those that have a NaN or an infinity, and how many those were."""
-    keep = splats.finite()
-    n_dropped = len(splats) - int(np.count_nonzero(keep))
-    return (splats.take(keep) if n_dropped else splats), n_dropped
 
 
 # ---------------------------------------------------------------------------------------- header

@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from evogs_codec.errors import InputError
+from evogs_codec.io.finite import finite_opacities
 from evogs_codec.io.interchange import ply_comments
 from evogs_codec.io.interchange.scene_files import read_scene, scene_format
-from evogs_codec.io.ply import PlyBlocks, finite_opacities
+from evogs_codec.io.ply import PlyBlocks
 from evogs_codec.model.channels import n_channels
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F32, F64, SplatParams

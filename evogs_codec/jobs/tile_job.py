@@ -18,9 +18,10 @@ import numpy as np
 from evogs_codec.encoding.alpha_tables import weighted_alphas
 from evogs_codec.encoding.grids import TooFineError
 from evogs_codec.encoding.packet_order import gains_of_tile
+from evogs_codec.encoding.prepared import Prepared
 from evogs_codec.encoding.quantise import quantise_on
 from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, Settings, StepTable
-from evogs_codec.encoding.targets import Prepared, TargetEncoder
+from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.encoding.write import write
 from evogs_codec.io.files import write_atomic
 from evogs_codec.jobs.partition import STAND_IN

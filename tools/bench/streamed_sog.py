@@ -19,8 +19,8 @@ import numpy as np
 
 from evogs_codec import SplatParams, lift
 from evogs_codec.common.morton import morton_order
+from evogs_codec.io.finite import finite_opacities
 from evogs_codec.io.interchange import sog
-from evogs_codec.io.ply import finite_opacities
 from evogs_codec.model.splats import F64, I64
 from tools.bench.sog_set import write_set
 

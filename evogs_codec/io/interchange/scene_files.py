@@ -15,11 +15,12 @@ from typing import TypeAlias
 from evogs_codec.errors import InputError
 from evogs_codec.io import makers
 from evogs_codec.io.files import SCENE, FileKind, write_atomic
+from evogs_codec.io.finite import with_finite_opacities
 from evogs_codec.io.foreign import WITHOUT_MAGIC
 from evogs_codec.io.interchange import compressed_ply, gltf, ksplat, ply_comments, sog, splat, spz
 from evogs_codec.io.interchange.frames import frame_of, transformed, turn
 from evogs_codec.io.makers import comment_of
-from evogs_codec.io.ply import read_ply, read_ply_header, with_finite_opacities, write_ply
+from evogs_codec.io.ply import read_ply, read_ply_header, write_ply
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import SplatParams
 

@@ -1,0 +1,169 @@
+"""A tree that is to meet a target: arranged and weighed once, quantised as often as it takes."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+
+from evogs_codec.common.progress import Progress, no_progress
+from evogs_codec.encoding.arrange import arrange, default_tiles
+from evogs_codec.encoding.grids import AccuracyWarning
+from evogs_codec.encoding.held_steps import Run, held
+from evogs_codec.encoding.layers import Layered, expect_levels
+from evogs_codec.encoding.measured_gains import MeasuredGains, Pictures, Telling, nothing_of
+from evogs_codec.encoding.polish import polished
+from evogs_codec.encoding.quantise import quantise
+from evogs_codec.encoding.ranges import Ranges
+from evogs_codec.encoding.sensitivity import SEEN, Importance, StepWeights
+from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, Settings, StepTable
+from evogs_codec.model.channels import GROUPS
+from evogs_codec.model.coded_tree import CodedTree
+from evogs_codec.model.scene_info import SceneInfo
+from evogs_codec.model.splats import F32, F64, SplatParams
+from evogs_codec.model.tree import EvolutionTree
+
+__all__ = ["Aim", "Prepared"]
+
+
+@dataclass(frozen=True)
+class Aim:
+    """A tree, and by what it is encoded.
+
+    Attributes:
+        tree: any.
+        settings: what is kept of them: the effort, and the steps where there are no views.
+        views: of the tree's leaves, or None.
+        polish: iterations of `polished`, where views decide; 0 for none.
+        layers: of precision (`layers`), where views decide.
+        leaf_error: (5,) per group, the largest distance of the tree's leaves from the splats that
+            they stand for: `TargetEncoder.within` adds it to the error of the stream.
+        ordering: a few views by which packets are put in order, where those that are drawn for the
+            sensitivity do not tell; `views` by default.
+        seen: part of the worth of a number that the views decide.
+        n_tiles, info, progress: as of `encode`.
+        n_levels: of the first layer; by default those of the tree.
+    """
+
+    tree: EvolutionTree
+    settings: Settings
+    views: Pictures | None = None
+    polish: int = 0
+    layers: int = 1
+    leaf_error: tuple[float, ...] = (0.0,) * len(GROUPS)
+    ordering: Pictures | None = None
+    seen: float = SEEN
+    n_tiles: int | None = None
+    info: SceneInfo | None = None
+    progress: Progress | None = None
+    n_levels: int = 1
+
+
+class Prepared:
+    """A tree arranged once, and quantised as often as it takes."""
+
+    def __init__(self, aim: Aim) -> None:
+        self.aim = aim
+        self.n_levels = max(aim.tree.n_levels, aim.n_levels)
+        if (aim.polish or aim.layers > 1) and aim.views is None:
+            raise ValueError(f"{'polishing needs' if aim.polish else 'layers need'} views")
+        if aim.layers > 1:
+            expect_levels(self.n_levels, aim.layers)  # before anything is rendered
+        self.polishes = aim.polish > 0 and (self.n_levels > 1 or aim.layers > 1)
+        report = aim.progress or no_progress
+        report("arrange", 0.0)
+        self.tiles = arrange(aim.tree, aim.n_tiles or default_tiles(aim.tree.n_leaves))
+        self.importance = self.shown = self.layered = None
+        if aim.views is not None:
+            report("draw", 0.0)
+            self.importance, self.shown = _drawn(aim, aim.views, self.tiles, self.n_levels)
+            if aim.layers > 1 and aim.tree.n_leaves:
+                self.layered = Layered.of(self.tiles, self.n_levels, self.importance, aim.layers)
+        self.ranges = Ranges.of(self.tiles, self.n_levels)
+
+    def holding(self, runs: Sequence[Run], ratio: float) -> Prepared:
+        """The same with runs of steps held back."""
+        other = copy(self)
+        if self.importance is None:
+            return other
+        pairs = zip(self.tiles, self.importance.weights, strict=True)
+        tiles, weights = zip(*(held(tile, own, runs) for tile, own in pairs), strict=True)
+        other.tiles, other.importance = list(tiles), replace(self.importance, weights=weights)
+        if self.layered is not None:
+            n_layers = self.aim.layers
+            other.layered = Layered.of(
+                other.tiles, self.n_levels, other.importance, n_layers, ratio
+            )
+        other.ranges = Ranges.of(other.tiles, self.n_levels)
+        return other
+
+    def coded(self, at: float) -> CodedTree:
+        """At a price of a bit, or at a factor of the steps."""
+        if self.importance is None:
+            return self.quantised(self.aim.settings.finer(1 / at))
+        source = self.layered or self.importance
+        settings = replace(
+            self.aim.settings,
+            accuracy=StepTable.of(source.steps(at, self.ranges.extent)),
+            n_alpha=N_ALPHA,
+            alpha_bits=ALPHA_BITS,
+        )
+        if self.layered is not None:
+            weights = self.layered.weights(at, self.ranges.extent)
+            return self.layered.with_gains(self.quantised(settings, weights, at))
+        return self.quantised(settings, self.importance.raised(at, self.ranges.extent), at)
+
+    def polished(self, price: float) -> CodedTree:
+        """At a price of a bit, the integers of the last level moved by pictures."""
+        views, report = self.aim.views, self.aim.progress or no_progress
+        assert views is not None, "polishing has views"
+        return polished(
+            self.coded(price), views, price, self.aim.polish, lambda part: report("polish", part)
+        )
+
+    def quantised(
+        self,
+        settings: Settings,
+        weights: Sequence[Sequence[StepWeights | None]] | None = None,
+        price: float = 1.0,
+    ) -> CodedTree:
+        """With these settings."""
+        with warnings.catch_warnings():
+            # Of a search: whoever asks for a target is told whether it was met.
+            warnings.simplefilter("ignore", AccuracyWarning)
+            coded = quantise(
+                self.layered.tiles if self.layered else self.tiles,
+                self.layered.n_levels if self.layered else self.n_levels,
+                settings,
+                weights=weights,
+                entry_weights=self.importance.entries if weights and self.importance else None,
+                price=price,
+                ranges=self.ranges,  # layers move nothing
+                info=self.aim.info,
+            )
+        return self.shown.rescale(coded) if self.shown else coded
+
+    def first_table(self) -> F64:
+        """(1 + n_levels, K) steps of the settings."""
+        return self.aim.settings.accuracy.wanted_steps(self.ranges, self.n_levels)
+
+
+def _drawn(
+    aim: Aim, views: Pictures, tiles: Sequence[EvolutionTree], n_levels: int
+) -> tuple[Importance, MeasuredGains]:
+    """What the numbers of arranged tiles are worth, and what their packets gain."""
+    if aim.ordering is None or not isinstance(views, Telling):
+        found = Importance.of(tiles, n_levels, views.sensitivity, seen=aim.seen)
+        return found, MeasuredGains.of(aim.tree, aim.ordering or views)
+    told: list[float] = []
+
+    def sensitivity(splats: SplatParams) -> F32:
+        found, decibels = views.sensitivity_and_psnr(splats)
+        told.append(decibels)
+        return found
+
+    sensitivity(nothing_of(aim.tree.leaves(0)))
+    found = Importance.of(tiles, n_levels, sensitivity, seen=aim.seen)
+    shown = told[:-1] if len(told) == 1 + n_levels else None  # of each level that has splats
+    return found, MeasuredGains.of(aim.tree, aim.ordering, shown)

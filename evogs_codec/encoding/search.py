@@ -1,0 +1,100 @@
+"""Where a value that falls is nearest to what is wanted: secants, kept in brackets."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+__all__ = ["MOST_TRIES", "ONE_SIDED", "Found", "nearest"]
+
+MOST_TRIES = 14
+NARROW = 1e-6
+ROUGH, SPREAD, GOLDEN = 0.02, 0.2, 0.618  # of the logarithm of a price
+ONE_SIDED = 3  # tries on one side of a target, after which it is, too
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Found(Generic[T]):
+    """The best of a search: where, its value, and what has it.
+
+    `is_end`: an end of what was searched, beyond which the target lies.
+    """
+
+    at: float
+    value: float
+    what: T
+    is_end: bool = False
+
+
+def nearest(
+    measure: Callable[[float], tuple[float, T]],
+    target: float,
+    slope: float,
+    start: float,
+    bounds: tuple[float, float],
+    slack: float,
+    most: float = math.inf,
+    tries: int = MOST_TRIES,
+    far: float = math.inf,
+) -> Found[T]:
+    """Where a value that falls is nearest to `target`: secants in the logarithm, kept in brackets.
+
+    Args:
+        measure: value at a place, and what has it.
+        target: of the value.
+        slope: first guess of the change of the value over that of the logarithm of the place.
+        start: first place.
+        bounds: no place is outside.
+        slack: a value this near is good enough.
+        most: a value above it is the best only where none is below.
+        tries: at most.
+        far: a first value that is further off has the end of the range tried, as one does of which
+            the first tries are all on one side: if the end does not reach the target, nothing does.
+    """
+
+    def badness(value: float) -> tuple[bool, float]:
+        return value > most, abs(value - target)
+
+    low, high = (math.log(bound) for bound in bounds)
+    at = math.log(start)
+    best: Found[T] | None = None
+    before: tuple[float, float] | None = None
+    middle: float | None = None
+    is_above: set[bool] = set()
+    tried: set[float] = set()  # ends of the range
+    for k in range(tries):
+        value, what = measure(math.exp(at))
+        if best is None or badness(value) < badness(best.value):
+            best = Found(math.exp(at), value, what)
+        if abs(value - target) <= slack:
+            break
+        is_above.add(value > target)
+        if k + 1 == ONE_SIDED or (not k and abs(value - target) > far):
+            end = bounds[0] if value < target else bounds[1]
+            if len(is_above) == 1 and end not in tried:
+                tried.add(end)
+                last, at_end = measure(end)
+                if (last > target) == (value > target) and abs(last - target) > slack:
+                    return Found(end, last, at_end, is_end=True)
+        if value > target:
+            low = at
+        else:
+            high = at
+        if before is not None and before[0] != at and (before[1] - value) * (before[0] - at) < 0:
+            slope = (before[1] - value) / (before[0] - at)
+        before = at, value
+        at += (target - value) / slope
+        if not low < at < high:
+            at = (low + high) / 2
+        if k + 1 == MOST_TRIES and high - low < ROUGH and is_above == {True, False}:
+            middle = (low + high) / 2
+        if middle is not None:
+            # Of few splats a PSNR is rough: places around have any value near it.
+            at = middle + SPREAD * (k * GOLDEN % 1 - 0.5)
+        elif high - low < NARROW or k + 1 >= MOST_TRIES:
+            break
+    assert best is not None
+    return best
