@@ -2,7 +2,7 @@
 
 import sys
 
-from conformance.fuzzing.fuzz import main
+from conformance.fuzzing.cli import main
 
 if __name__ == "__main__":
     sys.exit(main())
