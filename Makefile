@@ -9,8 +9,9 @@ PIP := $(PY) -m pip install --quiet --disable-pip-version-check -c constraints.t
 RUNTIME := $(VENV)/.installed-runtime
 TEST := $(VENV)/.installed-test
 DEV := $(VENV)/.installed-dev
-# A worker for each core; compiled loops of one test do not take the core of another.
-PYTEST := NUMBA_NUM_THREADS=1 $(PY) -m pytest -n auto --dist loadfile
+# A worker for each core; compiled loops of one test do not take the core of another. Bytecode is
+# kept, even where the environment says otherwise: tests start some hundred processes.
+PYTEST := PYTHONDONTWRITEBYTECODE= NUMBA_NUM_THREADS=1 $(PY) -m pytest -n auto --dist loadfile
 FIRST_RING := $(PYTEST) -m "not thorough and not slow" --hypothesis-profile seeded
 WEB := tools/web
 INPUTS := pyproject.toml constraints.txt

@@ -13,12 +13,19 @@ from evogs_codec import write_ply, write_tree
 from evogs_codec.cli.commands import main
 from evogs_codec.render.demo_scene import make_scene
 from tests.support import damage
+from tests.support.examples import N_SEEDED
 
 # The first call of a numpy function may take longer than hypothesis allows an example.
 settings.register_profile("dev", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-# `make test` repeats the same examples. `make test-all` draws others, and prints how to repeat one
-# that fails (@reproduce_failure); so does a bare `pytest`, which also keeps it in .hypothesis.
-settings.register_profile("seeded", settings.get_profile("dev"), derandomize=True, database=None)
+# `make test` repeats the same few examples. `make test-all` draws others, and prints how to repeat
+# one that fails (@reproduce_failure); so does a bare `pytest`, which also keeps it in .hypothesis.
+settings.register_profile(
+    "seeded",
+    settings.get_profile("dev"),
+    derandomize=True,
+    database=None,
+    max_examples=N_SEEDED,
+)
 settings.register_profile("random", settings.get_profile("dev"), print_blob=True, database=None)
 settings.load_profile("dev")
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import settings as budget
 from hypothesis import strategies as st
 
 from evogs_codec import PRESETS, EvolutionTree, NotRepresentableError, decode, encode, lift
@@ -16,6 +15,7 @@ from evogs_codec.encoding.tiling import _kd_tiles
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.options import DEFAULT
 from evogs_codec.render.oracle import render_exactly
+from tests.support.examples import examples
 from tools.bench.extremes import (
     codec,
     decimals,
@@ -145,7 +145,7 @@ def test_training_from_the_extremes_stays_finite_or_says_why():
     assert_holds(training.starts(16))
 
 
-@budget(max_examples=25)
+@examples(25)
 @given(
     st.integers(1, 12),
     st.floats(1e-9, 1e9),
@@ -159,7 +159,7 @@ def test_chains_of_any_size_and_alpha_keep_their_bounds(n, size, alphas, preset)
     assert measure(tree, PRESETS[preset]).part <= 1
 
 
-@budget(max_examples=10)
+@examples(10)
 @given(st.floats(-6, 6), st.floats(-4, 6), st.integers(1, 4))
 def test_scenes_of_any_place_and_size_keep_their_bounds(place, size, n_levels):
     splats = scenes.plain(20)  # apart in binary32: together far from the origin is known as broken
@@ -186,7 +186,7 @@ def test_integers_are_rounded_to_binary32_as_the_processor_does(numerator, expon
     assert exact.float32_of(numerator, exponent) == wanted
 
 
-@budget(max_examples=20)
+@examples(20)
 @given(st.integers(0, 1000), st.sampled_from(sorted(views.VIEWS)))
 def test_the_decimals_and_the_oracle_are_one_definition(seed, name):
     splats, camera = views.VIEWS[name](40)

@@ -180,7 +180,8 @@ def test_fresh_vectors_may_be_lacking_but_not_fail(
 
 
 def test_a_command_that_cannot_be_started_fails(made_suite, capsys):
-    assert main(["run", "--decoder", "/nowhere/decoder", "--vectors", str(made_suite)]) == 1
+    options = ["--vectors", str(made_suite), "--fresh", "0"]
+    assert main(["run", "--decoder", "/nowhere/decoder", *options]) == 1
     assert "cannot be started" in capsys.readouterr().out
 
 
@@ -226,6 +227,7 @@ def test_a_report_of_a_trial_that_could_not_begin_is_a_report(tmp_path):
     assert ElementTree.parse(tmp_path / "r.xml").getroot().get("errors") == "1"
 
 
+@pytest.mark.thorough
 def test_a_claim_is_made_only_of_a_whole_suite(made_suite, tmp_path):
     path = tmp_path / "r.json"
     folder = shutil.copytree(made_suite, tmp_path / "suite")

@@ -54,7 +54,8 @@ def projected_or_none(splats, i, camera, options):
 )
 @pytest.mark.parametrize("look", LOOKS)
 @pytest.mark.parametrize(
-    ("n", "width", "height", "size"), [(1500, 64, 59, 0.05), (250, 150, 130, 0.2)]
+    ("n", "width", "height", "size"),
+    [pytest.param(1500, 64, 59, 0.05, marks=pytest.mark.thorough), (250, 150, 130, 0.2)],
 )
 def test_the_kernels_agree_with_the_oracle(n, width, height, size, look, dtype):
     splats = scenes.ball(n, n, size=size)

@@ -176,6 +176,7 @@ def test_no_splat_and_no_visible_splat_have_zero_gradients():
         assert (getattr(found, field) == 0).all()
 
 
+@pytest.mark.thorough
 def test_a_million_splats_in_one_pixel_have_finite_gradients():
     splats = scenes.row(1_000_000, log_scale=(-9, -9, -9), logit=-5.5)
     assert_finite(of(splats, scenes.facing(1, 1)))

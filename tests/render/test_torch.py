@@ -1,5 +1,7 @@
 """Pictures and gradients are those of plain torch with autograd, in float64."""
 
+from importlib.util import find_spec
+
 import numpy as np
 import pytest
 
@@ -8,9 +10,11 @@ from tests.render import scenes
 from tests.render.scenes import BACKGROUND
 from tools.bench.raster_torch import FIELDS, render_torch, render_torch_gradients
 
-pytestmark = pytest.mark.thorough
-
-pytest.importorskip("torch")
+# torch is looked for and not imported: that takes seconds, also of those who only collect tests.
+pytestmark = [
+    pytest.mark.thorough,
+    pytest.mark.skipif(find_spec("torch") is None, reason="torch is not installed"),
+]
 
 
 @pytest.mark.parametrize("options", [Options(), Options(antialiased=True), Options(alpha_max=0.6)])

@@ -68,6 +68,7 @@ def test_a_cut_by_level_has_the_packets_that_the_oracle_takes():
             assert SPEC.is_valid(cut, rows)
 
 
+@pytest.mark.thorough
 def test_the_cut_by_the_highest_level_has_all_packets():
     for data in streams():
         scene = oracle.read_tables(data, {})
@@ -96,6 +97,7 @@ def test_cuts_are_valid_exactly_if_the_oracle_takes_them():
     assert min(n_valid, n_wrong) > 50
 
 
+@pytest.mark.thorough
 def test_each_packet_stands_behind_those_that_it_requires():
     for data in streams():
         rows = rows_of(oracle.read_tables(data, {}))
@@ -165,6 +167,7 @@ def test_the_pseudo_code_applies_the_packets_that_the_oracle_applies():
     assert min(n_faults, n_partial) > 20
 
 
+@pytest.mark.thorough
 def test_the_order_of_arrival_changes_nothing():
     rng = Random("orders")
     for data in streams()[::5]:

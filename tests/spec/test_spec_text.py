@@ -5,12 +5,12 @@ import re
 import subprocess
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from random import Random
 
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import settings as budget
 
 from conformance.decoders import oracle
 from conformance.decoders.cleanroom import decoder as cleanroom
@@ -23,6 +23,7 @@ from evogs_codec.encoding.write import write
 from evogs_codec.errors import Fault
 from evogs_codec.model import arithmetic
 from tests.support.coded_strategies import coded_trees
+from tests.support.examples import examples
 from tests.support.pseudo_code import ROOT, TEXT, decode_with_pseudo_code, pseudo_code
 from tests.support.sibling_streams import with_siblings
 from tests.support.strategies import trees
@@ -195,17 +196,17 @@ def test_the_pseudo_code_decodes_random_streams_with_sibling_differences_as_the_
 # --- the pseudo-code as a decoder -----------------------------------------------------------------
 
 
-@budget(max_examples=40)
+@examples(40)
 @given(coded_trees(max_tiles=2, max_steps=4, max_adds=3))
 def test_the_pseudo_code_decodes_as_the_codec_does(tree):
     data = write(tree, effort=1)
     assert decode_with_pseudo_code(data) == decode(data).dump()
 
 
-@budget(max_examples=10)
+@examples(10)
 @given(trees(max_roots=6, max_steps=3, largest=300))
 def test_the_pseudo_code_decodes_streams_of_the_encoder(tree):
-    data = encode(tree, PRESETS["trained"], n_tiles=2)
+    data = encode(tree, replace(PRESETS["trained"], effort=1), n_tiles=2)
     assert decode_with_pseudo_code(data) == decode(data).dump()
 
 

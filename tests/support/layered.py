@@ -13,8 +13,9 @@ from evogs_codec import (
 )
 from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.layers import Layered
+from evogs_codec.encoding.prepared import Prepared
 from evogs_codec.encoding.sensitivity import Importance
-from evogs_codec.encoding.targets import Prepared, TargetEncoder
+from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.encoding.write import write
 from evogs_codec.model.channels import N_GROUPS, n_channels
 from evogs_codec.model.tree import Kind, Step

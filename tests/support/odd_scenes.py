@@ -6,6 +6,7 @@ They are the same on every machine: files that other programs made of them are c
 import numpy as np
 
 from evogs_codec import SplatParams
+from evogs_codec.io.interchange.values import unit
 
 GOLDEN = 0.6180339887498949
 
@@ -52,3 +53,9 @@ def covariances(splats):
 def opacities(splats):
     """(N,) after activation."""
     return 1 / (1 + np.exp(-splats.opacity_logits.astype(float)))
+
+
+def signed_alike(quats, like):
+    """Unit quaternions, of q and -q that which is nearer."""
+    one, other = unit(quats), unit(like)
+    return one * np.where((one * other).sum(1) < 0, -1, 1)[:, None]

@@ -25,6 +25,7 @@ from evogs_codec.render.views import Views
 from tests.support import damage
 
 COMMANDS = ("encode", "decode", "lift", "info", "validate", "extract", "edit", "compare", "tileset")
+QUICKLY = ("--preset", "trained", "--effort", 1)  # where it does not matter how it is encoded
 
 
 def n_splats(path):
@@ -97,7 +98,7 @@ def strictly(text):
 
 
 def test_json_output_is_json(evogs, made, tmp_path):
-    code, out, _ = evogs("encode", made / "x.tree.npz", tmp_path / "x.evogs", "--json")
+    code, out, _ = evogs("encode", made / "x.tree.npz", tmp_path / "x.evogs", "--json", *QUICKLY)
     assert (code, strictly(out)["splats"]) == (
         0,
         decode((tmp_path / "x.evogs").read_bytes()).n_leaves,
@@ -130,6 +131,7 @@ def test_metadata_goes_into_the_stream_and_comes_out(evogs, made, tmp_path):
         "--unit",
         "metre",
         "--antialiased",
+        *QUICKLY,
     ]
     assert evogs("encode", made / "x.tree.npz", tmp_path / "x.evogs", *options)[0] == 0
     code, out, _ = evogs("info", tmp_path / "x.evogs")
@@ -185,7 +187,7 @@ def test_a_box_may_have_its_corners_reversed_and_its_numbers_in_any_notation(evo
 
 
 def test_the_sh_degree_asked_for_may_be_above_that_of_the_stream(evogs, made, tmp_path):
-    evogs("encode", made / "x.tree.npz", tmp_path / "x.evogs")
+    evogs("encode", made / "x.tree.npz", tmp_path / "x.evogs", *QUICKLY)
     assert evogs("decode", tmp_path / "x.evogs", tmp_path / "x.ply", "--sh-degree", 3)[0] == 0
     assert read_ply(tmp_path / "x.ply").sh_degree == 1
     leaves = decode((tmp_path / "x.evogs").read_bytes()).leaves(sh_degree=3)
@@ -221,14 +223,14 @@ def test_options_of_encode_out_of_range_are_a_mistake_of_use(options, refused, m
     "options",
     [
         ["--levels", 1],
-        ["--levels", 64],
+        pytest.param(["--levels", 64], marks=pytest.mark.thorough),
         ["--bits", 8],
-        ["--preset", "paper"],
-        ["--finer", 1e-3],
-        ["--finer", 1e6],
-        ["--tiles", 7],
+        pytest.param(["--preset", "paper"], marks=pytest.mark.thorough),
+        pytest.param(["--finer", 1e-3], marks=pytest.mark.thorough),
+        pytest.param(["--finer", 1e6], marks=pytest.mark.thorough),
+        pytest.param(["--tiles", 7], marks=pytest.mark.thorough),
         ["--tiles", 65536],
-        ["--effort", 1],
+        pytest.param(["--effort", 1], marks=pytest.mark.thorough),
     ],
 )
 def test_options_of_encode_at_their_ends_make_valid_streams_or_say_why_not(
@@ -270,7 +272,8 @@ def test_a_box_that_leaves_out_nothing_or_all_is_said_to(made, tmp_path, evogs):
 
     whole = (-1e9, -1e9, -1e9, 1e9, 1e9, 1e9)
     tiles = tmp_path / "tiles.evogs"
-    assert evogs("encode", made / "scene.ply", tiles, "--tiles", 8)[0] == 0
+    write_ply(tmp_path / "few.ply", make_scene(300))
+    assert evogs("encode", tmp_path / "few.ply", tiles, "--tiles", 8, *QUICKLY)[0] == 0
     splat = decode(tiles.read_bytes()).leaves().means[0]
     assert said(made / "scene.evogs", *splat, *splat) == (
         "evogs: warning: the box meets all tiles: nothing is left out;"

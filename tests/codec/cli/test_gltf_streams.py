@@ -39,7 +39,10 @@ def test_a_stream_comes_out_of_gltf_with_the_same_sha_256(name, forms, evogs, tm
     assert sha256(tmp_path / "back.evogs") == sha256(forms / "scene.evogs")
 
 
-@pytest.mark.parametrize("name", ["x.glb", "x.gltf", "f.glb"])
+@pytest.mark.parametrize(
+    "name",
+    ["x.glb", *(pytest.param(name, marks=pytest.mark.thorough) for name in ("x.gltf", "f.glb"))],
+)
 def test_commands_read_the_stream(name, forms, evogs, tmp_path):
     path = forms / name
     found = json.loads(evogs("info", path, "--json")[1])

@@ -38,11 +38,18 @@ sys.exit({FUNCTION}())
 """
 # Modules, and the commands that import them.
 PLACES = [
-    *((name, "info") for name in ("numpy", "scipy", "plyfile", "evogs_codec.cli.commands")),
-    ("conformance.commands", "conformance"),
-    ("reference_trainer.cli", "train"),
+    ("scipy", "info"),
     ("the end", "info"),
-    *((name, "render") for name in ("numba", "llvmlite.binding", "evogs_codec.render.tiles")),
+    ("numba", "render"),
+    *(
+        pytest.param(*place, marks=pytest.mark.thorough)
+        for place in (
+            *((name, "info") for name in ("numpy", "plyfile", "evogs_codec.cli.commands")),
+            ("conformance.commands", "conformance"),
+            ("reference_trainer.cli", "train"),
+            *((name, "render") for name in ("llvmlite.binding", "evogs_codec.render.tiles")),
+        )
+    ),
 ]
 
 

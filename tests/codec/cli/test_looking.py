@@ -112,7 +112,9 @@ def test_cameras_of_photographs_are_taken(kind, evogs, made, tmp_path):
     assert evogs("psnr", made / "scene.evogs", made / "scene.ply", *words[:2], *SIZE)[0] == 0
 
 
-@pytest.mark.parametrize("ending", ["jpg", "jpeg", "JPG"])
+@pytest.mark.parametrize(
+    "ending", ["jpg", *(pytest.param(name, marks=pytest.mark.thorough) for name in ("jpeg", "JPG"))]
+)
 def test_a_name_that_ends_so_gets_a_jpeg(ending, evogs, refused, made, tmp_path):
     path = tmp_path / f"a.{ending}"
     for _ in range(2):  # the second replaces what the first made
@@ -132,7 +134,12 @@ def test_a_jpeg_without_pillow_is_refused_before_the_work(refused, made, tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("given", "colour"), [("grey", (128, 128, 128)), ("#ff0080", (255, 0, 128)), ("00ff00", None)]
+    ("given", "colour"),
+    [
+        pytest.param("grey", (128, 128, 128), marks=pytest.mark.thorough),
+        ("#ff0080", (255, 0, 128)),
+        pytest.param("00ff00", None, marks=pytest.mark.thorough),
+    ],
 )
 def test_a_background_is_a_name_or_a_number(given, colour, evogs, tmp_path):
     write_ply(tmp_path / "x.ply", make_scene(3))

@@ -42,7 +42,11 @@ MADE = {
     "edit": "scene.ply",
     "render": "picture.png",
 }
-OPTIONS = {"render": ["--size", 8], "edit": ["--translate", 1, 0, 0]}
+OPTIONS = {
+    "encode": ["--preset", "scene", "--effort", 1],
+    "render": ["--size", 8],
+    "edit": ["--translate", 1, 0, 0],
+}
 
 
 @pytest.fixture

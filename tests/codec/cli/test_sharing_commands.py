@@ -30,6 +30,7 @@ def test_the_command_takes_a_palette_where_it_pays(tmp_path, capsys, option):
     assert encoded(tmp_path, capsys, shared_scene(), option) == [True, False]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("option", OPTIONS[:1], ids=lambda option: " ".join(option))
 def test_the_command_takes_none_where_psi_are_smaller(tmp_path, capsys, option):
     splats = shared_scene(1600, 380, degree=1)

@@ -94,6 +94,7 @@ def test_a_scene_is_encoded_on_the_way(view, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["a scene.ply"]
 
 
+@pytest.mark.thorough
 def test_a_tree_is_encoded_on_the_way(view, evogs, tmp_path):
     write_ply(tmp_path / "scene.ply", make_scene(300))
     assert evogs("lift", tmp_path / "scene.ply", tmp_path / "scene.tree.npz", "--levels", 3)[0] == 0

@@ -6,7 +6,6 @@ import sys
 import numpy as np
 import pytest
 from hypothesis import assume, given
-from hypothesis import settings as budget
 from hypothesis import strategies as st
 
 from evogs_codec.decoding import float_view, replay
@@ -24,6 +23,7 @@ from tests.support.compiled_loops import (
     compiled_from,
     written_at_random,
 )
+from tests.support.examples import examples
 
 kernels = pytest.importorskip(
     "evogs_codec.decoding.compiled.channels", reason="numba is not installed: no kernels"
@@ -52,7 +52,7 @@ def test_compiled_loops_are_loaded_for_a_large_stream_or_the_second_of_a_process
 # --- whole streams --------------------------------------------------------------------------------
 
 
-@budget(max_examples=100)
+@examples(100)
 @given(coded_trees(max_tiles=2, max_adds=20), SEEDS)
 def test_compiled_loops_decode_legal_streams_to_the_same_integers(tree, seed):
     of_numpy, of_kernels = both_verdicts(written_at_random(tree, seed))
@@ -61,7 +61,7 @@ def test_compiled_loops_decode_legal_streams_to_the_same_integers(tree, seed):
 
 
 @pytest.mark.thorough
-@budget(max_examples=60)
+@examples(60)
 @given(coded_trees(max_tiles=2, max_adds=7), SEEDS)
 def test_compiled_loops_find_the_same_faults_in_damaged_streams(tree, seed):
     data = written_at_random(tree, seed)
@@ -75,7 +75,7 @@ def test_compiled_loops_find_the_same_faults_in_damaged_streams(tree, seed):
         assert of_kernels == of_numpy
 
 
-@budget(max_examples=30)
+@examples(30)
 @given(coded_trees(max_tiles=2, max_adds=20), SEEDS)
 def test_compiled_loops_give_up_on_no_legal_stream(tree, seed):
     found = []
@@ -146,7 +146,7 @@ def test_float_rows_are_those_of_numpy_bit_for_bit(n, exponent, origin):
         assert of_kernels.tobytes() == of_numpy.tobytes()
 
 
-@budget(max_examples=30)
+@examples(30)
 @given(coded_trees(max_tiles=2), SEEDS)
 def test_the_float_view_of_a_stream_is_the_same_bit_for_bit(tree, seed):
     data = written_at_random(tree, seed)

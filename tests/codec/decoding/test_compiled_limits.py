@@ -78,8 +78,8 @@ def agreed_verdict(tree):
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("n", [1, 3])
-@pytest.mark.parametrize("n_splits", [0, 1, 3])
+@pytest.mark.parametrize("n", [pytest.param(1, marks=pytest.mark.thorough), 3])
+@pytest.mark.parametrize("n_splits", [0, pytest.param(1, marks=pytest.mark.thorough), 3])
 def test_states_are_bounded_to_the_unit_on_both_sides(sign, n, n_splits):
     kinds = np.array([Kind.SPLIT] * min(n_splits, n) + [Kind.REFINE] * max(n - n_splits, 0))
     quarter, slots, coarse = 1 << 28, np.arange(n), Quantiser(64, 0)
@@ -109,7 +109,7 @@ def test_boxes_bound_positions_to_the_unit_on_both_sides(kind, psi, is_legal):
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("n_refines", [0, 2])
+@pytest.mark.parametrize("n_refines", [pytest.param(0, marks=pytest.mark.thorough), 2])
 @pytest.mark.parametrize(
     ("shift", "a", "mantissa", "q", "is_legal"),
     [
@@ -213,7 +213,9 @@ def test_splits_agree_for_every_shift_up_to_the_bounds_of_products_and_states(
     [Quantiser(1, 24), Quantiser(255, 20), Quantiser(256, 20), Quantiser(65535, 24)],
     ids=lambda quantiser: f"step {quantiser.step}",
 )
-@pytest.mark.parametrize("psi", [0, 1, 16, 17, 1000])
+@pytest.mark.parametrize(
+    "psi", [*(pytest.param(psi, marks=pytest.mark.thorough) for psi in (0, 1, 1000)), 16, 17]
+)
 def test_steps_up_to_the_largest_give_the_same_integers_and_faults(quantiser, psi):
     found = set()
     for seed in range(8):
@@ -237,7 +239,7 @@ def test_steps_up_to_the_largest_give_the_same_integers_and_faults(quantiser, ps
 @pytest.mark.parametrize("n_psi", [1, 4095, 4096, 4097, 9000])
 @pytest.mark.parametrize("scattered", [False, True])
 @pytest.mark.parametrize("mixed", [False, True])
-@pytest.mark.parametrize("psi", [0, 300])
+@pytest.mark.parametrize("psi", [pytest.param(0, marks=pytest.mark.thorough), 300])
 def test_steps_of_any_length_agree(n_psi, scattered, mixed, psi):
     rng = np.random.default_rng(n_psi)
     n = 2 * n_psi

@@ -241,6 +241,7 @@ def test_decoding_many_empty_packets_takes_time_linear_in_their_number(degree):
     assert seconds(4000) < 12 * seconds(1000)
 
 
+@pytest.mark.thorough
 def test_decoding_many_tiles_takes_time_linear_in_their_number():
     def seconds(n):
         rows = [damage.row(tile) for tile in range(n)]

@@ -170,7 +170,13 @@ def waiting(n):
     return build(Stream(packets, tiles=[Tile()] * (n + 1), tier=2))
 
 
-@pytest.mark.parametrize("late", [1, 0], ids=["the first packet is missing", "all come"])
+@pytest.mark.parametrize(
+    "late",
+    [
+        pytest.param(1, id="the first packet is missing"),
+        pytest.param(0, id="all come", marks=pytest.mark.thorough),
+    ],
+)
 def test_feeding_pieces_is_linear_whatever_waits(late):
     def work(n):
         data, decoder = waiting(n), Decoder()
@@ -202,6 +208,7 @@ def test_alpha_tables_are_looked_up_once_and_not_for_each_tile(name, monkeypatch
     assert n_calls == 1
 
 
+@pytest.mark.thorough
 def test_single_bytes_in_the_worst_order_take_linear_calls_and_memory():
     def work(n):
         data = build(Stream([Packet(adds={X: list(range(0, 2000 * n, 2000))})]))
@@ -218,12 +225,12 @@ def test_single_bytes_in_the_worst_order_take_linear_calls_and_memory():
 
 
 def test_ranges_in_any_order_give_their_bytes():
-    from evogs_codec.decoding.progressive import _Ranges
+    from evogs_codec.decoding.arrived import ArrivedRanges
 
     rng = Random(1)
     for _ in range(200):
         data = rng.randbytes(rng.randrange(1, 20_000))
-        ranges, there = _Ranges(), bytearray(len(data))
+        ranges, there = ArrivedRanges(), bytearray(len(data))
         for _ in range(rng.randrange(1, 60)):
             at = rng.randrange(len(data))
             part = data[at : at + rng.choice((1, 50, 3000))]

@@ -65,6 +65,7 @@ def test_integers_are_those_of_the_oracle_at_any_cut(way):
             assert decode(data, cut).dump() == oracle_dump(data, cut)
 
 
+@pytest.mark.thorough
 def test_every_prefix_of_the_packets_is_a_cut_and_what_a_truncated_file_gives():
     for n in range(len(PACKETS) + 1):
         cut = Cut.of_rows(DIRECTORY, np.arange(n))

@@ -1,11 +1,11 @@
 """The same integers, however the bytes of a stream come and in what order."""
 
 import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import settings as budget
 from hypothesis import strategies as st
 
 from conformance.decoders import oracle
@@ -22,6 +22,7 @@ from evogs_codec.format.write_directory import rebuild_directory
 from evogs_codec.model.channels import n_channels
 from evogs_codec.model.tree import EvolutionTree, Step
 from tests.support.coded_strategies import coded_trees
+from tests.support.examples import examples
 from tests.support.pieces import overlapping_ranges, random_cut
 from tests.support.strategies import trees
 from tests.support.verdicts import fault_of, oracle_fault
@@ -70,14 +71,14 @@ def in_another_order(data: bytes, rng: random.Random) -> bytes:
 # --- the same integers ----------------------------------------------------------------------------
 
 
-@budget(max_examples=25)
+@examples(25)
 @given(SMALL, st.sampled_from([1, 2, 7, 1 << 30]))
 def test_feeding_1_2_7_or_all_bytes_gives_what_decode_gives(tree, size):
     data = write(tree, effort=1)
     assert fed_dump(data, size) == decode(data).dump()
 
 
-@budget(max_examples=60)
+@examples(60)
 @given(SMALL, SEEDS)
 def test_ranges_in_any_order_overlapping_or_not_give_what_decode_gives(tree, seed):
     data = write(tree, effort=1)
@@ -90,7 +91,7 @@ def test_ranges_in_any_order_overlapping_or_not_give_what_decode_gives(tree, see
     assert steps == sum(len(tile.steps) for tile in tree.tiles) * (tree.sh_degree + 1)
 
 
-@budget(max_examples=40)
+@examples(40)
 @given(SMALL, SEEDS)
 def test_what_was_fed_so_far_is_always_the_largest_complete_cut(tree, seed):
     data = write(tree, effort=1)
@@ -110,7 +111,7 @@ def test_what_was_fed_so_far_is_always_the_largest_complete_cut(tree, seed):
 
 
 @pytest.mark.thorough
-@budget(max_examples=50)
+@examples(50)
 @given(SMALL, SEEDS)
 def test_any_legal_order_of_the_packets_gives_the_same_integers(tree, seed):
     data = write(tree, effort=1)
@@ -121,7 +122,7 @@ def test_any_legal_order_of_the_packets_gives_the_same_integers(tree, seed):
 
 
 @pytest.mark.thorough
-@budget(max_examples=60)
+@examples(60)
 @given(SMALL, SEEDS)
 def test_every_cut_decodes_as_the_oracle_does_with_sh_late_or_never(tree, seed):
     data = write(tree, effort=1)
@@ -135,7 +136,7 @@ def test_every_cut_decodes_as_the_oracle_does_with_sh_late_or_never(tree, seed):
         assert decode(extract(data, cut), verify=True).dump() == scene.dump()
 
 
-@budget(max_examples=40)
+@examples(40)
 @given(SMALL)
 def test_every_level_decodes_as_the_oracle_does(tree):
     data = write(tree, effort=1)
@@ -146,7 +147,7 @@ def test_every_level_decodes_as_the_oracle_does(tree):
 
 
 @pytest.mark.thorough
-@budget(max_examples=25)
+@examples(25)
 @given(SMALL)
 def test_every_prefix_decodes_as_the_oracle_does(tree):
     data = write(tree, effort=1)
@@ -165,10 +166,10 @@ def test_every_prefix_decodes_as_the_oracle_does(tree):
         assert dump_of(decoder) == expected
 
 
-@budget(max_examples=15)
+@examples(15)
 @given(trees(max_roots=5, max_steps=3, largest=300), SEEDS)
 def test_encoded_trees_may_come_in_any_order_too(tree, seed):
-    data = encode(tree, PRESETS["trained"], n_tiles=2)
+    data = encode(tree, replace(PRESETS["trained"], effort=1), n_tiles=2)
     decoder = Decoder()
     for a, b in overlapping_ranges(random.Random(seed), len(data)):
         decoder.feed(data[a:b], a)

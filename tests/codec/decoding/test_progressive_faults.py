@@ -2,12 +2,12 @@
 
 import random
 import struct
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import settings as budget
 from hypothesis import strategies as st
 
 from conformance.decoders import oracle
@@ -20,6 +20,7 @@ from evogs_codec.format.directory import read_directory
 from evogs_codec.model.channels import n_channels
 from evogs_codec.model.tree import EvolutionTree, Step
 from tests.support import damage
+from tests.support.examples import examples
 from tests.support.pieces import overlapping_ranges, random_cut
 from tests.support.verdicts import fault_of, oracle_fault
 
@@ -33,7 +34,7 @@ def samples() -> tuple[bytes, ...]:
     for degree, seed in ((1, 5), (0, 9)):
         rng = np.random.default_rng(seed)
         tree = random_tree(rng, degree)
-        streams.append(encode(tree, PRESETS["trained"], n_tiles=2))
+        streams.append(encode(tree, replace(PRESETS["trained"], effort=1), n_tiles=2))
     return tuple(streams)
 
 
@@ -86,7 +87,7 @@ def damaged(data: bytes, rng: random.Random) -> bytes:
 
 
 @pytest.mark.thorough
-@budget(max_examples=200)
+@examples(200)
 @given(st.sampled_from([0, 1]), SEEDS)
 def test_decode_and_the_oracle_and_every_way_of_feeding_find_the_same_fault(which, seed):
     rng = random.Random(seed)
@@ -104,7 +105,7 @@ def test_decode_and_the_oracle_and_every_way_of_feeding_find_the_same_fault(whic
         assert decode(data).dump() == oracle.decode(data).dump()
 
 
-@budget(max_examples=60)
+@examples(60)
 @given(st.sampled_from([0, 1]), SEEDS)
 def test_a_prefix_of_a_damaged_stream_is_judged_as_the_oracle_judges_it(which, seed):
     rng = random.Random(seed)
@@ -113,7 +114,7 @@ def test_a_prefix_of_a_damaged_stream_is_judged_as_the_oracle_judges_it(which, s
     assert fault_of(decode_prefix, data) == oracle_fault(oracle.decode_prefix, data)
 
 
-@budget(max_examples=60)
+@examples(60)
 @given(st.sampled_from([0, 1]), SEEDS)
 def test_a_cut_of_a_damaged_stream_is_judged_as_the_oracle_judges_it(which, seed):
     rng = random.Random(seed)

@@ -19,14 +19,17 @@ from tests.support.verdicts import feed, oracle_verdict, verdict
 # --- truncation ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("small", SMALL)
-def test_every_prefix_is_refused_as_truncated_where_it_is_cut(small):
+@pytest.mark.parametrize(
+    "small", [SMALL[0], *(pytest.param(small, marks=pytest.mark.thorough) for small in SMALL[1:])]
+)
+@pytest.mark.parametrize("step", [3, pytest.param(1, marks=pytest.mark.thorough)])
+def test_every_prefix_is_refused_as_truncated_where_it_is_cut(small, step):
     data = damage.stream(**small)
     directory = read_directory(data)
     ends = directory.offsets + directory.packets["size"]
     starts = [0, 64, *directory.offsets.tolist()]
     stops = [64, directory.data_offset, *ends.tolist()]
-    for n in range(len(data)):
+    for n in range(0, len(data), step):
         with pytest.raises(StreamError) as caught:
             decode(data[:n])
         cut_short = next(a for a, b in zip(starts, stops, strict=True) if b > n)
@@ -56,26 +59,27 @@ def test_every_prefix_with_header_and_chunks_gives_the_scene_of_its_complete_pac
 # --- flips ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "small", [SMALL[0], *(pytest.param(small, marks=pytest.mark.thorough) for small in SMALL[1:])]
-)
-def test_every_single_bit_flip_is_refused(small):
+@pytest.mark.parametrize("small", SMALL)
+@pytest.mark.parametrize("step", [37, pytest.param(1, marks=pytest.mark.thorough)])
+def test_every_single_bit_flip_is_refused(small, step):
     data = damage.stream(**small)
-    for bit in range(8 * len(data)):
+    for bit in range(0, 8 * len(data), step):
         with pytest.raises(StreamError):
             decode(damage.flipped(data, bit))
 
 
 @pytest.mark.parametrize("small", SMALL)
-def test_flips_with_repaired_checksums_get_the_verdict_of_the_oracle(small):
-    check_repaired_flips(damage.stream(**small), step=23)
+@pytest.mark.parametrize("step", [61, pytest.param(23, marks=pytest.mark.thorough)])
+def test_flips_with_repaired_checksums_get_the_verdict_of_the_oracle(small, step):
+    check_repaired_flips(damage.stream(**small), step=step)
 
 
 @pytest.mark.parametrize("small", SMALL)
-def test_compiled_loops_give_the_verdict_of_the_oracle_too(small, monkeypatch):
+@pytest.mark.parametrize("step", [97, pytest.param(47, marks=pytest.mark.thorough)])
+def test_compiled_loops_give_the_verdict_of_the_oracle_too(small, step, monkeypatch):
     pytest.importorskip("numba")
     monkeypatch.setattr(dispatch, "MIN_COMPILED", 0)
-    check_repaired_flips(damage.stream(**small), step=47)
+    check_repaired_flips(damage.stream(**small), step=step)
 
 
 @pytest.mark.slow
@@ -103,11 +107,12 @@ def check_repaired_flips(data, step):
     assert accepted > 0
 
 
-def test_flips_with_repaired_checksums_never_trouble_info_or_feeding():
+@pytest.mark.parametrize("step", [127, pytest.param(61, marks=pytest.mark.thorough)])
+def test_flips_with_repaired_checksums_never_trouble_info_or_feeding(step):
     from evogs_codec.editing.byte_stats import bytes_by_group, levels
 
     data = damage.stream(**SMALL[0])
-    for bit in range(5, 8 * len(data), 61):
+    for bit in range(5, 8 * len(data), step):
         damaged = damage.repaired(damage.flipped(data, bit))
         try:
             directory = read_directory(damaged)

@@ -44,7 +44,7 @@ def tile_dumps(decoded, kept):
 
 
 @pytest.mark.parametrize(
-    "seed", [0, 1, 2, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in range(3, 10))]
+    "seed", [0, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in range(1, 10))]
 )
 def test_decoding_an_extracted_stream_is_decoding_the_original_at_the_same_cut(seed):
     rng = np.random.default_rng(seed)
@@ -84,7 +84,15 @@ def test_digests_of_reached_states_are_kept_and_the_others_dropped():
         assert DIRECTORY.digests
 
 
-@pytest.mark.parametrize("options", [{}, {"level": 1}, {"box": TIGHT_BOX}, {"sh_degree": 0}])
+@pytest.mark.parametrize(
+    "options",
+    [
+        pytest.param({}, marks=pytest.mark.thorough),
+        {"level": 1},
+        pytest.param({"box": TIGHT_BOX}, marks=pytest.mark.thorough),
+        pytest.param({"sh_degree": 0}, marks=pytest.mark.thorough),
+    ],
+)
 def test_a_byte_budget_gives_the_longest_prefix_that_fits(options):
     box = options.get("box")
     order = np.flatnonzero(choose_cut(DIRECTORY, **options).packets(DIRECTORY))

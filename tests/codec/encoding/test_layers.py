@@ -169,7 +169,10 @@ def test_every_level_decodes_and_those_of_layers_have_all_splats():
     assert found[-1] > found[2] + 10
 
 
-@pytest.mark.parametrize("make", [partial(stream, 3), lambda: many()[1]])
+@pytest.mark.parametrize(
+    "make",
+    [partial(stream, 3), pytest.param(lambda: many()[1], marks=pytest.mark.thorough)],
+)
 def test_every_prefix_of_packets_decodes_alike_at_once_and_bit_by_bit(make):
     data = make()
     directory = read_directory(data)

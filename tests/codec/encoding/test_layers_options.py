@@ -21,13 +21,13 @@ from evogs_codec import (
 )
 from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.layers import MAX_LAYERS, Layered
+from evogs_codec.encoding.prepared import Prepared
 from evogs_codec.encoding.sensitivity import Importance
-from evogs_codec.encoding.targets import Prepared, TargetEncoder
+from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.encoding.write import write
 from evogs_codec.render import cameras_around
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.views import Views
-from tests.codec.encoding.test_targets import in_quanta
 from tests.support.layered import (
     N_LEVELS,
     PRICE,
@@ -40,11 +40,13 @@ from tests.support.layered import (
     stream,
     views_of,
 )
+from tests.support.quanta import in_quanta
 from tests.support.shared_scenes import shared_scene, shared_tree
 
 # --- scenes and options ---------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_the_same_bytes_twice():
     assert aim(layers=2).at_psnr(40) == stream(2)
 
@@ -72,7 +74,7 @@ def test_a_scene_with_a_palette_meets_its_target_in_layers(layers):
     assert len(found.data) < 1.2 * len(one)
 
 
-@pytest.mark.parametrize("n_tiles", [2, 5])
+@pytest.mark.parametrize("n_tiles", [2, pytest.param(5, marks=pytest.mark.thorough)])
 def test_several_tiles(n_tiles):
     one = at_a_price(scene()[0], 2)
     data = at_a_price(scene()[0], 2, n_tiles=n_tiles)
@@ -110,7 +112,7 @@ def test_no_splats_have_no_layers():
     assert (decode(data).n_leaves, read_directory(data).n_levels) == (0, N_LEVELS)
 
 
-@pytest.mark.parametrize("n_tiles", [1, 4])
+@pytest.mark.parametrize("n_tiles", [pytest.param(1, marks=pytest.mark.thorough), 4])
 def test_leaves_that_were_dropped_are_not_refined(n_tiles):
     """Half of the slots; of four tiles some have no leaves then."""
     tree = scene()[0]
@@ -151,6 +153,7 @@ def test_polishing_moves_the_last_layer_even_of_a_tree_of_one_level(recwarn):
     assert not [warning for warning in recwarn if "polishing" in str(warning.message)]
 
 
+@pytest.mark.thorough
 def test_a_target_of_bytes():
     n_bytes = 9000
     data = aim(layers=3).at_bytes(n_bytes)
@@ -214,6 +217,7 @@ def test_without_numba_layers_have_no_views(monkeypatch):
         encode_scene(make_scene(60), target_bytes=4000, layers=2)
 
 
+@pytest.mark.thorough
 def test_an_encoder_without_views_refuses_layers_and_bounds_errors_without_them():
     plain = TargetEncoder(scene()[0], SETTINGS, layers=2)
     with pytest.raises(ValueError, match="layers need views"):

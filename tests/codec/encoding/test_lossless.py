@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import example, given
-from hypothesis import settings as budget
 
 from conformance.decoders import oracle
 from evogs_codec.decoding.cut import Cut
@@ -17,8 +16,9 @@ from evogs_codec.model.arithmetic import AlphaTable, Quantiser
 from evogs_codec.model.coded_tree import CodedStep, CodedTile, CodedTree
 from evogs_codec.model.tree import Kind
 from tests.support.coded_strategies import coded_trees
+from tests.support.examples import examples
 
-MANY = budget(max_examples=40)
+MANY = examples(40)
 
 
 def assert_same_tree(got: CodedTree, given_: CodedTree) -> None:
@@ -95,7 +95,7 @@ def test_the_decoder_and_the_oracle_decode_the_same_integers(tree):
             assert state.digest(component) == scene.state_digest(tile, component)
 
 
-@budget(max_examples=20)
+@examples(20)
 @given(coded_trees(max_tiles=2))
 def test_the_float_view_is_the_exact_value_rounded_once(tree):
     data = write(tree, effort=1, digests=False)
@@ -103,7 +103,7 @@ def test_the_float_view_is_the_exact_value_rounded_once(tree):
     assert [tuple(row) for row in splats.tolist()] == oracle.decode(data).float_view()
 
 
-@budget(max_examples=20)
+@examples(20)
 @given(coded_trees(max_tiles=2))
 def test_digests_change_no_integer_and_writing_again_changes_no_byte(tree):
     data = write(tree, effort=1)
@@ -112,6 +112,7 @@ def test_digests_change_no_integer_and_writing_again_changes_no_byte(tree):
     assert decode(plain).dump() == decode(data).dump()
 
 
+@pytest.mark.thorough
 def test_many_equal_new_slots_are_written_with_enough_bytes():
     n = 20000
     splits = CodedStep(

@@ -7,7 +7,6 @@ from typing import cast
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import settings as budget
 from hypothesis import strategies as st
 
 from evogs_codec.decoding.cut import Cut
@@ -20,6 +19,7 @@ from evogs_codec.format.directory import read_directory
 from evogs_codec.model.channels import n_channels
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
 from tests.support.exact import GROUP_OF, exact_states, largest_errors
+from tests.support.examples import examples
 from tests.support.strategies import trees
 
 NEAR_LOSSLESS = replace(PRESETS["near-lossless"], effort=1)
@@ -75,7 +75,7 @@ def chain(degree, n, kind, *, psi, alpha, level=None):
 # --- near-lossless ----------------------------------------------------------------------------
 
 
-@budget(max_examples=25)
+@examples(25)
 @given(trees(largest=300))
 def test_every_number_is_within_a_grid_unit_after_every_step(tree):
     arranged = a_level_per_step(arrange(tree, 1)[0])
@@ -84,7 +84,7 @@ def test_every_number_is_within_a_grid_unit_after_every_step(tree):
 
 
 @pytest.mark.thorough
-@budget(max_examples=15)
+@examples(15)
 @given(trees(largest=300), st.integers(1, 3))
 def test_every_number_is_within_a_grid_unit_after_every_level_of_every_tile(tree, n_tiles):
     for errors in errors_by_level(arrange(tree, n_tiles), NEAR_LOSSLESS):
@@ -113,14 +113,16 @@ def test_a_chain_of_64_generations_stays_within_a_grid_unit(kind, alpha, level):
         assert max(errors) <= 1
 
 
-@pytest.mark.parametrize("size", [1e-30, 1e-6, 1.0, 1e4])
+@pytest.mark.parametrize(
+    "size", [1e-30, 1e-6, *(pytest.param(size, marks=pytest.mark.thorough) for size in (1.0, 1e4))]
+)
 def test_large_and_tiny_changes_stay_within_a_grid_unit(size):
     tree = chain(0, 20, Kind.SPLIT, psi=lambda k: size * np.sin(k), alpha=np.cos)
     for errors in errors_by_level([tree], NEAR_LOSSLESS):
         assert max(errors) <= 1
 
 
-@budget(max_examples=15)
+@examples(15)
 @given(trees(largest=300))
 def test_the_grid_is_as_fine_as_24_bits_allow(tree):
     coded = quantise([arrange(tree, 1)[0]], max(tree.n_levels, 1), NEAR_LOSSLESS)
@@ -182,7 +184,10 @@ def test_a_refine_mends_whatever_64_generations_of_splits_left():
     assert errors[-1] <= 0.501
 
 
-@pytest.mark.parametrize("alpha", [0.33, 0.4, 1.0, 2.4, 10.0])
+@pytest.mark.parametrize(
+    "alpha",
+    [*(pytest.param(alpha, marks=pytest.mark.thorough) for alpha in (0.33, 1.0, 2.4, 10.0)), 0.4],
+)
 def test_errors_grow_no_faster_than_by_half_a_step_a_split_along_a_chain(alpha):
     # No psi serves both children; what is left over must not be multiplied from split to split.
     # An alpha up to half an entry of the table off costs C2 this once, in steps of positions.

@@ -69,6 +69,7 @@ def test_what_a_palette_saves_is_told_without_encoding():
     assert instead - bits == pytest.approx(cost(plain) - cost(shared), rel=0.3)
 
 
+@pytest.mark.thorough
 def test_a_palette_of_what_neighbours_share_anyway_saves_nothing():
     shared, plain = encoders(DOES_NOT)
     bits, instead = estimate(shared, plain)

@@ -272,7 +272,13 @@ def test_several_generations_fit_in_one_level():
     assert_leaves(data, tree.leaves(1), 1)
 
 
-@pytest.mark.parametrize("child", [0, -1], ids=["first children", "second children"])
+@pytest.mark.parametrize(
+    "child",
+    [
+        pytest.param(0, id="first children", marks=pytest.mark.thorough),
+        pytest.param(-1, id="second children"),
+    ],
+)
 def test_a_chain_of_64_generations_is_encoded_and_decoded(child):
     steps = [Step.of_adds(0, splats(1))]
     for generation in range(64):

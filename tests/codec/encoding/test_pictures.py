@@ -49,6 +49,7 @@ def test_a_contact_sheet_shows_every_level_in_three_views(files):
     assert size_of_png(out) == (3 * 44 - 4, 3 * (label + 44) - 4)
 
 
+@pytest.mark.thorough
 def test_a_reference_is_the_last_row_of_a_sheet(files):
     out = files / "sheet.png"
     arguments = ["render", str(files / "s.evogs"), str(out), "--size", "200", "--sheet"]

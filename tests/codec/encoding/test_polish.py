@@ -6,7 +6,6 @@ from functools import cache, partial
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import settings as budget
 from hypothesis import strategies as st
 
 pytest.importorskip("numba", reason="the rasterizer is compiled")
@@ -15,7 +14,8 @@ from evogs_codec import PRESETS, decode, lift
 from evogs_codec.cli.commands import main
 from evogs_codec.encoding import polish, targets
 from evogs_codec.encoding.polish import polished
-from evogs_codec.encoding.targets import Prepared, TargetEncoder
+from evogs_codec.encoding.prepared import Prepared
+from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.encoding.write import write
 from evogs_codec.io.ply import write_ply
 from evogs_codec.model.arithmetic import RangeError
@@ -26,6 +26,7 @@ from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.viewpoints import RINGS
 from evogs_codec.render.views import Views, view_of
 from tests.support.coded_strategies import coded_trees
+from tests.support.examples import examples
 
 quietly = partial(polished, progress=lambda _: None)
 
@@ -70,7 +71,9 @@ class Noise:
         raise AssertionError("descent does not need it")
 
 
-@pytest.mark.parametrize(("price", "gain"), [(1e-9, 0.3), (1e-8, 1.0)])
+@pytest.mark.parametrize(
+    ("price", "gain"), [pytest.param(1e-9, 0.3, marks=pytest.mark.thorough), (1e-8, 1.0)]
+)
 def test_pictures_err_less_for_no_more_bytes(price, gain):
     coded = Prepared(aim()).coded(price)
     before, after = write(coded), write(quietly(coded, scene()[1], price, 150))
@@ -90,7 +93,7 @@ def test_only_integers_of_the_last_level_move_and_zeros_do_not():
 
 
 @pytest.mark.thorough
-@budget(max_examples=40)
+@examples(40)
 @given(coded_trees(), st.integers(0, 2**32))
 def test_whatever_moves_the_stream_stays_legal(tree, seed):
     with pytest.MonkeyPatch.context() as patch:
@@ -197,6 +200,7 @@ def test_a_number_of_bytes_is_met_with_better_pictures():
     assert psnr(polished_) > psnr(plain) + 0.5
 
 
+@pytest.mark.thorough
 def test_it_is_the_same_every_time():
     coded = Prepared(aim()).coded(1e-10)
     first, second = (write(quietly(coded, scene()[1], 1e-10, 20)) for _ in range(2))

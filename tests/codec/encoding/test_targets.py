@@ -17,14 +17,12 @@ from evogs_codec.cli.commands import main
 from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.quantise import quantise
 from evogs_codec.encoding.rate_distortion import cheapest
-from evogs_codec.encoding.sensitivity import Importance
-from evogs_codec.encoding.settings import TREE_PSNR, Settings
-from evogs_codec.encoding.targets import PRICES, TargetEncoder, TargetMissedError, _search
+from evogs_codec.encoding.settings import TREE_PSNR
+from evogs_codec.encoding.targets import PRICES, TargetEncoder, TargetMissedError
 from evogs_codec.io.ply import write_ply
 from evogs_codec.io.tree_npz import write_tree
 from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS
 from evogs_codec.model.splats import SplatParams
-from evogs_codec.model.tree import Step
 from evogs_codec.render import cameras_around
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.views import Views
@@ -56,8 +54,15 @@ def test_a_psnr_is_met(decibels):
     assert psnr(aim().at_psnr(decibels)) == pytest.approx(decibels, abs=0.2)
 
 
-@pytest.mark.parametrize("n_bytes", [9000, 30_000])
-@pytest.mark.parametrize("has_pictures", [True, False])
+@pytest.mark.parametrize(
+    ("n_bytes", "has_pictures"),
+    [
+        (9000, True),
+        pytest.param(9000, False, marks=pytest.mark.thorough),
+        pytest.param(30_000, True, marks=pytest.mark.thorough),
+        pytest.param(30_000, False, marks=pytest.mark.thorough),
+    ],
+)
 def test_a_number_of_bytes_is_met(n_bytes, has_pictures):
     tree, _ = scene()
     data = (aim() if has_pictures else TargetEncoder(tree, PRESETS["scene"])).at_bytes(n_bytes)
@@ -72,73 +77,6 @@ def test_a_tree_is_encoded_as_near_to_it_as_pictures_tell(tmp_path):
     views = Views(tree.leaves(), cameras_around(tree.leaves(), "z", 400))
     found = decode((tmp_path / "out.evogs").read_bytes()).leaves(sh_degree=tree.sh_degree)
     assert views.psnr(found) == pytest.approx(TREE_PSNR, abs=0.2)
-
-
-def in_quanta(quantum=0.25):
-    """Four roots and two levels of whole numbers of quanta."""
-    rng = np.random.default_rng(5)
-
-    def numbers(n):
-        return (quantum * rng.integers(-8, 9, (11 + 3, n))).astype(np.float32)
-
-    steps = [Step.of_adds(0, numbers(4))]
-    for level in (1, 2):
-        n = 4 * level
-        alpha = rng.integers(-4096, 4097, (5, n)) / 4096
-        steps.append(Step.of_splits(level, np.arange(n), numbers(n), alpha))
-    return EvolutionTree(0, tuple(steps), ((quantum,) * 5,) * 4)
-
-
-@pytest.mark.parametrize("n_tiles", [1, 3])
-def test_a_tree_that_was_trained_in_integers_keeps_them(n_tiles, tmp_path, capsys):
-    tree = in_quanta()
-    write_tree(tmp_path / "in.tree.npz", tree)
-    names = [str(tmp_path / name) for name in ("in.tree.npz", "out.evogs")]
-    assert main(["encode", *names, "--tiles", str(n_tiles)]) == 0
-    assert capsys.readouterr().err == ""
-    found = decode((tmp_path / "out.evogs").read_bytes()).leaves(sh_degree=0).channels()
-    right = tree.leaves().channels()
-    off = np.abs(found[:, :, None] - right[:, None]).max(0)
-    assert sorted(off.argmin(1)) == list(range(16))
-    assert off.min(1).max() <= 2 * 0.25 / 32  # products of alpha are rounded to the grid, twice
-    assert encode(tree) == encode(tree, Settings.of_quanta(tree.quanta))
-
-
-def test_an_option_of_accuracy_comes_before_the_integers_of_a_tree(tmp_path):
-    write_tree(tmp_path / "in.tree.npz", in_quanta())
-    sizes = []
-    for options in ([], ["--preset", "trained"], ["--near-lossless"]):
-        name = str(tmp_path / "out.evogs")
-        assert main(["encode", str(tmp_path / "in.tree.npz"), name, *options]) == 0
-        sizes.append((tmp_path / "out.evogs").stat().st_size)
-    assert sizes == sorted(sizes)
-    assert len(set(sizes)) == 3
-
-
-@pytest.mark.parametrize("quantum", [1e-30, 2.0**-60, 2.0**60, 1e30])
-def test_quanta_that_no_grid_holds_are_warned_of(quantum, tmp_path, capsys):
-    write_tree(tmp_path / "in.tree.npz", replace(in_quanta(), quanta=((quantum,) * 5,) * 4))
-    assert main(["encode", str(tmp_path / "in.tree.npz"), str(tmp_path / "out.evogs")]) == 0
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == len(GROUPS)
-    assert all("no grid holds the quanta of the tree" in line for line in lines)
-    assert decode((tmp_path / "out.evogs").read_bytes(), verify=True).n_leaves == 16
-
-
-@pytest.mark.parametrize(
-    "quanta",
-    [
-        ((0.5,) * 5,) * 3,
-        ((0.5,) * 5,) * 5,
-        ((0.5,) * 6,) * 4,
-        ((0.5,) * 5,) * 3 + ((0.5,) * 4,),
-        ((0.5,) * 5,) * 3 + ((0.5,) * 4 + (0.0,),),
-        ((0.5,) * 5,) * 3 + ((0.5,) * 4 + (math.nan,),),
-    ],
-)
-def test_quanta_of_another_shape_or_sign_are_no_quanta(quanta):
-    with pytest.raises(ValueError, match=r"quanta are not \(4, 5\) finite numbers above 0"):
-        replace(in_quanta(), quanta=quanta)
 
 
 def test_a_tree_of_which_pictures_show_nothing_is_encoded_all_the_same(tmp_path, capsys):
@@ -166,6 +104,7 @@ def test_what_is_aimed_at_pictures_has_better_pictures_for_its_bytes():
     assert psnr(aim().at_bytes(len(plain))) > psnr(plain) + 0.5
 
 
+@pytest.mark.thorough
 def test_every_level_gains_by_aiming_not_the_last_alone():
     tree, _ = scene()
     plain = encode(tree, PRESETS["scene"])
@@ -179,6 +118,7 @@ def test_every_level_gains_by_aiming_not_the_last_alone():
         assert found[1] > found[0] - 0.5
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("errors", [dict.fromkeys(GROUPS, 0.02), {"position": 1e-3, "sh": 0.05}])
 def test_no_error_is_larger_than_asked_by_another_decoder(errors):
     tree, _ = scene()
@@ -203,15 +143,6 @@ def float_view(decoded):
     return np.concatenate(parts, axis=1)
 
 
-@pytest.mark.parametrize(("most", "found"), [(math.inf, 1.006), (1.0, 0.98), (0.5, 1.006)])
-def test_what_is_below_a_limit_is_better_than_what_is_nearer_above_it(most, found):
-    def jump(at):
-        value = 1.006 if at < 3 else 0.98
-        return value, value
-
-    assert _search(jump, 0.995, -0.1, 1.0, (0.01, 100.0), 0.005, most).what == found
-
-
 def counted(monkeypatch):
     """Trees that were quantised."""
     calls = []
@@ -220,7 +151,7 @@ def counted(monkeypatch):
         calls.append(args)
         return quantise(*args, **options)
 
-    monkeypatch.setattr("evogs_codec.encoding.targets.quantise", counting)
+    monkeypatch.setattr("evogs_codec.encoding.prepared.quantise", counting)
     return calls
 
 
@@ -287,33 +218,6 @@ def test_an_error_below_that_of_the_tree_is_refused_before_anything_is_encoded(m
     assert not calls
 
 
-def test_a_target_that_only_the_middle_of_the_range_reaches_is_found_though_the_first_is_far():
-    tries = []
-
-    def measure(at):
-        tries.append(at)
-        return 10 - math.log10(at), at
-
-    found = _search(measure, 30.0, -0.1, 1.0, (1e-40, 1e40), 0.01, far=5)
-    assert found.value == pytest.approx(30, abs=0.01)
-    assert not found.is_end
-    assert tries[1] == 1e-40
-
-
-@pytest.mark.parametrize("target", [100, -100])
-def test_a_value_that_no_place_has_is_given_up_after_a_few_tries(target):
-    tries = []
-
-    def measure(at):
-        tries.append(at)
-        return math.tanh(-math.log(at)), at
-
-    found = _search(measure, target, -0.1, 1.0, (1e-4, 1e4), 0.01)
-    assert found.is_end
-    assert len(tries) <= 4
-    assert abs(found.value) > 0.99
-
-
 def test_a_target_of_pictures_needs_views():
     with pytest.raises(ValueError, match="needs views"):
         TargetEncoder(scene()[0], PRESETS["scene"]).at_psnr(40)
@@ -330,41 +234,6 @@ def test_a_scene_without_splats_is_within_any_error_and_has_no_other_target(tmp_
 
 
 # --- importance -----------------------------------------------------------------------------------
-
-
-def test_weights_foretell_the_error_of_the_pictures():
-    """The mean squared error of pictures of splats whose SH are shaken, within 1.5 dB."""
-    _, views = scene()
-    splats = views.scene
-    rng = np.random.default_rng(5)
-    shaken = splats.channels()
-    errors = np.zeros_like(shaken)
-    errors[11:] = rng.normal(0, 0.02, errors[11:].shape)
-    foretold = float((views.sensitivity(splats) * errors**2).sum())
-    found = views.psnr(SplatParams.from_channels(shaken + errors))
-    assert -10 * math.log10(foretold) == pytest.approx(found, abs=1.5)
-
-
-def test_a_parent_weighs_as_much_as_the_leaves_below_it():
-    tree, _ = scene()
-
-    def one(splats):
-        return np.ones((len(splats.channels()), len(splats)), np.float32)
-
-    tiles = arrange(tree, 2)
-    importance = Importance.of(tiles, tree.n_levels, one)
-    for tile, steps in zip(tiles, importance.weights, strict=True):
-        assert len(steps) == len(tile.steps)
-        for step, own in zip(tile.steps, steps, strict=True):
-            assert own is not None
-            assert own.targets.shape == (5 + tree.sh_degree, step.psi.shape[1])
-            assert own.new.shape == (5 + tree.sh_degree, step.n_new)
-            assert (own.targets > 0).all()
-            assert (own.new > 0).all()
-    table = importance.steps(1e-6, extent=1.0)
-    assert table.shape == (1 + tree.n_levels, 5 + tree.sh_degree)
-    # Roots have the more leaves below them, the finer.
-    assert (table[0, 1:] < table[-1, 1:]).all()
 
 
 # --- integers -------------------------------------------------------------------------------------

@@ -1,26 +1,20 @@
 """Round trips through every format: numbers stay within the rounding of docs/interchange.md."""
 
-import gzip
-import json
 import struct
 import warnings
-import zipfile
 from dataclasses import replace
-from io import BytesIO
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from evogs_codec import InputError, SceneInfo, SplatParams, read_ply, read_scene, write_scene
+from evogs_codec.io.finite import OPAQUE
 from evogs_codec.io.interchange import compressed_ply, spz
 from evogs_codec.io.interchange import splat as dot_splat
-from evogs_codec.io.interchange.bounded import zstd
 from evogs_codec.io.interchange.frames import turn
 from evogs_codec.io.interchange.scene_files import kind_to_write, scene_format
-from evogs_codec.io.interchange.values import largest_and_rest, unit
-from evogs_codec.io.ply import OPAQUE
-from tests.support.odd_scenes import covariances, odd_scene, opacities, spread
+from evogs_codec.io.interchange.values import unit
+from tests.support.odd_scenes import odd_scene, opacities, signed_alike
 
 ENDINGS = ("ply", "compressed.ply", "spz", "splat", "glb")
 KNOWN_WARNINGS = "ignore:.*(infinite opacity|no SH above band 0|beyond what)"
@@ -37,12 +31,6 @@ def ordered(scene, ending):
 def there_and_back(scene, ending, folder, info=None):
     write_scene(folder / f"x.{ending}", scene, info)
     return read_scene(folder / f"x.{ending}").splats
-
-
-def signed_alike(quats, like):
-    """Unit quaternions, of q and -q that which is nearer."""
-    one, other = unit(quats), unit(like)
-    return one * np.where((one * other).sum(1) < 0, -1, 1)[:, None]
 
 
 def assert_within(found, scene, *, means, quats, log_scales, opacity, dc, sh):
@@ -307,228 +295,3 @@ def test_a_name_without_an_ending_gets_a_ply(tmp_path):
 
 
 # --- versions and forms that we do not write ------------------------------------------------------
-
-
-def old_spz(scene, version):
-    """An `.spz` of version 1 to 3, of a scene in its own axes."""
-    n = len(scene)
-    if version == 1:
-        positions = scene.means.astype("<f2").tobytes()
-    else:
-        fixed = np.rint(scene.means * 4096.0).astype("<i4")
-        positions = fixed.view(np.uint8).reshape(-1, 4)[:, :3].tobytes()
-    xyzw = np.roll(unit(scene.quats), -1, axis=1)
-    if version < 3:
-        xyz = xyzw[:, :3] * np.where(xyzw[:, 3:] < 0, -1, 1)
-        rotations = np.rint(xyz * 127.5 + 127.5).clip(0, 255).astype(np.uint8).tobytes()
-    else:
-        largest, rest = largest_and_rest(xyzw)
-        words = largest.astype("<u4") << 30
-        for i, at in enumerate((20, 10, 0)):
-            part = rest[:, i]
-            step = np.rint(np.abs(part) * 511 * 2**0.5).astype("<u4")
-            words |= (step | (part < 0).astype("<u4") << 9) << at
-        rotations = words.tobytes()
-    head = struct.pack("<4sIIBBBB", b"NGSP", version, n, scene.sh_degree, 12, 1, 0)
-    as_bytes = [
-        opacities(scene) * 255,
-        (scene.sh[:, 0] * 0.15 + 0.5) * 255,
-        (scene.log_scales + 10) * 16,
-    ]
-    alphas, colours, scales = (
-        np.rint(part).clip(0, 255).astype(np.uint8).tobytes() for part in as_bytes
-    )
-    sh = (np.rint(scene.sh[:, 1:] * 128) + 128).clip(0, 255).astype(np.uint8).tobytes()
-    return gzip.compress(head + positions + alphas + colours + scales + rotations + sh)
-
-
-@pytest.mark.parametrize("degree", range(4))
-@pytest.mark.parametrize("version", [1, 2, 3])
-def test_older_versions_of_spz_are_read(version, degree, tmp_path):
-    scene = odd_scene(degree=degree)
-    (tmp_path / "x.spz").write_bytes(old_spz(scene, version))
-    found = read_scene(tmp_path / "x.spz")
-    assert found.info.antialiased
-    back = replace(
-        found.splats, means=found.splats.means * np.array([1, -1, -1], np.float32), sh=scene.sh * 0
-    )
-    np.testing.assert_allclose(back.means, scene.means, atol=2e-3 if version == 1 else 2.0**-12)
-    turned = np.array([1.0, -1, -1])
-    expected = covariances(scene) * turned[:, None] * turned
-    assert np.abs(covariances(found.splats) - expected).max() < 0.01
-    assert np.abs(found.splats.sh[:, 0] - scene.sh[:, 0]).max() < 0.0132
-    assert np.abs(np.abs(found.splats.sh) - np.abs(scene.sh)).max() < 0.0132
-
-
-def test_bands_of_an_spz_above_3_are_left_out_with_a_warning(tmp_path):
-    write_scene(tmp_path / "x.spz", odd_scene(6, 0))
-    data = bytearray((tmp_path / "x.spz").read_bytes())
-    rest = np.full(6 * 72, 130, np.uint8).tobytes()
-    frame = zstd(rest, 3)
-    data[12], data[15] = 4, 6
-    table_end = 32 + 16 * 5
-    data[table_end:table_end] = struct.pack("<QQ", len(frame), len(rest))
-    (tmp_path / "x.spz").write_bytes(bytes(data) + frame)
-    with pytest.warns(UserWarning, match="SH of band 4 are left out"):
-        found = read_scene(tmp_path / "x.spz").splats
-    assert found.sh.shape == (6, 16, 3)
-    np.testing.assert_allclose(np.abs(found.sh[:, 1:]), 2 / 128)
-
-
-@pytest.mark.parametrize("name", ["RDF", "RUB", "LUF", "RFU", "LBD", "RUF"])
-def test_the_record_of_axes_of_an_spz_is_followed(name, tmp_path):
-    scene = odd_scene()
-    write_scene(tmp_path / "x.spz", scene)
-    data = bytearray((tmp_path / "x.spz").read_bytes())
-    data[14] |= 2
-    data[16:20] = struct.pack("<I", 32 + 24)
-    number = spz.FRAMES.index(name, 1)
-    unknown = struct.pack("<III", 0xADBE0002, 4, 0)
-    data[32:32] = unknown + struct.pack("<III", 0xADBE0003, 4, number)
-    (tmp_path / "x.spz").write_bytes(data)
-    in_file = scene.means * np.array([1, -1, -1], np.float32)
-    expected = in_file @ turn(name, "RDF").T
-    found = read_scene(tmp_path / "x.spz")
-    np.testing.assert_allclose(found.splats.means, expected, atol=2e-4)
-    assert found.info.up_axis == 4
-
-
-def webp(values, width=16):
-    """A picture that has these bytes, (N, 1 to 4), as its first pixels."""
-    height = -(-len(values) // width)
-    pixels = np.zeros((width * height, 4), np.uint8)
-    pixels[:, 3] = 255
-    pixels[: len(values), : values.shape[1]] = values
-    stream = BytesIO()
-    image = Image.fromarray(pixels.reshape(height, width, 4), "RGBA")
-    image.save(stream, "WEBP", lossless=True, exact=True)
-    return stream.getvalue()
-
-
-def sog_1(scene):
-    """The files of a `.sog` of version 1, which has ranges and no codebooks."""
-    logs = np.sign(scene.means) * np.log1p(np.abs(scene.means))
-    low, high = logs.min(0), logs.max(0)
-    steps = np.rint((logs - low) / (high - low) * 65535).astype(np.uint16)
-    largest, rest = largest_and_rest(unit(scene.quats))
-    three = np.rint((rest * 2**0.5 + 1) * 127.5).clip(0, 255)
-    colours = np.concatenate([scene.sh[:, 0], scene.opacity_logits[:, None]], axis=1)
-
-    def in_bytes(values):
-        least, most = values.min(0), values.max(0)
-        part = np.rint((values - least) / (most - least) * 255).astype(np.uint8)
-        return part, {"mins": least.tolist(), "maxs": most.tolist()}
-
-    scale_bytes, scale_range = in_bytes(scene.log_scales)
-    colour_bytes, colour_range = in_bytes(colours)
-    k = scene.sh.shape[1] - 1
-    palette, (rest_low, rest_high) = scene.sh[:, 1:], (scene.sh.min(), scene.sh.max())
-    entries = np.zeros((64, k, 3), np.uint8)
-    entries[: len(scene)] = np.rint((palette - rest_low) / (rest_high - rest_low) * 255)
-    n = len(scene)
-    labels = np.arange(n, dtype=np.uint8)[:, None] * [1, 0]
-    meta = {
-        "means": {
-            "shape": [n, 3], "mins": low.tolist(), "maxs": high.tolist(),
-            "files": ["means_l.webp", "means_u.webp"],
-        },
-        "scales": {**scale_range, "files": ["scales.webp"]},
-        "quats": {"files": ["quats.webp"]},
-        "sh0": {**colour_range, "files": ["sh0.webp"]},
-        "shN": {
-            "mins": float(rest_low), "maxs": float(rest_high),
-            "files": ["centroids.webp", "labels.webp"],
-        },
-    }  # fmt: skip
-    if not k:
-        del meta["shN"]
-    return {
-        "meta.json": json.dumps(meta).encode(),
-        "means_l.webp": webp(steps & 255),
-        "means_u.webp": webp(steps >> 8),
-        "scales.webp": webp(scale_bytes),
-        "quats.webp": webp(np.concatenate([three, largest[:, None] + 252], axis=1)),
-        "sh0.webp": webp(colour_bytes),
-        "centroids.webp": webp(entries.reshape(-1, 3), 64 * k) if k else b"",
-        "labels.webp": webp(labels),
-    }
-
-
-@pytest.mark.parametrize("form", ["zip", "zip with a folder", "folder", "meta.json"])
-@pytest.mark.parametrize("degree", range(4))
-def test_a_sog_of_version_1_is_read_from_a_zip_and_from_a_folder(form, degree, tmp_path):
-    scene = odd_scene(degree=degree)
-    files, path = sog_1(scene), tmp_path / "scene"
-    if form.startswith("zip"):
-        with zipfile.ZipFile(path, "w") as archive:
-            for name, data in files.items():
-                archive.writestr(("inner/" if "folder" in form else "") + name, data)
-    else:
-        path.mkdir()
-        for name, data in files.items():
-            (path / name).write_bytes(data)
-        path = path / "meta.json" if form == "meta.json" else path
-    found = read_scene(path).splats
-    np.testing.assert_allclose(found.means, scene.means, atol=3e-4)
-    np.testing.assert_allclose(found.log_scales, scene.log_scales, atol=0.0062)
-    np.testing.assert_allclose(found.opacity_logits, scene.opacity_logits, atol=0.02)
-    np.testing.assert_allclose(found.sh, scene.sh, atol=0.01)
-    assert np.abs(signed_alike(found.quats, scene.quats) - unit(scene.quats)).max() < 0.009
-
-
-def test_a_sog_says_that_it_is_antialiased(tmp_path):
-    files = sog_1(odd_scene(degree=1))
-    for key, value, expected in (("model", "antialiased", True), ("model", "2dgs", False)):
-        meta = json.loads(files["meta.json"]) | {key: value}
-        for name, data in (files | {"meta.json": json.dumps(meta).encode()}).items():
-            (tmp_path / name).write_bytes(data)
-        assert read_scene(tmp_path).info.antialiased == expected
-
-
-def test_without_pillow_a_sog_is_refused_in_one_line(tmp_path, monkeypatch):
-    for name, data in sog_1(odd_scene(degree=1)).items():
-        (tmp_path / name).write_bytes(data)
-    monkeypatch.setitem(__import__("sys").modules, "PIL", None)
-    with pytest.raises(InputError, match=r"needs Pillow: pip install -e '\.\[interchange\]'"):
-        read_scene(tmp_path)
-
-
-def test_bounds_of_colours_may_be_missing_in_a_compressed_ply(tmp_path):
-    scene = odd_scene(20, 0)
-    scene = replace(scene, sh=scene.sh.clip(-1.7, 1.7))
-    write_scene(tmp_path / "x.compressed.ply", scene)
-    data = (tmp_path / "x.compressed.ply").read_bytes()
-    head, _, body = data.partition(b"end_header\n")
-    for name in (b"min_r", b"min_g", b"min_b", b"max_r", b"max_g", b"max_b"):
-        head = head.replace(b"property float %s\n" % name, b"")
-    bound = np.frombuffer(body, "<f4", 18)
-    (tmp_path / "y.ply").write_bytes(head + b"end_header\n" + body[:48] + body[72:])
-    found = read_scene(tmp_path / "y.ply").splats
-    expected = scene.take(compressed_ply.order_of(scene))
-    # The bytes are now parts of 0 to 1, not of the range of the chunk.
-    low, high = bound[12:15], bound[15:18]
-    parts = (found.sh[:, 0] * 0.28209479 + 0.5) * (high - low) + low
-    np.testing.assert_allclose((parts - 0.5) / 0.28209479, expected.sh[:, 0], atol=0.01)
-    np.testing.assert_allclose(found.means, expected.means, atol=0.01)
-
-
-def test_a_ply_is_read_as_by_read_ply(tmp_path):
-    write_scene(tmp_path / "x.ply", odd_scene(9, 2))
-    one, other = read_ply(tmp_path / "x.ply"), read_scene(tmp_path / "x.ply").splats
-    np.testing.assert_array_equal(one.channels(), other.channels())
-
-
-def test_positions_of_doubles_are_rounded_once(tmp_path):
-    values = spread(3, 14, low=-3, high=3)
-    names = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"]
-    names += [f"scale_{i}" for i in range(3)] + [f"rot_{i}" for i in range(4)]
-    for order, form in (("<", "binary_little_endian"), (">", "binary_big_endian")):
-        kinds = [(name, f"{order}f8" if name in "xyz" else f"{order}f4") for name in names]
-        rows = np.array([tuple(row) for row in values], kinds)
-        lines = [f"property {'double' if name in 'xyz' else 'float'} {name}" for name in names]
-        header = "\n".join(
-            ["ply", f"format {form} 1.0", "element vertex 3", *lines, "end_header\n"]
-        )
-        (tmp_path / "x.ply").write_bytes(header.encode() + rows.tobytes())
-        found = read_scene(tmp_path / "x.ply").splats
-        np.testing.assert_array_equal(found.means, values[:, :3].astype(np.float32))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from evogs_codec import decode, lift, read_ply, read_tree, write_ply
-from evogs_codec.io.ply import OPAQUE, finite_opacities
+from evogs_codec.io.finite import OPAQUE, finite_opacities
 from evogs_codec.render.demo_scene import make_scene
 
 COUNTED = "evogs: warning: {}: 30 of 400 splats have an infinite opacity"
@@ -27,7 +27,14 @@ def infinite(tmp_path):
     return path
 
 
-@pytest.mark.parametrize("options", [[], ["--drop-invalid"]])
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--preset", "scene"],
+        pytest.param([], marks=pytest.mark.thorough),
+        pytest.param(["--drop-invalid"], marks=pytest.mark.thorough),
+    ],
+)
 def test_opaque_splats_are_encoded_and_counted(options, evogs, infinite, tmp_path):
     code, out, err = evogs("encode", infinite, tmp_path / "x.evogs", *options)
     assert code == 0
@@ -39,7 +46,10 @@ def test_opaque_splats_are_encoded_and_counted(options, evogs, infinite, tmp_pat
     assert np.count_nonzero(found < 1 - OPAQUE) == 10
 
 
-@pytest.mark.parametrize("preset", ["scene", "trained", "paper"])
+@pytest.mark.parametrize(
+    "preset",
+    ["scene", *(pytest.param(name, marks=pytest.mark.thorough) for name in ("trained", "paper"))],
+)
 def test_opaque_splats_stay_opaque_under_every_preset(preset, evogs, infinite, tmp_path):
     assert evogs("encode", infinite, tmp_path / "x.evogs", "--preset", preset)[0] == 0
     found = decode((tmp_path / "x.evogs").read_bytes()).leaves().opacity_logits

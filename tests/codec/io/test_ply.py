@@ -12,16 +12,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from evogs_codec.errors import InputError
 from evogs_codec.format.layout import SIGNATURE
 from evogs_codec.io.files import write_atomic
-from evogs_codec.io.ply import OPAQUE, drop_non_finite, finite_opacities, read_ply, write_ply
+from evogs_codec.io.finite import OPAQUE, drop_non_finite, finite_opacities
+from evogs_codec.io.ply import read_ply, write_ply
 from evogs_codec.model.channels import n_channels
 from evogs_codec.model.splats import SplatParams
 from evogs_codec.render.demo_scene import make_scene
+from tests.support.examples import examples
 from tests.support.strategies import splats
 
 FORMATS = ("ascii", "binary_little_endian", "binary_big_endian")
@@ -87,7 +89,7 @@ def test_every_degree_format_type_and_line_end_is_read(read, degree, form, kind,
 
 
 @given(scene=splats())
-@settings(max_examples=40)
+@examples(40)
 def test_what_is_written_is_read_back_exactly(tmp_path_factory, scene):
     path = tmp_path_factory.mktemp("ply") / "scene.ply"
     write_ply(path, scene)
@@ -276,7 +278,7 @@ def test_a_folder_or_an_absent_file_is_refused(tmp_path):
 
 
 @given(cut=st.integers(0, len(GOOD) - 1))
-@settings(max_examples=60)
+@examples(60)
 def test_every_prefix_is_refused(tmp_path_factory, cut):
     path = tmp_path_factory.getbasetemp() / "prefix.ply"
     path.write_bytes(GOOD[:cut])
@@ -285,7 +287,7 @@ def test_every_prefix_is_refused(tmp_path_factory, cut):
 
 
 @given(data=st.data())
-@settings(max_examples=150)
+@examples(150)
 def test_a_damaged_file_is_read_or_refused_and_nothing_else(tmp_path_factory, data):
     damaged = bytearray(data.draw(st.sampled_from([GOOD, GOOD_TEXT])))
     for _ in range(data.draw(st.integers(1, 4))):

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from evogs_codec.io.tree_npz import _Slots, read_tree, write_tree
 from evogs_codec.model.channels import GROUP_CHANNELS, n_channels
 from evogs_codec.model.tree import EvolutionTree, Step
+from tests.support.examples import examples
 from tests.support.strategies import trees
 from tests.support.tree_files import (
     ADD,
@@ -65,7 +66,7 @@ def same_splats(leaves, slots):
 
 
 @given(tree=trees())
-@settings(max_examples=80)
+@examples(80)
 def test_a_written_tree_reads_back_with_the_same_leaves_at_every_level(tmp_path_factory, tree):
     path = tmp_path_factory.getbasetemp() / "t.tree.npz"
     write_tree(path, tree)
@@ -100,7 +101,7 @@ def files(draw):
 
 
 @given(data=files())
-@settings(max_examples=150)
+@examples(150)
 def test_leaves_agree_with_a_replay_record_by_record_in_row_order(tmp_path_factory, data):
     path = tmp_path_factory.getbasetemp() / "t.tree.npz"
     np.savez(path, **data)

@@ -8,11 +8,12 @@ import zlib
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from evogs_codec.errors import InputError
 from evogs_codec.io.tree_npz import read_tree
+from tests.support.examples import examples
 from tests.support.tree_files import RECORDS, REFINE, file_of, npz_bytes, read_back
 
 GOOD = npz_bytes(file_of([1, 2, 3], RECORDS))
@@ -227,7 +228,7 @@ def repaired(data):
 
 
 @given(data=st.data())
-@settings(max_examples=300)
+@examples(300)
 def test_a_damaged_file_is_read_or_refused_and_nothing_else(tmp_path_factory, data):
     damaged = bytearray(GOOD)
     for _ in range(data.draw(st.integers(1, 3))):

@@ -31,6 +31,11 @@ OPTIONS = JobOptions(levels=3, per_tile=PER_TILE, effort=3)
 SERIAL = Engine("serial")
 
 
+@pytest.fixture
+def small_views():
+    """Views keep their size: processes that jobs start would not know of another."""
+
+
 @pytest.fixture(scope="module")
 def scene():
     return make_scene(N)
@@ -84,6 +89,7 @@ def test_tiles_look_as_the_same_tiles_of_a_scene_encoded_whole(tmp_path):
     assert views.psnr(decode(tiled).leaves()) > views.psnr(decode(whole).leaves()) - 0.8
 
 
+@pytest.mark.thorough
 def test_the_order_of_files_and_splats_changes_no_byte(folder, right, tmp_path):
     parts = [folder / f"part-{number}.ply" for number in (2, 0, 1)]
     encode_files(parts, tmp_path / "a.evogs", OPTIONS, engine=SERIAL)

@@ -147,12 +147,21 @@ def test_a_file_of_a_tree_does_not_lose_a_palette_in_silence(scene, tmp_path):
 # --- streams -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("n_tiles", [1, 3])
-@pytest.mark.parametrize("preset", ["scene", "near-lossless", "paper"])
+@pytest.mark.parametrize(
+    ("preset", "n_tiles"),
+    [
+        ("scene", 3),
+        ("near-lossless", 1),
+        pytest.param("scene", 1, marks=pytest.mark.thorough),
+        pytest.param("near-lossless", 3, marks=pytest.mark.thorough),
+        pytest.param("paper", 1, marks=pytest.mark.thorough),
+        pytest.param("paper", 3, marks=pytest.mark.thorough),
+    ],
+)
 def test_a_stream_has_the_sh_of_every_level(scene, preset, n_tiles):
     """The oracle decodes what was written, and errors are those of the steps."""
     _, _, tree = scene
-    data = encode(tree, PRESETS[preset], n_tiles=n_tiles)
+    data = encode(tree, replace(PRESETS[preset], effort=1), n_tiles=n_tiles)
     directory = read_directory(data)
     assert directory.has_palette
     assert directory.sh_degree == 2
@@ -300,6 +309,7 @@ def test_a_psnr_is_met_with_entries_as_coarse_as_pictures_allow(scene):
     assert sizes[0] < sizes[1]
 
 
+@pytest.mark.thorough
 def test_errors_of_sh_are_kept(scene):
     _, _, tree = scene
     data = TargetEncoder(tree, PRESETS["scene"]).within({"sh": 0.001})

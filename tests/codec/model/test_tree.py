@@ -5,11 +5,12 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from evogs_codec.model.channels import GROUP_CHANNELS, n_channels
 from evogs_codec.model.splats import SplatParams
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
+from tests.support.examples import examples
 from tests.support.strategies import splats, trees
 
 D = n_channels(0)
@@ -63,7 +64,7 @@ def oracle(tree, level):
 
 
 @given(trees(largest=1e6))
-@settings(max_examples=60)
+@examples(60)
 def test_leaves_of_every_level_agree_with_a_dictionary_of_fractions(tree):
     for level in range(tree.n_levels):
         expected = oracle(tree, level)
@@ -76,7 +77,7 @@ def test_leaves_of_every_level_agree_with_a_dictionary_of_fractions(tree):
 
 
 @given(trees())
-@settings(max_examples=60)
+@examples(60)
 def test_levels_are_the_leaves_of_each_level(tree):
     found = list(tree.levels())
     assert len(found) == tree.n_levels
@@ -85,14 +86,14 @@ def test_levels_are_the_leaves_of_each_level(tree):
 
 
 @given(trees())
-@settings(max_examples=60)
+@examples(60)
 def test_counts_agree_with_the_leaves_of_the_last_level(tree):
     assert tree.n_leaves == len(tree.leaves())
     assert len(list(tree.states())) == len(tree.steps)
 
 
 @given(splats())
-@settings(max_examples=30)
+@examples(30)
 def test_a_tree_of_splats_has_those_splats_as_leaves(scene):
     tree = EvolutionTree.of_splats(scene)
     assert tree.n_levels == 1

@@ -40,6 +40,7 @@ def test_fast_takes_fewer_and_smaller_views(monkeypatch):
         return weighed(own, splats)
 
     monkeypatch.setattr(Views, "sensitivity_and_psnr", recorded)
+    monkeypatch.setattr(viewpoints, "SIZE", 400)
     encode_scene(make_scene(60), levels=2, up="z", effort="fast")
     assert set(drawn) == {(6, 300)}
 

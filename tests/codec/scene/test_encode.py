@@ -29,7 +29,7 @@ from evogs_codec import (
 )
 from evogs_codec.cli.commands import main
 from evogs_codec.render.demo_scene import make_scene
-from tests.codec.encoding.test_targets import in_quanta
+from tests.support.quanta import in_quanta
 from tests.support.shared_scenes import shared_scene
 
 
@@ -55,7 +55,7 @@ def by_command(tmp_path, source, *options):
 
 
 def test_a_scene_is_encoded_as_the_command_does(tmp_path):
-    write_ply(tmp_path / "s.ply", make_scene(3000))
+    write_ply(tmp_path / "s.ply", make_scene(500))
     assert encode_scene(read_ply(tmp_path / "s.ply")) == by_command(tmp_path, tmp_path / "s.ply")
 
 
@@ -109,8 +109,15 @@ def test_a_tree_is_encoded_as_the_command_does(tmp_path, name, preset):
 # --- the order of splats --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scene", [small, shared_scene])
-@pytest.mark.parametrize("n_tiles", [1, 3])
+@pytest.mark.parametrize(
+    ("scene", "n_tiles"),
+    [
+        (small, 1),
+        pytest.param(small, 3, marks=pytest.mark.thorough),
+        pytest.param(shared_scene, 1, marks=pytest.mark.thorough),
+        (shared_scene, 3),
+    ],
+)
 def test_the_order_of_the_splats_of_a_stream_is_known(scene, n_tiles):
     splats = scene()
     found = encode_scene_with_order(splats, n_tiles=n_tiles, effort=1, cameras=())
@@ -188,6 +195,7 @@ def test_what_cannot_be_done_is_said_with_what_to_call(call, error, words):
         call()
 
 
+@pytest.mark.thorough
 def test_without_numba_views_are_asked_for_and_estimates_order_packets(monkeypatch):
     monkeypatch.setattr("evogs_codec.scene.request.find_spec", lambda _: None)
     with pytest.raises(InputError, match=r"a target PSNR needs rendered views: numba is missing"):
@@ -235,6 +243,7 @@ def test_a_scene_of_no_splats_is_a_stream():
     assert decode(data).n_leaves == 0
 
 
+@pytest.mark.thorough
 def test_the_default_has_two_layers_and_is_smaller_than_the_preset_at_its_psnr():
     pytest.importorskip("numba", reason="views are rendered")
     from evogs_codec.render.demo_scene import make_scene

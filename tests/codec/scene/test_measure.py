@@ -107,8 +107,15 @@ def test_trees_are_measured_too():
         assert len(known_of(data).decibels) == read_directory(data).n_levels
 
 
-@pytest.mark.parametrize("n_bytes", [4000, 9000])
-@pytest.mark.parametrize("layers", [1, 2])
+@pytest.mark.parametrize(
+    ("n_bytes", "layers"),
+    [
+        (4000, 1),
+        pytest.param(4000, 2, marks=pytest.mark.thorough),
+        pytest.param(9000, 1, marks=pytest.mark.thorough),
+        (9000, 2),
+    ],
+)
 def test_a_number_of_bytes_counts_what_is_said(n_bytes, layers):
     splats, cameras, _ = stream()
     data = encode_scene(

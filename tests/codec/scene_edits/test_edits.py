@@ -157,7 +157,9 @@ def test_what_packets_cannot_say_is_said(stream):
 
 
 def test_a_stream_with_a_palette_is_moved_and_cropped_but_not_joined():
-    scene = encode_scene(shared_scene(), levels=3, preset="scene", n_tiles=4, cameras=(), effort=1)
+    scene = encode_scene(
+        shared_scene(600, 30), levels=3, preset="scene", n_tiles=4, cameras=(), effort=1
+    )
     assert read_directory(scene).has_palette
     edited = edit_scenes([scene], Edit(offset=np.array([1.0, 0, 0])))
     assert edited.stream is not None

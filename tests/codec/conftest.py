@@ -1,4 +1,4 @@
-"""Views of the commands are small: what is tested is what they do, not how well."""
+"""Default views are small: what is tested is what is done with them, not how well they show."""
 
 import pytest
 

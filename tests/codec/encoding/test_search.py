@@ -1,0 +1,43 @@
+"""The search for a target, on functions that cost nothing."""
+
+import math
+
+import pytest
+
+from evogs_codec.encoding.search import nearest
+
+
+@pytest.mark.parametrize(("most", "found"), [(math.inf, 1.006), (1.0, 0.98), (0.5, 1.006)])
+def test_what_is_below_a_limit_is_better_than_what_is_nearer_above_it(most, found):
+    def jump(at):
+        value = 1.006 if at < 3 else 0.98
+        return value, value
+
+    assert nearest(jump, 0.995, -0.1, 1.0, (0.01, 100.0), 0.005, most).what == found
+
+
+def test_a_target_that_only_the_middle_of_the_range_reaches_is_found_though_the_first_is_far():
+    tries = []
+
+    def measure(at):
+        tries.append(at)
+        return 10 - math.log10(at), at
+
+    found = nearest(measure, 30.0, -0.1, 1.0, (1e-40, 1e40), 0.01, far=5)
+    assert found.value == pytest.approx(30, abs=0.01)
+    assert not found.is_end
+    assert tries[1] == 1e-40
+
+
+@pytest.mark.parametrize("target", [100, -100])
+def test_a_value_that_no_place_has_is_given_up_after_a_few_tries(target):
+    tries = []
+
+    def measure(at):
+        tries.append(at)
+        return math.tanh(-math.log(at)), at
+
+    found = nearest(measure, target, -0.1, 1.0, (1e-4, 1e4), 0.01)
+    assert found.is_end
+    assert len(tries) <= 4
+    assert abs(found.value) > 0.99
