@@ -159,6 +159,7 @@ def _headers(
     planes = decompress_all(data, places)
     if planes is None or len(planes) != n_bytes:
         return None
+    planes.flags.writeable = False  # as those of one frame are: loops are compiled for one kind
     return codes, starts, flags, planes
 
 
