@@ -229,7 +229,7 @@ def test_options_of_encode_out_of_range_are_a_mistake_of_use(options, refused, m
         pytest.param(["--finer", 1e-3], marks=pytest.mark.thorough),
         pytest.param(["--finer", 1e6], marks=pytest.mark.thorough),
         pytest.param(["--tiles", 7], marks=pytest.mark.thorough),
-        ["--tiles", 65536],
+        pytest.param(["--tiles", 65536], marks=pytest.mark.thorough),
         pytest.param(["--effort", 1], marks=pytest.mark.thorough),
     ],
 )
@@ -264,6 +264,7 @@ def test_an_axis_may_begin_with_a_minus(words):
     assert (args.up, args.up_axis) in (("-y", "unspecified"), (None, "-z"))
 
 
+@pytest.mark.thorough
 def test_a_box_that_leaves_out_nothing_or_all_is_said_to(made, tmp_path, evogs):
     def said(stream, *box):
         code, _, err = evogs("extract", stream, tmp_path / "part.evogs", "--box", *box)
@@ -333,6 +334,7 @@ def test_the_module_runs_as_a_program(made, tmp_path):
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.thorough
 def test_a_reader_of_the_output_that_leaves_is_no_error(made):
     command = f"'{sys.executable}' -m evogs_codec.cli.commands info '{made / 'scene.evogs'}' | true"
     done = subprocess.run(

@@ -63,6 +63,7 @@ def test_the_first_camera_of_a_file_is_the_default_or_the_one_asked_for(here, ev
     assert "camera" not in encoded(evogs, folder, out, *words, "--view", "none").text
 
 
+@pytest.mark.thorough
 def test_without_cameras_nothing_is_written_unless_a_default_view_is_asked_for(
     here, evogs, tmp_path
 ):

@@ -103,6 +103,7 @@ def test_a_name_is_text_on_the_page():
     assert scene_of(text)[0] == "&quot;&gt;&lt;script&gt;?.evogs"
 
 
+@pytest.mark.thorough
 def test_a_scene_is_encoded_first(export, tmp_path):
     write_ply(tmp_path / "scene.ply", make_scene(60))
     out, text = export(tmp_path / "scene.ply")

@@ -39,6 +39,7 @@ def test_a_stream_comes_out_of_gltf_with_the_same_sha_256(name, forms, evogs, tm
     assert sha256(tmp_path / "back.evogs") == sha256(forms / "scene.evogs")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "name",
     ["x.glb", *(pytest.param(name, marks=pytest.mark.thorough) for name in ("x.gltf", "f.glb"))],

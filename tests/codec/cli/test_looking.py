@@ -68,6 +68,7 @@ def test_an_encode_has_the_views_of_the_axis_that_was_found(evogs, upside_down, 
     assert streams[0] != streams[2]
 
 
+@pytest.mark.thorough
 def test_what_a_file_says_comes_before_what_it_shows(evogs, tmp_path):
     path = tmp_path / "x.ply"
     write_ply(path, make_scene(400), ["Vertical Axis: x"])
@@ -80,6 +81,7 @@ def test_what_a_file_says_comes_before_what_it_shows(evogs, tmp_path):
     assert "up is z (as asked for)" in out
 
 
+@pytest.mark.thorough
 def test_up_may_be_that_of_the_cameras_of_a_file(evogs, upside_down, tmp_path):
     cameras = tmp_path / "cameras.json"
     save_cameras(cameras, orbit(5, radius=3, up=(0, 0, -1), width=8, height=8, fov_x=0.8))

@@ -127,6 +127,7 @@ def test_a_name_of_a_file_is_escaped_where_it_is_printed(name, evogs, refused, t
     assert evogs("validate", source)[0] == 1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "encoding",
     [

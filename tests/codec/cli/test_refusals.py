@@ -164,7 +164,9 @@ def test_a_read_only_folder_is_named(refused, made, tmp_path):
     tmp_path.chmod(0o700)
 
 
-@pytest.mark.parametrize("command", ["encode", "decode", "lift", "extract"])
+@pytest.mark.parametrize(
+    "command", [pytest.param("encode", marks=pytest.mark.thorough), "decode", "lift", "extract"]
+)
 def test_a_failure_leaves_the_old_output_and_no_temporary_file(
     command, refused, made, tmp_path, monkeypatch
 ):

@@ -107,6 +107,7 @@ def test_an_object_is_extracted_from_and_to_the_store(evogs, store, scratch, til
     assert (code, out.startswith("s3://bucket/s.evogs: valid")) == (0, True)
 
 
+@pytest.mark.thorough
 def test_other_formats_are_converted_in_the_store(evogs, made, store, scratch):
     store["c.ply"] = (made / "scene.ply").read_bytes()
     assert evogs("convert", "s3://bucket/c.ply", "s3://bucket/c.glb")[0] == 0
@@ -315,6 +316,7 @@ def test_many_files_go_to_a_folder_of_a_store_and_come_from_one(evogs, store, sc
     assert len(read_ply(tmp_path / "back" / "b.ply")) == 30
 
 
+@pytest.mark.thorough
 def test_a_stream_of_a_store_is_moved_there(evogs, store, scratch, tiled):
     store["tiled.evogs"] = tiled
     words = ["s3://bucket/tiled.evogs", "s3://bucket/moved.evogs", "--translate", 1, 2, 3]

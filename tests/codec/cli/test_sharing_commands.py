@@ -72,6 +72,7 @@ def test_a_target_that_is_missed_is_said_with_the_nearest(tmp_path, capsys):
     assert said[0] >= said[1]
 
 
+@pytest.mark.thorough
 def test_one_vector_that_is_huge_makes_others_no_coarser_than_psi_would(tmp_path):
     splats = shared_scene(600, 40)
     sh = splats.sh.copy()

@@ -104,6 +104,7 @@ def digested(n_steps, *, last):
     return build(Stream(packets, n_levels=2, digests=names))
 
 
+@pytest.mark.thorough
 def test_extracted_streams_keep_no_more_digests_than_they_may():
     data = digested(20, last=True)
     directory = read_directory(data)

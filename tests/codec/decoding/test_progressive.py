@@ -181,6 +181,7 @@ def test_encoded_trees_may_come_in_any_order_too(tree, seed):
 # --- nothing is kept twice ------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_bytes_that_come_before_the_directory_are_not_kept_twice():
     rng = np.random.default_rng(0)
     adds = rng.normal(size=(n_channels(0), 20_000)).astype(np.float32)

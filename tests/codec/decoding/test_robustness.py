@@ -167,6 +167,7 @@ def check_random_flips(data, n_flips, seed):
     assert buffer == data
 
 
+@pytest.mark.thorough
 def test_random_flips_in_a_medium_stream_are_all_noticed():
     tree = EvolutionTree.of_splats(make_scene(20_000))
     data = encode(tree, PRESETS["scene"].finer(0.25), n_tiles=4, digests=False)

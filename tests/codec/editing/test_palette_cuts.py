@@ -236,6 +236,7 @@ def test_a_level_has_the_entries_of_its_level_and_below(level, n_entries):
     assert decode(smaller, verify=True).dump() == oracle.decode(DATA, level=level).dump()
 
 
+@pytest.mark.thorough
 def test_parts_have_the_entries_of_their_level_whatever_they_pick():
     steps = np.minimum(DIRECTORY.chain_lengths, [[3, 1], [3, 0], [3, 2]])
     few = extract(DATA, Cut(steps, 4))

@@ -52,6 +52,7 @@ def test_all_splats_meet_the_target_and_each_further_layer_is_a_level(layers):
     assert psnr(stream(layers)) == pytest.approx(40, abs=0.2)
 
 
+@pytest.mark.thorough
 def test_fine_layers_have_the_splats_of_one_layer_in_the_same_order():
     one, three = (
         decode(at_a_price(scene()[0], layers, 1e-15)).leaves().channels() for layers in (1, 3)
@@ -217,6 +218,7 @@ def test_errors_of_the_directory_fall_from_layer_to_layer_to_none():
     assert not errors[-1].any()
 
 
+@pytest.mark.thorough
 def test_a_stream_read_back_is_the_same_and_may_be_written_again():
     data = stream(2)
     coded = read_coded_tree(data)

@@ -125,6 +125,7 @@ def test_leaves_that_were_dropped_are_not_refined(n_tiles):
     assert psnr(data, cut) > 38
 
 
+@pytest.mark.thorough
 def test_a_tree_that_was_trained_in_integers():
     tree = in_quanta()
     cameras = views_of(tree.leaves()).cameras

@@ -112,6 +112,7 @@ def test_a_scene_of_no_splats_or_one_has_an_order_too(views, n):
     assert len(decode(data, verify=True).leaves()) == n
 
 
+@pytest.mark.thorough
 def test_where_pictures_show_nothing_estimates_decide(tree):
     assert encode(tree, PRESETS["trained"], views=Blank(matters=True)) == encode(
         tree, PRESETS["trained"]

@@ -272,6 +272,7 @@ def test_several_generations_fit_in_one_level():
     assert_leaves(data, tree.leaves(1), 1)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "child",
     [

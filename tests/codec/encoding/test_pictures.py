@@ -85,6 +85,7 @@ def test_one_level_inside_a_box_and_another_outside(files):
     assert len(set(pictures.values())) == 3
 
 
+@pytest.mark.thorough
 def test_psnr_rises_with_the_level_and_is_infinite_for_the_same_scene(files, capsys):
     found = []
     for level in (0, 1, 2):

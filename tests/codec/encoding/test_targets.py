@@ -91,6 +91,7 @@ def test_a_tree_of_which_pictures_show_nothing_is_encoded_all_the_same(tmp_path,
     assert (tmp_path / "0.evogs").read_bytes() == (tmp_path / "2.evogs").read_bytes()
 
 
+@pytest.mark.thorough
 def test_a_tile_may_end_before_the_last_level():
     tree = lift(make_scene(5).take(np.arange(1)), 5)
     assert tree.n_levels > arrange(tree, 1)[0].n_levels
@@ -99,6 +100,7 @@ def test_a_tile_may_end_before_the_last_level():
     assert views.psnr(decode(data).leaves(sh_degree=tree.sh_degree)) == pytest.approx(50, abs=0.2)
 
 
+@pytest.mark.thorough
 def test_what_is_aimed_at_pictures_has_better_pictures_for_its_bytes():
     plain = encode(scene()[0], PRESETS["scene"])
     assert psnr(aim().at_bytes(len(plain))) > psnr(plain) + 0.5
@@ -320,6 +322,7 @@ def scattered(n, *, log_scale=-4.0, centre=0.0, extent=1.0, seed=8):
     return SplatParams.from_channels(channels.astype(np.float32))
 
 
+@pytest.mark.thorough
 def test_splats_too_small_to_show_keep_their_scales_at_a_target():
     splats = scattered(600, log_scale=-11.0)
     views = Views(splats, cameras_around(splats, up="z", size=64)[::8])

@@ -256,6 +256,7 @@ def test_streams_that_overlap_are_refused(folder, tmp_path):
     assert "take more bytes than it has" in refusal(path)
 
 
+@pytest.mark.thorough
 def test_one_stream_at_many_nodes_is_refused_before_memory_is_full(folder, tmp_path):
     root = root_of(folder / "x.gltf")
     root["nodes"] = [{"mesh": 0}] * 9000

@@ -207,6 +207,7 @@ def large_picture():
     return stream.getvalue()
 
 
+@pytest.mark.thorough
 def test_pictures_and_zips_that_unfold_far_are_refused(tmp_path):
     path, files = tmp_path / "x.sog", sog_1(odd_scene(20, 1))
     path.write_bytes(zipped(files | {"quats.webp": large_picture()}))

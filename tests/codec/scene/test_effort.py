@@ -149,6 +149,7 @@ def test_the_command_refuses_others(evogs, tmp_path, words):
     assert "--effort" in err
 
 
+@pytest.mark.thorough
 def test_tiles_take_it_too(tmp_path):
     write_ply(tmp_path / "x.ply", make_scene(400))
     sizes = {}

@@ -115,7 +115,7 @@ def test_a_tree_is_encoded_as_the_command_does(tmp_path, name, preset):
         (small, 1),
         pytest.param(small, 3, marks=pytest.mark.thorough),
         pytest.param(shared_scene, 1, marks=pytest.mark.thorough),
-        (shared_scene, 3),
+        pytest.param(shared_scene, 3, marks=pytest.mark.thorough),
     ],
 )
 def test_the_order_of_the_splats_of_a_stream_is_known(scene, n_tiles):
@@ -208,6 +208,7 @@ def test_without_numba_views_are_asked_for_and_estimates_order_packets(monkeypat
     assert data == encode_tree(small_tree(), preset="trained", effort=1)
 
 
+@pytest.mark.thorough
 def test_a_generator_that_is_named_stays():
     def generator(info):
         data = encode_scene(small(), info=info, cameras=(), effort=1)

@@ -113,7 +113,7 @@ def test_trees_are_measured_too():
         (4000, 1),
         pytest.param(4000, 2, marks=pytest.mark.thorough),
         pytest.param(9000, 1, marks=pytest.mark.thorough),
-        (9000, 2),
+        pytest.param(9000, 2, marks=pytest.mark.thorough),
     ],
 )
 def test_a_number_of_bytes_counts_what_is_said(n_bytes, layers):

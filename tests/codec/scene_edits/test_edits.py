@@ -156,6 +156,7 @@ def test_what_packets_cannot_say_is_said(stream):
     assert edit_scenes([Scene(make_scene(20))], Edit()).how == "a scene is no stream"
 
 
+@pytest.mark.thorough
 def test_a_stream_with_a_palette_is_moved_and_cropped_but_not_joined():
     scene = encode_scene(
         shared_scene(600, 30), levels=3, preset="scene", n_tiles=4, cameras=(), effort=1

@@ -61,7 +61,7 @@ def test_a_cut_fetches_the_directory_and_its_packets(site, stream):
     assert found.dump() == decode(stream, cut).dump()
 
 
-@pytest.mark.parametrize("make", [decode_leaves, decode])
+@pytest.mark.parametrize("make", [decode_leaves, pytest.param(decode, marks=pytest.mark.thorough)])
 def test_a_url_is_decoded_as_its_file_is(site, stream, make):
     def leaves(data, **options):
         found = make(data, verify=True, **options)
@@ -102,6 +102,7 @@ def test_more_than_a_stream_is_more_by_url_too(site, stream):
     assert (found.value.fault, found.value.offset) == (Fault.E_TRAILING, len(stream))
 
 
+@pytest.mark.thorough
 def test_a_damaged_packet_is_named_by_its_place_in_the_file(site, stream):
     at = int(read_directory(stream).offsets[-1])
     site.files["bad.evogs"] = stream[:at] + bytes([stream[at] ^ 1]) + stream[at + 1 :]
