@@ -25,6 +25,7 @@ from evogs_codec.render.blending_gradient import ENTRY, add_up, blend_gradient
 from evogs_codec.render.compiled import n_threads
 from evogs_codec.render.forward import Real
 from evogs_codec.render.projection_gradient import project_gradient
+from evogs_codec.render.spans import SPAN
 from evogs_codec.render.tiles import Tiles, depth_order
 from tools.bench.measure import peak_memory, take_turns
 from tools.bench.raster_torch import render_torch, render_torch_gradients
@@ -106,14 +107,15 @@ def _one_turn(scene: Scene) -> dict[str, float]:
 
     records, depths = np.empty((n, p.FIELDS)), np.empty(n)
     rows, status = np.empty((n, 2), np.int32), np.empty(n, np.uint8)
+    spans = np.empty((n, SPAN), np.int16)
     timed(
         "project",
         lambda: p.project(
-            *arrays, view, False, *shape[::-1], records, rows, depths, status, threads
+            *arrays, view, False, *shape[::-1], records, rows, spans, depths, status, threads
         ),
     )
     order = timed("sort", lambda: depth_order(depths, status))
-    tiles = timed("count", lambda: Tiles.of(records, rows, order, *shape[::-1]))
+    tiles = timed("count", lambda: Tiles.of(records, rows, spans, order, *shape[::-1]))
     (chunk,) = timed("fill", lambda: list(tiles.chunks()))
     lists = (chunk.first, tiles.columns, chunk.offsets, chunk.entries, chunk.order, records, rows)
     image, t = np.empty((*shape, 3), np.float32), np.empty(shape, np.float32)
