@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from evogs_codec.encoding.palette_parts import apart, palette_packets
 from evogs_codec.format import layout
 from evogs_codec.model.coded_tree import CodedTile, CodedTree
-from evogs_codec.model.components import PALETTE, PICKS
+from evogs_codec.model.components import PICKS
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import F64
 from evogs_codec.model.tree import Kind
@@ -26,7 +27,6 @@ __all__ = [
     "leaf_shares",
     "order_of_tiles",
     "packet_order",
-    "palette_packets",
 ]
 
 
@@ -66,7 +66,8 @@ def packet_order(tree: CodedTree, sizes: Mapping[PacketId, int]) -> list[PacketI
         while palette and packet.component == PICKS and palette[0][1] <= label:
             order.append(palette.pop(0)[0])
         order.append(packet)
-    return [*order, *(packet for packet, _ in palette)]  # what no pick requires
+    order += [packet for packet, _ in palette]  # what no pick requires
+    return apart(order, sizes, _showing(tree)) if tree.palette_ends else order
 
 
 def order_of_tiles(
@@ -107,9 +108,16 @@ def gains_of_tile(tree: CodedTree, tile: CodedTile) -> TileGains:
     return TileGains(_n_leaves(tile), np.reshape(gains, (len(gains), len(nothing))))
 
 
-def palette_packets(tree: CodedTree) -> list[PacketId]:
-    """Packets of the palette (spec 12), as if they were of tile 0."""
-    return [PacketId(0, PALETTE, k) for k in range(len(tree.palette_levels))]
+def _showing(tree: CodedTree) -> set[PacketId]:
+    """Packets of tiles that gain something; all of them of a step without gains."""
+    components = tree.components.of_tiles
+    return {
+        PacketId(number, component, k)
+        for number, tile in enumerate(tree.tiles)
+        for k, step in enumerate(tile.steps)
+        for column, component in enumerate(components)
+        if not step.gain or step.gain[column] > 0
+    }
 
 
 def _most_of_picks(tree: CodedTree, sizes: Mapping[PacketId, int]) -> dict[int, float]:
@@ -119,7 +127,10 @@ def _most_of_picks(tree: CodedTree, sizes: Mapping[PacketId, int]) -> dict[int, 
     """
     most: dict[int, float] = {}
     shares, column = leaf_shares(tree), tree.components.columns[PICKS]
+    n_entries: dict[int, int] = {}
     for palette, level in zip(palette_packets(tree), tree.palette_levels, strict=True):
+        n_entries[level] = n_entries.get(level, 0) + sizes[palette]
+    for level, n_of_entries in n_entries.items():
         packets = [
             (
                 shares[number] * step.gain[column] if step.gain else 0.0,
@@ -132,7 +143,7 @@ def _most_of_picks(tree: CodedTree, sizes: Mapping[PacketId, int]) -> dict[int, 
         if not packets:
             continue
         gains, n_bytes = np.array(sorted(packets, key=lambda p: -p[0] / max(p[1], 1))).T
-        most[level] = float(np.max(np.cumsum(gains) / (sizes[palette] + np.cumsum(n_bytes))))
+        most[level] = float(np.max(np.cumsum(gains) / (n_of_entries + np.cumsum(n_bytes))))
     return most
 
 

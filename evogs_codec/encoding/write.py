@@ -15,7 +15,8 @@ from evogs_codec.common.parallel import parallel_map
 from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.decoding.cut import Cut
 from evogs_codec.decoding.decode import replay
-from evogs_codec.encoding.packet_order import packet_order, palette_packets
+from evogs_codec.encoding.packet_order import packet_order
+from evogs_codec.encoding.palette_parts import in_parts, palette_packets
 from evogs_codec.format import layout
 from evogs_codec.format.directory import UNKNOWN_ERROR, Directory, read_directory
 from evogs_codec.format.pack import pack, pack_entries, pack_picks
@@ -51,7 +52,11 @@ def write(
     """
     report = progress or no_progress
     bodies = _bodies(tree, effort, report)
-    order = packet_order(tree, {packet: len(body) for packet, body in bodies.items()})
+    divided = in_parts(tree, _sizes(bodies))
+    if divided is not tree:
+        tree = divided
+        bodies |= {packet: _body(tree, packet, effort) for packet in palette_packets(tree)}
+    order = packet_order(tree, _sizes(bodies))
     rows = _rows(tree, order, bodies)
     data = b"".join(bodies[packet] for packet in order)
     head = _directory(tree, rows, {})
@@ -95,12 +100,15 @@ def _bodies(tree: CodedTree, effort: int, report: Progress) -> dict[PacketId, by
     return bodies
 
 
+def _sizes(bodies: Mapping[PacketId, bytes]) -> dict[PacketId, int]:
+    return {packet: len(body) for packet, body in bodies.items()}
+
+
 def _body(tree: CodedTree, packet: PacketId, effort: int) -> bytes:
     """The bytes of a packet (spec 5.9)."""
     tile, component, number = packet
     if component == PALETTE and tree.entries is not None:
-        of_level = tree.entry_levels == tree.palette_levels[number]
-        return pack_entries(tree.entries[:, of_level], effort=effort)
+        return pack_entries(tree.entries[:, tree.palette_rows[number]], effort=effort)
     step = tree.tiles[tile].steps[number]
     if component == PICKS:
         return pack_picks(step.picks, step.changed_picks, effort=effort)
@@ -124,7 +132,7 @@ def _rows(
     for row, packet in zip(rows, order, strict=True):
         body = bodies[packet]
         if packet.component == PALETTE:
-            fields = _palette_fields(tree, tree.palette_levels[packet.step])
+            fields = _palette_fields(tree, packet.step)
         else:
             column = int(tree.components.columns[packet.component])
             fields = _step_fields(tree.tiles[packet.tile].steps[packet.step], column)
@@ -135,10 +143,10 @@ def _rows(
     return rows
 
 
-def _palette_fields(tree: CodedTree, level: int) -> dict[str, int]:
+def _palette_fields(tree: CodedTree, number: int) -> dict[str, int]:
     """The fields of the row of a packet of the palette."""
-    n_entries = int(np.count_nonzero(tree.entry_levels == level))
-    return {"level": level, "n_adds": n_entries, "error": UNKNOWN_ERROR}
+    rows, level = tree.palette_rows[number], tree.palette_levels[number]
+    return {"level": level, "n_adds": rows.stop - rows.start, "error": UNKNOWN_ERROR}
 
 
 def _step_fields(step: CodedStep, column: int) -> dict[str, int]:

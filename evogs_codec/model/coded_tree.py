@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -75,7 +76,8 @@ class CodedTree:
     """All that a stream says of a scene, but for the bytes it says it in.
 
     Where there is a palette (spec 12), `entries` (C, n) int32 are its q, `entry_levels` (n,) the
-    levels of their packets, never falling; psi and adds have the channels of core alone.
+    levels of their packets, never falling; psi and adds have the channels of core alone. A packet
+    of the palette ends after each of `palette_ends` entries; by default each level has one.
     """
 
     sh_degree: int
@@ -87,6 +89,7 @@ class CodedTree:
     info: SceneInfo = field(default_factory=SceneInfo)
     entries: I32 | None = None
     entry_levels: I32 = field(default_factory=lambda: np.empty(0, np.int32))
+    palette_ends: tuple[int, ...] = ()
 
     def alpha_table(self, level: int, group: int) -> AlphaTable:
         """The table of a level and group; symmetric where none is stored."""
@@ -98,10 +101,16 @@ class CodedTree:
         return Components(self.sh_degree, self.entries is not None)
 
     @property
+    def palette_rows(self) -> list[slice]:
+        """The entries of each packet of the palette."""
+        levels = np.unique(self.entry_levels)
+        of_levels: list[int] = np.searchsorted(self.entry_levels, levels, side="right").tolist()
+        return [slice(*ends) for ends in pairwise((0, *(self.palette_ends or of_levels)))]
+
+    @property
     def palette_levels(self) -> list[int]:
-        """Level of each packet of the palette: a packet per level that has entries."""
-        levels: list[int] = np.unique(self.entry_levels).tolist()
-        return levels
+        """Level of each packet of the palette."""
+        return [int(self.entry_levels[rows.start]) for rows in self.palette_rows]
 
     def palette(self) -> Palette | None:
         """The entries as a decoder has them."""

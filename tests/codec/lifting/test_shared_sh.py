@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from conformance.decoders import oracle
 from evogs_codec import PRESETS, EvolutionTree, choose_cut, decode, encode, extract, read_directory
 from evogs_codec.encoding.arrange import arrange
-from evogs_codec.encoding.packet_order import packet_order, palette_packets
+from evogs_codec.encoding.packet_order import packet_order
+from evogs_codec.encoding.palette_parts import palette_packets
 from evogs_codec.encoding.quantise import quantise
 from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.format.pack import pack_entries
