@@ -21,7 +21,7 @@ PART = 0.02  # of the bytes of a stream that a packet of the palette takes, at m
 WAIT = 0.05  # of them until a picture is better, where packets allow it
 REACH = 0.2  # of them that a packet of the palette passes, at most
 COST = 0.003  # of them that the parts of a level may add: small streams have fewer parts
-OF_LIST = 52  # bytes that each further packet adds for each of its lists: their code tables
+OF_LIST = 100  # bytes of a list's code tables in a further packet; 50 to 120 were measured
 
 
 def palette_packets(tree: CodedTree) -> list[PacketId]:
