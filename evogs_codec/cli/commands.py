@@ -25,7 +25,7 @@ from evogs_codec.cli.encode_and_lift import run_encode, run_lift
 from evogs_codec.cli.many_files import asks_for_folder, run_many
 from evogs_codec.cli.remote_files import remote_files, say_fetched
 from evogs_codec.cli.reports import info_of, info_to_write, print_info
-from evogs_codec.cli.standard_streams import standard_streams
+from evogs_codec.cli.standard_streams import names_of_standard_streams, standard_streams
 from evogs_codec.cli.streams import (
     cut_of,
     describe_levels,
@@ -57,6 +57,7 @@ from evogs_codec.editing.byte_stats import bytes_by_group, levels
 from evogs_codec.editing.extract import choose_cut, extract
 from evogs_codec.editing.omissions import omissions
 from evogs_codec.editing.presence import level_presence
+from evogs_codec.encoding.grids import NotRepresentableError
 from evogs_codec.errors import Fault, InputError, StreamError
 from evogs_codec.format.directory import read_directory
 from evogs_codec.io.files import check_target, write_atomic
@@ -88,9 +89,14 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command of these options; returns the exit code."""
+    with names_of_standard_streams(args):
+        return _run(args)
+
+
+def _run(args: argparse.Namespace) -> int:
     try:
         if getattr(args, "out_dir", None) is not None:
-            return run_many(args, run)
+            return run_many(args, _run)
         ranged = args.run in (run_decode, run_info, run_validate, run_extract)
         with plain_warnings(), standard_streams(args), remote_files(args, keeps_input=ranged):
             _check_output(args)
@@ -100,6 +106,8 @@ def run(args: argparse.Namespace) -> int:
     except StreamError as error:
         could_be_partial = error.fault is Fault.E_TRUNCATED and not getattr(args, "partial", True)
         return _fail(args, f"{error}; --partial takes what is there" if could_be_partial else error)
+    except NotRepresentableError as error:
+        return _fail(args, error)
     except InputError as error:
         complain(error)
         return 1

@@ -18,7 +18,7 @@ from evogs_codec.cli.common_options import (
     add_partial,
 )
 from evogs_codec.cli.loading import Loaded, load_part, load_whole
-from evogs_codec.cli.looking import add_look, cameras_of, has_default_camera, need_numba
+from evogs_codec.cli.looking import add_look, cameras_of, need_numba
 from evogs_codec.cli.streams import cut_of, limits_of
 from evogs_codec.cli.terminal import progress_bar
 from evogs_codec.common.printable import shown
@@ -100,9 +100,7 @@ def run_compare(args: argparse.Namespace) -> None:
     ]
     where = f"{len(cameras)} of {shown(args.camera)}"
     if up is not None:
-        n_around = len(cameras) - has_default_camera(loaded[0].info, up.vector)
-        own = "" if n_around == len(cameras) else "the default camera and "
-        where = f"{own}{n_around} on a circle, {up}"
+        where = f"{len(cameras)} on a circle, {up}"
     size = f"{cameras[0].width} x {cameras[0].height} pixels"
     with progress_bar() as progress:
         found = compare(

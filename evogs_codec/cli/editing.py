@@ -14,6 +14,7 @@ from evogs_codec.cli.options import Commands, command_parser
 from evogs_codec.cli.streams import limits_of, read_stream
 from evogs_codec.cli.terminal import progress_bar
 from evogs_codec.common.printable import shown
+from evogs_codec.encoding.grids import NotRepresentableError
 from evogs_codec.encoding.settings import PRESETS
 from evogs_codec.errors import InputError, StreamError
 from evogs_codec.io.files import KIND_BYTES, STREAM, FileKind, kind_of, write_atomic
@@ -137,7 +138,10 @@ def run_edit(args: argparse.Namespace) -> None:
     changes = edit.crop or edit.floaters is not None or edit.turns or edit.offset.any()
     if not changes and len(paths) == 1:
         raise InputError(f"{args.input}: nothing to do: say what to edit, or use `evogs convert`")
-    edited = edit_scenes(inputs, edit)
+    try:
+        edited = edit_scenes(inputs, edit)
+    except InputError as error:
+        raise InputError(f"{args.output}: {error}; nothing is written") from error
     n = len(edited.scene.splats)
     if edited.n_before and not n:
         raise InputError(f"{args.output}: no splat is left, so nothing is written")
@@ -223,7 +227,10 @@ def _write(args: argparse.Namespace, edited: Edited) -> str:
         return f", {len(edited.stream):,} bytes\nexact: {edited.how}"
     text = {key: value for key, value in scene.info.text.items() if key != "generator"}
     info = SceneInfo(**{**vars(scene.info), "text": text})
-    with progress_bar() as progress:
-        data = encode_scene(scene.splats, preset=args.preset, info=info, progress=progress)
+    try:
+        with progress_bar() as progress:
+            data = encode_scene(scene.splats, preset=args.preset, info=info, progress=progress)
+    except NotRepresentableError as error:
+        raise InputError(f"{args.output}: {error}; nothing is written") from error
     write_atomic(args.output, data)
     return f", {len(data):,} bytes\nencoded again: {edited.how}"

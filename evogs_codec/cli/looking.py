@@ -18,17 +18,16 @@ from evogs_codec.model.splats import SplatParams
 
 if TYPE_CHECKING:
     from evogs_codec.render import Camera, Up
-    from evogs_codec.render.up import Direction
 
 __all__ = [
     "AXES",
     "add_camera",
     "add_look",
     "cameras_of",
+    "cameras_to_show",
     "colour",
     "find_up",
     "fitted",
-    "has_default_camera",
     "need_numba",
     "up_given",
     "up_unseen",
@@ -132,33 +131,43 @@ def need_numba() -> None:
 def cameras_of(
     args: argparse.Namespace, scene: SplatParams, info: SceneInfo, *, size: int
 ) -> tuple[list[Camera], Up | None]:
-    """Those of `--camera`, or 24 around a scene; and what is up, if that was to be found out.
+    """What figures are measured over: the cameras of `--camera`, or 24 around a scene.
 
-    Before the 24 comes the default camera, if the file of the scene has one.
+    The default camera of a stream is not among them: figures of two files have the same views.
 
     Args:
         args: of a command with `add_look`.
         scene: what they look at.
         info: what its file says of it.
         size: of the longer side of a view, pixels, if `--size` does not say.
+
+    Returns:
+        The cameras, and what is up, if that was to be found out.
     """
     from evogs_codec.render import cameras_around, load_cameras
-    from evogs_codec.render.default_camera import default_camera
 
     size = size if args.size is None else args.size
     if args.camera is not None:
         return [fitted(camera, size) for camera in load_cameras(args.camera)], None
     up = up_given(args, scene, info)
-    own = default_camera(info, up.vector, size)
-    around = cameras_around(scene, up.vector, size)
-    return (around if own is None else [own, *around]), up
+    return cameras_around(scene, up.vector, size), up
 
 
-def has_default_camera(info: SceneInfo, up: Direction) -> bool:
-    """Whether the first of `cameras_of` is the default camera of a scene."""
+def cameras_to_show(
+    args: argparse.Namespace, scene: SplatParams, info: SceneInfo, *, size: int
+) -> tuple[list[Camera], Up | None, bool]:
+    """`cameras_of` for pictures: the default camera of a scene, if it has one, comes before the 24.
+
+    Returns:
+        The cameras, what is up, and whether the first is the default camera.
+    """
     from evogs_codec.render.default_camera import default_camera
 
-    return default_camera(info, up, 1) is not None
+    cameras, up = cameras_of(args, scene, info, size=size)
+    if up is None:
+        return cameras, up, False
+    own = default_camera(info, up.vector, cameras[0].width)
+    return (cameras, up, False) if own is None else ([own, *cameras], up, True)
 
 
 def up_given(args: argparse.Namespace, scene: SplatParams, info: SceneInfo) -> Up:

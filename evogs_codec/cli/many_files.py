@@ -36,7 +36,7 @@ def add_many(parser: argparse.ArgumentParser, to: Sequence[str]) -> None:
     """`--out-dir`, and `--to` where there is a choice of formats."""
     parser.add_argument(
         OPTION,
-        type=path_or_url,
+        type=_folder,
         metavar="DIR",
         help="all files are inputs, and each becomes a file of its own in this folder, named after"
         " it; one that fails does not stop the others",
@@ -46,6 +46,18 @@ def add_many(parser: argparse.ArgumentParser, to: Sequence[str]) -> None:
             "--to", choices=to, help=f"with {OPTION}: the format (default: {to[0]})"
         )
     parser.set_defaults(default_ending=to[0])
+
+
+def _folder(text: str) -> Place:
+    """An argparse type: as `path_or_url`, of a folder that is named.
+
+    Raises:
+        argparse.ArgumentTypeError: the text is empty, as of a variable that is not set, or as of
+            `path_or_url`.
+    """
+    if not text:
+        raise argparse.ArgumentTypeError("is empty: name a folder, or . for this one")
+    return path_or_url(text)
 
 
 def run_many(args: argparse.Namespace, run_one: Callable[[argparse.Namespace], int]) -> int:

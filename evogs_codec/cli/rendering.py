@@ -17,7 +17,7 @@ from tqdm import tqdm
 from evogs_codec.cli.argument_types import path_or_url
 from evogs_codec.cli.common_options import add_limits, add_output, add_partial
 from evogs_codec.cli.loading import Loaded, load_part, load_whole
-from evogs_codec.cli.looking import add_look, cameras_of, has_default_camera, need_numba
+from evogs_codec.cli.looking import add_look, cameras_of, cameras_to_show, need_numba
 from evogs_codec.cli.streams import describe_part, limits_of, part_there, read_stream
 from evogs_codec.common.printable import shown
 from evogs_codec.decoding.cut import Cut, tiles_meeting
@@ -77,9 +77,9 @@ def run_render(args: argparse.Namespace) -> None:
     if args.reference is not None:
         raise ValueError("--reference needs --sheet; `evogs psnr` compares two files")
     scene = _load_input(args)
-    cameras, up = cameras_of(args, scene.splats, scene.info, size=PICTURE_SIZE)
+    cameras, up, has_own = cameras_to_show(args, scene.splats, scene.info, size=PICTURE_SIZE)
     number = args.view or 0
-    if args.view is None and up is not None and not has_default_camera(scene.info, up.vector):
+    if args.view is None and up is not None and not has_own:
         number = most_detailed(scene.splats, cameras, args.background)
     if not 0 <= number < len(cameras):
         raise ValueError(f"view {number} is not one of 0..{len(cameras) - 1}")
@@ -114,7 +114,7 @@ def _render_sheet(args: argparse.Namespace) -> None:
         scenes.append(reference.splats)
         n_bytes.append(reference.n_bytes)
         names.append("reference")
-    cameras, up = cameras_of(args, scenes[len(cuts) - 1], directory.info, size=SIZE)
+    cameras, up, _ = cameras_to_show(args, scenes[len(cuts) - 1], directory.info, size=SIZE)
     chosen = cameras[:: max(1, len(cameras) // SHEET_VIEWS)][:SHEET_VIEWS]
     options = options_for(scenes[-1])
     rows = [

@@ -32,6 +32,9 @@ __all__ = [
     "sh_degree_of",
 ]
 
+TILESET = "tileset.json"
+OF_TILESET = b'"geometricError"'  # is in every one, and in no glTF file
+
 
 def limits_of(args: argparse.Namespace) -> dict[str, int] | None:
     """What `--limits` asks for."""
@@ -42,9 +45,11 @@ def located(at: Path | RemoteFile) -> ByteSource:
     """The stream of a file, which may be glTF with a stream in it; of a URL, that is fetched.
 
     Raises:
-        InputError: the file is glTF and damaged.
+        InputError: the file is glTF and damaged, or the folder of a tileset.
         OSError: it cannot be read.
     """
+    if isinstance(at, Path) and (at / TILESET).is_file():
+        raise InputError(f"{at}: {_hint_for_tileset(at)}")
     if isinstance(at, RemoteFile):
         is_glb = at.size >= KIND_BYTES and at.having([(0, KIND_BYTES)])[:4] == MAGIC
         inside = read_gltf_stream(at.whole()) if is_glb else None
@@ -106,8 +111,10 @@ def _hint_for_short_file(source: ByteSource) -> str:
 def _hint_for_other_file(source: ByteSource, at: Path | RemoteFile) -> str:
     """What the file is instead, and what to give."""
     path = at.path if isinstance(at, RemoteFile) else at
-    data = source.having([(0, START)])[:START]
+    data = bytes(source.having([(0, START)])[:START])
     kind = kind_of(data)
+    if data.lstrip().startswith(b"{") and OF_TILESET in data:
+        return _hint_for_tileset(at)
     if (name := scene_format(path)) is not None:
         return f"is a .{name} scene, not a stream: `evogs encode {at} OUT.evogs` makes one"
     if kind is TREE:
@@ -117,6 +124,13 @@ def _hint_for_other_file(source: ByteSource, at: Path | RemoteFile) -> str:
     if not any(data):
         return "has only zeros, as of an interrupted copy or download: get the stream again"
     return "is not an EvoGS stream: give a file that `evogs encode` made"
+
+
+def _hint_for_tileset(at: Path | RemoteFile) -> str:
+    return (
+        f"is a tileset, not a stream: `evogs decode {at} OUT.ply --box X0 Y0 Z0 X1 Y1 Z1` takes a"
+        " part of it, and each file of its folder `tiles` is a stream"
+    )
 
 
 # --- of a cut ----------------------------------------------------------------------------------

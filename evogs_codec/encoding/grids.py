@@ -30,6 +30,7 @@ __all__ = [
     "Grid",
     "NotRepresentableError",
     "TooFineError",
+    "expect_near",
     "grid_exponents",
     "warn_if_coarser",
 ]
@@ -38,6 +39,8 @@ FINEST_STEP = 16  # grid units of the finest step: steps are then right to a few
 MAX_STATE = 1 << 27  # |X| aimed at: leaves room for errors and for Delta of adds (R-7.3-1)
 MAX_ORIGIN = 1 << 52  # R-5.5-1
 MAX_EXACT = 1 << 22  # near-lossless: differences of two states fit 24 bits
+COARSEST = -16  # grid exponent (R-5.1-7)
+FURTHEST = MAX_ORIGIN * 2.0**-COARSEST  # a middle of a tile on the coarsest grid, scene units
 
 
 class NotRepresentableError(InputError):
@@ -54,13 +57,27 @@ def grid_exponents(settings: Settings, ranges: Ranges, steps: F64) -> tuple[int,
         wanted = 40 if settings.is_near_lossless else math.ceil(math.log2(FINEST_STEP / finest))
         if group == 0:
             room = min(room, MAX_ORIGIN / max(ranges.furthest, 1e-300))
-        exponent = min(max(wanted, -16), math.floor(math.log2(room)), 40)
-        if exponent < -16:
+        exponent = min(max(wanted, COARSEST), math.floor(math.log2(room)), 40)
+        if exponent < COARSEST:
+            expect_near(ranges.furthest if group == 0 else 0.0)
             raise NotRepresentableError(
                 f"a value of {ranges.largest[group]:.3g} is too large for any grid"
             )
         exponents.append(exponent)
     return tuple(exponents)
+
+
+def expect_near(coordinate: float) -> None:
+    """Refuse a scene that no stream can hold, by its largest coordinate.
+
+    Raises:
+        NotRepresentableError: it is beyond the range of the origin of a tile on any grid.
+    """
+    if coordinate > FURTHEST:
+        raise NotRepresentableError(
+            f"a position {coordinate:.3g} units from zero is too far for any stream, which ends at"
+            f" {FURTHEST:.3g}: move the scene nearer"
+        )
 
 
 def _quantiser(step: float) -> Quantiser:

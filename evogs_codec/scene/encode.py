@@ -10,9 +10,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+
 from evogs_codec.common.progress import Progress
 from evogs_codec.encoding.arrange import leaf_order
 from evogs_codec.encoding.encode import expect_tree
+from evogs_codec.encoding.grids import expect_near
 from evogs_codec.encoding.settings import SCENE_PRESET, TREE_PRESET, Settings
 from evogs_codec.lifting.lift import N_LEVELS, Lifted, largest_leaf_errors, lift_with_order
 from evogs_codec.lifting.shared_sh import with_palette
@@ -151,6 +154,7 @@ def encode_scene_with_order(splats: SplatParams, **options: Unpack[SceneOptions]
     improve = options.pop("improve", None)
     if palette not in ("auto", "never"):
         raise ValueError(f"palette is {palette!r}, expected 'auto' or 'never'")
+    expect_near(float(np.abs(splats.means).max(initial=0)))
     request = Request.of(SCENE_PRESET, options).looking_at(splats)
     lifted = lift_with_order(splats, levels, progress=request.progress)
     if improve is not None:

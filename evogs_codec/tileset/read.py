@@ -23,6 +23,7 @@ __all__ = ["Tile", "Tileset"]
 
 MAX_TILES = 1_000_000
 MAX_DEPTH = 64
+MAX_FAR = 1e30  # of the origin of a tile, scene units: sums with positions stay float32
 
 
 @dataclass(eq=False)
@@ -187,6 +188,8 @@ class Tileset:
             if not np.array_equal(matrix[:3, :3], np.eye(3)) or matrix[3].tolist() != [0, 0, 0, 1]:
                 raise _BadError("a tile below the root is turned or scaled, not only moved")
             origin = parent + matrix[:3, 3]
+        if np.abs(origin).max() > MAX_FAR:
+            raise _BadError(f"a tile is over {MAX_FAR:.0e} units from the origin of the scene")
         volume = said.get("boundingVolume")
         if not isinstance(volume, dict) or "box" not in volume:
             raise _BadError("a tile has no bounding volume that is a box")

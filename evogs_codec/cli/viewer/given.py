@@ -72,6 +72,11 @@ def stream_of(given: str | Path) -> tuple[str, bytes]:
     path = given
     if path.is_dir():
         folder, names = folder_of_streams(path)
+        if (path / "tileset.json").is_file():
+            raise InputError(
+                f"{path}: is a tileset, and a page holds one stream: `evogs decode {path} OUT.ply"
+                " --max-splats N` makes a scene of it"
+            )
         if len(names) > 1:
             raise InputError(f"{path}: {len(names)} .evogs files are in this folder; name one")
         found = folder.find(names[0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Protocol
+from urllib.parse import unquote
 
 __all__ = ["Folder", "NoScenes", "OneFile", "Scenes", "TilesetFolder"]
 
@@ -84,10 +85,10 @@ class TilesetFolder(Folder):
     suffixes = (SUFFIX, ".json")
 
     def __init__(self, root: Path, files: frozenset[str]) -> None:
-        """Of the first file of a tileset, which names the others."""
+        """Of the first file of a tileset, which names the others as in a URL (`%20`)."""
         super().__init__(root.parent)
         self._name = root.name
-        self._files = files
+        self._files = frozenset(map(unquote, files))
 
     def find(self, name: str) -> Path | None:
         """A file of the tileset."""

@@ -196,4 +196,24 @@ def test_a_dash_is_standard_input_or_output(scenes, made, tmp_path):
     assert (code, len(decode_leaves(out))) == (0, 768), said
     code, out, said = piped("decode", "-", "-", data=b"no stream")
     assert (code, out, said.count("\n")) == (1, b"", 1)
-    assert "standard-input" in said
+    assert said.startswith("evogs: standard input: is not an EvoGS stream")
+
+
+def test_messages_about_a_dash_say_standard_input_and_no_temporary_path(scenes, made):
+    code, out, said = piped("decode", "-", "-", data=(scenes / "x.spz").read_bytes())
+    assert (code, out, said.count("\n")) == (1, b"", 1)
+    assert "standard input: is a .spz scene" in said
+    assert "`evogs encode - OUT.evogs` makes one" in said
+    stream = (made / "scene.evogs").read_bytes()
+    code, out, said = piped("validate", "-", data=stream)
+    assert (code, said) == (0, "")
+    assert out.startswith(b"standard input: valid, 3,000 splats")
+    code, _, said = piped("validate", "-", data=stream[:-9])
+    assert code == 1
+    assert said.startswith("evogs: standard input: E_TRUNCATED")
+    code, _, said = piped("convert", "-", "-", data=stream)
+    assert (code, said) == (0, "standard output: 3,000 splats, SH degree 3\n")
+    infinite = scenes / "x.ply"
+    code, _, said = piped("encode", "-", "-", "--max-error", 1e-30, data=infinite.read_bytes())
+    assert code == 1
+    assert "/" not in said.replace("1/", "")

@@ -8,7 +8,7 @@ import pytest
 
 from evogs_codec import SceneInfo, read_directory, read_scene, write_ply
 from evogs_codec.cli.commands import parse
-from evogs_codec.cli.looking import cameras_of
+from evogs_codec.cli.looking import cameras_of, cameras_to_show
 from evogs_codec.model.viewpoint import default_viewpoint
 from evogs_codec.render import Camera, cameras_around, save_cameras
 from evogs_codec.render.default_camera import default_camera, viewpoint_of
@@ -149,13 +149,33 @@ def test_it_is_view_0_of_pictures(here, evogs, tmp_path):
     folder, scene, cameras = here
     info = encoded(evogs, folder, tmp_path / "x.evogs", "--camera", folder / "cameras.json")
     args = parse(["render", str(tmp_path / "x.evogs"), "out.png", "--up", "z"])
-    found, _ = cameras_of(args, scene, info, size=32)
+    found, _, is_own = cameras_to_show(args, scene, info, size=32)
+    assert is_own
     same_view(found[0], cameras[0])
     assert (len(found), found[0].width, found[0].height) == (25, 32, 32)
     for one, other in zip(found[1:], cameras_around(scene, "z", 32), strict=True):
         same_view(one, other)
+
+
+def test_figures_are_over_the_same_24_views_with_it_and_without(here, evogs, tmp_path):
+    folder, scene, _ = here
+    words = ("--camera", folder / "cameras.json")
+    info = encoded(evogs, folder, tmp_path / "x.evogs", *words)
+    encoded(evogs, folder, tmp_path / "plain.evogs")
+    args = parse(["psnr", str(tmp_path / "x.evogs"), str(folder / "x.ply"), "--up", "z"])
+    found, _ = cameras_of(args, scene, info, size=32)
+    for one, other in zip(found, cameras_around(scene, "z", 32), strict=True):
+        same_view(one, other)
     said = evogs("compare", tmp_path / "x.evogs", folder / "x.ply", "--size", 8)[1]
-    assert "the default camera and 24 on a circle" in said
+    assert "24 on a circle" in said
+    assert "default camera" not in said
+    look = (tmp_path / "y.ply", "--up", "z", "--size", 8)
+    assert evogs("decode", tmp_path / "x.evogs", tmp_path / "y.ply")[0] == 0
+    both = [evogs("psnr", tmp_path / name, *look)[1] for name in ("x.evogs", "plain.evogs")]
+    assert all("over 24 views" in line for line in both)
+    both = [evogs("psnr", folder / "x.ply", tmp_path / name, *look[1:])[1] for name in
+            ("x.evogs", "plain.evogs")]
+    assert both[0] == both[1]
 
 
 def test_render_shows_it_or_the_view_with_the_most_detail_or_the_one_asked_for(

@@ -29,6 +29,28 @@ def test_a_stream_is_moved_without_being_encoded_again(evogs, made, tmp_path):
     assert evogs("edit", source, out, "--translate", 4, -2, 0.5)[0] == 0  # over what it made
 
 
+def test_a_move_that_no_stream_holds_is_refused_before_the_work(
+    refused, small, made, tmp_path, monkeypatch
+):
+    def never(*_, **__):
+        raise AssertionError("nothing is lifted")
+
+    monkeypatch.setattr("evogs_codec.scene.encode.lift_with_order", never)
+    out = tmp_path / "a.evogs"
+    for source in (small, made / "scene.evogs"):
+        words = [f"{out}: a position 1e+30 units from zero is too far", "nothing is written"]
+        refused("edit", source, out, "--translate", 0, 1e30, 0, words=words)
+        words = [f"{out}: the edit makes numbers that are too large"]
+        refused("edit", source, out, "--scale", 1e12, "--about", 1e30, 0, 0, words=words)
+    assert not out.exists()
+
+
+def test_a_scene_that_no_stream_holds_is_refused_by_its_name(refused, small, evogs, tmp_path):
+    far, out = tmp_path / "far.ply", tmp_path / "far.evogs"
+    assert evogs("edit", small, far, "--translate", 1e25, 0, 0)[0] == 0
+    refused("encode", far, out, words=[f"{far}: a position 1e+25 units from zero is too far"])
+
+
 def test_a_crop_through_a_tile_is_encoded_again_and_says_so(evogs, made, tmp_path):
     out = tmp_path / "a.evogs"
     words = ["--crop-sphere", 0, 0, 0, 20, "--preset", "scene"]

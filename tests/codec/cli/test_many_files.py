@@ -117,3 +117,15 @@ def test_without_a_folder_two_files_are_an_input_and_an_output(evogs, refused, h
     assert evogs("convert", here / "a.ply", here / "new.ply")[0] == 0
     refused("convert", here / "a.ply", here / "b.ply", here / "new.ply", code=2)
     refused("convert", here / "a.ply", here / "x.ply", "--to", "spz", words=["--to", "--out-dir"])
+
+
+def test_a_folder_without_a_name_is_none(evogs, here, monkeypatch):
+    monkeypatch.chdir(here)
+    before = names(here)
+    for words in (["--out-dir", ""], ["--out-dir="]):
+        code, _, err = evogs("convert", here / "a.ply", "--to", "spz", *words)
+        assert code == 2
+        assert "--out-dir: is empty: name a folder, or . for this one" in err
+    assert names(here) == before
+    assert evogs("convert", here / "a.ply", "--to", "spz", "--out-dir", ".")[0] == 0
+    assert (here / "a.spz").exists()

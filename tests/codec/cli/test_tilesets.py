@@ -93,6 +93,14 @@ def test_commands_that_read_scenes_say_what_to_do_with_a_tileset(refused, small,
         refused(command, small / "tileset.json", tmp_path / out, words=words)
 
 
+def test_commands_that_read_streams_say_what_to_do_with_a_tileset(refused, small, tmp_path):
+    for given in (small, small / "tileset.json"):
+        words = ["is a tileset, not a stream", f"`evogs decode {given} OUT.ply --box", "tiles"]
+        refused("extract", given, tmp_path / "x.evogs", words=words)
+        refused("render", given, tmp_path / "x.png", "--sheet", words=words[:1])
+    refused("export-html", small, tmp_path / "x.html", words=["is a tileset", "--max-splats"])
+
+
 def test_info_shows_the_tree(evogs, small):
     code, out, _ = evogs("info", small / "tileset.json")
     assert code == 0

@@ -77,6 +77,18 @@ def test_of_a_tileset_its_own_files_are_served_and_no_others(view, tmp_path):
     assert "is no tileset" in err
 
 
+def test_files_of_a_tileset_are_served_by_names_that_json_escapes(view, tmp_path):
+    folder = tmp_path / "city"
+    small_tileset(folder)
+    (folder / "tiles" / "1-0.evogs").rename(folder / "tiles" / "north & east.evogs")
+    text = (folder / "tileset.json").read_text()
+    (folder / "tileset.json").write_text(text.replace("1-0.evogs", "north%20%26%20east.evogs"))
+    code, _, _, _, got = view(folder)
+    assert code == 0
+    assert got["find"]("tiles/north & east.evogs").is_file()
+    assert got["find"]("tiles/north%20%26%20east.evogs") is None
+
+
 def test_no_browser_is_opened_if_it_is_not_wanted(view):
     code, out, _, opened, _ = view(EXAMPLE, "--no-browser")
     assert (code, opened) == (0, [])

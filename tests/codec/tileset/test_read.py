@@ -13,6 +13,9 @@ from evogs_codec.tileset.take import take
 from tests.support.tilesets import FAR, near, small_tileset
 
 
+MOVED = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 1e149, 0, 0, 1]
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("tileset")
@@ -155,6 +158,8 @@ def test_a_damaged_content_is_found(tmp_path):
         (lambda t: t["root"]["content"].update(uri="/etc/passwd"), "not a file beside it"),
         (lambda t: t["root"]["content"].update(uri="tileset.json"), "is among its own tiles"),
         (lambda t: t["root"]["children"][0].update(transform=[2] * 16), "turned or scaled"),
+        (lambda t: t["root"]["children"][0].update(transform=MOVED), "over 1e[+]30 units from the"),
+        (lambda t: t["extras"]["evogs"].update(origin=[0, 1e149, 0]), "over 1e[+]30 units from"),
         (lambda t: t["root"].update(implicitTiling={}), "implicit"),
         (lambda t: t["root"].update(children=t["root"]["children"][:1] * 2), "two tiles have the"),
     ],
