@@ -37,7 +37,7 @@ from evogs_codec.io.interchange.gltf_stream import KHR, Streams
 from evogs_codec.io.interchange.values import C0, as_bytes, log_scales_of, logits_of, sigmoid, unit
 from evogs_codec.io.makers import comment_of
 from evogs_codec.model.scene_info import SceneInfo
-from evogs_codec.model.splats import F64, SplatParams
+from evogs_codec.model.splats import F32, F64, SplatParams
 from evogs_codec.model.viewpoint import CAMERA, CAMERAS
 
 __all__ = [
@@ -178,7 +178,7 @@ def write(splats: SplatParams, info: SceneInfo, command: str) -> bytes:
     """A `.glb`; the splats are in its frame."""
     if not len(splats):
         raise InputError("a .glb holds at least one splat")
-    attributes = attributes_of(splats)
+    attributes = attributes_of(splats, info)
     views, accessors, n_bytes = packed(attributes)
     primitive = {
         "mode": POINTS,
@@ -264,10 +264,13 @@ def as_text(root: dict[str, Any]) -> bytes:
     return json.dumps(root, separators=(",", ":")).encode()
 
 
-def attributes_of(splats: SplatParams) -> dict[str, Any]:
-    """The arrays of the attributes of splats, by name."""
+def attributes_of(splats: SplatParams, info: SceneInfo) -> dict[str, Any]:
+    """The arrays of the attributes of splats, by name; `info` says their colour space."""
     opacities = sigmoid(splats.opacity_logits)
-    colours = np.concatenate([splats.sh[:, 0] * C0 + 0.5, opacities[:, None]], axis=1)
+    diffuse = np.clip(splats.sh[:, 0] * C0 + 0.5, 0, 1)
+    if COLOUR_SPACES[splatting(info)["colorSpace"]] == "srgb":
+        diffuse = _linear(diffuse)  # COLOR_0 is linear in glTF
+    colours = np.concatenate([diffuse, opacities[:, None]], axis=1)
     with np.errstate(over="ignore", under="ignore"):
         scales = np.minimum(np.exp(splats.log_scales), np.finfo(np.float32).max)
     attributes: dict[str, Any] = {
@@ -281,3 +284,10 @@ def attributes_of(splats: SplatParams) -> dict[str, Any]:
         for n in range(2 * band + 1):
             attributes[_coefficient(band, n)] = splats.sh[:, band**2 + n]
     return attributes
+
+
+def _linear(srgb: F32) -> F32:
+    """Colours of IEC 61966-2-1, 0 to 1, as linear ones."""
+    curve = ((srgb + 0.055) / 1.055) ** 2.4
+    found: F32 = np.where(srgb <= 0.04045, srgb / 12.92, curve).astype(np.float32)
+    return found

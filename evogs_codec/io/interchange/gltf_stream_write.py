@@ -111,7 +111,7 @@ def _described(
     if not levels(directory)[-1].n_leaves:
         raise InputError("a glTF file holds at least one splat")
     if fallback:
-        attributes = gltf.attributes_of(_level_0(data, directory))
+        attributes = gltf.attributes_of(_level_0(data, directory), directory.info)
         views, accessors, _ = gltf.packed(attributes)
         arrays = [values.tobytes() for values in attributes.values()]
         names = list(attributes)

@@ -173,8 +173,10 @@ def test_figures_are_over_the_same_24_views_with_it_and_without(here, evogs, tmp
     assert evogs("decode", tmp_path / "x.evogs", tmp_path / "y.ply")[0] == 0
     both = [evogs("psnr", tmp_path / name, *look)[1] for name in ("x.evogs", "plain.evogs")]
     assert all("over 24 views" in line for line in both)
-    both = [evogs("psnr", folder / "x.ply", tmp_path / name, *look[1:])[1] for name in
-            ("x.evogs", "plain.evogs")]
+    both = [
+        evogs("psnr", folder / "x.ply", tmp_path / name, *look[1:])[1]
+        for name in ("x.evogs", "plain.evogs")
+    ]
     assert both[0] == both[1]
 
 

@@ -3,11 +3,13 @@
 import base64
 import json
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from evogs_codec import read_scene, write_scene
+from evogs_codec import SceneInfo, read_scene, write_scene
+from evogs_codec._generated import registry
 from evogs_codec.io.interchange import gltf_file
 from evogs_codec.io.interchange.frames import transformed, turn
 from evogs_codec.io.interchange.values import unit
@@ -215,3 +217,20 @@ def test_scales_may_be_whole_numbers(tmp_path):
     changed = with_attribute(root, payload, "SCALE", stored, 5120, normalized=False)
     found = read_scene(gltf(tmp_path, *changed)).splats
     np.testing.assert_allclose(np.exp(found.log_scales), stored, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("space", "grey"), [("srgb", 0.2140), ("linear", 0.5), ("", 0.2140)])
+def test_the_colours_of_points_are_linear(space, grey, tmp_path):
+    """`COLOR_0`, for readers that draw points, is linear in glTF, and SH mostly are not."""
+    scene = odd_scene(degree=0)
+    scene = replace(scene, sh=np.zeros_like(scene.sh))  # 0.5 of each colour
+    spaces = registry.COLOUR_SPACES
+    info = SceneInfo(colour_space=spaces.index(space) if space else 0)
+    write_scene(tmp_path / "x.glb", scene, info)
+    data = (tmp_path / "x.glb").read_bytes()
+    n_json = struct.unpack_from("<I", data, 12)[0]
+    root = json.loads(data[20 : 20 + n_json])
+    number = root["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"]
+    view = root["bufferViews"][root["accessors"][number]["bufferView"]]
+    found = np.frombuffer(data, np.uint8, view["byteLength"], 28 + n_json + view["byteOffset"])
+    assert set(found.reshape(-1, 4)[:, :3].ravel()) == {round(255 * grey)}

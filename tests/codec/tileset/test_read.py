@@ -12,7 +12,6 @@ from evogs_codec.tileset.read import Tileset
 from evogs_codec.tileset.take import take
 from tests.support.tilesets import FAR, near, small_tileset
 
-
 MOVED = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 1e149, 0, 0, 1]
 
 
