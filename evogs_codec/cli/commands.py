@@ -25,7 +25,7 @@ from evogs_codec.cli.encode_and_lift import run_encode, run_lift
 from evogs_codec.cli.many_files import asks_for_folder, run_many
 from evogs_codec.cli.remote_files import remote_files, say_fetched
 from evogs_codec.cli.reports import info_of, info_to_write, print_info
-from evogs_codec.cli.standard_streams import names_of_standard_streams, standard_streams
+from evogs_codec.cli.standard_streams import standard_streams
 from evogs_codec.cli.streams import (
     cut_of,
     describe_levels,
@@ -89,14 +89,9 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command of these options; returns the exit code."""
-    with names_of_standard_streams(args):
-        return _run(args)
-
-
-def _run(args: argparse.Namespace) -> int:
     try:
         if getattr(args, "out_dir", None) is not None:
-            return run_many(args, _run)
+            return run_many(args, run)
         ranged = args.run in (run_decode, run_info, run_validate, run_extract)
         with plain_warnings(), standard_streams(args), remote_files(args, keeps_input=ranged):
             _check_output(args)

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
-from io import StringIO, TextIOBase
+from contextlib import ExitStack, contextmanager
+from io import StringIO
 from pathlib import Path
-from typing import TextIO
 
+from evogs_codec.cli.renaming import renaming
 from evogs_codec.cli.reports import fetched_text
 from evogs_codec.cli.terminal import complain, progress_bar
 from evogs_codec.errors import InputError, StreamError
@@ -47,36 +46,26 @@ def remote_files(args: argparse.Namespace, *, keeps_input: bool) -> Iterator[Non
     if not urls:
         yield
         return
+    output, names = before.get("output"), dict[str, str]()
+    # What a command says of its output is printed when that is where it says.
+    out = StringIO() if isinstance(output, Url) else sys.stdout
     with ExitStack() as stack:
-        names: dict[str, str] = {}
         try:
-            output = before.get("output")
-            _check_resume(args, urls)
-            if isinstance(output, Url):
-                folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="evogs-"))
-                args.output = Path(folder) / output.name
-                names[str(args.output)] = str(output)
-                _check_object(args, output, urls, names)
-            for name in before.keys() - {"output"}:
-                is_kept = keeps_input and name == "input"
-                setattr(args, name, _stand_in(before[name], is_kept, names, stack))
-            # What a command says of its output is printed when that is where it says.
-            out = StringIO() if isinstance(output, Url) else sys.stdout
-            with (
-                redirect_stdout(_Renamed(out, names)),
-                redirect_stderr(_Renamed(sys.stderr, names)),
-            ):
+            with renaming(names, out, sys.stderr):
+                _check_resume(args, urls)
+                if isinstance(output, Url):
+                    folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="evogs-"))
+                    args.output = Path(folder) / output.name
+                    names[str(args.output)] = str(output)
+                    _check_object(args, output, urls, names)
+                for name in before.keys() - {"output"}:
+                    is_kept = keeps_input and name == "input"
+                    setattr(args, name, _stand_in(before[name], is_kept, names, stack))
                 yield
-            if isinstance(output, Url) and args.output.is_file():
-                put_object(output, args.output)
+                if isinstance(output, Url) and args.output.is_file():
+                    put_object(output, args.output)
             if isinstance(out, StringIO):
                 print(out.getvalue(), end="")
-        except InputError as error:
-            raise InputError(_renamed(str(error), names)) from error
-        except OSError as error:
-            if str(error.filename) not in names:
-                raise
-            raise OSError(error.errno, error.strerror, names[str(error.filename)]) from error
         finally:
             vars(args).update(before)
 
@@ -152,31 +141,3 @@ def _begin_of(remote: RemoteFile) -> int:
         return min(HEADER_SIZE + int(read_header(head)["chunks_size"]), MAX_DIRECTORY)
     except StreamError:
         return MAX_MARK
-
-
-def _renamed(text: str, names: dict[str, str]) -> str:
-    """`text` with URLs in place of the files that stand in for them."""
-    for path, url in names.items():
-        text = text.replace(path, url).replace(json.dumps(path)[1:-1], json.dumps(url)[1:-1])
-    return text
-
-
-class _Renamed(TextIOBase):
-    """Prints what it is given, with URLs in place of the files that stand in for them."""
-
-    def __init__(self, out: TextIO, names: dict[str, str]) -> None:
-        self._out = out
-        self._names = names
-
-    def write(self, text: str) -> int:
-        self._out.write(_renamed(text, self._names))
-        return len(text)
-
-    def flush(self) -> None:
-        self._out.flush()
-
-    def isatty(self) -> bool:
-        return self._out.isatty()
-
-    def fileno(self) -> int:
-        return self._out.fileno()

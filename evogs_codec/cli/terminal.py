@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import sys
+import time
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from io import TextIOWrapper
 from typing import Any
 
@@ -21,6 +23,10 @@ __all__ = [
     "plain_warnings",
     "progress_bar",
 ]
+
+
+SECONDS_OF_A_LINE = 30  # of progress in a log
+LEAST_DONE = 0.02  # of a stage, before what is left of it is said
 
 
 def complain(message: object) -> None:
@@ -65,12 +71,63 @@ def noted_warnings() -> list[str]:
 
 @contextmanager
 def progress_bar() -> Iterator[Progress]:
-    """A bar on standard error for what takes over two seconds, if that is a terminal."""
-    with tqdm(total=100, delay=2, disable=None, leave=False, bar_format="{l_bar}{bar}") as bar:
+    """How far work is and how long its stage still takes, on standard error.
+
+    A bar on a terminal, for what takes over two seconds; elsewhere, as in a log, a line for every
+    `SECONDS_OF_A_LINE`.
+    """
+    clock = _Clock()
+    if not sys.stderr.isatty():
+        yield partial(_log, clock, [clock.now()])
+        return
+    with tqdm(total=100, delay=2, leave=False, bar_format="{l_bar}{bar}{postfix}") as bar:
 
         def report(stage: str, part: float) -> None:
             bar.set_description_str(stage, refresh=False)
             bar.n = round(100 * part)
+            left = clock.left(stage, part)
+            bar.set_postfix_str("" if left is None else f"{_minutes(left)} left", refresh=False)
             bar.refresh()
 
         yield report
+
+
+def _log(clock: _Clock, last: list[float], stage: str, part: float) -> None:
+    """Print a line if the last one was long ago; `last` says when."""
+    left, now = clock.left(stage, part), clock.now()
+    if now - last[0] < SECONDS_OF_A_LINE:
+        return
+    last[0] = now
+    said = "" if left is None else f", {_minutes(left)} left of this step"
+    complain(f"{stage}: {100 * part:.0f} %, {_minutes(now - clock.begun)} so far{said}")
+
+
+class _Clock:
+    """How long stages take.
+
+    Attributes:
+        begun: when the first began, seconds.
+    """
+
+    def __init__(self) -> None:
+        self.begun = self.now()
+        self._stage, self._first, self._part, self._since = "", 0.0, 0.0, self.begun
+
+    def left(self, stage: str, part: float) -> float | None:
+        """Seconds until this stage ends at its pace so far; None while that says little."""
+        now = self.now()
+        if stage != self._stage or part < self._part:
+            self._stage, self._first, self._since = stage, part, now
+        self._part = part
+        done, taken = part - self._first, now - self._since
+        return taken * (1 - part) / done if done >= LEAST_DONE and taken >= 1 else None
+
+    @staticmethod
+    def now() -> float:
+        """Seconds of a clock that never goes back."""
+        return time.monotonic()
+
+
+def _minutes(seconds: float) -> str:
+    whole = round(seconds)
+    return f"{whole // 60}:{whole % 60:02}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["LOG", "Progress"]
 
+SECONDS_OF_A_LINE = 30  # where the bar is no bar: in a log
 EVERY = 100  # iterations between two rows
 LOOKED_AT = 4  # held-out views of a row's PSNR: all of them would cost more than training
 COLUMNS = ("stage", "level", "iteration", "loss", "splats", "psnr", "seconds")
@@ -70,7 +72,15 @@ class Progress:
         if self._shows_bar:
             name = f"L{plan.level}" if plan.level >= 0 else "first"
             name += " in integers" if plan.in_integers else ""
-            self._bar = tqdm(total=plan.iterations, desc=name, unit="it", dynamic_ncols=True)
+            every = 0.1 if sys.stderr.isatty() else SECONDS_OF_A_LINE
+            self._bar = tqdm(
+                total=plan.iterations,
+                desc=name,
+                unit="it",
+                dynamic_ncols=True,
+                mininterval=every,
+                maxinterval=every,
+            )
 
     def each(self, training: Training) -> None:
         """An iteration is over."""
