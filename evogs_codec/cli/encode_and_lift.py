@@ -129,8 +129,8 @@ def run_lift(args: argparse.Namespace) -> None:
     print(f"{shown(args.output)}: {tree.n_leaves:,} splats, {tree.n_levels} levels{said}")
 
 
-def encode_file(path: Path, progress: Progress) -> bytes:
-    """A scene or a `.tree.npz` as a stream, as `evogs encode` without options makes it.
+def encode_file(path: Path, progress: Progress, effort: str | int | None = None) -> bytes:
+    """A scene or a `.tree.npz` as a stream, as `evogs encode` without other options makes it.
 
     Splats with NaN or infinite numbers are left out.
 
@@ -139,8 +139,8 @@ def encode_file(path: Path, progress: Progress) -> bytes:
     """
     if _is_scene(path):
         scene = read_splats(path, drop_invalid=True)
-        return encode_scene(scene.splats, info=scene.info, progress=progress)
-    return encode_tree(read_tree(path), progress=progress)
+        return encode_scene(scene.splats, effort=effort, info=scene.info, progress=progress)
+    return encode_tree(read_tree(path), effort=effort, progress=progress)
 
 
 # --- what is encoded ------------------------------------------------------------------------------

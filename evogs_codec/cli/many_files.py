@@ -16,7 +16,7 @@ from evogs_codec.errors import InputError
 from evogs_codec.io.files import same_file
 from evogs_codec.stores.urls import Url
 
-__all__ = ["add_many", "asks_for_folder", "run_many"]
+__all__ = ["add_many", "asks_for_folder", "run_many", "stem_of"]
 
 OPTION = "--out-dir"
 DOUBLE_ENDINGS = (".compressed.ply", ".tree.npz")
@@ -112,7 +112,7 @@ def _outputs(args: argparse.Namespace) -> dict[Place, Place]:
     outputs: dict[Place, Place] = {}
     sources: dict[str, Place] = {}
     for source in args.inputs:
-        name = f"{_stem(source)}.{ending}"
+        name = f"{stem_of(source)}.{ending}"
         if name in sources:
             raise InputError(
                 f"{source}: its output {name} is also that of {sources[name]}; nothing is written"
@@ -126,7 +126,7 @@ def _outputs(args: argparse.Namespace) -> dict[Place, Place]:
     return outputs
 
 
-def _stem(source: Place) -> str:
+def stem_of(source: Place) -> str:
     """The name of an input without its ending.
 
     Raises:

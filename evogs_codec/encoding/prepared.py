@@ -153,8 +153,9 @@ def _drawn(
     aim: Aim, views: Pictures, tiles: Sequence[EvolutionTree], n_levels: int
 ) -> tuple[Importance, MeasuredGains]:
     """What the numbers of arranged tiles are worth, and what their packets gain."""
+    report = aim.progress or no_progress
     if aim.ordering is None or not isinstance(views, Telling):
-        found = Importance.of(tiles, n_levels, views.sensitivity, seen=aim.seen)
+        found = Importance.of(tiles, n_levels, views.sensitivity, seen=aim.seen, progress=report)
         return found, MeasuredGains.of(aim.tree, aim.ordering or views)
     told: list[float] = []
 
@@ -164,6 +165,6 @@ def _drawn(
         return found
 
     sensitivity(nothing_of(aim.tree.leaves(0)))
-    found = Importance.of(tiles, n_levels, sensitivity, seen=aim.seen)
+    found = Importance.of(tiles, n_levels, sensitivity, seen=aim.seen, progress=report)
     shown = told[:-1] if len(told) == 1 + n_levels else None  # of each level that has splats
     return found, MeasuredGains.of(aim.tree, aim.ordering, shown)

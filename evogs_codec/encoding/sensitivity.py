@@ -17,6 +17,7 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.model.channels import channel_class, n_channels
 from evogs_codec.model.siblings import Siblings
 from evogs_codec.model.splats import F32, F64, SplatParams
@@ -91,6 +92,7 @@ class Importance:
         *,
         first: int = 0,
         seen: float = SEEN,
+        progress: Progress = no_progress,
     ) -> Importance:
         """By the pictures of every level of arranged tiles, from the level `first` on.
 
@@ -98,7 +100,10 @@ class Importance:
         """
         drawn = [sensitivity if k >= first else _none for k in range(n_levels)]
         shown = zip(*(_shown(tile) for tile in tiles), strict=True)
-        cuts = [_cut(parts, draw, seen) for draw, parts in zip(drawn, shown, strict=False)]
+        cuts = []
+        for k, (draw, parts) in enumerate(zip(drawn, shown, strict=False), start=1):
+            cuts.append(_cut(parts, draw, seen))
+            progress("draw", (k / n_levels) ** 2)  # the last levels have most of the splats
         counts = [sum(part.shape[1] for part in cut) for cut in cuts]
         shares = [n / max(counts[-1], 1) for n in counts]
         weights = tuple(

@@ -11,7 +11,7 @@ from typing import Any
 from urllib.parse import quote
 
 from evogs_codec.cli.argument_types import number, path_or_url
-from evogs_codec.cli.common_options import add_output
+from evogs_codec.cli.common_options import SCENES_IN, add_effort, add_output
 from evogs_codec.cli.remote_files import fetched
 from evogs_codec.cli.terminal import complain
 from evogs_codec.cli.tilesets import is_tileset
@@ -29,6 +29,7 @@ from evogs_codec.common.printable import shown
 from evogs_codec.errors import InputError
 from evogs_codec.format.directory import read_directory
 from evogs_codec.io.files import PAGE, write_atomic
+from evogs_codec.io.interchange.scene_files import scene_format
 from evogs_codec.stores.urls import Url, is_url
 from evogs_codec.tileset import Place, Tileset
 
@@ -37,7 +38,8 @@ __all__ = ["add_export", "add_view"]
 HELP = "Look at a scene in a browser, which shows it while it arrives."
 EXAMPLES = """examples:
   evogs view scene.evogs
-  evogs view scene.ply                      # encoded first, to a temporary file
+  evogs view scene.ply                      # encoded first, to a temporary file; also .spz, .sog
+  evogs view scene.ply --fast               # encoded in less time
   evogs view scenes/                        # a list of the streams in a folder
   evogs view city/tileset.json              # a tileset, file by file
   evogs view https://example.org/scene.evogs
@@ -46,7 +48,8 @@ EXAMPLES = """examples:
 EXPORT_HELP = "Write a page that holds a scene and its viewer, and needs no server."
 EXPORT_EXAMPLES = """examples:
   evogs export-html scene.evogs scene.html   # open it in a browser, send it, put it anywhere
-  evogs export-html scene.ply scene.html     # encoded first"""
+  evogs export-html scene.ply scene.html     # encoded first; also .spz, .sog, .splat, .glb
+  evogs export-html scene.ply scene.html --fast"""
 
 
 def add_view(commands: Any) -> None:  # noqa: ANN401 - argparse's sub-parsers have no public type
@@ -61,7 +64,7 @@ def add_view(commands: Any) -> None:  # noqa: ANN401 - argparse's sub-parsers ha
     parser.add_argument(
         "scene",
         metavar="FILE|FOLDER|URL",
-        help="a stream, a 3DGS .ply, a .tree.npz, streams, or a tileset",
+        help=f"a stream, {SCENES_IN}, a .tree.npz, streams, or a tileset",
     )
     parser.add_argument(
         "--host",
@@ -75,6 +78,7 @@ def add_view(commands: Any) -> None:  # noqa: ANN401 - argparse's sub-parsers ha
         help="the port to listen on (default: one that is free)",
     )
     parser.add_argument("--no-browser", action="store_true", help="only print the address")
+    add_effort(parser)
     parser.set_defaults(run=run_view)
 
 
@@ -91,9 +95,10 @@ def add_export(commands: Any) -> None:  # noqa: ANN401 - argparse's sub-parsers 
         "scene",
         type=lambda given: given if is_of_web(given) else path_or_url(given),
         metavar="FILE|FOLDER|URL",
-        help="a stream, a 3DGS .ply, a .tree.npz, or a folder with one stream",
+        help=f"a stream, {SCENES_IN}, a .tree.npz, or a folder with one stream",
     )
     add_output(parser, "OUT.html", PAGE)
+    add_effort(parser)
     parser.set_defaults(run=run_export)
 
 
@@ -101,7 +106,7 @@ def run_view(args: argparse.Namespace) -> None:
     """`evogs view`: serves until it is interrupted."""
     page = _built_page()
     with ExitStack() as stack:
-        scenes, start = _scenes(args.scene, stack)
+        scenes, start = _scenes(args.scene, args.effort, stack)
         server = stack.enter_context(Server((args.host, args.port), page, scenes))
         if args.host not in LOOPBACK:
             complain(f"everyone who reaches {args.host} can read what is served")
@@ -118,7 +123,7 @@ def run_view(args: argparse.Namespace) -> None:
 def run_export(args: argparse.Namespace) -> None:
     """`evogs export-html`."""
     page = _built_page()
-    name, data = stream_of(args.scene)
+    name, data = stream_of(args.scene, args.effort)
     read_directory(data)  # a page with what is no stream would be of no use
     exported = one_page(page, name, data)
     write_atomic(args.output, exported)
@@ -132,28 +137,29 @@ def _built_page() -> dict[str, bytes]:
     return page
 
 
-def _scenes(given: str, stack: ExitStack) -> tuple[Scenes, str]:
+def _scenes(given: str, effort: str | int | None, stack: ExitStack) -> tuple[Scenes, str]:
     """What to serve, and what to open of it: an address without that of the server."""
     if is_of_web(given):
         return NoScenes(), f"?src={quote(given, safe='')}"
     path = fetched(Url.parse(given), stack) if is_url(given) else Path(given)
-    if is_tileset(path) and not is_url(given):
+    of_sog = scene_format(path) == "sog"
+    if not of_sog and is_tileset(path) and not is_url(given):
         with Place(path) as place:
             files = Tileset(place).files()
         root = path / "tileset.json" if path.is_dir() else path
         return TilesetFolder(root, files), address_of(root.name)
-    if path.is_dir():
+    if not of_sog and path.is_dir():
         folder, names = folder_of_streams(path)
         return folder, address_of(names[0]) if len(names) == 1 else SCENE_PATH.removeprefix("/")
-    if not is_stream(path):
-        path = _encoded(path, stack)
+    if of_sog or not is_stream(path):
+        path = _encoded(path, effort, stack)
     return OneFile(path, path.name), address_of(path.name)
 
 
-def _encoded(path: Path, stack: ExitStack) -> Path:
+def _encoded(path: Path, effort: str | int | None, stack: ExitStack) -> Path:
     """The stream of a scene or of a tree, in a folder that goes with the command."""
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="evogs-view-")))
-    name, data = newly_encoded(path)
+    name, data = newly_encoded(path, effort)
     stream = folder / name
     stream.write_bytes(data)
     return stream

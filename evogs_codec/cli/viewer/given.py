@@ -8,12 +8,14 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from evogs_codec.cli.encode_and_lift import encode_file
+from evogs_codec.cli.many_files import stem_of
 from evogs_codec.cli.terminal import progress_bar
 from evogs_codec.cli.viewer.scenes import Folder
 from evogs_codec.common.printable import shown
 from evogs_codec.errors import InputError
 from evogs_codec.io.files import KIND_BYTES, STREAM, kind_of
 from evogs_codec.io.interchange.gltf_stream import read_gltf_stream
+from evogs_codec.io.interchange.scene_files import scene_format
 
 __all__ = ["folder_of_streams", "is_of_web", "is_stream", "newly_encoded", "stream_of"]
 
@@ -45,23 +47,31 @@ def folder_of_streams(path: Path) -> tuple[Folder, list[str]]:
     return folder, names
 
 
-def newly_encoded(path: Path) -> tuple[str, bytes]:
+def newly_encoded(path: Path, effort: str | int | None = None) -> tuple[str, bytes]:
     """The stream of a scene or of a tree, or in a glTF file, by a name that it could have.
+
+    Args:
+        path: of the scene.
+        effort: of the encoder, as of `encode_scene`.
 
     Raises:
         InputError: the file is neither.
     """
-    name = f"{path.name.removesuffix('.ply').removesuffix('.tree.npz')}.evogs"
+    name = f"{stem_of(path)}.evogs"
     if (inside := read_gltf_stream(path)) is not None:
         return name, bytes(inside)
     with progress_bar() as progress:
-        data = encode_file(path, progress)
+        data = encode_file(path, progress, effort)
     print(f"{shown(path)}: encoded, {len(data):,} bytes")
     return name, data
 
 
-def stream_of(given: str | Path) -> tuple[str, bytes]:
+def stream_of(given: str | Path, effort: str | int | None = None) -> tuple[str, bytes]:
     """One stream and its name. A scene or a tree is encoded, an address is read.
+
+    Args:
+        given: what a command was given.
+        effort: of the encoder, as of `encode_scene`.
 
     Raises:
         InputError: it is no stream and nothing that can be encoded, or several streams.
@@ -70,7 +80,7 @@ def stream_of(given: str | Path) -> tuple[str, bytes]:
     if isinstance(given, str):
         return _downloaded(given)
     path = given
-    if path.is_dir():
+    if path.is_dir() and scene_format(path) != "sog":
         folder, names = folder_of_streams(path)
         if (path / "tileset.json").is_file():
             raise InputError(
@@ -81,9 +91,9 @@ def stream_of(given: str | Path) -> tuple[str, bytes]:
             raise InputError(f"{path}: {len(names)} .evogs files are in this folder; name one")
         found = folder.find(names[0])
         path = path / names[0] if found is None else found
-    if is_stream(path):
+    if path.is_file() and is_stream(path):
         return path.name, path.read_bytes()
-    return newly_encoded(path)
+    return newly_encoded(path, effort)
 
 
 def _downloaded(url: str) -> tuple[str, bytes]:

@@ -19,6 +19,7 @@ from evogs_codec.cli.viewer.standalone import one_page
 from evogs_codec.format.directory import read_directory
 from evogs_codec.render.demo_scene import make_scene
 
+PEERS = Path(__file__).resolve().parents[1] / "io" / "peers"
 EXAMPLE = Path(__file__).resolve().parents[3] / "spec" / "example.evogs"
 
 
@@ -26,9 +27,9 @@ EXAMPLE = Path(__file__).resolve().parents[3] / "spec" / "example.evogs"
 def export(evogs, tmp_path):
     """Runs the command; gives what it printed, and the page."""
 
-    def export(scene):
+    def export(scene, *words):
         target = tmp_path / "page.html"
-        code, out, err = evogs("export-html", scene, target)
+        code, out, err = evogs("export-html", scene, target, *words)
         assert (code, err) == (0, "")
         return out, target.read_text()
 
@@ -101,6 +102,20 @@ def test_a_name_is_text_on_the_page():
     text = one_page(page_files(), '"><script>\udcff.evogs', b"").decode()
     assert '"><script>\udcff' not in text
     assert scene_of(text)[0] == "&quot;&gt;&lt;script&gt;?.evogs"
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("form", ["file", "folder", "meta.json"])
+def test_a_sog_is_encoded_in_any_form_and_its_page_has_its_name(form, export, tmp_path):
+    shutil.copy(PEERS / "splat-transform-2.7.1-sh2.sog", tmp_path / "scan.sog")
+    scene = tmp_path / "scan.sog"
+    if form != "file":
+        shutil.unpack_archive(scene, tmp_path / "scan", "zip")
+        scene = tmp_path / "scan" if form == "folder" else tmp_path / "scan" / "meta.json"
+    out, text = export(scene, "--fast")
+    assert "encoded" in out
+    assert scene_of(text)[0] == "scan.evogs"
+    assert "psnr" not in read_directory(scene_of(text)[1]).info.text  # which --fast leaves out
 
 
 @pytest.mark.thorough

@@ -1,6 +1,7 @@
 """The command `evogs view`, from its arguments to what a browser would get."""
 
 import re
+import shutil
 import subprocess
 import sys
 import urllib.request
@@ -104,6 +105,17 @@ def test_a_scene_is_encoded_on_the_way(view, tmp_path):
     assert read_directory(got["scene"]).n_levels == 6
     assert "a%2520scene.evogs" in opened[0]
     assert [path.name for path in tmp_path.iterdir()] == ["a scene.ply"]
+
+
+@pytest.mark.thorough
+def test_a_sog_that_is_unpacked_is_no_tileset(view, tmp_path):
+    scan = Path(__file__).resolve().parents[1] / "io" / "peers" / "splat-transform-2.7.1-sh2.sog"
+    shutil.unpack_archive(scan, tmp_path / "scan", "zip")
+    for given in (tmp_path / "scan", tmp_path / "scan" / "meta.json"):
+        code, _, _, opened, got = view(given, "--fast")
+        assert code == 0
+        assert opened[0].endswith("/scenes/scan.evogs")
+        assert read_directory(got["scene"]).n_levels == 6
 
 
 @pytest.mark.thorough
