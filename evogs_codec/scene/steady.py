@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from evogs_codec.common.progress import Progress
 from evogs_codec.decoding.cut import Cut
 from evogs_codec.decoding.progressive import Decoder
 from evogs_codec.editing.level_psnr import LevelPsnr, with_level_psnr
@@ -73,7 +74,7 @@ def steady(found: FoundStream, request: Request) -> bytes:
     gauge = Gauge.of(found.tree, request)
     if gauge is None:
         return found.finished()
-    mending = _Mending(gauge.many)
+    mending = _Mending(gauge.many, request.progress)
     levels = None
     for _ in range(TRIES):
         levels = _looked_at(found, gauge, request)
@@ -126,17 +127,19 @@ class _Mending:
 
     Attributes:
         views: that judge.
+        progress: called with how much was looked at.
         ratio: of the price of a bit, from a layer to the next.
         before: runs of steps that are held back.
     """
 
     views: Views
+    progress: Progress
     ratio: float = RATIO
     before: list[Run] = field(default_factory=list)
 
     def mended(self, found: FoundStream) -> FoundStream | None:
         """With finer coarse splats, or with steps held back; None if there is nothing to mend."""
-        runs, is_coarse = _runs(_states(found, self.views))
+        runs, is_coarse = _runs(_states(found, self.views, self.progress))
         finer = self.ratio / FINER
         if is_coarse and found.is_layered and finer >= LEAST_RATIO:
             self.ratio = finer
@@ -147,7 +150,7 @@ class _Mending:
         return None
 
 
-def _states(found: FoundStream, views: Views) -> list[_State]:
+def _states(found: FoundStream, views: Views, progress: Progress) -> list[_State]:
     """Those after each step of the levels of the tree."""
     directory = read_directory(found.data)
     cuts = [
@@ -155,11 +158,12 @@ def _states(found: FoundStream, views: Views) -> list[_State]:
         for level in range(found.tree.n_levels)
         for number, cut in enumerate(_cuts(directory, level))
     ]
-    states = _shown(found, directory, [cut for _, cut in cuts])
-    return [
-        _State(place, views.psnr_of_each(leaves))
-        for (place, _), leaves in zip(cuts, states, strict=True)
-    ]
+    states = []
+    shown = _shown(found, directory, [cut for _, cut in cuts])
+    for (place, _), leaves in zip(cuts, shown, strict=True):
+        states.append(_State(place, views.psnr_of_each(leaves)))
+        progress("look at prefixes", len(states) / len(cuts))
+    return states
 
 
 def _shown(found: FoundStream, directory: Directory, cuts: Sequence[Cut]) -> Iterator[SplatParams]:

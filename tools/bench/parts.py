@@ -4,5 +4,6 @@ __all__ = ["PARTS"]
 
 PARTS = (
     "raster", "scene", "rate", "sog", "levels", "refine", "tree", "surface", "prefix", "loss",
-    "falls", "first", "stream", "decimate", "effort", "scale", "large", "worst", "extremes",
+    "falls", "first", "stream", "decimate", "effort", "inputs", "scale", "large", "worst",
+    "extremes",
 )  # fmt: skip

@@ -21,6 +21,7 @@ from tools.bench import pictures, raster, trained
 from tools.bench.decimate import decimate
 from tools.bench.extremes import page as extremes
 from tools.bench.falls import falls
+from tools.bench.inputs import inputs
 from tools.bench.large import large
 from tools.bench.loss import Losses, scene_without_bands
 from tools.bench.page import Rows, text_of, write
@@ -68,7 +69,7 @@ def _measurements(args: argparse.Namespace, folder: Path) -> Iterator[Measuremen
     if "raster" in args.only:  # first, while the process is small
         for name, (title, run) in raster.TABLES.items():
             yield name, title, run
-    if {"scene", "levels"} & set(args.only):
+    if {"scene", "levels", "inputs"} & set(args.only):
         splats = read_ply(args.ply) if args.ply else make_scene()
     if "scene" in args.only:
         from tools.bench import scene  # needs gsply, which nothing else does
@@ -90,6 +91,12 @@ def _measurements(args: argparse.Namespace, folder: Path) -> Iterator[Measuremen
             yield "photographs", title, partial(pictures.photographs, tree, args.photos)
     if OF_SUBJECTS & set(args.only):
         yield from _of_subjects(args, folder)
+    if "inputs" in args.only:
+        title, name = (
+            "Encoding from files of other programs",
+            args.ply.stem if args.ply else "shipped",
+        )
+        yield "inputs", title, partial(inputs, name, splats, folder)
     if "falls" in args.only:
         yield "falls", "Falls from prefix to prefix, of odd scenes", falls
     if "scale" in args.only:

@@ -1,6 +1,7 @@
 """How far a command is: a bar on a terminal, a line now and then in a log."""
 
 import sys
+import time
 from io import StringIO
 
 import pytest
@@ -13,7 +14,7 @@ from evogs_codec.cli.terminal import progress_bar
 def clock(monkeypatch):
     """Seconds that pass when a test says so."""
     now = [100.0]
-    monkeypatch.setattr(terminal.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
     return now
 
 
