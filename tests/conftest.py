@@ -4,12 +4,14 @@ Tests have three rings. A test without a mark is in the first, which `make test`
 minutes. `thorough` leaves it to `make test-all`, `slow` to `make test-slow`.
 """
 
+import math
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 from evogs_codec import write_ply, write_tree
+from evogs_codec.cli import terminal
 from evogs_codec.cli.commands import main
 from evogs_codec.render.demo_scene import make_scene
 from tests.support import damage
@@ -38,6 +40,14 @@ def shared() -> Path:
     if not (SHARED / "data").is_dir():
         pytest.skip("the real scenes (../shared/data) are not on this machine")
     return SHARED
+
+
+@pytest.fixture(autouse=True, scope="session")
+def no_line_of_progress():
+    """A slow machine prints no more lines than a fast one."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(terminal, "SECONDS_OF_A_LINE", math.inf)
+        yield
 
 
 # --- of the command line --------------------------------------------------------------------------

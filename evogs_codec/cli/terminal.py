@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 
-SECONDS_OF_A_LINE = 30  # of progress in a log
+SECONDS_OF_A_LINE = 60  # of progress in a log
 LEAST_DONE = 0.02  # of a stage, before what is left of it is said
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["LOG", "Progress"]
 
-SECONDS_OF_A_LINE = 30  # where the bar is no bar: in a log
+SECONDS_OF_A_LINE = 60  # where the bar is no bar: in a log
 EVERY = 100  # iterations between two rows
 LOOKED_AT = 4  # held-out views of a row's PSNR: all of them would cost more than training
 COLUMNS = ("stage", "level", "iteration", "loss", "splats", "psnr", "seconds")

@@ -14,6 +14,7 @@ from evogs_codec.cli.terminal import progress_bar
 def clock(monkeypatch):
     """Seconds that pass when a test says so."""
     now = [100.0]
+    monkeypatch.setattr(terminal, "SECONDS_OF_A_LINE", 30)
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
     return now
 
