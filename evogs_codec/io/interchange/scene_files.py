@@ -58,6 +58,8 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
         name = scene_format(at)
     except OSError as error:
         raise InputError(f"{at}: cannot be read: {error.strerror or error}") from error
+    if name is None and (at / "tileset.json").is_file():
+        raise InputError(f"{at}: is a tileset: `evogs decode {at} OUT.ply` makes a scene of it")
     if name is None and at.suffix.lower() in WITHOUT_MAGIC and _has_numbers(at):
         raise InputError(f"{at}: is named {at.suffix}, but its numbers are not those of one")
     if name in (None, "ply"):  # others are refused by `read_ply`, which says what they seem to be

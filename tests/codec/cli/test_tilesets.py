@@ -91,6 +91,7 @@ def test_commands_that_read_scenes_say_what_to_do_with_a_tileset(refused, small,
     for command, out in (("convert", "x.ply"), ("encode", "x.evogs"), ("edit", "x.spz")):
         words = ["is a tileset: `evogs decode"]
         refused(command, small / "tileset.json", tmp_path / out, words=words)
+        refused(command, small, tmp_path / out, words=words)
 
 
 def test_commands_that_read_streams_say_what_to_do_with_a_tileset(refused, small, tmp_path):
