@@ -2,6 +2,7 @@
 
 import { gzipSync } from "node:zlib";
 import { build } from "esbuild";
+import { compile, moduleText } from "./build.mjs";
 
 async function sizes(label, plugins = []) {
   const { outputFiles } = await build({
@@ -17,10 +18,15 @@ async function sizes(label, plugins = []) {
   console.log(`${label}: ${contents.length} bytes, ${gzipSync(contents, { level: 9 }).length} after gzip`);
 }
 
-/** Leaves out the decompressor of src/zstd/. */
+/** Leaves out both decompressors: that of src/zstd/, and that of kernels/. */
 const withoutZstd = {
   name: "without-zstd",
-  setup: (plugin) => plugin.onResolve({ filter: /zstd\// }, ({ path }) => ({ path, external: true })),
+  setup: (plugin) => {
+    plugin.onResolve({ filter: /zstd\// }, ({ path }) => ({ path, external: true }));
+    plugin.onLoad({ filter: /compiled\/module\.ts$/ }, async () => {
+      return { contents: moduleText(await compile(["decompress"])), loader: "ts" };
+    });
+  },
 };
 
 await sizes("all");

@@ -2,8 +2,8 @@
 
 import type { AlphaTable } from "./alpha.js";
 
-const MAX_DELTA = 2 ** 28;
-const MAX_PRODUCT = 2 ** 30;
+export const MAX_DELTA = 2 ** 28;
+export const MAX_PRODUCT = 2 ** 30;
 
 /** The largest |q| whose Delta, q * M * 2^E, is at most 2^28. */
 export function furthestOf(mantissa: number, shift: number): number {

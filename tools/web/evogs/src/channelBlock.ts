@@ -23,6 +23,13 @@ export class ChannelBlock {
     return this.data.subarray(k * this.capacity, (k + 1) * this.capacity);
   }
 
+  /** Takes all numbers of `n` slots, and no more. */
+  take(data: Int32Array, n: number): void {
+    this.data = data;
+    this.capacity = n;
+    this.count = n;
+  }
+
   /** Makes room for `n` slots. `most` is what the cut will need: all of it is taken at once if `atOnce`. */
   reserve(n: number, most: number, atOnce: boolean): void {
     if (n <= this.capacity) return;

@@ -34,7 +34,7 @@ export function decompressFrame(
 }
 
 /** Checks R-5.10-1 to R-5.10-5, and returns where the blocks begin. */
-function checkFrame(frame: Uint8Array, planes: number, offset: number): number {
+export function checkFrame(frame: Uint8Array, planes: number, offset: number): number {
   const view = viewOf(frame);
   check(frame.length >= 5 && view.getUint32(0, true) === MAGIC, "E_FRAME", offset, "magic number");
   const descriptor = frame[4];

@@ -8,3 +8,5 @@ export { FrameDecompressor } from "./zstd/frame.js";
 export { decompressFrame } from "./frames.js";
 export { addSiblings, siblingsOf, unpackSiblings } from "./siblings.js";
 export { Workspace } from "./workspace.js";
+export { allowWebAssembly, withEngine } from "./compiled/engine.js";
+export { decodeByEngine } from "./decode.js";

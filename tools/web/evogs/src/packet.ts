@@ -81,15 +81,26 @@ export class PacketLists {
   }
 }
 
-/** Reads a packet of size above 0 to R-5.9-9, in the order of 6.1. Throws a StreamError at `offset`. */
-export function parsePacket(
+/** What stands before the frames of a packet. */
+export interface PacketHead {
+  flags: number;
+  layout: ListLayout;
+  coding: Uint8Array;
+  /** Where the planes of each list begin, and bytes of all planes. */
+  starts: Float64Array;
+  total: number;
+  /** Where each frame begins and ends in the packet, and the bytes of its planes, which follow each other. */
+  frames: { from: number; to: number; size: number }[];
+}
+
+/** Reads a packet of size above 0 to R-5.9-8, in the order of 6.1. Throws a StreamError at `offset`. */
+export function parsePacketHead(
   bytes: Uint8Array,
   component: number,
   shDegree: number,
   counts: StepCounts,
   offset: number,
-  workspace: Workspace,
-): PacketLists {
+): PacketHead {
   const nLists = listCount(component, shDegree);
   const entriesAt = HEADER_SIZE + nLists;
   check(bytes.length >= entriesAt, "E_PACKET", offset, "coding bytes are cut short");
@@ -105,20 +116,43 @@ export function parsePacket(
   const { starts, sizes, total } = placePlanes(coding, layout);
   checkEntries(bytes, entriesAt, nFrames, sizes.length, offset);
 
-  const planes = workspace.planes(total);
   const view = viewOf(bytes);
+  const frames: PacketHead["frames"] = [];
   let plane = 0;
-  let at = 0;
   let from = framesAt;
   for (let entry = entriesAt; entry < framesAt; entry += ENTRY_SIZE) {
     const to = from + view.getUint32(entry + 1, true);
     let size = 0;
     for (let k = 0; k < bytes[entry]; k++) size += sizes[plane++];
-    decompressFrame(bytes.subarray(from, to), size, planes, at, offset);
-    at += size;
+    frames.push({ from, to, size });
     from = to;
   }
-  for (let list = 0; list < nLists; list++) {
+  return { flags, layout, coding, starts, total, frames };
+}
+
+/** Reads a packet of size above 0 to R-5.9-9, in the order of 6.1. Throws a StreamError at `offset`. */
+export function parsePacket(
+  bytes: Uint8Array,
+  component: number,
+  shDegree: number,
+  counts: StepCounts,
+  offset: number,
+  workspace: Workspace,
+): PacketLists {
+  const { flags, layout, coding, starts, total, frames } = parsePacketHead(
+    bytes,
+    component,
+    shDegree,
+    counts,
+    offset,
+  );
+  const planes = workspace.planes(total);
+  let at = 0;
+  for (const { from, to, size } of frames) {
+    decompressFrame(bytes.subarray(from, to), size, planes, at, offset);
+    at += size;
+  }
+  for (let list = 0; list < coding.length; list++) {
     const isClean = isLowPlaneClean(coding[list], layout.lengths[list], planes, starts[list]);
     check(isClean, "E_PACKET", offset, "a bit of a low plane that belongs to no integer");
   }

@@ -8,7 +8,7 @@ export const highOf = (coding: number): number => (coding >> 4) & 3;
 export const hasDelta = (coding: number): boolean => (coding & 0x40) !== 0;
 
 /** Whether the low bits share bytes. Otherwise each integer has a byte. */
-const isPacked = (low: number): boolean => low === 1 || low === 2 || low === 4;
+export const isPacked = (low: number): boolean => low === 1 || low === 2 || low === 4;
 
 /** Whether the integers of a list have a plane of a byte each, and no other. */
 export function isPlaneOfBytes(coding: number): boolean {

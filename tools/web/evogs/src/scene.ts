@@ -6,13 +6,12 @@ import type { Cut } from "./cut.js";
 import type { Directory } from "./directory.js";
 import type { SlotRange } from "./dirty.js";
 import { check } from "./faults.js";
-import { PSI_IS_YCOCG, type StepCounts } from "./lists.js";
+import type { StepCounts } from "./lists.js";
 import { CORE, PALETTE, PICKS, channelsOf } from "./model.js";
 import { type PacketLists, parsePacket } from "./packet.js";
 import { applyPicks } from "./picks.js";
-import { applyRefines } from "./refineRun.js";
 import { type StepRecords, planOf, readRecords } from "./records.js";
-import { type Box, DeltaReader, applyAdds, applyDrops, applyPsi } from "./step.js";
+import { type Box, applyAdds, applyDrops, applyPsi } from "./step.js";
 import { TileState } from "./tileState.js";
 import { Workspace } from "./workspace.js";
 
@@ -35,8 +34,6 @@ export class Scene {
   private readonly tiles: (TileState | undefined)[];
   private readonly empty: TileState;
   private readonly workspace = new Workspace();
-  /** Planes of the packets of a run. */
-  private readonly runSpaces: Workspace[] = [];
   /** Records of core packets that a packet of the cut still needs, and how many do. */
   private readonly records = new Map<number, { records: StepRecords; users: number }>();
   /** Tiles with changes that were not taken. */
@@ -86,48 +83,14 @@ export class Scene {
     else this.applyToTile(i, component, lists, counts, offset);
   }
 
-  /**
-   * Applies packets of a chain that only refine, all at once. Those of core that they need were applied.
-   * Throws a StreamError if one has a fault: the scene is then of no use.
-   */
-  applyRun(run: number[], bytes: Uint8Array[]): void {
-    const { header, packets, quantisers, alpha } = this.directory;
-    const component = packets.component[run[0]];
-    const t = packets.tile[run[0]];
-    const tile = this.tile(t);
-    const { nSlots, live, bornFrom } = tile;
-    const { first } = channelsOf(component, header.shDegree);
-    const refines = run.map((i, place) => {
-      const offset = packets.offset[i];
-      const counts = this.countsOf(packets.core[i]);
-      check(crc32(bytes[place]) === packets.crc[i], "E_CRC", offset);
-      this.runSpaces[place] ??= new Workspace();
-      const own = this.runSpaces[place];
-      const lists = parsePacket(bytes[place], component, header.shDegree, counts, offset, own);
-      const label = packets.label[i];
-      const records =
-        component === CORE
-          ? readRecords(lists, counts, label, live, nSlots, alpha, this.workspace, offset)
-          : (this.records.get(packets.core[i])?.records as StepRecords);
-      const { slots } = records;
-      const reader = new DeltaReader(
-        lists,
-        quantisers,
-        this.workspace,
-        first,
-        lists.layout.psi,
-        slots.length,
-        PSI_IS_YCOCG,
-        1 + label,
-        slots,
-        bornFrom,
-        own,
-      );
-      return { slots, reader, records };
-    });
-    const block = tile.block(component);
-    check(applyRefines(block, first, refines, this.boxOf(t, component)), "E_RANGE", packets.offset[run[0]]);
-    run.forEach((i, place) => this.countStep(tile, i, refines[place].records));
+  /** A tile without slots, for `setTile`. */
+  newTile(t: number): TileState {
+    return new TileState(this.planOfTile(t));
+  }
+
+  /** Takes a tile with all of its packets applied. */
+  setTile(t: number, tile: TileState): void {
+    this.tiles[t] = tile;
   }
 
   /** The slots that changed since the last call, in ranges. Gaps of up to `maxGap` slots are taken with them. */
@@ -177,7 +140,7 @@ export class Scene {
   ) {
     const { packets, alpha } = this.directory;
     const t = packets.tile[i];
-    const tile = this.tiles[t] ?? new TileState(this.planOfTile(t));
+    const tile = this.tiles[t] ?? this.newTile(t);
     const { nSlots } = tile;
     const records =
       component === CORE
@@ -210,8 +173,7 @@ export class Scene {
     if (kept && --kept.users === 0) this.records.delete(core[i]);
   }
 
-  private boxOf(t: number, component: number): Box | null {
-    if (component !== CORE) return null;
+  boxOf(t: number): Box {
     const { boxMin, boxMax } = this.directory.tiles;
     return { least: boxMin.subarray(3 * t, 3 * t + 3), most: boxMax.subarray(3 * t, 3 * t + 3) };
   }
@@ -227,7 +189,7 @@ export class Scene {
     const { alpha, quantisers, header } = this.directory;
     const { workspace } = this;
     const { first } = channelsOf(component, header.shDegree);
-    const box = this.boxOf(t, component);
+    const box = component === CORE ? this.boxOf(t) : null;
     const plan = planOf(records, workspace);
     const block = tile.block(component);
     const addsAt = block.count + plan.nSplits;

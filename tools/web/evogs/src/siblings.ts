@@ -7,16 +7,10 @@ const NONE = -1;
 
 /**
  * For each of the `n` records the place of the record whose slot it was born from, or -1.
- * `slots` increase, so that record is an earlier one. The array is one of `own`.
+ * `slots` increase, so that record is an earlier one.
  */
-export function siblingsOf(
-  slots: Int32Array,
-  n: number,
-  bornFrom: Int32Array,
-  workspace: Workspace,
-  own = workspace,
-): Int32Array {
-  const firsts = own.integers(SIBLINGS, n);
+export function siblingsOf(slots: Int32Array, n: number, bornFrom: Int32Array, workspace: Workspace): Int32Array {
+  const firsts = workspace.integers(SIBLINGS, n);
   const places = workspace.integers(PLACES, n > 0 ? slots[n - 1] + 1 : 0);
   for (let i = 0; i < n; i++) {
     const parent = bornFrom[slots[i]];

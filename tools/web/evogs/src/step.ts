@@ -37,8 +37,6 @@ export class DeltaReader {
     /** Of psi: slots by record, and the slots that slots were born from, for lists that have `delta` (7.1). */
     private readonly slots: Int32Array | null = null,
     private readonly bornFrom: Int32Array = NO_INTEGERS,
-    /** Where the places of siblings are kept. */
-    private readonly own = workspace,
   ) {}
 
   /** Delta of channel k of the component; null if all are 0; false if one is out of range. */
@@ -85,7 +83,7 @@ export class DeltaReader {
   }
 
   private siblingPlaces(): Int32Array {
-    this.firsts ??= siblingsOf(this.slots ?? NO_INTEGERS, this.n, this.bornFrom, this.workspace, this.own);
+    this.firsts ??= siblingsOf(this.slots ?? NO_INTEGERS, this.n, this.bornFrom, this.workspace);
     return this.firsts;
   }
 
@@ -97,13 +95,19 @@ export class DeltaReader {
   }
 }
 
-export function columnOf(block: ChannelBlock, k: number, channel: number, box: Box | null): Column {
-  const hasBox = box !== null && channel < 3;
-  return {
-    x: block.room(k),
-    least: hasBox ? box.least[channel] : -MAX_X,
-    most: hasBox ? box.most[channel] : MAX_X,
-  };
+/** The least and the largest number that a channel may have. */
+export interface Range {
+  least: number;
+  most: number;
+}
+
+export function rangeOf(channel: number, box: Box | null): Range {
+  if (box === null || channel >= 3) return { least: -MAX_X, most: MAX_X };
+  return { least: box.least[channel], most: box.most[channel] };
+}
+
+function columnOf(block: ChannelBlock, k: number, channel: number, box: Box | null): Column {
+  return { x: block.room(k), ...rangeOf(channel, box) };
 }
 
 /** Writes adds or entries to the slots from `at` on. False if a number leaves its range. */

@@ -1,0 +1,25 @@
+/** Loops over bytes and integers, for src/compiled/: each is that of src/, for addresses in place of arrays. */
+
+export { crc32 } from "./crc32";
+export { decompress } from "./frame";
+export { areBelow, inverseYcocg, multiply, undelta, unpack, unpackSigned } from "./planes";
+export {
+  addDelta,
+  addSiblings,
+  areAtMost,
+  areProductsWithin,
+  areSlotsWithin,
+  areWithin,
+  clearBytes,
+  clearSlots,
+  copySlots,
+  readSlots,
+  setSlots,
+  siblingsOf,
+  sortRecords,
+  writeSeconds,
+} from "./steps";
+export { gather, gatherFour, mixFour, toFloats } from "./floats";
+
+/** Where memory begins that no kernel has for itself. */
+export const heapBase: usize = __heap_base;
