@@ -34,7 +34,8 @@ function start([command, ...parameters]) {
 const median = (numbers) => numbers.toSorted((a, b) => a - b)[numbers.length >> 1];
 
 /**
- * Median milliseconds of turns that all take one after the other, of the processor and of the wall.
+ * Median milliseconds of turns that all take one after the other, of the processor and of the wall, and the least
+ * of the processor, which other programs disturb less.
  * `first` is that of a process that has decoded nothing before.
  */
 export async function decoding(scenes) {
@@ -53,10 +54,14 @@ export async function decoding(scenes) {
     for (const clock of ["cpu", "wall"]) {
       for (const key of Object.keys(CONTENDERS)) row[`${key}, ${clock}`] = ms(key, clock);
     }
+    const least = (key) => 1000 * Math.min(...(times[key] ?? []).slice(1).map(({ cpu }) => cpu));
+    for (const key of Object.keys(CONTENDERS)) row[`${key}, least cpu`] = times[key] ? least(key) : Number.NaN;
+    for (const clock of ["cpu", "least cpu"]) {
+      row[`to python, ${clock}`] = row[`evogs, ${clock}`] / row[`python, ${clock}`];
+      row[`to spz, ${clock}`] = row[`evogs, ${clock}`] / row[`spz, ${clock}`];
+    }
     rows.push({
       ...row,
-      "to python, cpu": row["evogs, cpu"] / row["python, cpu"],
-      "to spz, cpu": row["evogs, cpu"] / row["spz, cpu"],
       "first, wall": 1000 * times.evogs[0].wall,
     });
   }
