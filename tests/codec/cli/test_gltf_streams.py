@@ -110,4 +110,4 @@ def test_a_page_of_a_stream_in_gltf_has_its_bytes(forms, evogs, tmp_path):
     from evogs_codec.cli.viewer.given import stream_of
 
     name, data = stream_of(forms / "x.glb")
-    assert (name, data) == ("x.glb.evogs", (forms / "scene.evogs").read_bytes())
+    assert (name, data) == ("x.evogs", (forms / "scene.evogs").read_bytes())
