@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cache
+from importlib import import_module
 from itertools import pairwise
 from random import Random
 from typing import TypeVar
@@ -164,10 +165,11 @@ def by_compiled(data: bytes, run: Run) -> Outcome:
 @contextmanager
 def always_compiled() -> Iterator[None]:
     """The reference decoder uses its compiled loops, however small the stream."""
-    from evogs_codec.decoding.compiled import (
-        dispatch,  # fresh vectors need this module, but no codec
-    )
+    # Fresh vectors need this module, but no codec.
+    from evogs_codec.decoding.compiled import dispatch
 
+    with suppress(ImportError):  # numba is an extra
+        import_module(dispatch.KERNELS)
     before, dispatch.MIN_COMPILED = dispatch.MIN_COMPILED, 0
     try:
         yield
