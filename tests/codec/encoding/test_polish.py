@@ -12,7 +12,7 @@ pytest.importorskip("numba", reason="the rasterizer is compiled")
 from conformance.decoders import oracle
 from evogs_codec import PRESETS, decode, lift
 from evogs_codec.cli.commands import main
-from evogs_codec.encoding import polish, targets
+from evogs_codec.encoding import polish, prepared
 from evogs_codec.encoding.polish import polished
 from evogs_codec.encoding.prepared import Prepared
 from evogs_codec.encoding.targets import TargetEncoder
@@ -159,7 +159,7 @@ def test_where_polishing_misses_a_target_the_plain_stream_meets_it(monkeypatch):
     def nothing(tree, *_):
         return replace(tree, tiles=())
 
-    monkeypatch.setattr(targets, "polished", nothing)
+    monkeypatch.setattr(prepared, "polished", nothing)
     assert aim(polish=2).at_psnr(38) == aim().at_psnr(38)
     assert aim(polish=2).at_bytes(12_000) == aim().at_bytes(12_000)
 
