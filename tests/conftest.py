@@ -13,7 +13,6 @@ from hypothesis import HealthCheck, settings
 from evogs_codec import write_ply, write_tree
 from evogs_codec.cli import terminal
 from evogs_codec.cli.commands import main
-from evogs_codec.decoding.compiled import dispatch
 from evogs_codec.render.demo_scene import make_scene
 from tests.support import damage
 from tests.support.examples import N_SEEDED
@@ -31,10 +30,6 @@ settings.register_profile(
 )
 settings.register_profile("random", settings.get_profile("dev"), print_blob=True, database=None)
 settings.load_profile("dev")
-
-# Small streams are decoded by numpy, which names faults, unless a test says otherwise: what loaded
-# the compiled loops before it must not matter.
-dispatch.MIN_COMPILED = 50_000
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 

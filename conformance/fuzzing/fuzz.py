@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib import import_module
 from itertools import pairwise
 from random import Random
 from typing import TypeVar
@@ -165,11 +164,10 @@ def by_compiled(data: bytes, run: Run) -> Outcome:
 @contextmanager
 def always_compiled() -> Iterator[None]:
     """The reference decoder uses its compiled loops, however small the stream."""
-    # Fresh vectors need this module, but no codec.
-    from evogs_codec.decoding.compiled import dispatch
+    from evogs_codec.decoding.compiled import (
+        dispatch,  # fresh vectors need this module, but no codec
+    )
 
-    with suppress(ImportError):  # numba is an extra
-        import_module(dispatch.KERNELS)
     before, dispatch.MIN_COMPILED = dispatch.MIN_COMPILED, 0
     try:
         yield

@@ -27,20 +27,18 @@ if TYPE_CHECKING:
 
 __all__ = ["apply_compiled", "kernels_for", "loaded_kernels"]
 
-MIN_COMPILED = 0  # slots below which numpy decodes, whatever is loaded; tests choose by it
-# Once they are loaded the loops are 8 to 20 times as fast as numpy, whatever the size. Loading them
-# takes 0.5 s, as long as numpy takes for about so many bytes of packets. So a process loads them
-# when it has decoded that much: at worst it takes twice as long as if it had known.
-LOADING = 4 << 20  # bytes
-SLOT = 4  # bytes that a slot counts as, since 2 million of them may come in very few
-STREAM = 60_000  # bytes that a stream counts as, however small it is
+MIN_COMPILED = 50_000  # slots below which numpy is as fast as compiled code
+# Loading it takes 0.5 s. With 8 MB of packets a process that decodes one stream saves as much; a
+# slot counts as 4 bytes, since 2 million slots may come in very few.
+LOADING = 160  # bytes, for each of MIN_COMPILED
+SLOT = 4  # bytes
 KERNELS = "evogs_codec.decoding.compiled.channels"
 MAX_PLANES = 16 << 20  # bytes of planes that are decompressed at a time, if packets allow
 # Of core, each SH band and picks.
 N_CHANNELS = np.array([*(component_channels(k) for k in range(PICKS)), 1])
 
 
-_decoded = 0  # bytes, by numpy, in this process
+_has_decoded = False  # a stream that was large enough: the process may well decode more
 
 
 def kernels_for(n_slots: int, n_bytes: int) -> ModuleType | None:
@@ -50,13 +48,13 @@ def kernels_for(n_slots: int, n_bytes: int) -> ModuleType | None:
         n_slots: that will be made.
         n_bytes: of the packets that make them.
     """
-    global _decoded
+    global _has_decoded
     if n_slots < MIN_COMPILED:
         return None
-    if loaded_kernels(n_slots) is None:
-        _decoded += STREAM + n_bytes + SLOT * n_slots
-        if _decoded < LOADING:
-            return None
+    is_first, _has_decoded = not _has_decoded, True
+    is_small = n_bytes + SLOT * n_slots < LOADING * MIN_COMPILED
+    if is_first and is_small and loaded_kernels(n_slots) is None:
+        return None
     try:
         from evogs_codec.decoding.compiled import channels
     except ImportError:  # numba is an extra

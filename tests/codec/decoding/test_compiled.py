@@ -1,6 +1,7 @@
 """The compiled loops against numpy on whole streams, lists and floats: the same results."""
 
 import random
+import sys
 
 import numpy as np
 import pytest
@@ -34,18 +35,18 @@ SEEDS = st.integers(0, 2**32)
 # --- when they are used ---------------------------------------------------------------------------
 
 
-def test_compiled_loops_are_loaded_when_numpy_has_decoded_enough(monkeypatch):
-    monkeypatch.setattr(dispatch, "MIN_COMPILED", ALWAYS)
+def test_compiled_loops_are_loaded_for_a_large_stream_or_the_second_of_a_process(monkeypatch):
+    n = dispatch.MIN_COMPILED
 
     def found(*streams):
-        monkeypatch.setattr(dispatch, "_decoded", 0)
+        monkeypatch.setattr(dispatch, "_has_decoded", False)
         return [dispatch.kernels_for(n_slots, n_bytes) for n_slots, n_bytes in streams]
 
-    assert found((0, 0)) == [kernels]  # somebody loaded them
-    monkeypatch.setattr(dispatch, "loaded_kernels", lambda _n_slots: None)
-    assert found((0, 2 << 20), (0, 2 << 20)) == [None, kernels]
-    assert found((0, 5 << 20)) == found((2_000_000, 0)) == [kernels]
-    assert found(*[(500, 10_000)] * 100).index(kernels) == 58
+    assert found((n, 0)) == [kernels]  # somebody loaded them
+    monkeypatch.delitem(sys.modules, dispatch.KERNELS)
+    assert dispatch.loaded_kernels(n) is None
+    assert found((n - 1, 1 << 30), (n, 0), (n, 0)) == [None, None, kernels]
+    assert found((n, 8 << 20)) == found((2_000_000, 0)) == [kernels]
 
 
 # --- whole streams --------------------------------------------------------------------------------
