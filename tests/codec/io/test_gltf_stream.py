@@ -6,9 +6,8 @@ Letters of frames are those of `evogs_codec.io.interchange.frames`.
 import json
 import random
 import struct
-import tracemalloc
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -28,7 +27,10 @@ from evogs_codec.format.write_directory import rebuild_directory
 from evogs_codec.io.interchange import gltf_stream
 from evogs_codec.io.interchange.gltf_stream import EXTENSION, KHR
 from tests.support import damaged_files as damage
+from tests.support import scene_files
 from tests.support.odd_scenes import covariances, odd_scene
+
+refusal = partial(scene_files.refusal, peak=100 << 20)
 
 FORMS = ("x.glb", "x.gltf", "fallback.glb", "fallback.gltf")
 
@@ -176,18 +178,6 @@ def written(folder, root, payload):
     return folder / "y.gltf"
 
 
-def refusal(path, peak=100 << 20):
-    tracemalloc.start()
-    try:
-        with pytest.raises(InputError) as refused:
-            read_scene(path)
-        assert tracemalloc.get_traced_memory()[1] < peak
-    finally:
-        tracemalloc.stop()
-    assert str(refused.value).isprintable()
-    return str(refused.value)
-
-
 def test_what_is_said_of_a_stream_is_not_believed(folder, tmp_path):
     data = (folder / "x y.evogs").read_bytes()
     cases = [
@@ -263,7 +253,7 @@ def test_one_stream_at_many_nodes_is_refused_before_memory_is_full(folder, tmp_p
     root["scenes"] = [{"nodes": list(range(9000))}]
     root["meshes"][0]["primitives"] *= 20
     path = written(tmp_path, root, (folder / "x y.evogs").read_bytes())
-    assert "more than 50 times" in refusal(path, 300 << 20)
+    assert "more than 50 times" in refusal(path, peak=300 << 20)
 
 
 def test_a_stream_that_says_it_has_very_many_splats_is_refused(folder, monkeypatch):
