@@ -137,7 +137,8 @@ def check_folder(folder: Path) -> None:
     if not parent.is_dir():
         raise FileNotFoundError(2, "its folder does not exist: make it first", str(folder))
     if not os.access(parent, os.W_OK):
-        raise PermissionError(13, "its folder may not be written to: name another output", str(folder))
+        said = "its folder may not be written to: name another output"
+        raise PermissionError(13, said, str(folder))
 
 
 def _check_place(options: TilesetOptions) -> None:
