@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.common.morton import morton_order
+from evogs_codec.encoding.mends import only_refines
 from evogs_codec.encoding.tiling import tiles_of_slots
 from evogs_codec.encoding.visibility import changes, ranks, visibility
 from evogs_codec.model.splats import F64, I32, I64
@@ -99,7 +100,7 @@ def _groups(steps: Sequence[Step]) -> Iterator[list[Step]]:
     group: list[Step] = []
     written, n_slots = np.zeros(sum(step.n_new for step in steps), bool), 0
     for step in steps:
-        mends = bool(group) and step.level == group[0].level and _only_refines(step)
+        mends = bool(group) and step.level == group[0].level and only_refines(step)
         if not (mends and written[step.slots].all()):
             if group:
                 yield group
@@ -118,13 +119,9 @@ def _adds_before_refines(steps: Sequence[Step]) -> list[Step]:
     out = list(steps)
     for k in range(len(out) - 1):
         first, then = out[k : k + 2]
-        if _only_refines(first) and not len(then.slots) and first.level == then.level:
+        if only_refines(first) and not len(then.slots) and first.level == then.level:
             out[k : k + 2] = [then, first]
     return out
-
-
-def _only_refines(step: Step) -> bool:
-    return not step.n_new and bool(np.all(step.kinds == Kind.REFINE))
 
 
 class _TileBuilder:

@@ -14,13 +14,15 @@ from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
+import numpy.typing as npt
 
+from evogs_codec.encoding.mends import mends
 from evogs_codec.encoding.sensitivity import StepWeights
 from evogs_codec.model.channels import GROUP_CHANNELS, N_GROUPS
 from evogs_codec.model.hiding import hiding
 from evogs_codec.model.siblings import Siblings
 from evogs_codec.model.splats import F64, I32, I64
-from evogs_codec.model.tree import EvolutionTree, Kind, Slots, Step
+from evogs_codec.model.tree import EvolutionTree, Kind, Step, take_picks
 
 __all__ = ["Run", "held"]
 
@@ -59,12 +61,22 @@ def held(
     """A tile with these runs held back, and the weights of its steps.
 
     The state after each run is that of the tile. Steps that only make room have no weights: their
-    numbers are coded as they are.
+    numbers are coded as they are. Of a run whose first step is a mend only the splats that it mends
+    are held back, until the next level has begun: the others are as good without.
     """
-    for run in runs:
+    for run in sorted(runs, key=lambda run: run.first, reverse=True):  # rows of others stay
         rows = run.rows(tile)
-        if len(rows) > 1 and all(_splits_or_refines(tile.steps[row]) for row in rows):
-            tile, weights = _with_run(tile, weights, int(rows[0]), int(rows[-1]) + 1)
+        if not len(rows):
+            continue
+        begin, end = int(rows[0]), int(rows[-1]) + 1
+        is_held = np.ones(sum(step.n_new for step in tile.steps), bool)
+        if mends(tile)[begin]:
+            is_held[:] = False
+            is_held[tile.steps[begin].slots] = True
+            next_level = sum(step.level <= tile.steps[begin].level for step in tile.steps)
+            end = min(max(end, next_level + 1), len(tile.steps))
+        if end - begin > 1 and all(map(_splits_or_refines, tile.steps[begin:end])):
+            tile, weights = _with_run(tile, weights, begin, end, is_held)
     return tile, tuple(weights)
 
 
@@ -73,53 +85,93 @@ def _splits_or_refines(step: Step) -> bool:
 
 
 def _with_run(
-    tile: EvolutionTree, weights: Weights, begin: int, end: int
+    tile: EvolutionTree, weights: Weights, begin: int, end: int, is_held: npt.NDArray[np.bool_]
 ) -> tuple[EvolutionTree, Weights]:
-    """With the steps from `begin` to `end` held back."""
+    """With these slots (n,), and those that come from them, held back from `begin` to `end`."""
     run = tile.steps[begin:end]
     (*_, goal) = islice(tile.states(), end)
     goal = replace(goal, values=goal.values.copy())
-    before = replace(tile, steps=tile.steps[:begin])
-    rooms = list(_rooms(before, run))
-    roomy = replace(tile, steps=(*before.steps, *rooms))
-    (*_, state) = roomy.states()
-    slots = np.unique(np.concatenate([_written(step, n) for step, n in _counted(tile, begin, end)]))
+    held_run = list(_held_run(tile, begin, end, weights, is_held))
+    held_back = replace(tile, steps=(*tile.steps[:begin], *(step for step, _ in held_run)))
+    (*_, state) = held_back.states()
+    written = np.concatenate([_written(step, n) for step, n in _counted(tile, begin, end)])
+    slots = np.unique(written[is_held[written]])
     refine = replace(
         Step.of_refines(run[-1].level, slots, goal.values[:, slots] - state.values[:, slots]),
         changed_picks=goal.picks[slots] if tile.palette is not None else goal.picks[:0],
     )
-    own = _weights_of(tile, weights, begin, end, slots)
-    steps = (*roomy.steps, refine, *tile.steps[end:])
-    return replace(tile, steps=steps), (
-        *weights[:begin],
-        *(None for _ in rooms),
-        own,
-        *weights[end:],
-    )
+    of_refine = _weights_of(tile, weights, begin, end, slots)
+    own = (*weights[:begin], *(own for _, own in held_run), of_refine, *weights[end:])
+    return replace(tile, steps=(*held_back.steps, refine, *tile.steps[end:])), own
 
 
-def _rooms(before: EvolutionTree, run: Sequence[Step]) -> Iterator[Step]:
-    """Splits as of the run, after which pictures are those of before."""
-    values, picks = _last(before)
-    for step in run:
-        slots = step.slots[step.kinds == Kind.SPLIT]
-        if not len(slots):
+def _held_run(
+    tile: EvolutionTree, begin: int, end: int, weights: Weights, is_held: npt.NDArray[np.bool_]
+) -> Iterator[tuple[Step, StepWeights | None]]:
+    """The steps from `begin` to `end` where held slots (n,) only make room: pictures of them stay.
+
+    Slots that come from these are marked too.
+    """
+    born_from, _ = tile.lineage()
+    opacity, picks = np.zeros(len(is_held)), np.zeros(len(is_held), np.int32)
+    for state in islice(tile.states(), begin):
+        n = len(state.live)
+    opacity[:n] = state.values[_OPACITY]
+    if tile.palette is not None:
+        picks[:n] = state.picks
+    for step, own in zip(tile.steps[begin:end], weights[begin:end], strict=True):
+        kept = (step.kinds == Kind.SPLIT) | ~is_held[step.slots]
+        if not kept.any():
             continue
-        psi = np.zeros((len(step.psi), len(slots)))
-        psi[_OPACITY] = hiding(values[_OPACITY, slots])
-        room = Step.of_splits(step.level, slots, psi, np.tile(np.array(ALPHAS), len(slots)))
-        yield replace(room, picks=picks[slots]) if before.palette is not None else room
-        seconds = values[:, slots]
-        values[:, slots] += room.psi
-        values = np.concatenate([values, seconds], axis=1)
-        picks = np.concatenate([picks, picks[slots]])
+        if not kept.all():
+            step, own = _some_of(step, own, kept, born_from)
+        rooms, splits = is_held[step.slots], step.kinds == Kind.SPLIT
+        if rooms.any():
+            step = _with_rooms(step, rooms, opacity, picks)
+            own = None if rooms.all() else own
+        parents = opacity[step.slots]
+        opacity[step.slots] += step.psi[_OPACITY]
+        new = slice(n, n + step.n_new)
+        opacity[new] = parents[splits] - step.alpha[3] * step.psi[_OPACITY, splits]
+        is_held[new] = rooms[splits]
+        take_picks(step, picks, n)
+        n = new.stop
+        yield step, own
 
 
-def _last(tree: EvolutionTree) -> tuple[F64, I32]:
-    """Values (D, n) and picks (n,) of the slots after all steps of a tree, copied."""
-    state: Slots
-    (*_, state) = tree.states()
-    return state.values.copy(), state.picks.copy()
+def _some_of(
+    step: Step, own: StepWeights | None, kept: npt.NDArray[np.bool_], born_from: I64
+) -> tuple[Step, StepWeights | None]:
+    """A step without some of its refines, and its weights; `kept` (R,) are the others."""
+    slots, changed = step.slots[kept], step.changed_picks
+    some = replace(
+        step,
+        slots=slots,
+        kinds=step.kinds[kept],
+        psi=step.psi[:, kept],
+        changed_picks=changed[kept] if len(changed) else changed,
+    )
+    if own is None:
+        return some, None
+    siblings = own.siblings and Siblings.of(slots, born_from)
+    return some, replace(own, targets=own.targets[:, kept], siblings=siblings)
+
+
+def _with_rooms(step: Step, rooms: npt.NDArray[np.bool_], opacity: F64, picks: I32) -> Step:
+    """The step whose splits `rooms` (R,) only make room; slots have (n,) opacities and picks."""
+    psi, alpha = step.psi.copy(), step.alpha.copy()
+    of_splits = rooms[step.kinds == Kind.SPLIT]
+    psi[:, rooms] = 0
+    psi[_OPACITY, rooms] = hiding(opacity[step.slots[rooms]])
+    alpha[:, of_splits] = ALPHAS
+    found = replace(step, psi=psi, alpha=alpha)
+    if not len(step.picks):
+        return found
+    new, changed = step.picks.copy(), step.changed_picks.copy()
+    new[of_splits] = picks[step.slots[rooms]]
+    if len(changed):
+        changed[rooms] = picks[step.slots[rooms]]
+    return replace(found, picks=new, changed_picks=changed)
 
 
 def _counted(tile: EvolutionTree, begin: int, end: int) -> Iterator[tuple[Step, int]]:

@@ -6,7 +6,7 @@ beside what: estimates (`packet_gains`) are right within a level, but five times
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Protocol, runtime_checkable
@@ -53,10 +53,13 @@ class MeasuredGains:
         levels: (n_levels,) by the level after the one before, or after nothing, with all SH.
         bands: (degree,) by SH bands 1.., of the last level, after the bands below; with a palette
             (1,), by all of them together.
+        bands_of_levels: (n_levels,) by all SH bands of a level, after those of the level before:
+            of the last splats, that have no other SH than their ancestors of that level.
     """
 
     levels: F64
     bands: F64
+    bands_of_levels: F64
 
     @staticmethod
     def of(
@@ -75,9 +78,12 @@ class MeasuredGains:
             shown = [pictures.psnr(cut) for cut in (nothing_of(leaves), *coarse)]
         degrees = range(tree.sh_degree if tree.palette is None else 1)
         plain = [replace(leaves, sh=leaves.sh[:, : (k + 1) ** 2]) for k in degrees]
+        bands = [pictures.psnr(cut) for cut in plain]
+        early = [pictures.psnr(replace(leaves, sh=sh)) for sh in _early_sh(tree)] if bands else []
         return MeasuredGains(
             -np.diff(_errors(shown)),
-            -np.diff(_errors([pictures.psnr(cut) for cut in plain])),
+            -np.diff(_errors(bands)),
+            -np.diff(_errors([*bands[:1], *early])) if bands else np.zeros(tree.n_levels),
         )
 
     def rescale(self, tree: CodedTree) -> CodedTree:
@@ -95,8 +101,7 @@ class MeasuredGains:
         factors = np.ones_like(estimated)
         estimated = estimated[:n_levels]
         factors[:n_levels, 0] = np.maximum(self.levels, LEAST) / np.maximum(estimated[:, 0], LEAST)
-        of_bands = np.maximum(estimated[:, 1:].sum(0), LEAST)
-        factors[:n_levels, 1:] = np.maximum(self.bands, LEAST) / of_bands
+        factors[:n_levels, 1:] = _shared_out(estimated[:, 1:], self.bands_of_levels, self.bands)
         tiles = []
         for tile in tree.tiles:
             steps = [
@@ -110,6 +115,37 @@ class MeasuredGains:
 def nothing_of(splats: SplatParams) -> SplatParams:
     """None of the splats."""
     return splats.take(np.zeros(0, np.int64))
+
+
+def _early_sh(tree: EvolutionTree) -> Iterator[F32]:
+    """(N, K, 3) SH of the leaves, per level but the last.
+
+    Bands from 1 on are those of their ancestors of the level, 0 where there are none yet.
+    """
+    born_from, live = tree.lineage()
+    leaves, sh = np.flatnonzero(live), tree.leaves().sh
+    states, state = tree.states(), None
+    for level in range(tree.n_levels - 1):
+        n_steps = sum(step.level == level for step in tree.steps)
+        state = next(islice(states, n_steps - 1, None)) if n_steps else state
+        early = np.zeros_like(sh)
+        if state is not None:
+            ancestors = leaves.copy()
+            n_slots = len(state.live)
+            while (late := ancestors >= n_slots).any():
+                ancestors[late] = born_from[ancestors[late]]
+            found = ancestors >= 0
+            bands = state.bands_of(ancestors[found])
+            early[found, 1:] = bands.T.reshape(bands.shape[1], sh.shape[1] - 1, 3)
+        early[:, 0] = sh[:, 0]
+        yield early
+
+
+def _shared_out(estimated: F64, rows: F64, columns: F64) -> F64:
+    """Factors (n, m) of estimates (n, m) with the sums `columns` (m,), nearly, and `rows` (n,)."""
+    by_column = np.maximum(columns, LEAST) / np.maximum(estimated.sum(0), LEAST)
+    of_rows = (estimated * by_column).sum(1)
+    return np.outer(np.maximum(rows, LEAST) / np.maximum(of_rows, LEAST), by_column)
 
 
 def _errors(decibels: Sequence[float]) -> list[float]:

@@ -20,7 +20,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from evogs_codec.model.channels import GROUP_CHANNELS, N_GROUPS, n_channels
+from evogs_codec.model.channels import GROUP_CHANNELS, N_CORE, N_GROUPS, n_channels
 from evogs_codec.model.components import Components
 from evogs_codec.model.splats import F32, F64, I32, I64, U8, SplatParams
 
@@ -165,6 +165,12 @@ class Slots:
         if self.palette is not None:
             values = np.concatenate([values, self.palette.sh_of(self.picks[self.live])])
         return SplatParams.from_channels(values)
+
+    def bands_of(self, slots: I64) -> F64 | F32:
+        """(C, n) SH above band 0 of these slots (n,), a row per channel from 14 on."""
+        if self.palette is not None:
+            return self.palette.sh_of(self.picks[slots])
+        return self.values[N_CORE:, slots]
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 __all__ = ["steady"]
 
 SAME = 0.03  # dB that no view of states that look the same differs by
-# A state is better by so many dB, and by so many standard errors of the mean of so many views:
-# other views than these are to find it better too.
-RISE, DOUBT, JUDGES = 0.02, 1.0, 6
+# A state falls if it may be worse by so many dB on so many other views: beside the mean, so many
+# standard errors count.
+FALL, DOUBT, JUDGES = 0.05, 1.0, 6
 FELL = 0.02  # dB by which a state looks worse on a few views: then more are asked
 GAIN = 0.5  # dB that all coarse splats look better than those of level 0, at least
 FINER, LEAST_RATIO = 4.0, 2.0  # of the price of a bit, from a layer to the next
@@ -63,10 +63,10 @@ class _State:
         """Whether it looks the same."""
         return bool(np.abs(self.decibels - other.decibels).max() <= SAME)
 
-    def is_above(self, other: _State) -> bool:
-        """Whether it looks better, also on `JUDGES` other views; or the same on all."""
+    def keeps_up_with(self, other: _State) -> bool:
+        """Whether it is no fall after another one, also on `JUDGES` other views."""
         by = self.decibels - other.decibels
-        return self.is_like(other) or bool(by.mean() >= RISE + DOUBT * by.std() / math.sqrt(JUDGES))
+        return self.is_like(other) or bool(by.mean() + FALL >= DOUBT * by.std() / math.sqrt(JUDGES))
 
 
 def steady(found: FoundStream, request: Request) -> bytes:
@@ -199,10 +199,11 @@ def _runs(states: Sequence[_State]) -> tuple[list[Run], bool]:
     if len(states) < 2:
         return [], False
     last = states[-1]
-    shown = [0]
+    shown, best = [0], states[0]
     for k, state in enumerate(states[1:-1], start=1):
-        if state.is_above(states[shown[-1]]) and last.is_above(state):
+        if state.keeps_up_with(best) and last.keeps_up_with(state):
             shown.append(k)
+            best = max(best, state, key=lambda state: state.mean)
     shown.append(len(states) - 1)
     runs = [
         Run(states[before + 1].place, states[after].place)

@@ -12,9 +12,11 @@ pytest.importorskip("numba", reason="the rasterizer is compiled")
 from evogs_codec import lift
 from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.held_steps import Run, held
+from evogs_codec.encoding.mends import mends
 from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.lifting.lift import lift_with_order
 from evogs_codec.lifting.shared_sh import with_palette
+from evogs_codec.model.splats import SplatParams
 from evogs_codec.model.tree import EvolutionTree, Kind
 from evogs_codec.render import cameras_around, psnr, render
 from evogs_codec.render.demo_scene import make_scene
@@ -24,7 +26,7 @@ RUNS = {
     "a level": Run((1, 0), (1, 9)),
     "two levels": Run((2, 0), (3, 9)),
     "all levels but the first": Run((1, 0), (4, 9)),
-    "steps of a level and of the next": Run((2, 1), (3, 0)),
+    "steps of a level and of the next": Run((2, 0), (3, 0)),
 }
 
 
@@ -36,6 +38,11 @@ def flat(splats):
 def tile_and_weights(tree):
     (tile,) = arrange(tree, 1)
     return tile, Importance.of([tile], tree.n_levels, flat).weights[0]
+
+
+def state_after(tile, n_steps):
+    """(D, n) values of the slots."""
+    return next(islice(tile.states(), n_steps - 1, None)).values.copy()
 
 
 def after(tile, n_steps):
@@ -80,6 +87,46 @@ def test_pictures_stay_as_they_were_until_the_last_step_of_a_run(run):
     weights_of_last = own[rooms[-1] + 1]
     assert weights_of_last is not None
     assert weights_of_last.targets.shape[1] == len(last.slots)
+
+
+def test_of_a_run_that_begins_with_a_mend_only_what_it_mends_waits_for_the_next_level():
+    tile, weights = tile_and_weights(lift(SPLATS))
+    begin = mends(tile).index(True)
+    level = tile.steps[begin].level
+    place = level, sum(step.level == level for step in tile.steps[:begin])
+    end = 1 + next(k for k, step in enumerate(tile.steps) if step.level > level)
+    found, own = held(tile, weights, [Run(place, place)])
+    assert len(found.steps) == len(tile.steps)  # without the mend, and with a refine
+    assert all(weights_of is not None for weights_of in own)
+
+    born_from, _ = tile.lineage()
+    waits = np.isin(np.arange(len(born_from)), tile.steps[begin].slots)
+    for slot, parent in enumerate(born_from):
+        waits[slot] |= parent >= 0 and waits[parent]
+    assert 0 < np.count_nonzero(waits) < len(waits) / 2
+
+    before, right, split = (
+        state_after(*of) for of in ((tile, begin), (tile, end), (found, end - 1))
+    )
+    waits = waits[: right.shape[1]]
+    np.testing.assert_allclose(split[:, ~waits], right[:, ~waits], atol=1e-5)
+    camera = cameras_around(SPLATS, size=64, n=1)[0]
+    pictures = [
+        render(SplatParams.from_channels(some), camera, (1.0, 1.0, 1.0))
+        for some in (before[:, waits[: before.shape[1]]], split[:, waits])
+    ]
+    assert psnr(*pictures) > 50
+    np.testing.assert_allclose(state_after(found, end), right, atol=1e-4)
+
+
+def test_runs_are_places_of_the_tile_as_it_was():
+    tile, weights = tile_and_weights(lift(SPLATS))
+    first, second = Run((1, 0), (2, 0)), Run((2, 1), (3, 0))
+    by_turns = held(*held(tile, weights, [second]), [first])
+    for runs in ([first, second], [second, first]):
+        together, _ = held(tile, weights, runs)
+        assert [step.level for step in together.steps] == [s.level for s in by_turns[0].steps]
+        np.testing.assert_array_equal(together.leaves().channels(), by_turns[0].leaves().channels())
 
 
 def test_a_run_over_steps_that_are_held_back_already_holds_all_back():

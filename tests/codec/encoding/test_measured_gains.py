@@ -11,6 +11,8 @@ from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.measured_gains import MeasuredGains
 from evogs_codec.encoding.packet_order import leaf_shares
 from evogs_codec.encoding.quantise import quantise
+from evogs_codec.lifting.lift import lift_with_order
+from evogs_codec.lifting.shared_sh import with_palette
 from evogs_codec.render import cameras_around
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.views import Views
@@ -50,6 +52,37 @@ def test_gains_of_levels_and_bands_add_up_to_what_pictures_show(tree, views, n_t
     assert found[0, 0] == pytest.approx(error(views, leaves.take([])) - left[0])
     without = error(views, replace(leaves, sh=leaves.sh[:, :1]))
     assert found[:, 1:].sum() == pytest.approx(without)
+
+
+def test_bands_gain_where_their_level_shows_more_than_its_ancestors(tree, views):
+    measured = MeasuredGains.of(tree, views)
+    leaves = tree.leaves()
+    without = error(views, replace(leaves, sh=leaves.sh[:, :1]))
+    assert measured.bands_of_levels.sum() == pytest.approx(without)
+    # Of level 0 all leaves have the SH of the roots they come from.
+    born_from, live = tree.lineage()
+    n_roots = tree.steps[0].n_new
+    roots = np.arange(len(born_from))
+    while (roots >= n_roots).any():
+        roots = np.where(roots >= n_roots, born_from[roots], roots)
+    sh = leaves.sh.copy()
+    sh[:, 1:] = tree.leaves(0).sh[roots[live], 1:]
+    gain = without - error(views, replace(leaves, sh=sh))
+    assert measured.bands_of_levels[0] == pytest.approx(gain)
+
+
+@pytest.mark.parametrize("with_entries", [False, True])
+def test_bands_that_all_splats_share_gain_at_level_0(with_entries):
+    scene = make_scene(600)
+    sh = scene.sh.copy()
+    sh[:, 1:] = sh[0, 1:] + np.float32(0.2)
+    scene = replace(scene, sh=sh)
+    lifted = lift_with_order(scene, 3)
+    tree = with_palette(lifted, scene) if with_entries else lifted.tree
+    views = Views(scene, cameras_around(scene, "z", 60, n=3))
+    gains = MeasuredGains.of(tree, views).bands_of_levels
+    assert len(gains) == tree.n_levels
+    assert abs(gains[1:]).sum() < 0.01 * gains[0]
 
 
 def test_what_pictures_have_told_already_is_not_drawn_again(tree, views):
