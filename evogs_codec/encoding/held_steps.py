@@ -24,7 +24,7 @@ from evogs_codec.model.siblings import Siblings
 from evogs_codec.model.splats import F64, I32, I64
 from evogs_codec.model.tree import EvolutionTree, Kind, Step, take_picks
 
-__all__ = ["Run", "held"]
+__all__ = ["Run", "held", "rooms", "splits_or_refines"]
 
 # Of a split that only makes room; rotation has alpha 0 in lifted trees, position and SH have 1.
 ALPHAS = ((1.0,), (0.0,), (0.0,), (0.0,), (1.0,))
@@ -75,13 +75,24 @@ def held(
             is_held[tile.steps[begin].slots] = True
             next_level = sum(step.level <= tile.steps[begin].level for step in tile.steps)
             end = min(max(end, next_level + 1), len(tile.steps))
-        if end - begin > 1 and all(map(_splits_or_refines, tile.steps[begin:end])):
+        if end - begin > 1 and all(map(splits_or_refines, tile.steps[begin:end])):
             tile, weights = _with_run(tile, weights, begin, end, is_held)
     return tile, tuple(weights)
 
 
-def _splits_or_refines(step: Step) -> bool:
+def splits_or_refines(step: Step) -> bool:
+    """Whether a step neither adds nor drops."""
     return not step.n_adds and not np.any(step.kinds == Kind.DROP)
+
+
+def rooms(tile: EvolutionTree, begin: int) -> list[Step]:
+    """The steps of a tile from `begin` on, all splits or refines, in which splits only make room.
+
+    Pictures stay as they were before, and slots are those that the steps make.
+    """
+    is_held = np.ones(sum(step.n_new for step in tile.steps), bool)
+    weights = (None,) * len(tile.steps)
+    return [step for step, _ in _held_run(tile, begin, len(tile.steps), weights, is_held)]
 
 
 def _with_run(
@@ -114,8 +125,8 @@ def _held_run(
     """
     born_from, _ = tile.lineage()
     opacity, picks = np.zeros(len(is_held)), np.zeros(len(is_held), np.int32)
-    for state in islice(tile.states(), begin):
-        n = len(state.live)
+    (*_, state) = islice(tile.states(), begin)
+    n = len(state.live)
     opacity[:n] = state.values[_OPACITY]
     if tile.palette is not None:
         picks[:n] = state.picks
@@ -125,15 +136,15 @@ def _held_run(
             continue
         if not kept.all():
             step, own = _some_of(step, own, kept, born_from)
-        rooms, splits = is_held[step.slots], step.kinds == Kind.SPLIT
-        if rooms.any():
-            step = _with_rooms(step, rooms, opacity, picks)
-            own = None if rooms.all() else own
+        is_room, splits = is_held[step.slots], step.kinds == Kind.SPLIT
+        if is_room.any():
+            step = _with_rooms(step, is_room, opacity, picks)
+            own = None if is_room.all() else own
         parents = opacity[step.slots]
         opacity[step.slots] += step.psi[_OPACITY]
         new = slice(n, n + step.n_new)
         opacity[new] = parents[splits] - step.alpha[3] * step.psi[_OPACITY, splits]
-        is_held[new] = rooms[splits]
+        is_held[new] = is_room[splits]
         take_picks(step, picks, n)
         n = new.stop
         yield step, own
@@ -157,20 +168,20 @@ def _some_of(
     return some, replace(own, targets=own.targets[:, kept], siblings=siblings)
 
 
-def _with_rooms(step: Step, rooms: npt.NDArray[np.bool_], opacity: F64, picks: I32) -> Step:
-    """The step whose splits `rooms` (R,) only make room; slots have (n,) opacities and picks."""
+def _with_rooms(step: Step, is_room: npt.NDArray[np.bool_], opacity: F64, picks: I32) -> Step:
+    """The step whose splits `is_room` (R,) only make room; slots have (n,) opacities and picks."""
     psi, alpha = step.psi.copy(), step.alpha.copy()
-    of_splits = rooms[step.kinds == Kind.SPLIT]
-    psi[:, rooms] = 0
-    psi[_OPACITY, rooms] = hiding(opacity[step.slots[rooms]])
+    of_splits = is_room[step.kinds == Kind.SPLIT]
+    psi[:, is_room] = 0
+    psi[_OPACITY, is_room] = hiding(opacity[step.slots[is_room]])
     alpha[:, of_splits] = ALPHAS
     found = replace(step, psi=psi, alpha=alpha)
     if not len(step.picks):
         return found
     new, changed = step.picks.copy(), step.changed_picks.copy()
-    new[of_splits] = picks[step.slots[rooms]]
+    new[of_splits] = picks[step.slots[is_room]]
     if len(changed):
-        changed[rooms] = picks[step.slots[rooms]]
+        changed[is_room] = picks[step.slots[is_room]]
     return replace(found, picks=new, changed_picks=changed)
 
 

@@ -14,11 +14,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from evogs_codec.encoding.late_level import LateLevel, can_be_late
 from evogs_codec.encoding.packet_order import leaf_shares
 from evogs_codec.encoding.sensitivity import Importance, StepWeights
 from evogs_codec.errors import InputError
 from evogs_codec.format.write_directory import MAX_LEVELS
-from evogs_codec.model.channels import N_GROUPS, channel_class, group_of_class, n_channels
+from evogs_codec.model.channels import (
+    GROUP_CHANNELS,
+    N_GROUPS,
+    channel_class,
+    group_of_class,
+    n_channels,
+)
 from evogs_codec.model.coded_tree import CodedStep, CodedTree
 from evogs_codec.model.components import PICKS, component_slice
 from evogs_codec.model.siblings import Siblings
@@ -48,6 +55,8 @@ class Layered:
         leaves: (n_parts,) per tile, rows of the tile's leaves that each step of a layer refines.
         siblings: (n_parts,) per tile, of these leaves.
         ratio: of the price of a bit, from a layer to the next.
+        rooms: per tile, steps before those of the layers that only make room: of the last level of
+            the tree, if it comes late (`late_level`), as the first level of the second layer.
     """
 
     tiles: Sequence[EvolutionTree]
@@ -56,7 +65,8 @@ class Layered:
     importance: Importance
     leaves: Sequence[Sequence[I64]]
     siblings: Sequence[Sequence[Siblings]]
-    ratio: float = RATIO
+    ratio: float
+    rooms: Sequence[int]
 
     @staticmethod
     def of(
@@ -65,18 +75,29 @@ class Layered:
         importance: Importance,
         n_layers: int,
         ratio: float = RATIO,
+        *,
+        is_late: bool = False,
     ) -> Layered:
-        """`n_layers` layers, at least 1; those after the first refine the most important first."""
-        found, parts, siblings = [], [], []
+        """`n_layers` layers, at least 1; those after the first refine the most important first.
+
+        The last level of the tree may come late, if it can and there are several layers.
+        """
+        is_late = is_late and n_layers > 1 and can_be_late(tiles, n_levels)
+        n_coarse = n_levels - is_late
+        levels = range(n_coarse, n_coarse + n_layers - 1)
+        found, parts, siblings, rooms = [], [], [], []
         for tile, weights in zip(tiles, importance.leaves, strict=True):
             slots, born_from, ancestors = _leaves_of(tile)
             rows = _parts(weights, ancestors)
-            steps = _steps(tile, slots, rows, range(n_levels, n_levels + n_layers - 1))
-            found.append(replace(tile, steps=(*tile.steps, *steps)))
+            late = LateLevel.of(tile, n_coarse) if is_late and tile.steps else None
+            coarse = tile if late is None else late.tile
+            steps = _steps(coarse, slots, rows, levels, late)
+            found.append(replace(coarse, steps=(*coarse.steps, *steps)))
             parts.append(rows)
             siblings.append([Siblings.of(slots[part], born_from) for part in rows])
-        n_all = n_levels + n_layers - 1
-        return Layered(found, n_all, n_levels, importance, parts, siblings, ratio)
+            rooms.append(0 if late is None else late.n_rooms)
+        n_all = n_coarse + n_layers - 1
+        return Layered(found, n_all, n_coarse, importance, parts, siblings, ratio, rooms)
 
     def prices(self, price: float) -> list[float]:
         """Of a bit, per layer; the last has `price`."""
@@ -90,7 +111,7 @@ class Layered:
         them: what a coarse step of that level leaves is then a whole number of the finer ones.
         """
         first, *others = self.prices(price)
-        table = self.importance.steps(first, extent)
+        table = self.importance.steps(first, extent)[: 1 + self.n_coarse]
         rows = [table]
         for other in others:
             wanted = self.importance.steps_of_leaves(other, extent) / FINER
@@ -110,7 +131,8 @@ class Layered:
         leaves = [self.importance.raised_leaves(price / part, extent) for part in parts[1:]]
         found: list[list[StepWeights | None]] = []
         for number, rows in enumerate(self.leaves):
-            own = [w and w.times(first) for w in coarse[number]]
+            own = [w and w.times(first) for w in coarse[number][: self._n_first(number)]]
+            own += [None] * self.rooms[number]
             for k, (other, weights) in enumerate(zip(others, leaves, strict=True)):
                 less = weights[number] * other
                 own += [
@@ -126,7 +148,7 @@ class Layered:
         shares = leaf_shares(tree)
         for number, (tile, rows) in enumerate(zip(tree.tiles, self.leaves, strict=True)):
             weights = self.importance.leaves[number] / max(shares[number], 1e-300)
-            n_first = sum(step.level < self.n_coarse for step in tile.steps)
+            n_first = self._n_first(number) + self.rooms[number]
             steps = list(tile.steps[:n_first])
             for k, step in enumerate(tile.steps[n_first:]):
                 part = k % len(rows)
@@ -135,10 +157,17 @@ class Layered:
             tiles.append(replace(tile, steps=tuple(steps)))
         return replace(tree, tiles=tuple(tiles))
 
+    def _n_first(self, tile: int) -> int:
+        """Steps of a tile in the first layer."""
+        return sum(step.level < self.n_coarse for step in self.tiles[tile].steps)
+
     def _gains(
         self, tree: CodedTree, step: CodedStep, weights: F32, siblings: Siblings
     ) -> tuple[float, ...]:
-        """(B,) mean squared error that a step of a layer takes off, per component."""
+        """(B,) mean squared error that a step of a layer takes off, per component.
+
+        What shows splats that were hidden is no error of theirs.
+        """
         of_channels = np.zeros(len(step.psi))
         psi = step.psi.copy()
         of_siblings = list(step.siblings)
@@ -150,6 +179,8 @@ class Layered:
                 * 2.0 ** -(tree.grid_exponents[group_of_class(kind)])
             )
             of_channels[c] = unit**2 * float(weights[kind] @ np.square(psi[c].astype(np.float32)))
+        if any(self.rooms):
+            of_channels[GROUP_CHANNELS[3]] = 0
         return tuple(
             0.0 if component == PICKS else float(of_channels[component_slice(component)].sum())
             for component in tree.components.of_tiles
@@ -204,9 +235,13 @@ def _parts(weights: F32, ancestors: I64) -> list[I64]:
     ]
 
 
-def _steps(tile: EvolutionTree, slots: I64, parts: Sequence[I64], levels: range) -> Iterator[Step]:
+def _steps(
+    tile: EvolutionTree, slots: I64, parts: Sequence[I64], levels: range, late: LateLevel | None
+) -> Iterator[Step]:
     """Steps that refine these parts of the leaves at each of the levels."""
-    d = n_channels(tile.sh_degree)
     for level in levels:
         for part in parts:
-            yield Step.of_refines(level, slots[part], np.zeros((d, len(part))))
+            psi = np.zeros((n_channels(tile.sh_degree), len(part)))
+            if late is not None and level == levels.start:
+                psi = late.lacks[:, slots[part]]
+            yield Step.of_refines(level, slots[part], psi)

@@ -82,8 +82,8 @@ class Prepared:
                 self.layered = Layered.of(self.tiles, self.n_levels, self.importance, aim.layers)
         self.ranges = Ranges.of(self.tiles, self.n_levels)
 
-    def holding(self, runs: Sequence[Run], ratio: float) -> Prepared:
-        """The same with runs of steps held back."""
+    def holding(self, runs: Sequence[Run], ratio: float, *, is_late: bool = False) -> Prepared:
+        """The same with runs of steps held back, and the last level late (`late_level`)."""
         other = copy(self)
         if self.importance is None:
             return other
@@ -93,7 +93,7 @@ class Prepared:
         if self.layered is not None:
             n_layers = self.aim.layers
             other.layered = Layered.of(
-                other.tiles, self.n_levels, other.importance, n_layers, ratio
+                other.tiles, self.n_levels, other.importance, n_layers, ratio, is_late=is_late
             )
         other.ranges = Ranges.of(other.tiles, self.n_levels)
         return other
@@ -111,7 +111,7 @@ class Prepared:
         )
         if self.layered is not None:
             weights = self.layered.weights(at, self.ranges.extent)
-            return self.layered.with_gains(self.quantised(settings, weights, at))
+            return self.quantised(settings, weights, at)
         return self.quantised(settings, self.importance.raised(at, self.ranges.extent), at)
 
     def polished(self, price: float) -> CodedTree:
@@ -142,6 +142,8 @@ class Prepared:
                 ranges=self.ranges,  # layers move nothing
                 info=self.aim.info,
             )
+        if self.layered is not None:
+            coded = self.layered.with_gains(coded)
         return self.shown.rescale(coded) if self.shown else coded
 
     def first_table(self) -> F64:

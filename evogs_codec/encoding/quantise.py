@@ -235,7 +235,8 @@ class _TileCoder:
                     indices[group], u[:, s] = self._serve(u[:, s], v, table, far)
                 else:
                     indices[group], u[:, s] = weights.choose(u[:, s], v, table, s)
-                if not plan.n_splits and step.psi.any() and not step.psi[part].any():
+                is_mend = not plan.n_splits and (own is None or own.siblings is None)
+                if is_mend and step.psi.any() and not step.psi[part].any():
                     u[:] = 0  # refines of other groups leave this one, and its errors, as it is
                 if weights is None:
                     q = np.rint(u)

@@ -171,15 +171,16 @@ class TargetEncoder(Aim):
         """The tree, arranged and weighed."""
         return Prepared(self)
 
-    def holding(self, runs: Sequence[Run], ratio: float) -> TargetEncoder:
+    def holding(self, runs: Sequence[Run], ratio: float, *, is_late: bool = False) -> TargetEncoder:
         """The same with runs of steps held back (`held_steps`); nothing is drawn again.
 
         Args:
             runs: of the streams that this one makes.
             ratio: of the price of a bit, from a layer to the next.
+            is_late: whether the last level of the tree comes with the second layer.
         """
         other = replace(self)
-        other.__dict__["prepared"] = self.prepared.holding(runs, ratio)
+        other.__dict__["prepared"] = self.prepared.holding(runs, ratio, is_late=is_late)
         return other
 
     def within(self, errors: Mapping[str, float]) -> bytes:

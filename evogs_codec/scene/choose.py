@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 from evogs_codec.encoding.encode import encode
 from evogs_codec.encoding.held_steps import Run
+from evogs_codec.encoding.late_level import can_be_late
 from evogs_codec.encoding.layers import N_LAYERS
 from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
 from evogs_codec.encoding.palette_worth import bits_of_palette, bits_of_psi
@@ -70,14 +71,29 @@ class FoundStream:
         """Whether it has several layers of precision."""
         return self.aim is not None and self.aim.layers > 1
 
-    def holding(self, runs: Sequence[Run], ratio: float) -> FoundStream | None:
+    @property
+    def n_coarse(self) -> int:
+        """Levels at coarse steps, or all of them where there is one layer."""
+        layered = None if self.aim is None else self.aim.prepared.layered
+        return self.tree.n_levels if layered is None else layered.n_coarse
+
+    @property
+    def can_be_late(self) -> bool:
+        """Whether the last level of the tree may come with a second layer."""
+        if self.aim is None or not self.is_layered:
+            return False
+        return can_be_late(self.aim.prepared.tiles, self.tree.n_levels)
+
+    def holding(
+        self, runs: Sequence[Run], ratio: float, *, is_late: bool = False
+    ) -> FoundStream | None:
         """That of the same tree with runs of steps held back (`TargetEncoder.holding`).
 
         None if it was not made by views, or if the target is missed.
         """
         if self.aim is None or not self.is_by_views:
             return None
-        aim = self.aim.holding(runs, ratio)
+        aim = self.aim.holding(runs, ratio, is_late=is_late)
         if self.coded is not None:
             return FoundStream.draft(aim, self.price)
         if self.make is None:

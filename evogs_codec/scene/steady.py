@@ -2,7 +2,8 @@
 
 Pictures of what is there after each step of the levels say where one looks worse than one before
 it. Then steps are held back until they look better (`held_steps`), and where all coarse splats
-look worse than some of them, all are made more exact.
+look worse than some of them, all are made more exact. Where the last level looks hardly better than
+the one before it, as coarse as it is, it comes late (`late_level`).
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ SAME = 0.03  # dB that no view of states that look the same differs by
 FALL, DOUBT, JUDGES = 0.05, 1.0, 6
 FELL = 0.02  # dB by which a state looks worse on a few views: then more are asked
 GAIN = 0.5  # dB that all coarse splats look better than those of level 0, at least
+LATE = 1.5  # dB by which the last of the coarse levels looks better than the one before it, or less
 FINER, LEAST_RATIO = 4.0, 2.0  # of the price of a bit, from a layer to the next
 TRIES = 6  # streams that are made again, at most
 
@@ -78,7 +80,7 @@ def steady(found: FoundStream, request: Request) -> bytes:
     levels = None
     for _ in range(TRIES):
         levels = _looked_at(found, gauge, request)
-        again = mending.mended(found) if levels is None else None
+        again = mending.mended(found) if levels is None else mending.later(found, levels)
         if again is None:
             break
         found = again
@@ -93,7 +95,7 @@ def _looked_at(
 ) -> list[float] | None:
     """PSNR of each level; None as soon as a state of the levels of the tree falls by `worst` dB."""
     directory = read_directory(found.data)
-    n_judged = found.tree.n_levels if found.is_by_views else 0
+    n_judged = found.n_coarse if found.is_by_views else 0
     most = FELL if worst is None else worst
     levels, before = [], -math.inf
     cuts = [
@@ -130,23 +132,43 @@ class _Mending:
         progress: called with how much was looked at.
         ratio: of the price of a bit, from a layer to the next.
         before: runs of steps that are held back.
+        is_late: whether the last level of the tree is late.
     """
 
     views: Views
     progress: Progress
     ratio: float = RATIO
     before: list[Run] = field(default_factory=list)
+    is_late: bool = False
+
+    def later(self, found: FoundStream, levels: Sequence[float]) -> FoundStream | None:
+        """With its last level late; None if that looks enough better than the one before it.
+
+        Args:
+            found: a stream.
+            levels: PSNR of its coarse levels, at least, dB.
+        """
+        last = found.n_coarse - 1
+        if self.is_late or last < 1 or levels[last] >= levels[last - 1] + LATE:
+            return None
+        self.is_late = found.can_be_late
+        return found.holding((), self.ratio, is_late=True) if self.is_late else None
 
     def mended(self, found: FoundStream) -> FoundStream | None:
         """With finer coarse splats, or with steps held back; None if there is nothing to mend."""
-        runs, is_coarse = _runs(_states(found, self.views, self.progress))
+        states = _states(found, self.views, self.progress)
+        ends = {state.place[0]: state.mean for state in states}
+        late = self.later(found, list(ends.values()))
+        if late is not None:
+            return late
+        runs, is_coarse = _runs(states)
         finer = self.ratio / FINER
         if is_coarse and found.is_layered and finer >= LEAST_RATIO:
             self.ratio = finer
-            return found.holding((), finer)
+            return found.holding((), finer, is_late=self.is_late)
         if runs and runs != self.before:  # else they could not be held back
             self.before = runs
-            return found.holding(runs, self.ratio)
+            return found.holding(runs, self.ratio, is_late=self.is_late)
         return None
 
 
@@ -155,7 +177,7 @@ def _states(found: FoundStream, views: Views, progress: Progress) -> list[_State
     directory = read_directory(found.data)
     cuts = [
         ((level, number), cut)
-        for level in range(found.tree.n_levels)
+        for level in range(found.n_coarse)
         for number, cut in enumerate(_cuts(directory, level))
     ]
     states = []

@@ -1,0 +1,93 @@
+"""The last level of a tree, late: no picture before it changes, and none is lost."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("numba", reason="the rasterizer is compiled")
+
+from evogs_codec import PRESETS, Cut, TargetEncoder, decode, encode_scene, lift, read_directory
+from evogs_codec.encoding.arrange import arrange
+from evogs_codec.encoding.late_level import LateLevel, can_be_late
+from evogs_codec.lifting.lift import lift_with_order
+from evogs_codec.lifting.shared_sh import with_palette
+from evogs_codec.model.channels import GROUP_CHANNELS
+from evogs_codec.model.tree import EvolutionTree, Step
+from evogs_codec.render import Views, cameras_around, psnr, render
+from evogs_codec.render.demo_scene import make_scene
+from evogs_codec.scene import steady
+
+SPLATS = make_scene(900)
+TREE = lift(SPLATS)
+LAST = TREE.n_levels - 1
+VIEWS = Views(SPLATS, cameras_around(SPLATS, "z", 80, n=6))
+WHITE = (1.0, 1.0, 1.0)
+
+
+@pytest.mark.parametrize("n_tiles", [1, 3])
+def test_a_late_level_makes_room_in_no_picture_and_lacks_what_its_splats_are(n_tiles):
+    for tile in arrange(TREE, n_tiles):
+        late = LateLevel.of(tile, LAST)
+        assert late.n_rooms
+        camera = cameras_around(SPLATS, size=64, n=1)[0]
+        before = render(tile.leaves(LAST - 1), camera, WHITE)
+        assert psnr(render(late.tile.leaves(), camera, WHITE), before) > 50
+        slots = np.arange(late.lacks.shape[1])
+        refined = replace(
+            late.tile, steps=(*late.tile.steps, Step.of_refines(LAST, slots, late.lacks))
+        )
+        np.testing.assert_allclose(refined.leaves().channels(), tile.leaves().channels(), atol=1e-4)
+
+
+@pytest.mark.parametrize("n_tiles", [1, 2])
+def test_a_stream_with_a_late_level_shows_as_much_and_has_a_level_less(n_tiles):
+    aim = TargetEncoder(TREE, PRESETS["scene"], VIEWS, layers=2, n_tiles=n_tiles)
+    price = 4e-6 / len(SPLATS)
+    early = aim.at_price(price)
+    late = aim.holding((), 128.0, is_late=True).at_price(price)
+    directories = read_directory(early), read_directory(late)
+    assert [directory.n_levels for directory in directories] == [LAST + 2, LAST + 1]
+    assert abs(aim.psnr(late) - aim.psnr(early)) < 0.6
+    assert len(late) < 1.1 * len(early)
+    coarse = [
+        decode(data, Cut.of_level(directory, LAST - 1)).leaves(sh_degree=3)
+        for data, directory in zip((early, late), directories, strict=True)
+    ]
+    np.testing.assert_array_equal(*(splats.means for splats in coarse))
+
+
+def test_channels_that_a_late_level_does_not_change_are_refined_too():
+    """All scales are alike, so nothing lacks but what coarse steps have left."""
+    splats = replace(SPLATS, log_scales=np.full_like(SPLATS.log_scales, -3.03))
+    tree = lift(splats)
+    views = Views(splats, cameras_around(splats, "z", 80, n=6))
+    aim = TargetEncoder(tree, PRESETS["scene"], views, layers=2)
+    data = aim.holding((), 128.0, is_late=True).at_price(4e-8 / len(splats))
+    found = decode(data).leaves(sh_degree=3).channels()[GROUP_CHANNELS[2]]
+    assert np.sqrt(np.square(found + 3.03).mean()) < 0.02
+
+
+def test_which_trees_can_have_a_late_level():
+    assert can_be_late([TREE], TREE.n_levels)
+    assert not can_be_late([EvolutionTree.of_splats(SPLATS)], 1)
+    adds = Step.of_adds(1, SPLATS.channels()[:, :5])
+    assert not can_be_late([replace(TREE, steps=(TREE.steps[0], adds))], 2)
+    shared = replace(
+        SPLATS, sh=np.concatenate([SPLATS.sh[:, :1], SPLATS.sh[:7][np.arange(900) % 7, 1:]], 1)
+    )
+    with_entries = with_palette(lift_with_order(shared), shared)
+    assert with_entries is not None
+    assert not can_be_late([with_entries], with_entries.n_levels)
+
+
+def test_a_last_level_that_looks_hardly_better_is_late(monkeypatch):
+    n_levels = {}
+    for by in (-np.inf, np.inf):
+        monkeypatch.setattr(steady, "LATE", by)
+        data = encode_scene(SPLATS, effort=1)
+        n_levels[by] = read_directory(data).n_levels
+        assert VIEWS.psnr(decode(data).leaves(sh_degree=3)) > 35
+    assert n_levels == {-np.inf: LAST + 2, np.inf: LAST + 1}
