@@ -38,7 +38,9 @@ SAME = 0.03  # dB that no view of states that look the same differs by
 # standard errors count.
 FALL, DOUBT, JUDGES = 0.05, 1.0, 6
 FELL = 0.02  # dB by which a state looks worse on a few views: then more are asked
-GAIN = 0.5  # dB that all coarse splats look better than those of level 0, at least
+# dB that all coarse splats look better than those of level 0, at least, and worse than some of them,
+# at most.
+GAIN = 0.5
 LATE = 1.5  # dB by which the last of the coarse levels looks better than the one before it, or less
 FINER, LEAST_RATIO = 4.0, 2.0  # of the price of a bit, from a layer to the next
 TRIES = 6  # streams that are made again, at most
@@ -232,4 +234,5 @@ def _runs(states: Sequence[_State]) -> tuple[list[Run], bool]:
         for before, after in pairwise(shown)
         if not all(state.is_like(states[before]) for state in states[before + 1 : after])
     ]
-    return runs, last.mean < states[0].mean + GAIN
+    most = max(state.mean for state in states)
+    return runs, last.mean < max(states[0].mean + GAIN, most - GAIN)

@@ -79,6 +79,7 @@ def test_bands_that_all_splats_share_gain_at_level_0(with_entries):
     scene = replace(scene, sh=sh)
     lifted = lift_with_order(scene, 3)
     tree = with_palette(lifted, scene) if with_entries else lifted.tree
+    assert tree is not None
     views = Views(scene, cameras_around(scene, "z", 60, n=3))
     gains = MeasuredGains.of(tree, views).bands_of_levels
     assert len(gains) == tree.n_levels
