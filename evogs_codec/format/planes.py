@@ -7,6 +7,7 @@ channels with the same coding at once: `...` is nothing, or one axis before the 
 from __future__ import annotations
 
 import heapq
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,13 +15,14 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.errors import Fault, StreamError
-from evogs_codec.model.splats import I32, U8
+from evogs_codec.model.splats import F64, I32, U8
 
 __all__ = ["ABSENT", "Coding", "choose_coding", "join_planes", "split_planes", "unzigzag", "zigzag"]
 
 MAX_STORED = 1 << 24  # z of 7.1: 2 high planes and 8 low bits
 MAX_SUM = 1 << 28  # R-7.1-1
 SAMPLE_RUN = 8192
+MAY_COMPILE = True  # False: costs are counted as without numba
 MANY_BYTES = 1 << 17  # of planes: above, a call for each plane costs little
 PART = 1 << 15  # values that are joined at a time: larger arrays come from the system page by page
 
@@ -184,16 +186,35 @@ def choose_coding(z: npt.NDArray[np.integer], *, is_delta: bool = False) -> tupl
     if z.size > 4 * SAMPLE_RUN:
         starts = np.linspace(0, z.size - SAMPLE_RUN, 4).astype(np.int64)
         sample = np.concatenate([z[at : at + SAMPLE_RUN] for at in starts])
-    options = []
+    costs = huffman_costs(sample, bits)
+    low = int(np.argmin(costs))
+    return Coding(low, _high(low, bits), is_delta), float(costs[low]) * z.size / sample.size
+
+
+def huffman_costs(z: npt.NDArray[np.integer], bits: int) -> F64:
+    """(9,) `huffman_bits` of all planes, by the number of low bits; inf where planes are too many.
+
+    Args:
+        z: (n,) stored integers.
+        bits: of the largest.
+    """
+    if MAY_COMPILE and sys.modules.get("numba") is not None:
+        from evogs_codec.format import compiled_costs
+
+        found: F64 = compiled_costs.huffman_costs(z.astype(np.uint32, copy=False), bits)
+        return found
+    costs = np.full(9, np.inf)
     for low in range(9):
-        high = -(-max(bits - low, 0) // 8)
+        high = _high(low, bits)
         if high <= 2 and (low or high):
-            coding = Coding(low, high, is_delta)
-            planes = split_planes(sample, coding)
-            cost = sum(huffman_bits(np.frombuffer(plane, np.uint8)) for plane in planes)
-            options.append((cost, low, coding))
-    cost, _, coding = min(options, key=lambda option: option[:2])
-    return coding, cost * z.size / sample.size
+            planes = split_planes(z, Coding(low, high))
+            costs[low] = sum(huffman_bits(np.frombuffer(plane, np.uint8)) for plane in planes)
+    return costs
+
+
+def _high(low: int, bits: int) -> int:
+    """Planes above so many low bits."""
+    return -(-max(bits - low, 0) // 8)
 
 
 def split_planes(z: npt.NDArray[np.integer], coding: Coding) -> list[bytes]:

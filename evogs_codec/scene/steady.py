@@ -9,8 +9,9 @@ the one before it, as coarse as it is, it comes late (`late_level`).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -37,6 +38,8 @@ SAME = 0.03  # dB that no view of states that look the same differs by
 # A state falls if it may be worse by so many dB on so many other views: beside the mean, so many
 # standard errors count.
 FALL, DOUBT, JUDGES = 0.05, 1.0, 6
+# Views that judge at first. The mean of all is within so many standard deviations of that of these.
+FEW, UNSURE = 4, 0.8
 FELL = 0.02  # dB by which a state looks worse on a few views: then more are asked
 # dB that all coarse splats look better than those of level 0, at least, and worse than some of them,
 # at most.
@@ -52,25 +55,44 @@ class _State:
 
     Attributes:
         place: its level, and which of the steps of the level it is.
-        decibels: (n,) PSNR of each view of it.
+        few: (f,) PSNR of a few views of it, dB.
+        draw: gives (n,) that of all views.
     """
 
     place: tuple[int, int]
-    decibels: F64
+    few: F64
+    draw: Callable[[], F64]
+
+    @cached_property
+    def decibels(self) -> F64:
+        """(n,) PSNR of each view, dB; they are drawn where a few leave something in doubt."""
+        return self.draw()
 
     @property
     def mean(self) -> float:
-        """Of all views, dB."""
-        return float(self.decibels.mean())
+        """Of a few views, dB."""
+        return float(self.few.mean())
 
     def is_like(self, other: _State) -> bool:
         """Whether it looks the same."""
-        return bool(np.abs(self.decibels - other.decibels).max() <= SAME)
+        return _is_like(self.few - other.few) and _is_like(self.decibels - other.decibels)
 
     def keeps_up_with(self, other: _State) -> bool:
         """Whether it is no fall after another one, also on `JUDGES` other views."""
-        by = self.decibels - other.decibels
-        return self.is_like(other) or bool(by.mean() + FALL >= DOUBT * by.std() / math.sqrt(JUDGES))
+        by = self.few - other.few
+        if _is_like(by) or abs(_lead(by)) <= UNSURE * by.std():
+            by = self.decibels - other.decibels
+        return _is_like(by) or _lead(by) >= 0
+
+
+def _is_like(by: F64) -> bool:
+    """Whether a state looks the same as one that it is better than by so many dB, view by view."""
+    return bool(np.abs(by).max() <= SAME)
+
+
+def _lead(by: F64) -> float:
+    """DB that a state, better by so much, has left before it may be a fall on other views."""
+    return float(by.mean() + FALL - DOUBT * by.std() / math.sqrt(JUDGES))
 
 
 def steady(found: FoundStream, request: Request) -> bytes:
@@ -182,10 +204,14 @@ def _states(found: FoundStream, views: Views, progress: Progress) -> list[_State
         for level in range(found.n_coarse)
         for number, cut in enumerate(_cuts(directory, level))
     ]
-    states = []
+    few, states = views.fewer(FEW), []
+
+    def drawn(cut: Cut) -> F64:
+        return views.psnr_of_each(next(_shown(found, directory, [cut])))
+
     shown = _shown(found, directory, [cut for _, cut in cuts])
-    for (place, _), leaves in zip(cuts, shown, strict=True):
-        states.append(_State(place, views.psnr_of_each(leaves)))
+    for (place, cut), leaves in zip(cuts, shown, strict=True):
+        states.append(_State(place, few.psnr_of_each(leaves), partial(drawn, cut)))
         progress("look at prefixes", len(states) / len(cuts))
     return states
 
