@@ -8,43 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.render import projection as p
+from evogs_codec.render.activated import Activated
 from evogs_codec.render.blending import blend
 from evogs_codec.render.camera import Camera
 from evogs_codec.render.compiled import n_threads
 from evogs_codec.render.options import DEFAULT, Options
-from evogs_codec.render.spans import SPAN
+from evogs_codec.render.splats import Real, Splats
 from evogs_codec.render.tiles import Chunk, Tiles, depth_order
 
 __all__ = ["Counts", "Drawing", "Splats", "draw", "render", "render_counted"]
 
-Real = npt.NDArray[np.floating[Any]]
 Colour = Sequence[float] | Real
-
-
-class Splats(Protocol):
-    """Parameters before activation; `SplatParams` is one. Arrays of float32 or float64.
-
-    Attributes:
-        means: (N, 3). quats: (N, 4), w x y z. log_scales: (N, 3). opacity_logits: (N,).
-        sh: (N, K, 3), K = (degree + 1)**2.
-    """
-
-    @property
-    def means(self) -> Real: ...  # noqa: D102
-    @property
-    def quats(self) -> Real: ...  # noqa: D102
-    @property
-    def log_scales(self) -> Real: ...  # noqa: D102
-    @property
-    def opacity_logits(self) -> Real: ...  # noqa: D102
-    @property
-    def sh(self) -> Real: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -73,6 +52,7 @@ class Drawing:
         background: (3,).
         image: (H, W, 3).
         transmittance: (H, W) of the background.
+        active: of the splats, `Activated.active`.
         status: (N,) `projection.DRAWN`, `INVISIBLE` or `NON_FINITE`.
         last: (H, W) position of each pixel's last splat in the list of its tile, -1 if none.
         tiles: the lists.
@@ -84,6 +64,7 @@ class Drawing:
     background: Real
     image: Real
     transmittance: Real
+    active: npt.NDArray[np.float64]
     status: npt.NDArray[np.uint8]
     last: npt.NDArray[np.int32]
     tiles: Tiles
@@ -144,7 +125,8 @@ def _draw(
     *,
     keep: bool,
 ) -> Drawing:
-    tiles, status = prepare(splats, camera, options)
+    ready = splats if isinstance(splats, Activated) else Activated.of(splats)
+    tiles, status = prepare(ready, camera, options)
     height, width = camera.height, camera.width
     image = np.empty((height, width, 3), dtype)
     colour = np.asarray(background, dtype)
@@ -160,29 +142,26 @@ def _draw(
             image, transmittance, last, n_threads(),
         )  # fmt: skip
     kept_chunk = chunk if keep and n_chunks == 1 else None
-    return Drawing(camera, options, colour, image, transmittance, status, last, tiles, kept_chunk)
+    return Drawing(
+        camera, options, colour, image, transmittance, ready.active, status, last, tiles, kept_chunk
+    )
 
 
 def prepare(
-    splats: Splats, camera: Camera, options: Options
+    splats: Activated, camera: Camera, options: Options
 ) -> tuple[Tiles, npt.NDArray[np.uint8]]:
     """Project, sort and count: all that comes before pixels; and the status of each splat."""
-    n = len(splats.means)
-    records = np.empty((n, p.FIELDS), np.float64)
-    rows = np.empty((n, 2), np.int32)
-    spans = np.empty((n, SPAN), np.int16)
-    depths = np.empty(n, np.float64)
-    status = np.empty(n, np.uint8)
+    room = splats.room
     p.project(
-        splats.means, splats.quats, splats.log_scales, splats.opacity_logits, splats.sh,
+        splats.means, splats.active, splats.sh,
         camera.view(options), options.antialiased, camera.width, camera.height,
-        records, rows, spans, depths, status, n_threads(),
+        room.records, room.rows, room.spans, room.depths, room.status, n_threads(),
     )  # fmt: skip
-    order = depth_order(depths, status)
-    tiles = Tiles.of(records, rows, spans, order, camera.width, camera.height)
+    order = depth_order(room.depths, room.status)
+    tiles = Tiles.of(room.records, room.rows, room.spans, order, camera.width, camera.height)
     if tiles.n_intersections > options.max_intersections:
         raise ValueError(
             f"{tiles.n_intersections} pairs of a splat and a tile, over max_intersections = "
             f"{options.max_intersections}: are the scales of the scene right?"
         )
-    return tiles, status
+    return tiles, room.status

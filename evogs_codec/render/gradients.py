@@ -9,8 +9,9 @@ import numpy as np
 
 from evogs_codec.render.blending_gradient import ENTRY, add_up, blend_gradient
 from evogs_codec.render.compiled import n_threads
-from evogs_codec.render.forward import Drawing, Real, Splats
+from evogs_codec.render.forward import Drawing
 from evogs_codec.render.projection_gradient import project_gradient, project_squares
+from evogs_codec.render.splats import Real, Splats
 
 __all__ = ["Gradients", "add_squared_gradients", "gradients"]
 
@@ -57,7 +58,7 @@ def gradients(drawing: Drawing, splats: Splats, image_gradient: Real) -> Gradien
         to_records[:, :2].astype(dtype),
     )
     project_gradient(
-        splats.means, splats.quats, splats.log_scales, splats.opacity_logits, splats.sh,
+        splats.means, splats.quats, splats.opacity_logits, splats.sh, drawing.active,
         drawing.camera.view(drawing.options), drawing.options.antialiased,
         drawing.tiles.records, drawing.status, to_records,
         out.means, out.quats, out.log_scales, out.opacity_logits, out.sh, n_threads(),
@@ -83,7 +84,7 @@ def add_squared_gradients(
     """
     means, quats, log_scales, opacity_logits, sh = totals
     project_squares(
-        splats.means, splats.quats, splats.log_scales, splats.opacity_logits, splats.sh,
+        splats.means, splats.quats, splats.opacity_logits, splats.sh, drawing.active,
         drawing.camera.view(drawing.options), drawing.options.antialiased,
         drawing.tiles.records, drawing.status, _to_records(drawing, splats, image_gradient), by,
         means, quats, log_scales, opacity_logits, sh, n_threads(),

@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.render.camera import Camera
-from evogs_codec.render.forward import Splats
 from evogs_codec.render.options import ALPHA_MIN, DEFAULT, T_MIN, Options
+from evogs_codec.render.splats import Splats
 
 __all__ = ["Picture", "Projected", "project_one", "render_exactly"]
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.render.activation import LOG2_OPACITY, OPACITY, SCALE
 from evogs_codec.render.compiled import inlined, parallel_kernel, prange
 from evogs_codec.render.harmonics import shade
 from evogs_codec.render.options import ALPHA_MIN
@@ -46,26 +47,6 @@ FIELDS = 10
 
 DRAWN, INVISIBLE, NON_FINITE = 0, 1, 2
 LOG2E = math.log2(math.e)
-
-
-@inlined
-def unit_quaternion(w: float, x: float, y: float, z: float) -> tuple[float, ...]:
-    """The unit quaternion, and 1 / norm; the zero quaternion is the identity."""
-    norm = math.sqrt(w * w + x * x + y * y + z * z)
-    if norm == 0.0:
-        return 1.0, 0.0, 0.0, 0.0, 0.0
-    inverse = 1.0 / norm
-    return w * inverse, x * inverse, y * inverse, z * inverse, inverse
-
-
-@inlined
-def rotation_matrix(w: float, x: float, y: float, z: float) -> tuple[float, ...]:
-    """The matrix of a unit quaternion, row by row."""
-    return (
-        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
-    )  # fmt: skip
 
 
 @inlined
@@ -103,13 +84,9 @@ def world_to_screen(view: Array, x: float, y: float, z: float) -> tuple[float, .
 
 
 @inlined
-def half_axes(w: tuple[float, ...], r: tuple[float, ...], s: Array) -> tuple[float, ...]:
+def half_axes(w: tuple[float, ...], active: Array) -> tuple[float, ...]:
     """U = W R(q) S, (2, 3) row by row; the covariance on the screen is U U^T."""
-    s0, s1, s2 = (
-        math.exp(np.float64(s[0])),
-        math.exp(np.float64(s[1])),
-        math.exp(np.float64(s[2])),
-    )
+    r, s0, s1, s2 = active, active[SCALE], active[SCALE + 1], active[SCALE + 2]
     return (
         (w[0] * r[0] + w[1] * r[3] + w[2] * r[6]) * s0,
         (w[0] * r[1] + w[1] * r[4] + w[2] * r[7]) * s1,
@@ -134,21 +111,10 @@ def covariance(u: tuple[float, ...], e: float) -> tuple[float, ...]:
 
 
 @inlined
-def opacity_of(logit: float) -> float:
-    """The sigmoid, without overflow."""
-    if logit >= 0:
-        return 1.0 / (1.0 + math.exp(-logit))
-    e = math.exp(logit)
-    return e / (1.0 + e)
-
-
-@inlined
-def _is_finite(means: Array, quats: Array, sh: Array) -> bool:
+def _is_finite(means: Array, sh: Array) -> bool:
     zero = 0.0  # becomes NaN at the first number that is not finite
     for c in range(3):
         zero += means[c] * 0.0
-    for c in range(4):
-        zero += quats[c] * 0.0
     for k in range(sh.shape[0]):
         zero += sh[k, 0] * 0.0 + sh[k, 1] * 0.0 + sh[k, 2] * 0.0
     return zero == 0.0
@@ -164,24 +130,19 @@ def _clip(value: float, size: int) -> int:
 
 @inlined
 def _splat(
-    mean: Array, quat: Array, scale: Array, logit: float, sh: Array,
+    mean: Array, active: Array, sh: Array,
     view: Array, antialiased: bool, width: int, height: int,
     out: Array, rows: Array, span: Array, scratch: Array,
 ) -> tuple[int, float]:  # fmt: skip
     """Fill one record, its pixel rows and its span; returns its status and depth."""
-    # Infinite scales and logits may give finite numbers; what else is not finite spreads to those
-    # that are looked at below.
-    if scale[0] * 0.0 + scale[1] * 0.0 + scale[2] * 0.0 + logit * 0.0 != 0.0:
+    opacity = active[OPACITY]
+    if opacity != opacity:
         return NON_FINITE, 0.0
     x, y, z = to_camera(view, mean[0], mean[1], mean[2])
     if not z > view[NEAR]:
-        return (INVISIBLE if _is_finite(mean, quat, sh) else NON_FINITE), 0.0
-    qw, qx, qy, qz, _ = unit_quaternion(
-        np.float64(quat[0]), np.float64(quat[1]), np.float64(quat[2]), np.float64(quat[3])
-    )
-    u = half_axes(world_to_screen(view, x, y, z), rotation_matrix(qw, qx, qy, qz), scale)
+        return (INVISIBLE if _is_finite(mean, sh) else NON_FINITE), 0.0
+    u = half_axes(world_to_screen(view, x, y, z), active)
     xx, xy, yy, det, flat = covariance(u, view[DILATION])
-    opacity = opacity_of(np.float64(logit))
     if antialiased:
         opacity *= math.sqrt(max(0.0, flat / det))
     red, green, blue = shade(
@@ -192,7 +153,7 @@ def _splat(
         return NON_FINITE, 0.0
     if not opacity >= ALPHA_MIN:
         return INVISIBLE, 0.0
-    log_opacity = math.log2(opacity)
+    log_opacity = math.log2(opacity) if antialiased else active[LOG2_OPACITY]
     room = log_opacity - LOG_MIN
     reach = 2.0 * room / LOG2E  # the squared distance, in standard deviations, of alpha = 1/255
     out[X] = view[FX] * slope_x + view[CX]
@@ -224,14 +185,15 @@ def _splat(
 
 @parallel_kernel
 def project(
-    means: Array, quats: Array, log_scales: Array, opacity_logits: Array, sh: Array,
+    means: Array, active: Array, sh: Array,
     view: Array, antialiased: bool, width: int, height: int,
     records: Array, rows: Array, spans: Array, depths: Array, status: Array, n_workers: int,
 ) -> None:  # fmt: skip
     """Fill, for each of N splats, its record, pixel rows, span, camera z and status.
 
     Arguments, several to a line:
-        means, quats, log_scales, opacity_logits, sh: parameters before activation.
+        means, sh: parameters.
+        active: `Activated.active`.
         view: `Camera.view`.
         antialiased: whether opacity is compensated.
         width, height: pixels.
@@ -247,7 +209,7 @@ def project(
         scratch = np.empty(16)
         for i in range(worker * n // n_workers, (worker + 1) * n // n_workers):
             status[i], depths[i] = _splat(
-                means[i], quats[i], log_scales[i], opacity_logits[i], sh[i],
+                means[i], active[i], sh[i],
                 view, antialiased, width, height, records[i], rows[i], spans[i],
                 scratch,
             )  # fmt: skip

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.render import projection as p
+from evogs_codec.render.activation import SCALE, opacity_of, unit_quaternion
 from evogs_codec.render.compiled import inlined, parallel_kernel, prange
 from evogs_codec.render.harmonics import basis, basis_gradient
 
@@ -97,28 +98,26 @@ def _colour_gradient(
 
 @inlined
 def _splat(
-    mean: Array, quat: Array, scale: Array, logit: float, sh: Array, view: Array,
+    mean: Array, quat: Array, logit: float, sh: Array, active: Array, view: Array,
     antialiased: bool, record: Array, g: Array,
     g_mean: Array, g_quat: Array, g_scale: Array, g_sh: Array,
     scratch: Array,
 ) -> float:  # fmt: skip
     """Gradients to the parameters of one splat; returns that to the opacity logit."""
     x, y, z = p.to_camera(view, mean[0], mean[1], mean[2])
-    qw, qx, qy, qz, inverse = p.unit_quaternion(
+    qw, qx, qy, qz, inverse = unit_quaternion(
         np.float64(quat[0]), np.float64(quat[1]), np.float64(quat[2]), np.float64(quat[3])
     )
-    r = p.rotation_matrix(qw, qx, qy, qz)
+    r = active
     w = p.world_to_screen(view, x, y, z)
-    u = p.half_axes(w, r, scale)
+    u = p.half_axes(w, active)
     gu = _covariance_gradient(u, view[p.DILATION], g, antialiased)
 
     # U = W R S
     g_scale[0] = _bounded(gu[0] * u[0] + gu[3] * u[3])
     g_scale[1] = _bounded(gu[1] * u[1] + gu[4] * u[4])
     g_scale[2] = _bounded(gu[2] * u[2] + gu[5] * u[5])
-    s0 = math.exp(np.float64(scale[0]))
-    s1 = math.exp(np.float64(scale[1]))
-    s2 = math.exp(np.float64(scale[2]))
+    s0, s1, s2 = active[SCALE], active[SCALE + 1], active[SCALE + 2]
     a0, a1, a2 = gu[0] * s0, gu[1] * s1, gu[2] * s2
     b0, b1, b2 = gu[3] * s0, gu[4] * s1, gu[5] * s2
     g_r = (
@@ -157,12 +156,12 @@ def _splat(
     g_mean[0] = _bounded(view[0] * gx + view[3] * gy + view[6] * gz + cx)
     g_mean[1] = _bounded(view[1] * gx + view[4] * gy + view[7] * gz + cy)
     g_mean[2] = _bounded(view[2] * gx + view[5] * gy + view[8] * gz + cz)
-    return _bounded(g[5] * p.opacity_of(-np.float64(logit)))
+    return _bounded(g[5] * opacity_of(-np.float64(logit)))
 
 
 @parallel_kernel
 def project_gradient(
-    means: Array, quats: Array, log_scales: Array, opacity_logits: Array, sh: Array,
+    means: Array, quats: Array, opacity_logits: Array, sh: Array, active: Array,
     view: Array, antialiased: bool, records: Array, status: Array, gradients: Array,
     g_means: Array, g_quats: Array, g_log_scales: Array, g_opacity_logits: Array, g_sh: Array,
     n_workers: int,
@@ -170,7 +169,8 @@ def project_gradient(
     """Fill the gradients to the parameters of N splats; zeros where a splat was not drawn.
 
     Arguments, several to a line:
-        means, quats, log_scales, opacity_logits, sh: parameters before activation.
+        means, quats, opacity_logits, sh: parameters before activation.
+        active: `Activated.active`.
         view, antialiased, records, status: as `projection.project` has them.
         gradients: (N, WIDTH) to the records.
         g_means, g_quats, g_log_scales, g_opacity_logits, g_sh: out.
@@ -182,7 +182,7 @@ def project_gradient(
         for i in range(worker * n // n_workers, (worker + 1) * n // n_workers):
             if status[i] == p.DRAWN:
                 g_opacity_logits[i] = _splat(
-                    means[i], quats[i], log_scales[i], opacity_logits[i], sh[i], view, antialiased,
+                    means[i], quats[i], opacity_logits[i], sh[i], active[i], view, antialiased,
                     records[i], gradients[i], g_means[i], g_quats[i], g_log_scales[i], g_sh[i],
                     scratch,
                 )  # fmt: skip
@@ -196,7 +196,7 @@ def project_gradient(
 
 @parallel_kernel
 def project_squares(
-    means: Array, quats: Array, log_scales: Array, opacity_logits: Array, sh: Array,
+    means: Array, quats: Array, opacity_logits: Array, sh: Array, active: Array,
     view: Array, antialiased: bool, records: Array, status: Array, gradients: Array, by: float,
     s_means: Array, s_quats: Array, s_log_scales: Array, s_opacity_logits: Array, s_sh: Array,
     n_workers: int,
@@ -218,7 +218,7 @@ def project_squares(
                 continue
             g_logit = real(
                 _splat(
-                    means[i], quats[i], log_scales[i], opacity_logits[i], sh[i], view, antialiased,
+                    means[i], quats[i], opacity_logits[i], sh[i], active[i], view, antialiased,
                     records[i], gradients[i], g_mean, g_quat, g_scale, g_sh, scratch,
                 )
             )  # fmt: skip

@@ -10,12 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.model.splats import F32, F64, SplatParams
+from evogs_codec.render.activated import Activated
 from evogs_codec.render.camera import Camera
-from evogs_codec.render.forward import Real, Splats, draw, render
+from evogs_codec.render.forward import draw, render
 from evogs_codec.render.framing import options_for
 from evogs_codec.render.gradients import add_squared_gradients, gradients
 from evogs_codec.render.metrics import psnr
 from evogs_codec.render.options import DEFAULT, Options
+from evogs_codec.render.splats import Real, Splats
 from evogs_codec.render.up import Direction, up_of
 from evogs_codec.render.viewpoints import camera_rings, cameras_around
 
@@ -100,11 +102,12 @@ class Views:
 
     def psnr(self, splats: SplatParams) -> float:
         """Mean PSNR over the views, dB; over those that show the scene, if some do."""
-        return self._psnr(lambda camera: self._render(splats, camera))
+        return float(np.mean(self.psnr_of_each(splats)))
 
     def psnr_of_each(self, splats: SplatParams) -> F64:
         """(n,) dB of each view of which `psnr` is the mean."""
-        return self._psnr_of_each(lambda camera: self._render(splats, camera))
+        ready = Activated.of(splats)
+        return self._psnr_of_each(lambda camera: self._render(ready, camera))
 
     def sensitivity(self, splats: SplatParams) -> F32:
         """(D, N) mean squared change of the pictures to the squared change of each number.
@@ -144,14 +147,19 @@ class Views:
     @property
     def pictures(self) -> list[Picture]:
         """Of the scene, (H, W, 3) each."""
-        return [self._picture(camera) for camera in self.cameras]
+        if any(camera not in self.drawn for camera in self.cameras):
+            ready = Activated.of(self.scene)
+            for camera in self.cameras:
+                if camera not in self.drawn:
+                    self.drawn[camera] = self._render(ready, camera)
+        return [self.drawn[camera] for camera in self.cameras]
 
     def _picture(self, camera: Camera) -> Picture:
         if camera not in self.drawn:
             self.drawn[camera] = self._render(self.scene, camera)
         return self.drawn[camera]
 
-    def _render(self, splats: SplatParams, camera: Camera) -> Picture:
+    def _render(self, splats: Splats, camera: Camera) -> Picture:
         found: Picture = render(splats, camera, self.background, options=self.options)
         return found
 
@@ -176,13 +184,14 @@ class Views:
         rng = np.random.default_rng(0)
         totals = [np.zeros(part.shape, np.float32) for part in _parts(splats)]
         images = {}
+        ready = Activated.of(splats)
         for camera in cameras:
-            drawing = draw(splats, camera, self.background, options=self.options)
+            drawing = draw(ready, camera, self.background, options=self.options)
             images[camera] = drawing.image
             if not len(splats):
                 continue
             signs = rng.integers(0, 2, drawing.image.shape).astype(np.float32) * 2 - 1
-            add_squared_gradients(totals, drawing, splats, signs, signs.size)
+            add_squared_gradients(totals, drawing, ready, signs, signs.size)
         for total in totals:
             total /= len(cameras)
         return SplatParams(*totals).channels(), images

@@ -20,12 +20,13 @@ from evogs_codec import SplatParams
 from evogs_codec.model.splats import F32
 from evogs_codec.render import Camera, Options, draw, gradients, orbit, render, ssim_gradient
 from evogs_codec.render import projection as p
+from evogs_codec.render.activation import ACTIVE, activate
 from evogs_codec.render.blending import blend
 from evogs_codec.render.blending_gradient import ENTRY, add_up, blend_gradient
 from evogs_codec.render.compiled import n_threads
-from evogs_codec.render.forward import Real
 from evogs_codec.render.projection_gradient import project_gradient
 from evogs_codec.render.spans import SPAN
+from evogs_codec.render.splats import Real
 from evogs_codec.render.tiles import Tiles, depth_order
 from tools.bench.measure import peak_memory, take_turns
 from tools.bench.raster_torch import render_torch, render_torch_gradients
@@ -39,7 +40,7 @@ N_SPLATS, SIZE = 100_000, 800
 TURNS, TORCH_TURNS = 15, 3
 # Pixels to a side, splats and turns of what a trainer repeats ten thousands of times.
 CALLS = ((16, 20, 1000), (50, 2_000, 300), (100, 5_000, 200), (200, 20_000, 60), (400, 100_000, 20))
-FORWARD = ("project", "sort", "count", "fill", "blend")
+FORWARD = ("activate", "project", "sort", "count", "fill", "blend")
 OPTIONS = Options()
 BLACK = (0.0, 0.0, 0.0)
 
@@ -107,11 +108,26 @@ def _one_turn(scene: Scene) -> dict[str, float]:
 
     records, depths = np.empty((n, p.FIELDS)), np.empty(n)
     rows, status = np.empty((n, 2), np.int32), np.empty(n, np.uint8)
-    spans = np.empty((n, SPAN), np.int16)
+    spans, active = np.empty((n, SPAN), np.int16), np.empty((n, ACTIVE))
+    timed(
+        "activate",
+        lambda: activate(s.quats, s.log_scales, s.opacity_logits, active, threads),
+    )
     timed(
         "project",
         lambda: p.project(
-            *arrays, view, False, *shape[::-1], records, rows, spans, depths, status, threads
+            s.means,
+            active,
+            s.sh,
+            view,
+            False,
+            *shape[::-1],
+            records,
+            rows,
+            spans,
+            depths,
+            status,
+            threads,
         ),
     )
     order = timed("sort", lambda: depth_order(depths, status))
@@ -133,7 +149,7 @@ def _one_turn(scene: Scene) -> dict[str, float]:
     timed(
         "project, backwards",
         lambda: project_gradient(
-            *arrays, view, False, records, status, sums,
+            s.means, s.quats, s.opacity_logits, s.sh, active, view, False, records, status, sums,
             g_means, g_quats, g_scales, g_logits, g_sh, threads,
         ),
     )  # fmt: skip

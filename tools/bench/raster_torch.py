@@ -15,8 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.render import Camera, Options
-from evogs_codec.render.forward import Colour, Splats
+from evogs_codec.render.forward import Colour
 from evogs_codec.render.options import ALPHA_MIN, T_MIN
+from evogs_codec.render.splats import Splats
 
 __all__ = ["FIELDS", "render_torch", "render_torch_gradients"]
 

@@ -13,7 +13,7 @@ from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
 from evogs_codec.render import Camera, Options
-from evogs_codec.render.forward import Splats
+from evogs_codec.render.splats import Splats
 
 __all__ = ["Footprint", "covariance", "pixel", "project"]
 

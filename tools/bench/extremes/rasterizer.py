@@ -14,6 +14,7 @@ import numpy.typing as npt
 from evogs_codec import SplatParams
 from evogs_codec.render import Camera, Options, render, render_counted
 from evogs_codec.render import projection as p
+from evogs_codec.render.activated import Activated
 from evogs_codec.render.forward import prepare
 from evogs_codec.render.options import ALPHA_MIN, T_MIN
 from evogs_codec.render.oracle import render_exactly
@@ -35,7 +36,7 @@ def projections(n: int) -> Iterator[Row]:
     """Centre, covariance and determinant of the kernels, of n splats a view."""
     for name, make in VIEWS.items():
         splats, camera = make(n)
-        tiles, status = prepare(splats, camera, OPTIONS)
+        tiles, status = prepare(Activated.of(splats), camera, OPTIONS)
         worst = 0.0
         largest = dict.fromkeys(("centre", "determinant"), 0.0)
         for i in np.flatnonzero(status == p.DRAWN):

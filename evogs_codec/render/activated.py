@@ -1,0 +1,85 @@
+"""Splats that are drawn several times.
+
+Rotations, sizes and opacities are the same in all views. So whoever draws several views of the same
+splats activates them once, and draws what `Activated.of` gives.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec.render import projection as p
+from evogs_codec.render.activation import ACTIVE, activate
+from evogs_codec.render.compiled import n_threads
+from evogs_codec.render.spans import SPAN
+from evogs_codec.render.splats import Real, Splats
+
+__all__ = ["Activated"]
+
+
+@dataclass(frozen=True, eq=False)
+class Room:
+    """What `projection.project` fills for N splats.
+
+    Attributes:
+        records: (N, FIELDS). rows: (N, 2). spans: (N, SPAN). depths: (N,). status: (N,).
+    """
+
+    records: npt.NDArray[np.float64]
+    rows: npt.NDArray[np.int32]
+    spans: npt.NDArray[np.int16]
+    depths: npt.NDArray[np.float64]
+    status: npt.NDArray[np.uint8]
+
+    @staticmethod
+    def of(n: int) -> Room:
+        """For n splats."""
+        return Room(
+            np.empty((n, p.FIELDS), np.float64),
+            np.empty((n, 2), np.int32),
+            np.empty((n, SPAN), np.int16),
+            np.empty(n, np.float64),
+            np.empty(n, np.uint8),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Activated:
+    """Splats that are drawn several times, one view after the other.
+
+    Views of them are made in the same memory: a drawing of them lasts until the next.
+
+    Attributes:
+        means, quats, log_scales, opacity_logits, sh: the parameters.
+        active: (N, ACTIVE) what follows from them.
+        room: what the last drawing was made in.
+    """
+
+    means: Real
+    quats: Real
+    log_scales: Real
+    opacity_logits: Real
+    sh: Real
+    active: npt.NDArray[np.float64]
+    room: Room
+
+    @staticmethod
+    def of(splats: Splats) -> Activated:
+        """Of any splats; they are not copied."""
+        active = np.empty((len(splats.means), ACTIVE))
+        activate(splats.quats, splats.log_scales, splats.opacity_logits, active, n_threads())
+        return Activated(
+            splats.means,
+            splats.quats,
+            splats.log_scales,
+            splats.opacity_logits,
+            splats.sh,
+            active,
+            Room.of(len(active)),
+        )
+
+    def __len__(self) -> int:
+        return len(self.means)
