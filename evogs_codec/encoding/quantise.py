@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.common.parallel import parallel_map
 from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.encoding.alpha_tables import alpha_tables, nearest, serving_both, serving_second
 from evogs_codec.encoding.grids import (
@@ -132,11 +133,15 @@ def quantise_on(
     report, palette = progress or no_progress, tiles[0].palette
     if palette is not None:
         q = quantised_entries(palette, grid, entry_weights, price)
+
+    def code(number: int) -> CodedTile:
+        own = None if weights is None else weights[number]
+        return _TileCoder(tiles[number], grid, alpha, settings, own, price).code()
+
     coded = []
-    for k, tile in enumerate(tiles):
-        report("quantise", k / len(tiles))
-        own = None if weights is None else weights[k]
-        coded.append(_TileCoder(tile, grid, alpha, settings, own, price).code())
+    for one in parallel_map(code, range(len(tiles))):
+        coded.append(one)
+        report("quantise", len(coded) / len(tiles))
     tree = CodedTree(
         sh_degree=tiles[0].shown_degree,
         n_levels=len(grid.quantisers) - 1,

@@ -55,7 +55,8 @@ def write(
     divided = in_parts(tree, _sizes(bodies))
     if divided is not tree:
         tree = divided
-        bodies |= {packet: _body(tree, packet, effort) for packet in palette_packets(tree)}
+        parts = palette_packets(tree)
+        bodies |= zip(parts, parallel_map(lambda packet: _body(tree, packet, effort), parts))
     order = packet_order(tree, _sizes(bodies))
     rows = _rows(tree, order, bodies)
     data = b"".join(bodies[packet] for packet in order)
