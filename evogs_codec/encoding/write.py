@@ -56,7 +56,8 @@ def write(
     if divided is not tree:
         tree = divided
         parts = palette_packets(tree)
-        bodies |= zip(parts, parallel_map(lambda packet: _body(tree, packet, effort), parts))
+        packed = parallel_map(lambda packet: _body(tree, packet, effort), parts)
+        bodies |= zip(parts, packed, strict=True)
     order = packet_order(tree, _sizes(bodies))
     rows = _rows(tree, order, bodies)
     data = b"".join(bodies[packet] for packet in order)
