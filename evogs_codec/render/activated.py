@@ -17,7 +17,7 @@ from evogs_codec.render.compiled import n_threads
 from evogs_codec.render.spans import SPAN
 from evogs_codec.render.splats import Real, Splats
 
-__all__ = ["Activated"]
+__all__ = ["Activated", "Room", "active_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +69,7 @@ class Activated:
     @staticmethod
     def of(splats: Splats) -> Activated:
         """Of any splats; they are not copied."""
-        active = np.empty((len(splats.means), ACTIVE))
-        activate(splats.quats, splats.log_scales, splats.opacity_logits, active, n_threads())
+        active = active_of(splats, slice(None))
         return Activated(
             splats.means,
             splats.quats,
@@ -83,3 +82,13 @@ class Activated:
 
     def __len__(self) -> int:
         return len(self.means)
+
+
+def active_of(splats: Splats, part: slice) -> npt.NDArray[np.float64]:
+    """(n, ACTIVE) what follows from the parameters of n of the splats."""
+    if isinstance(splats, Activated):
+        return splats.active[part]
+    quats = splats.quats[part]
+    active = np.empty((len(quats), ACTIVE))
+    activate(quats, splats.log_scales[part], splats.opacity_logits[part], active, n_threads())
+    return active

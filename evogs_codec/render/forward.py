@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.render import projection as p
-from evogs_codec.render.activated import Activated
+from evogs_codec.render.activated import Activated, Room, active_of
+from evogs_codec.render.activation import ACTIVE
 from evogs_codec.render.blending import blend
 from evogs_codec.render.camera import Camera
 from evogs_codec.render.compiled import n_threads
@@ -23,6 +24,7 @@ from evogs_codec.render.tiles import Chunk, Tiles, depth_order
 
 __all__ = ["Counts", "Drawing", "Splats", "draw", "render", "render_counted"]
 
+BLOCK = 1 << 16  # splats of one view that are activated together: what follows from them is large
 Colour = Sequence[float] | Real
 
 
@@ -52,7 +54,7 @@ class Drawing:
         background: (3,).
         image: (H, W, 3).
         transmittance: (H, W) of the background.
-        active: of the splats, `Activated.active`.
+        active: of the splats, `Activated.active`; of no splat where no gradients are asked for.
         status: (N,) `projection.DRAWN`, `INVISIBLE` or `NON_FINITE`.
         last: (H, W) position of each pixel's last splat in the list of its tile, -1 if none.
         tiles: the lists.
@@ -125,8 +127,9 @@ def _draw(
     *,
     keep: bool,
 ) -> Drawing:
-    ready = splats if isinstance(splats, Activated) else Activated.of(splats)
-    tiles, status = prepare(ready, camera, options)
+    if keep and not isinstance(splats, Activated):
+        splats = Activated.of(splats)
+    tiles, status = prepare(splats, camera, options)
     height, width = camera.height, camera.width
     image = np.empty((height, width, 3), dtype)
     colour = np.asarray(background, dtype)
@@ -141,22 +144,28 @@ def _draw(
             tiles.records, tiles.rows, colour, options.alpha_max,
             image, transmittance, last, n_threads(),
         )  # fmt: skip
+    active = splats.active if isinstance(splats, Activated) else np.empty((0, ACTIVE))
     kept_chunk = chunk if keep and n_chunks == 1 else None
     return Drawing(
-        camera, options, colour, image, transmittance, ready.active, status, last, tiles, kept_chunk
+        camera, options, colour, image, transmittance, active, status, last, tiles, kept_chunk
     )
 
 
 def prepare(
-    splats: Activated, camera: Camera, options: Options
+    splats: Splats, camera: Camera, options: Options
 ) -> tuple[Tiles, npt.NDArray[np.uint8]]:
     """Project, sort and count: all that comes before pixels; and the status of each splat."""
-    room = splats.room
-    p.project(
-        splats.means, splats.active, splats.sh,
-        camera.view(options), options.antialiased, camera.width, camera.height,
-        room.records, room.rows, room.spans, room.depths, room.status, n_threads(),
-    )  # fmt: skip
+    n = len(splats.means)
+    room = splats.room if isinstance(splats, Activated) else Room.of(n)
+    size = max(n, 1) if isinstance(splats, Activated) else BLOCK
+    for begin in range(0, n, size):
+        part = slice(begin, begin + size)
+        p.project(
+            splats.means[part], active_of(splats, part), splats.sh[part],
+            camera.view(options), options.antialiased, camera.width, camera.height,
+            room.records[part], room.rows[part], room.spans[part], room.depths[part],
+            room.status[part], n_threads(),
+        )  # fmt: skip
     order = depth_order(room.depths, room.status)
     tiles = Tiles.of(room.records, room.rows, room.spans, order, camera.width, camera.height)
     if tiles.n_intersections > options.max_intersections:
