@@ -111,11 +111,19 @@ class PlyBlocks:
 
     def read(self, start: int, stop: int) -> tuple[npt.NDArray[np.float64], SplatParams]:
         """(n, 3) positions, as exact as the file has them, and the splats of these rows."""
-        rows = np.asarray(self.rows[start:stop])
+        rows = self._mapped(start, stop)
         means = np.empty((len(rows), 3))
         for axis, name in enumerate(MEANS):
             means[:, axis] = rows[name]
         return means, _splats(rows, self.n_rest)
+
+    def _mapped(self, start: int, stop: int) -> npt.NDArray[np.void]:
+        """Some rows, mapped for as long as they are used: what a mapping read counts as memory."""
+        some = self.rows[start:stop]
+        if not isinstance(self.rows, np.memmap) or not len(some):
+            return np.asarray(some)
+        at = self.rows.offset + start * self.rows.itemsize
+        return np.asarray(np.memmap(self.rows.filename, self.rows.dtype, "r", at, some.shape))
 
 
 def read_ply_header(path: PathLike) -> PlyHeader:

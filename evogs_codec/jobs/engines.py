@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, TypeVar
 
 from evogs_codec.errors import InputError
 
 __all__ = ["Engine", "run_jobs"]
 
 Call: TypeAlias = "tuple[Any, ...]"
+T = TypeVar("T")
 
 RETRIES = 3  # of jobs whose worker died
 JOBS_EACH = 4  # of a process, then another takes its place
@@ -75,7 +78,7 @@ def run_jobs(
     """
     if engine.name == "serial":
         for number, call in enumerate(calls):
-            yield number, function(*call)
+            yield number, _done(function, call)
         return
     left = dict(enumerate(calls))
     n_broken = 0
@@ -88,7 +91,7 @@ def run_jobs(
         with _one_thread_each(), engine.executor() as executor:
             batch = dict(islice(left.items(), engine.n_batch))
             with _interrupts_wait():  # `submit` starts processes
-                futures = {executor.submit(function, *call): n for n, call in batch.items()}
+                futures = {executor.submit(_done, function, call): n for n, call in batch.items()}
             try:
                 for future in as_completed(futures):
                     found = future.result()
@@ -101,11 +104,27 @@ def run_jobs(
                     future.cancel()
 
 
+def _done(function: Callable[..., T], call: Call) -> T:
+    """What a job returns. Its arrays, if they are in cycles, do not wait for the next one."""
+    found = function(*call)
+    gc.collect()
+    return found
+
+
 def _end_quietly() -> None:
-    """Ctrl-C ends a worker; what is to be said of it the main process says."""
+    """Ctrl-C ends a worker, as does the end of the main process, which says what is to be said."""
+    threading.Thread(target=_end_with_main, daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
+def _end_with_main() -> None:
+    """End this process if the main process was killed: it would wait for jobs for ever."""
+    main = multiprocessing.parent_process()
+    if main is not None:
+        main.join()
+        os._exit(1)
 
 
 @contextmanager

@@ -21,6 +21,7 @@ LEAST_OPACITY = 1 / 255  # below, a renderer draws nothing
 SIGMAS = math.sqrt(2 * math.log(255))  # 3.33: beyond, an opaque splat is below the least opacity
 LARGEST = 80.0  # of a log-scale that is taken as it is
 OF_SIZES = 90  # percentile: the size of the splats that a level merges
+BLOCK = 1 << 16  # splats at a time
 ROUNDING = 2.0**-12  # of its width is a box larger, so that its numbers are short
 
 
@@ -80,8 +81,12 @@ def covered(splats: SplatParams) -> Box:
     if not len(shown):
         means = splats.means if len(splats) else np.zeros((1, 3))
         return Box.of(means.min(axis=0).astype(np.float64), means.max(axis=0).astype(np.float64))
-    means, half = shown.means.astype(np.float64), SIGMAS * _deviations(shown)
-    return Box.of((means - half).min(axis=0), (means + half).max(axis=0))
+    boxes = []
+    for at in range(0, len(shown), BLOCK):
+        some = shown.take(slice(at, at + BLOCK))
+        means, half = some.means.astype(np.float64), SIGMAS * _deviations(some)
+        boxes.append(Box.of((means - half).min(axis=0), (means + half).max(axis=0)))
+    return Box.around(boxes)
 
 
 def size_of(splats: SplatParams) -> float:

@@ -30,6 +30,7 @@ from evogs_codec.tileset.boxes import Box, covered, size_of
 __all__ = ["Made", "as_glb", "code_leaf", "code_overview", "made_of", "with_place"]
 
 OF_SCENE = ("camera", "cameras", "psnr")  # metadata in coordinates of the scene, or of all of it
+CONTENT = "content.ply"
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # from z up
 
 
@@ -67,8 +68,9 @@ def code_leaf(rows: str, sh_degree: int, options: JobOptions, out: str, done: st
         out: the stream.
         done: what is known of it; it is there when all is done.
     """
-    found = sorted_rows(rows, sh_degree)
-    _code(SplatParams.from_channels(found.T), options, Path(out), Path(done))
+    work = _work_of(Path(out))
+    write_ply(work / CONTENT, SplatParams.from_channels(sorted_rows(rows, sh_degree).T))
+    _code(work, options, Path(out), Path(done))
 
 
 def code_overview(
@@ -86,19 +88,9 @@ def code_overview(
         out: the stream.
         done: what is known of it; it is there when all is done.
     """
-    parts = []
-    for path, way, most in children:
-        data = np.memmap(path, np.uint8, "r").data
-        directory = read_directory(data)
-        level = _level_of(directory, most)
-        splats = decode_leaves(
-            data, level=level, sh_degree=directory.sh_degree, directory=directory
-        )
-        rows = splats.channels()
-        rows[0:3] += np.array(way, np.float32)[:, None]
-        parts.append(rows)
-    splats = SplatParams.from_channels(np.concatenate(parts, axis=1))
-    _code(splats, options, Path(out), Path(done))
+    work = _work_of(Path(out))
+    write_ply(work / CONTENT, _coarse(children))
+    _code(work, options, Path(out), Path(done))
 
 
 def as_glb(stream: str, out: str) -> None:
@@ -113,19 +105,40 @@ def as_glb(stream: str, out: str) -> None:
     write_atomic(out, gltf.write(turned, directory.info, "evogs tileset"))
 
 
+def _coarse(children: Sequence[tuple[str, tuple[float, float, float], int]]) -> SplatParams:
+    """The splats of an overview (`code_overview`)."""
+    parts = []
+    for path, way, most in children:
+        data = np.memmap(path, np.uint8, "r").data
+        directory = read_directory(data)
+        level = _level_of(directory, most)
+        splats = decode_leaves(
+            data, level=level, sh_degree=directory.sh_degree, directory=directory
+        )
+        rows = splats.channels()
+        rows[0:3] += np.array(way, np.float32)[:, None]
+        parts.append(rows)
+    return SplatParams.from_channels(np.concatenate(parts, axis=1))
+
+
 def _level_of(directory: Directory, most: int) -> int:
     counts = [level.n_leaves for level in levels(directory)]
     fitting = [k for k, n in enumerate(counts) if n <= most]
     return fitting[-1] if fitting else 0
 
 
-def _code(splats: SplatParams, options: JobOptions, out: Path, done: Path) -> None:
+def _work_of(out: Path) -> Path:
+    """A new folder beside a content, for what is in work."""
     work = out.with_suffix(".work")
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir()
-    write_ply(work / "content.ply", splats)
+    return work
+
+
+def _code(work: Path, options: JobOptions, out: Path, done: Path) -> None:
+    """Encode the splats in a folder for what is in work; none of them are in memory meanwhile."""
     serial = Engine("serial")
-    encode_files([work / "content.ply"], out, options, engine=serial, scratch=work / "parts")
+    encode_files([work / CONTENT], out, options, engine=serial, scratch=work / "parts")
     made = _measured(out)
     shutil.rmtree(work)
     write_atomic(done, json.dumps(asdict(made)).encode())

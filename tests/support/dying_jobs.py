@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from pathlib import Path
 
-__all__ = ["dies_always", "dies_at_first", "doubled", "process_of"]
+__all__ = ["dies_always", "dies_at_first", "doubled", "process_of", "sleeps"]
 
 
 def doubled(number: int) -> int:
@@ -31,3 +32,9 @@ def dies_always(_number: int) -> int:
     """Kills its process."""
     os.kill(os.getpid(), signal.SIGKILL)
     return 0
+
+
+def sleeps(seconds: float) -> None:
+    """Says that it has begun, and sleeps."""
+    print("begun", flush=True)
+    time.sleep(seconds)

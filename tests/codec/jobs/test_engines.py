@@ -1,6 +1,8 @@
 """Where jobs run: processes that are started, and Ctrl-C meanwhile."""
 
 import signal
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -25,3 +27,16 @@ def test_processes_are_started_while_ctrl_c_waits(monkeypatch):
     assert sorted(run_jobs(Engine(workers=1), abs, [(-1,), (-2,)])) == [(0, 1), (1, 2)]
     assert seen == [True, True]
     assert not blocked()
+
+
+def test_workers_end_when_the_main_process_is_killed():
+    code = (
+        "from evogs_codec.jobs.engines import *\n"
+        "from tests.support.dying_jobs import sleeps\n"
+        "list(run_jobs(Engine(workers=1), sleeps, [(600,)]))"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as process:
+        assert process.stdout.readline() == b"begun\n"
+        process.kill()
+        # The worker has the same output, which ends when both have.
+        assert process.communicate(timeout=60)[0] == b""

@@ -20,6 +20,7 @@ from evogs_codec import (
 )
 from evogs_codec.jobs import Engine, JobOptions, encode_files
 from evogs_codec.jobs.engines import run_jobs
+from evogs_codec.jobs.merge import merge
 from evogs_codec.render import Views
 from evogs_codec.render.demo_scene import make_scene
 from tests.support.dying_jobs import dies_always, dies_at_first, doubled, process_of
@@ -144,6 +145,27 @@ def test_what_was_done_is_not_done_again(folder, right, tmp_path, monkeypatch):
     monkeypatch.setattr("evogs_codec.jobs.scratch.partition", None)
     encode_files([folder / "whole.ply"], tmp_path / "a.evogs", OPTIONS, engine=SERIAL, resume=True)
     assert (tmp_path / "a.evogs").read_bytes() == right
+
+
+def test_there_may_be_more_tiles_than_open_files(folder, tmp_path, monkeypatch):
+    resource = pytest.importorskip("resource")
+    kept = []
+
+    def keep(parts, _out):
+        kept.extend(parts)
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("evogs_codec.jobs.encode.merge", keep)
+    with pytest.raises(OSError, match="No space left"):
+        encode_files([folder / "whole.ply"], tmp_path / "a.evogs", OPTIONS, engine=SERIAL)
+    before, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with kept[0].open("rb") as file:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (file.fileno() + 20, most))
+    try:
+        merge(kept * 20, tmp_path / "b.evogs")
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (before, most))
+    assert len(read_directory(tmp_path / "b.evogs").tiles) == 20 * len(kept)
 
 
 def test_the_scratch_of_other_options_is_not_resumed(folder, tmp_path, monkeypatch):
