@@ -1,6 +1,7 @@
 """Tiles of scenes that are never in memory as a whole."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -144,3 +145,17 @@ def test_splats_that_are_not_finite_are_counted_or_refused(tmp_path):
     files = SplatFiles([tmp_path / "a.ply"], drop_invalid=True)
     assert sum(len(block.splats) for block in files.blocks()) == 499
     assert (files.n_invalid, files.n_opaque) == (1, 3)
+
+
+def test_memory_does_not_grow_with_the_file_that_is_read(tmp_path):
+    status = Path("/proc/self/status")
+    if not status.exists() or "RssFile" not in status.read_text():
+        pytest.skip("the system does not say what is mapped")
+
+    def mapped():
+        return int(status.read_text().split("RssFile:")[1].split()[0]) * 1024
+
+    write_ply(tmp_path / "a.ply", make_scene(1000, 1).take(np.arange(400_000) % 1000))
+    before = mapped()
+    most = max(mapped() for _ in SplatFiles([tmp_path / "a.ply"]).blocks())
+    assert most - before < (tmp_path / "a.ply").stat().st_size / 2
