@@ -123,7 +123,8 @@ class PlyBlocks:
         if not isinstance(self.rows, np.memmap) or not len(some):
             return np.asarray(some)
         at = self.rows.offset + start * self.rows.itemsize
-        return np.asarray(np.memmap(self.rows.filename, self.rows.dtype, "r", at, some.shape))
+        again = np.memmap(os.fspath(self.rows.filename or ""), some.dtype, "r", at, some.shape)
+        return np.asarray(again)
 
 
 def read_ply_header(path: PathLike) -> PlyHeader:

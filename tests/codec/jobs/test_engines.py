@@ -36,6 +36,7 @@ def test_workers_end_when_the_main_process_is_killed():
         "list(run_jobs(Engine(workers=1), sleeps, [(600,)]))"
     )
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
         assert process.stdout.readline() == b"begun\n"
         process.kill()
         # The worker has the same output, which ends when both have.
