@@ -31,7 +31,7 @@ __all__ = [
     "stand_ins_of",
 ]
 
-PER_TILE = 1 << 17  # splats: a job takes some 500 MiB
+PER_TILE = 1 << 17  # splats: a job takes some 300 MiB
 SAMPLE = 1 << 19  # positions
 BLOCK = 8  # tiles of a neighbourhood at most
 STAND_IN = 16  # splats of a tile for which one stands in the views of its neighbours
