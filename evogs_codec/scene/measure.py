@@ -14,10 +14,11 @@ from evogs_codec.scene.request import Request
 if TYPE_CHECKING:
     from evogs_codec.render import Camera, Views
 
-__all__ = ["Gauge", "with_room"]
+__all__ = ["MANY", "Gauge", "with_room"]
 
 N_VIEWS = 6
-MANY, EVERY = 10_000, 3  # of so many splats, every third view tells what is no level
+MANY = 10_000  # of more splats some views judge first
+EVERY = 3  # so-many-th view of them tells what is no level
 PIXELS = 200  # of the longer side of a view
 
 

@@ -26,7 +26,7 @@ from evogs_codec.encoding.layers import RATIO
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.model.splats import F64, SplatParams
 from evogs_codec.scene.choose import FoundStream
-from evogs_codec.scene.measure import Gauge
+from evogs_codec.scene.measure import MANY, Gauge
 from evogs_codec.scene.request import Request
 
 if TYPE_CHECKING:
@@ -38,11 +38,11 @@ SAME = 0.03  # dB that no view of states that look the same differs by
 # A state falls if it may be worse by so many dB on so many other views: beside the mean, so many
 # standard errors count.
 FALL, DOUBT, JUDGES = 0.05, 1.0, 6
-# Views that judge at first. The mean of all is within so many standard deviations of that of these.
+# Views that judge large scenes at first. The mean of all is within so many standard deviations of
+# that of these.
 FEW, UNSURE = 4, 0.8
 FELL = 0.02  # dB by which a state looks worse on a few views: then more are asked
-# dB that all coarse splats look better than those of level 0, at least, and worse than some of them,
-# at most.
+# dB that all coarse splats look better than those of level 0, at least; worse than some, at most.
 GAIN = 0.5
 LATE = 1.5  # dB by which the last of the coarse levels looks better than the one before it, or less
 FINER, LEAST_RATIO = 4.0, 2.0  # of the price of a bit, from a layer to the next
@@ -204,14 +204,17 @@ def _states(found: FoundStream, views: Views, progress: Progress) -> list[_State
         for level in range(found.n_coarse)
         for number, cut in enumerate(_cuts(directory, level))
     ]
-    few, states = views.fewer(FEW), []
+    is_large, states = found.tree.n_leaves > MANY, []
+    few = views.fewer(FEW) if is_large else views
 
     def drawn(cut: Cut) -> F64:
         return views.psnr_of_each(next(_shown(found, directory, [cut])))
 
     shown = _shown(found, directory, [cut for _, cut in cuts])
     for (place, cut), leaves in zip(cuts, shown, strict=True):
-        states.append(_State(place, few.psnr_of_each(leaves), partial(drawn, cut)))
+        shown_by = few.psnr_of_each(leaves)
+        draw = partial(drawn, cut) if is_large else shown_by.copy
+        states.append(_State(place, shown_by, draw))
         progress("look at prefixes", len(states) / len(cuts))
     return states
 
