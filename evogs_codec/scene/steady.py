@@ -100,7 +100,7 @@ def steady(found: FoundStream, request: Request) -> bytes:
     gauge = Gauge.of(found.tree, request)
     if gauge is None:
         return found.finished()
-    mending = _Mending(gauge.many, request.progress)
+    mending = _Mending(gauge.many, request.progress, request.layers is None and not request.polish)
     levels = None
     for _ in range(TRIES):
         levels = _looked_at(found, gauge, request)
@@ -154,6 +154,7 @@ class _Mending:
     Attributes:
         views: that judge.
         progress: called with how much was looked at.
+        may_be_late: nobody asked for layers of all splats, or moves integers of the last one.
         ratio: of the price of a bit, from a layer to the next.
         before: runs of steps that are held back.
         is_late: whether the last level of the tree is late.
@@ -161,6 +162,7 @@ class _Mending:
 
     views: Views
     progress: Progress
+    may_be_late: bool
     ratio: float = RATIO
     before: list[Run] = field(default_factory=list)
     is_late: bool = False
@@ -175,7 +177,7 @@ class _Mending:
         last = found.n_coarse - 1
         if self.is_late or last < 1 or levels[last] >= levels[last - 1] + LATE:
             return None
-        self.is_late = found.can_be_late
+        self.is_late = self.may_be_late and found.can_be_late
         return found.holding((), self.ratio, is_late=True) if self.is_late else None
 
     def mended(self, found: FoundStream) -> FoundStream | None:

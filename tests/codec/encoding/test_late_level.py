@@ -91,3 +91,5 @@ def test_a_last_level_that_looks_hardly_better_is_late(monkeypatch):
         n_levels[by] = read_directory(data).n_levels
         assert VIEWS.psnr(decode(data).leaves(sh_degree=3)) > 35
     assert n_levels == {-np.inf: LAST + 2, np.inf: LAST + 1}
+    asked = encode_scene(SPLATS, layers=2, effort=1)
+    assert read_directory(asked).n_levels == LAST + 2
