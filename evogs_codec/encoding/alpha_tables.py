@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from evogs_codec.encoding.settings import Settings
 from evogs_codec.model.arithmetic import AlphaTable
@@ -18,6 +19,7 @@ from evogs_codec.model.tree import EvolutionTree, Kind, Step
 __all__ = [
     "alpha_tables",
     "cheapest_alphas",
+    "joint_delta",
     "nearest",
     "serving_both",
     "serving_second",
@@ -146,6 +148,18 @@ def serving_both(u: F64, v: F64, table: AlphaTable) -> U8:
         return total
 
     return cheapest_alphas(table, u.shape[1], cost, ALPHA_RATE, passes=2)
+
+
+def joint_delta(u: F64, v: F64, alpha: F64, bounded: npt.NDArray[np.bool_]) -> F64:
+    """(C, S) Delta that serves both children, C1 = P + u and C2 = P + v, best.
+
+    The least squared error. For a positive alpha that can be 1.2 times the error of the parent in
+    one child, which grows along a chain; so where `bounded`, the least largest error instead, which
+    is no more than the parent's (it has to go somewhere: C1 and C2 stay on a line through P).
+    """
+    least_squares = (u - alpha * v) / (1.0 + alpha * alpha)
+    least_largest = (u - v) / (1.0 + np.maximum(alpha, 0.0))
+    return np.where(bounded & (alpha > 0), least_largest, least_squares)
 
 
 def cheapest_alphas(

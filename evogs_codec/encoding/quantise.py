@@ -17,7 +17,13 @@ import numpy.typing as npt
 
 from evogs_codec.common.parallel import parallel_map
 from evogs_codec.common.progress import Progress, no_progress
-from evogs_codec.encoding.alpha_tables import alpha_tables, nearest, serving_both, serving_second
+from evogs_codec.encoding.alpha_tables import (
+    alpha_tables,
+    joint_delta,
+    nearest,
+    serving_both,
+    serving_second,
+)
 from evogs_codec.encoding.grids import (
     Grid,
     NotRepresentableError,
@@ -277,7 +283,7 @@ class _TileCoder:
         if self.settings.is_near_lossless:
             return serving_second(u, v, table), u
         indices = serving_both(u, v, table)
-        return indices, _joint(u, v, table.values[indices], bounded)
+        return indices, joint_delta(u, v, table.values[indices], bounded)
 
     def _weights(self, number: int, part: slice, step_sizes: F64) -> ErrorWeights | None:
         """What errors of a group are worth in this step, if that is known."""
@@ -382,18 +388,6 @@ class _TileCoder:
         self._apply(StepPlan.of(slots, kinds, self.n, 0), step.level, psi, indices, adds)
         self.tracker.note(self.x, self.n)
         return CodedStep(step.level, slots, kinds, indices, psi, adds)
-
-
-def _joint(u: F64, v: F64, alpha: F64, bounded: npt.NDArray[np.bool_]) -> F64:
-    """Delta that serves both children, C1 = P + u and C2 = P + v, best.
-
-    The least squared error. For a positive alpha that can be 1.2 times the error of the parent in
-    one child, which grows along a chain; so where `bounded`, the least largest error instead, which
-    is no more than the parent's (it has to go somewhere: C1 and C2 stay on a line through P).
-    """
-    least_squares = (u - alpha * v) / (1.0 + alpha * alpha)
-    least_largest = (u - v) / (1.0 + np.maximum(alpha, 0.0))
-    return np.where(bounded & (alpha > 0), least_largest, least_squares)
 
 
 def _triple(values: F64 | I64) -> tuple[int, int, int]:

@@ -17,11 +17,11 @@ from evogs_codec.render.compiled import n_threads
 from evogs_codec.render.spans import SPAN
 from evogs_codec.render.splats import Real, Splats
 
-__all__ = ["Activated", "Room", "active_of"]
+__all__ = ["Activated", "Buffers", "active_of"]
 
 
 @dataclass(frozen=True, eq=False)
-class Room:
+class Buffers:
     """What `projection.project` fills for N splats.
 
     Attributes:
@@ -35,9 +35,9 @@ class Room:
     status: npt.NDArray[np.uint8]
 
     @staticmethod
-    def of(n: int) -> Room:
+    def of(n: int) -> Buffers:
         """For n splats."""
-        return Room(
+        return Buffers(
             np.empty((n, p.FIELDS), np.float64),
             np.empty((n, 2), np.int32),
             np.empty((n, SPAN), np.int16),
@@ -55,7 +55,7 @@ class Activated:
     Attributes:
         means, quats, log_scales, opacity_logits, sh: the parameters.
         active: (N, ACTIVE) what follows from them.
-        room: what the last drawing was made in.
+        buffers: what the last drawing was made in.
     """
 
     means: Real
@@ -64,7 +64,7 @@ class Activated:
     opacity_logits: Real
     sh: Real
     active: npt.NDArray[np.float64]
-    room: Room
+    buffers: Buffers
 
     @staticmethod
     def of(splats: Splats) -> Activated:
@@ -77,7 +77,7 @@ class Activated:
             splats.opacity_logits,
             splats.sh,
             active,
-            Room.of(len(active)),
+            Buffers.of(len(active)),
         )
 
     def __len__(self) -> int:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.render import projection as p
-from evogs_codec.render.activated import Activated, Room, active_of
+from evogs_codec.render.activated import Activated, Buffers, active_of
 from evogs_codec.render.activation import ACTIVE
 from evogs_codec.render.blending import blend
 from evogs_codec.render.camera import Camera
@@ -156,21 +156,23 @@ def prepare(
 ) -> tuple[Tiles, npt.NDArray[np.uint8]]:
     """Project, sort and count: all that comes before pixels; and the status of each splat."""
     n = len(splats.means)
-    room = splats.room if isinstance(splats, Activated) else Room.of(n)
+    buffers = splats.buffers if isinstance(splats, Activated) else Buffers.of(n)
     size = max(n, 1) if isinstance(splats, Activated) else BLOCK
     for begin in range(0, n, size):
         part = slice(begin, begin + size)
         p.project(
             splats.means[part], active_of(splats, part), splats.sh[part],
             camera.view(options), options.antialiased, camera.width, camera.height,
-            room.records[part], room.rows[part], room.spans[part], room.depths[part],
-            room.status[part], n_threads(),
+            buffers.records[part], buffers.rows[part], buffers.spans[part], buffers.depths[part],
+            buffers.status[part], n_threads(),
         )  # fmt: skip
-    order = depth_order(room.depths, room.status)
-    tiles = Tiles.of(room.records, room.rows, room.spans, order, camera.width, camera.height)
+    order = depth_order(buffers.depths, buffers.status)
+    tiles = Tiles.of(
+        buffers.records, buffers.rows, buffers.spans, order, camera.width, camera.height
+    )
     if tiles.n_intersections > options.max_intersections:
         raise ValueError(
             f"{tiles.n_intersections} pairs of a splat and a tile, over max_intersections = "
             f"{options.max_intersections}: are the scales of the scene right?"
         )
-    return tiles, room.status
+    return tiles, buffers.status
