@@ -13,6 +13,7 @@ import numpy.typing as npt
 from evogs_codec import Cut, SplatParams, decode, encode_scene, read_directory
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
+from tools.bench.measure import seconds_text
 from tools.bench.page import Rows
 
 __all__ = ["falls"]
@@ -34,7 +35,7 @@ def falls() -> Rows:
         data = encode_scene(splats)
         seconds = time.process_time() - start
         row = {"scene": name, "bytes": len(data), **_fallen(data, splats)}
-        rows.append(row | {"encode, s": f"{seconds:.1f}"})
+        rows.append(row | {"encode, s": seconds_text(seconds)})
         print(*rows[-1].values(), sep=", ", file=sys.stderr, flush=True)
     return rows
 

@@ -19,6 +19,7 @@ from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.views import Views
 from evogs_codec.scene.choose import SEEN
 from evogs_codec.scene.effort import EFFORTS
+from tools.bench.measure import seconds_text
 from tools.bench.page import Rows
 from tools.bench.prefix import ends_of_packets, sizes_of_packets
 from tools.bench.subjects import Subject
@@ -154,7 +155,7 @@ def _row(curve: _Curve) -> dict[str, object]:
         "largest loss, dB": _cell(_judged(curve.loss, np.max)),
         "deepest fall, dB": f"{curve.fall:.2f}",
         "largest packet, %": f"{curve.largest:.1f}",
-        "encode, s": f"{curve.stream.seconds:.1f}",
+        "encode, s": seconds_text(curve.stream.seconds),
     }
 
 

@@ -22,6 +22,7 @@ __all__ = [
     "least",
     "leaves_in_stream_order",
     "peak_memory",
+    "seconds_text",
     "take_turns",
     "take_turns_apart",
 ]
@@ -102,6 +103,11 @@ def least(run: Callable[[], object], turns: int) -> float:
         run()
         seconds.append(time.process_time() - start)
     return min(seconds)
+
+
+def seconds_text(seconds: float) -> str:
+    """Seconds to one decimal; of less than a second the first two digits, so that none is 0."""
+    return f"{seconds:.1f}" if seconds >= 1 else f"{seconds:.2g}"
 
 
 def leaves_in_stream_order(tree: EvolutionTree) -> SplatParams:
