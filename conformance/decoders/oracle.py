@@ -952,7 +952,7 @@ def apply_picks(scene: Scene, packet: Packet, body: bytes) -> None:
         kinds = zip(step.slots, step.kinds, strict=True)
         changed = [slot for slot, kind in kinds if kind != DROP]
     n_new = step.core.n_splits + step.core.n_adds
-    picks = [0] * n_new  # 5.6: those of a packet of no bytes
+    picks = [0] * n_new  # of a packet of no bytes until below
     if packet.size > 0:
         _, _, (picks,) = read_lists(body, [len(changed) + n_new], first_delta=1, n_flags=3)
     n_entries = sum(p.n_adds for p in scene.palette_up_to(packet.label))
@@ -966,6 +966,12 @@ def apply_picks(scene: Scene, packet: Packet, body: bytes) -> None:
             if kind == DROP:
                 x[slot] = 0
         x.extend(entries[pick - 1] if pick > 0 else 0 for pick in picks)
+    if packet.size == 0:  # 12.4: C2 has the pick of P, which keeps it
+        parents = [s for s, kind in zip(step.slots, step.kinds, strict=True) if kind == SPLIT]
+        for channel in scene.header.above_core:
+            x = tile.x[channel]
+            begin = len(x) - n_new
+            x[begin : begin + len(parents)] = [x[slot] for slot in parents]
 
 
 # ---- 7.5 SH that comes late, 7.6 float view, 7.7 states ----

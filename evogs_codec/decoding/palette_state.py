@@ -192,16 +192,16 @@ def unpack_entries(body: memoryview, n: int, n_channels: int, offset: int) -> Va
 
 def unpack_picks(
     body: memoryview, counts: Counts, n_entries: int, offset: int
-) -> tuple[Stored | None, Stored]:
+) -> tuple[Stored | None, Stored | None]:
     """The picks of a packet among so many entries: of slots refined or split, and of new slots.
 
-    The first are None if those slots keep theirs.
+    The first are None if those slots keep theirs, the second if C2s take those of their parents.
 
     Raises:
         StreamError: as `unpack_entries`, and E_INDEX.
     """
     if len(body) == 0:
-        return None, np.zeros(counts.n_splits + counts.n_adds, np.uint8)
+        return None, None
     head, data = read_picks(body, counts, offset)
     coding, n = head.codings[0], head.lengths[0]
     picks = join_planes(planes_at(data, 0, coding, n), coding, n)

@@ -162,6 +162,9 @@ class TileState:
         plan = self._plans[self.n_applied[PICKS]]
         counts = self._counts[self.n_applied[PICKS]]
         changed, new = unpack_picks(body, counts, n_entries, offset)
+        if new is None:  # C2s take the picks of their parents, adds none
+            parents = self.born_from[plan.n_before : plan.n_after]
+            new = np.where(parents >= 0, self.picks[parents], np.int32(0))
         if changed is not None:
             self.picks[plan.targets] = changed
         self.picks[plan.n_before : plan.n_after] = new

@@ -100,7 +100,8 @@ def _step(directory: Directory, data: memoryview, packets: list[int]) -> CodedSt
         if component == PICKS:
             n_entries = int(directory.entries_required[packet])
             changed, new = unpack_picks(body, counts, n_entries, offset)
-            picks = new.astype(np.int32)
+            if new is not None:
+                picks = new.astype(np.int32)
             if changed is not None:
                 changed_picks = changed.astype(np.int32)
             continue

@@ -176,6 +176,8 @@ def _with_rooms(step: Step, is_room: npt.NDArray[np.bool_], opacity: F64, picks:
     psi[_OPACITY, is_room] = hiding(opacity[step.slots[is_room]])
     alpha[:, of_splits] = ALPHAS
     found = replace(step, psi=psi, alpha=alpha)
+    if is_room.all():
+        return replace(found, picks=step.picks[:0], changed_picks=step.changed_picks[:0])
     if not len(step.picks):
         return found
     new, changed = step.picks.copy(), step.changed_picks.copy()

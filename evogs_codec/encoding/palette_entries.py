@@ -15,9 +15,9 @@ from evogs_codec.encoding.rate_distortion import cheapest
 from evogs_codec.format.pack import decorrelate
 from evogs_codec.format.planes import MAX_STORED, entropy, zigzag
 from evogs_codec.model.channels import N_CORE, channel_class
-from evogs_codec.model.coded_tree import CodedTile
+from evogs_codec.model.coded_tree import CodedStep, CodedTile
 from evogs_codec.model.splats import F32, I32, I64
-from evogs_codec.model.tree import Palette
+from evogs_codec.model.tree import Palette, take_picks
 
 __all__ = ["CodedEntries", "coded_entries", "quantised_entries"]
 
@@ -39,15 +39,25 @@ class CodedEntries:
     number: I32
 
     def renumbered(self, tile: CodedTile) -> CodedTile:
-        """The tile with picks in the numbers that entries have now."""
-        steps = (
-            replace(
+        """The tile with picks in the numbers that entries have now.
+
+        A step that gives its slots no other picks than they have without any holds none.
+        """
+        picks, n = np.zeros(sum(step.n_new for step in tile.steps), np.int32), 0
+        steps: list[CodedStep] = []
+        for step in tile.steps:
+            now = replace(
                 step,
                 picks=self.number[step.picks],
                 changed_picks=self.number[step.changed_picks],
             )
-            for step in tile.steps
-        )
+            if not len(now.changed_picks):
+                without = replace(now, picks=now.picks[:0])
+                take_picks(without, picks, n)
+                now = without if np.array_equal(now.picks, picks[n : n + step.n_new]) else now
+            take_picks(now, picks, n)
+            n += step.n_new
+            steps.append(now)
         return replace(tile, steps=tuple(steps))
 
 

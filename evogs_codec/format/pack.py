@@ -107,14 +107,14 @@ def pack_picks(picks: I32, changed: I32, *, effort: int) -> bytes:
     """The bytes of a packet of picks (spec 12.4).
 
     Args:
-        picks: (n_new,) of the new slots.
+        picks: (n_new,) of the new slots, or (0,): C2s take those of their parents, adds none.
         changed: (P,) of the slots that are refined or split, or (0,): they keep theirs.
         effort: the Zstandard level, 1..22.
     """
     stored = np.concatenate([changed, picks])
-    coding = choose_coding(stored)[0]
-    if coding == ABSENT and not len(changed):
+    if not len(stored):
         return b""
+    coding = choose_coding(stored)[0]
     return _join(FLAG_OF_CHANGED if len(changed) else 0, [(coding, stored)], effort)
 
 

@@ -71,7 +71,8 @@ class Step:
         psi: (D, P) float32, a column per refine or split, in slot order.
         alpha: (5, S) float32, a column per split, rows in group order.
         adds: (D, A) float32, a column per add.
-        picks: of a tree with a palette, (n_new,) int32 of each C2, then of each add; else (0,).
+        picks: of a tree with a palette, (n_new,) int32 of each C2, then of each add; (0,) if each
+            C2 takes that of its parent and adds have none, and without a palette.
         changed_picks: (P,) int32 of the refined splats and the C1s; (0,) if they keep theirs.
     """
 
@@ -298,10 +299,12 @@ class EvolutionTree:
 
 
 def take_picks(step: Picking, picks: I32, n: int) -> None:
-    """Give slots the picks of a step, in place; n slots were there before."""
+    """Give slots the picks of a step, in place; n slots were there before, others have pick 0."""
+    parents = step.slots[step.kinds == Kind.SPLIT]
+    new = step.picks if len(step.picks) else picks[parents]
     if len(step.changed_picks):
         picks[step.slots[step.kinds != Kind.DROP]] = step.changed_picks
-    picks[n : n + len(step.picks)] = step.picks
+    picks[n : n + len(new)] = new
 
 
 def alpha_channels(alpha: F32 | F64, d: int) -> F64:
@@ -361,8 +364,10 @@ def _check_step(step: Step, k: int, live: npt.NDArray[np.bool_], level: int, d: 
 
 def _check_picks(step: Step, k: int, palette: Palette) -> None:
     n_psi, n_entries = step.psi.shape[1], palette.entries.shape[1]
-    if step.picks.shape != (step.n_new,):
+    if step.picks.shape not in ((0,), (step.n_new,)):
         raise ValueError(f"step {k}: {len(step.picks)} picks of {step.n_new} new slots")
+    if len(step.changed_picks) and len(step.picks) < step.n_new:
+        raise ValueError(f"step {k}: picks change, and new slots have none")
     if step.changed_picks.shape not in ((0,), (n_psi,)):
         raise ValueError(f"step {k}: {len(step.changed_picks)} changed picks of {n_psi} slots")
     for picks in (step.picks, step.changed_picks):

@@ -122,8 +122,12 @@ def test_a_step_whose_picks_are_late_shows_those_of_the_ancestor() -> None:
     assert none.channels[14] == [0] * 5
 
 
-def test_a_packet_of_picks_of_no_bytes_says_0_and_drops_all_the_same() -> None:
+def test_a_packet_of_picks_of_no_bytes_says_those_of_parents_and_drops_all_the_same() -> None:
     tile = oracle.decode(build(stream(*PACKETS[:5], Packet(component=4)))).tiles[0]
+    # Slot 0 has entry 3 and keeps it, slot 2 was dropped; 3 was split from 0, and 4 is an add.
+    assert tile.x[14] == [60, 0, 0, 60, 0]
+    zeros = Packet(component=4, is_explicit=True)
+    (tile,) = oracle.decode(build(stream(*PACKETS[:5], zeros))).tiles
     assert tile.x[14] == [60, 0, 0, 0, 0]
 
 

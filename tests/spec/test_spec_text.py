@@ -245,11 +245,19 @@ def palette_stream(*late: Packet, early: Sequence[int] = (2, 0)) -> bytes:
     [
         (),
         (Packet(component=4),),
+        (Packet(component=4, is_explicit=True),),
         (Packet(component=4, picks=[4]),),
         (Packet(component=4, picks=[1], repicks=[2, 4]),),
         (Packet(component=4, repicks=()),),
     ],
-    ids=["late", "of no bytes", "of new slots", "of changed slots", "of changed slots, all 0"],
+    ids=[
+        "late",
+        "of no bytes",
+        "of zeros",
+        "of new slots",
+        "of changed slots",
+        "of changed slots, all 0",
+    ],
 )
 def test_the_pseudo_code_decodes_streams_with_a_palette_as_the_oracle_does(late):
     data = palette_stream(*late)
@@ -309,6 +317,9 @@ def test_changed_slots_have_the_picks_worked_out_by_hand():
     assert oracle.decode(palette_stream(late)).tiles[0].x[14] == [18, 0, 0, 0, 18]
     plain = Packet(component=4, picks=[1])
     assert oracle.decode(palette_stream(plain)).tiles[0].x[14] == [0, 0, -12, 0, 18]
+    # Without bytes slot 4 has the pick of 2, from which it was split; of zeros it has none.
+    for empty, new in ((Packet(component=4), -12), (Packet(component=4, is_explicit=True), 0)):
+        assert oracle.decode(palette_stream(empty)).tiles[0].x[14] == [0, 0, -12, 0, new]
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,7 @@ def decode_with_pseudo_code(data: bytes) -> bytes:
     for p in scene.packets:
         tile = scene.tiles[p.tile]
         if p.component == 0:
-            cores[p.tile, p.step] = core = SimpleNamespace(packet=p)
+            cores[p.tile, p.step] = core = SimpleNamespace(packet=p, n_adds=p.n_adds)
         body = data[p.start : p.start + p.size]
         if p.component == oracle.PALETTE:
             spec.palette_step(scene.palette, stored_entries(spec, scene, p, body))
@@ -53,7 +53,7 @@ def decode_with_pseudo_code(data: bytes) -> bytes:
             of_changed = bool(body) and body[0] >> 2 & 1 == 1
             n_picks = core.packet.n_splits + core.packet.n_adds
             n_picks += core.packet.n_psi if of_changed else 0
-            (picks,) = unpacked(spec, [n_picks], 1, body)
+            picks = unpacked(spec, [n_picks], 1, body)[0] if body else None
             n_entries = sum(n for level, n in sizes if level <= core.packet.level)
             spec.picks_step(tile, core, picks, of_changed, scene.palette, n_entries)
             continue

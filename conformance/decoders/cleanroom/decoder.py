@@ -711,13 +711,21 @@ def apply_channel(x: array[int], step: Step, psi: Numbers, group: int, adds: Num
 
 
 def apply_picks(
-    picks: list[int], of_changed: bool, n_entries: int, step: Step, stream: Stream, tile: Tile
+    picks: list[int] | None,
+    of_changed: bool,
+    n_entries: int,
+    step: Step,
+    stream: Stream,
+    tile: Tile,
 ) -> None:
-    """`picks_step` of 7.4."""
-    require(within(picks, 0, n_entries), "E_INDEX")  # R-7.2-4
+    """`picks_step` of 12.5; without bytes there are no picks."""
+    require(within(picks or [], 0, n_entries), "E_INDEX")  # R-7.2-4
     changed = step.changed if of_changed else []
     for x, entries in zip(tile.x[4], stream.palette, strict=True):
-        picked = [entries[pick - 1] if pick > 0 else 0 for pick in picks]
+        if picks is None:
+            picked = [x[step.changed[i]] for i in step.split_at] + [0] * step.n_adds
+        else:
+            picked = [entries[pick - 1] if pick > 0 else 0 for pick in picks]
         for slot, value in zip(changed, picked, strict=False):
             x[slot] = value
         for slot in step.dropped:
@@ -739,7 +747,8 @@ def apply_packet(data: memoryview, row: Row, stream: Stream, tile: Tile) -> None
     step = tile.steps[row.step]
     if row.holds == "picks":
         n_entries = sum(stream.n_entries[: row.level + 1])  # of the packets that it requires (12)
-        apply_picks(lists[0].integers(), flags & 4 > 0, n_entries, step, stream, tile)
+        picks = lists[0].integers() if row.size > 0 else None
+        apply_picks(picks, flags & 4 > 0, n_entries, step, stream, tile)
         return
     n = len(tile.x[row.component])
     classes = CORE_CLASSES if row.holds == "core" else (4 + row.component,) * n

@@ -157,6 +157,11 @@ def slots() -> Iterator[Case]:
 def stored_picks() -> Iterator[Case]:
     """Lists of picks."""
     refines = Packet(records={0: REFINE, 2: REFINE}, psi=numbers(2, seed=1))
+    splits = Packet(
+        records={0: SPLIT, 1: SPLIT, 2: DROP}, psi=numbers(2, seed=1), adds=numbers(1, seed=2)
+    )
+    again = Packet(records={3: SPLIT, 0: SPLIT, 5: SPLIT}, psi=numbers(3, seed=3))
+    last = Packet(records={7: SPLIT, 3: SPLIT}, psi=numbers(2, seed=4))
     rows = [
         (
             "picks-of-size-0",
@@ -171,6 +176,37 @@ def stored_picks() -> Iterator[Case]:
             "R-5.9-2 5.6 5.9",
             "a packet of picks whose coding byte is 0: three picks of 0",
             "takes entry 1, or wants a plane",
+        ),
+        (
+            "picks-of-size-0-of-splits",
+            [ADD, entries(4), picks(4, 0, 2), splits, picks()],
+            "R-5.6-5 12 5.6",
+            "two splits, a drop, an add: second children have the picks 4 and 0 of their parents",
+            "gives second children the pick 0, or the add that of a splat",
+        ),
+        (
+            "picks-of-size-0-of-splits-of-splits",
+            [
+                ADD,
+                entries(4),
+                picks(4, 0, 2),
+                splits,
+                picks(1, 3, 2),
+                again,
+                picks(),
+                last,
+                picks(),
+            ],
+            "R-5.6-5 12 5.6",
+            "splits of a first child, of a second one and of an add, twice with picks of size 0",
+            "takes the pick of the splat that P was split from, or forgets it after a step",
+        ),
+        (
+            "picks-stored-as-zeros-of-splits",
+            [ADD, entries(4), picks(4, 0, 2), splits, replace(picks(), is_explicit=True)],
+            "R-5.9-2 12 5.9",
+            "a coding byte of 0: second children have the pick 0, whatever their parents have",
+            "takes the packet for one of size 0",
         ),
         (
             "picks-of-no-slots",

@@ -83,6 +83,13 @@ def changes() -> Iterator[Case]:
             "takes the packet for one of size 0, with which slots keep their picks",
         ),
         (
+            "changed-slots-then-size-0",
+            [*BEGIN, REFINES, anew([4, 0]), MIXED, picks()],
+            "R-7.2-4 R-5.6-5 12",
+            "new picks of slots 0 and 2, then splits of both: second children have the new ones",
+            "takes the picks of parents that they had at first",
+        ),
+        (
             "changed-slots-again",
             [*BEGIN, REFINES, anew([4, 5]), GROW, anew([6, 0], [7, 8])],
             "R-7.2-4 12",

@@ -92,7 +92,7 @@ def arrivals() -> Iterator[Case]:
         empty,
         "R-6.4-1 R-5.6-5 7.5 6.4",
         "picks of size 0 wait for entries of level 1: the second child shows what P does",
-        "applies picks without bytes at once, or lets those of level 0 wait too",
+        "shows 0 where picks wait, or lets those of level 0 wait too",
         runs=(without(3, stream=empty), without(1, 3, stream=empty), PROGRESSIVE),
     )
     hollow = with_palette(LOW, entries(0, level=1), ADD, picks(1, 2, 1), GROW, picks(2, 1))

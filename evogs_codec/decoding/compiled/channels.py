@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from evogs_codec.decoding.compiled.changes import apply_psi
 from evogs_codec.decoding.compiled.headers import (
+    EMPTY,
     MAX_LISTS,
     N_CORE,
     N_SIDES,
@@ -102,7 +103,7 @@ def apply_packets(
             return False
         first += count
     for k in range(len(headers.components)):
-        if headers.components[k] == PICKS and not _apply_picks(headers, k, plans, shown):
+        if headers.components[k] == PICKS and not _apply_picks(headers, k, plans, born_from, shown):
             return False
     return True
 
@@ -190,7 +191,7 @@ def _apply_adds(
 
 
 @_jit
-def _apply_picks(headers: Headers, k: int, plans: Plans, shown: I32) -> bool:
+def _apply_picks(headers: Headers, k: int, plans: Plans, born_from: I32, shown: I32) -> bool:
     """The picks of a packet (spec 7.4); False if one is past the entries that it may name."""
     step = headers.steps[k]
     first, run, drop = plans.places[step, 0], plans.places[step, 1], plans.places[step, 3]
@@ -199,7 +200,10 @@ def _apply_picks(headers: Headers, k: int, plans: Plans, shown: I32) -> bool:
     )  # fmt: skip
     n_psi = headers.counts[k, 1] + headers.counts[k, 2] if headers.flags[k] & FLAG_OF_CHANGED else 0
     code, start = headers.codes[k, 0], headers.starts[k, 0]
-    if not picks(
+    if headers.flags[k] == EMPTY:
+        for slot in range(first, end):
+            shown[slot] = shown[born_from[slot]] if born_from[slot] >= 0 else np.int32(0)
+    elif not picks(
         code, headers.planes, start, plans.runs[:, run:end_of_runs], n_psi, first,
         headers.n_entries[k], shown, n_psi + end - first,
     ):  # fmt: skip

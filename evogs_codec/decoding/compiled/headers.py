@@ -17,6 +17,7 @@ from evogs_codec.model.components import PICKS
 from evogs_codec.model.splats import I64, U8
 
 __all__ = [
+    "EMPTY",
     "MAX_LISTS",
     "N_CORE",
     "N_SIDES",
@@ -30,6 +31,7 @@ _jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
 N_SIDES = 7  # lists of core before psi: gaps, kinds, alpha of each group
 N_CORE = 14  # channels of core
 MAX_LISTS = 42  # of band 3; core has 35
+EMPTY = 256  # in place of the flags of a packet of size 0
 
 
 class Headers(NamedTuple):
@@ -39,7 +41,7 @@ class Headers(NamedTuple):
         components, steps: (K,) of each packet.
         levels: (K,) label of its step.
         counts: (K, 4) adds, splits, refines, drops of its step.
-        codes, starts, flags: (K, MAX_LISTS), (K, MAX_LISTS), (K,).
+        codes, starts, flags: (K, MAX_LISTS), (K, MAX_LISTS), (K,); flags of no bytes are `EMPTY`.
         planes: all planes.
         n_entries: (K,) of the palette, which picks may name.
     """
@@ -77,7 +79,7 @@ def read_headers(
         counts: (P, 4) adds, splits, refines, drops of the core packet of its step.
         codes: (P, MAX_LISTS) coding bytes, out.
         starts: (P, MAX_LISTS) where the planes of each list begin in all planes, out.
-        flags: (P,) of the packet header, out.
+        flags: (P,) of the packet header, out; `EMPTY` of a packet of size 0.
         frames: (F, 3) offset, size and content size of each frame, out.
 
     Returns:
@@ -90,6 +92,7 @@ def read_headers(
         starts[p] = 0
         flags[p] = 0
         if sizes[p] == 0:
+            flags[p] = EMPTY
             continue
         if components[p] < 0 or components[p] > PICKS:
             return -1

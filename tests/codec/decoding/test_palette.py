@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from conformance.decoders import oracle
-from conformance.generator.builder import X
+from conformance.generator.builder import SPLIT, X
 from evogs_codec import Cut, Decoder, StreamError, decode, read_directory
 from evogs_codec.decoding.compiled import dispatch
 from evogs_codec.decoding.decode import decode_leaves, decode_prefix
@@ -103,6 +103,23 @@ def test_slots_of_steps_whose_picks_are_late_show_those_of_their_ancestors():
     # 4 was split from 0 and 7 from 4; 5 from 3, but dropped; 6 and 8 are adds.
     picks_shown = np.where(state.live[:9], state.shown_picks(), -1).tolist()
     assert picks_shown == [3, -1, -1, 1, 3, -1, 0, 3, 0]
+
+
+@pytest.mark.parametrize("is_explicit", [False, True])
+def test_second_children_have_the_picks_of_their_parents_unless_zeros_are_stored(way, is_explicit):
+    packets = (entries(5, 100), FIRST[0], picks(0, 1, 2, 3, 4), SECOND[0])
+    data = stream((*packets, replace(picks(0), is_explicit=is_explicit)))
+    splits = [slot for slot, kind in SECOND[0].records.items() if kind == SPLIT]
+    state = decode(data, verify=True).tiles[0]
+    n = len(FIRST[0].adds[X])
+    expected = [0] * len(splits) if is_explicit else state.picks[splits].tolist()
+    assert any(state.picks[splits])
+    assert state.picks[n : n + len(splits)].tolist() == expected
+    assert not state.picks[n + len(splits) : state.n_slots].any()
+    assert decode(data).dump() == oracle.decode(data).dump()
+    step = read_coded_tree(data).tiles[0].steps[1]
+    assert len(step.picks) == (step.n_new if is_explicit else 0)
+    assert decode(write(read_coded_tree(data))).dump() == decode(data).dump()
 
 
 def test_records_of_a_stream_written_again_decode_to_the_same_integers():

@@ -2,9 +2,15 @@
 
 import { PICKS_OF_CHANGED } from "./lists.js";
 import type { PacketLists } from "./packet.js";
-import { type StepRecords, planOf } from "./records.js";
+import { type StepPlan, type StepRecords, planOf } from "./records.js";
 import type { TileState } from "./tileState.js";
 import { PLAIN, type Workspace } from "./workspace.js";
+
+/** The picks of the new slots of a packet of size 0: a C2 has that of its parent, an add has none. */
+function inherit(tile: TileState, plan: StepPlan, picks: Int32Array): void {
+  for (let i = 0; i < plan.nSplits; i++) picks[i] = tile.picks[plan.parents[i]];
+  picks.fill(0, plan.nSplits, plan.nSplits + plan.nAdds);
+}
 
 /** Applies a packet of picks. False if a pick is above `nEntries`: nothing is changed then. */
 export function applyPicks(
@@ -19,7 +25,7 @@ export function applyPicks(
   const nChanged = lists !== null && (lists.flags & PICKS_OF_CHANGED) !== 0 ? plan.nPsi : 0;
   const picks = workspace.integers(PLAIN, nChanged + nNew);
   if (lists !== null) lists.read(lists.layout.picks, picks);
-  else picks.fill(0, 0, nNew);
+  else inherit(tile, plan, picks);
   for (let i = 0; i < nChanged + nNew; i++) if (picks[i] > nEntries) return false;
 
   const end = tile.nPicks + nNew;

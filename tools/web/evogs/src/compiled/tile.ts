@@ -116,11 +116,15 @@ class CompiledTiles {
     const { kernels } = engine;
     const x = engine.takeIntegers(n);
     for (const { lists, records, from } of steps) {
-      const { nPsi, psi, nSplits, nAdds, nDrops, drops, label } = records;
+      const { nPsi, psi, nSplits, parents, nAdds, nDrops, drops, label } = records;
       const nNew = nSplits + nAdds;
       const fresh = x + 4 * from;
-      if (lists === null) engine.at(fresh, nNew).fill(0);
-      else {
+      if (lists === null) {
+        const all = engine.at(x, from + nNew);
+        const born = engine.at(parents, nSplits);
+        for (let j = 0; j < nSplits; j++) all[from + j] = all[born[j]];
+        all.fill(0, from + nSplits);
+      } else {
         const nChanged = (lists.flags & PICKS_OF_CHANGED) !== 0 ? nPsi : 0;
         const picks = storedOf(engine, lists, lists.layout.picks);
         need(kernels.areAtMost(picks, nChanged + nNew, nEntries[label]));
