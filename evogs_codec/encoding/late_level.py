@@ -13,19 +13,14 @@ from dataclasses import dataclass, replace
 from itertools import islice
 
 from evogs_codec.encoding.held_steps import rooms, splits_or_refines
-from evogs_codec.model.splats import F64
-from evogs_codec.model.tree import EvolutionTree
+from evogs_codec.model.splats import F64, I32
+from evogs_codec.model.tree import EvolutionTree, Slots
 
 __all__ = ["LateLevel", "can_be_late"]
 
 
 def can_be_late(tiles: Sequence[EvolutionTree], n_levels: int) -> bool:
-    """Whether there is a level before the last one, which has splits and refines alone.
-
-    Not with a palette: a C2 needs a pick before it can stand for its parent, and then its own.
-    """
-    if any(tile.palette is not None for tile in tiles):
-        return False
+    """Whether there is a level before the last one, which has splits and refines alone."""
     last = [step for tile in tiles for step in tile.steps if step.level == n_levels - 1]
     return n_levels > 1 and any(s.n_new for s in last) and all(map(splits_or_refines, last))
 
@@ -38,11 +33,13 @@ class LateLevel:
         tile: with the slots that the last level makes, in its splits.
         n_rooms: steps of the level.
         lacks: (D, n) what is to be added to the slots.
+        picks: (n,) of the slots, as they are to be; (0,) without a palette.
     """
 
     tile: EvolutionTree
     n_rooms: int
     lacks: F64
+    picks: I32
 
     @staticmethod
     def of(tile: EvolutionTree, level: int) -> LateLevel:
@@ -50,10 +47,11 @@ class LateLevel:
         begin = sum(step.level < level for step in tile.steps)
         made = rooms(tile, begin)
         roomy = replace(tile, steps=(*tile.steps[:begin], *made))
-        return LateLevel(roomy, len(made), _last_values(tile) - _last_values(roomy))
+        last = _last_state(tile)
+        picks = last.picks if tile.palette is not None else last.picks[:0]
+        return LateLevel(roomy, len(made), last.values - _last_state(roomy).values, picks)
 
 
-def _last_values(tile: EvolutionTree) -> F64:
-    """(D, n) after all steps."""
-    state = next(islice(tile.states(), len(tile.steps) - 1, None))
-    return state.values
+def _last_state(tile: EvolutionTree) -> Slots:
+    """After all steps."""
+    return next(islice(tile.states(), len(tile.steps) - 1, None))

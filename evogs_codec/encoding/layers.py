@@ -182,8 +182,11 @@ class Layered:
         if any(self.rooms):
             of_channels[GROUP_CHANNELS[3]] = 0
         return tuple(
-            0.0 if component == PICKS else float(of_channels[component_slice(component)].sum())
-            for component in tree.components.of_tiles
+            # Picks are estimated as those of other levels are.
+            step.gain[column]
+            if component == PICKS
+            else float(of_channels[component_slice(component)].sum())
+            for column, component in enumerate(tree.components.of_tiles)
         )
 
 
@@ -241,7 +244,10 @@ def _steps(
     """Steps that refine these parts of the leaves at each of the levels."""
     for level in levels:
         for part in parts:
-            psi = np.zeros((n_channels(tile.sh_degree), len(part)))
             if late is not None and level == levels.start:
-                psi = late.lacks[:, slots[part]]
-            yield Step.of_refines(level, slots[part], psi)
+                step = Step.of_refines(level, slots[part], late.lacks[:, slots[part]])
+                picks = late.picks[slots[part]] if len(late.picks) else late.picks
+                yield replace(step, changed_picks=picks)
+            else:
+                psi = np.zeros((n_channels(tile.sh_degree), len(part)))
+                yield Step.of_refines(level, slots[part], psi)

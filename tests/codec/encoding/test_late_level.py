@@ -27,6 +27,18 @@ VIEWS = Views(SPLATS, cameras_around(SPLATS, "z", 80, n=6))
 WHITE = (1.0, 1.0, 1.0)
 
 
+SHARED = replace(
+    SPLATS, sh=np.concatenate([SPLATS.sh[:, :1], SPLATS.sh[:7][np.arange(900) % 7, 1:]], 1)
+)
+
+
+def with_entries() -> EvolutionTree:
+    """A tree with a palette."""
+    found = with_palette(lift_with_order(SHARED), SHARED)
+    assert found is not None
+    return found
+
+
 @pytest.mark.parametrize("n_tiles", [1, 3])
 def test_a_late_level_makes_room_in_no_picture_and_lacks_what_its_splats_are(n_tiles):
     for tile in arrange(TREE, n_tiles):
@@ -40,6 +52,34 @@ def test_a_late_level_makes_room_in_no_picture_and_lacks_what_its_splats_are(n_t
             late.tile, steps=(*late.tile.steps, Step.of_refines(LAST, slots, late.lacks))
         )
         np.testing.assert_allclose(refined.leaves().channels(), tile.leaves().channels(), atol=1e-4)
+
+
+def test_of_a_palette_no_pick_changes_before_the_splats_of_a_late_level_come():
+    tree = with_entries()
+    (tile,) = arrange(tree, 1)
+    late = LateLevel.of(tile, tree.n_levels - 1)
+    made = late.tile.steps[-late.n_rooms :]
+    assert sum(step.n_new for step in made) > 400
+    assert not any(len(step.picks) or len(step.changed_picks) for step in made)
+    (*_, shown) = late.tile.states()
+    (*_, aimed) = tile.states()
+    np.testing.assert_array_equal(late.picks, aimed.picks)
+    born_from, _ = late.tile.lineage()
+    n = sum(step.n_new for step in late.tile.steps[: -late.n_rooms])
+    np.testing.assert_array_equal(shown.picks[n:], shown.picks[born_from[n:]])
+
+
+def test_a_stream_with_a_palette_and_a_late_level_has_the_picks_of_its_tree():
+    tree = with_entries()
+    views = Views(SHARED, cameras_around(SHARED, "z", 80, n=6))
+    aim = TargetEncoder(tree, PRESETS["scene"], views, layers=2)
+    price = 4e-6 / len(SHARED)
+    early, late = aim.at_price(price), aim.holding((), 128.0, is_late=True).at_price(price)
+    assert abs(aim.psnr(late) - aim.psnr(early)) < 0.6
+    assert len(late) < 1.1 * len(early)
+    assert read_directory(late).n_levels == read_directory(early).n_levels - 1
+    rows = read_directory(late).packets
+    assert np.count_nonzero((rows["component"] == 4) & (rows["size"] == 0)) > 0
 
 
 @pytest.mark.parametrize("n_tiles", [1, 2])
@@ -75,12 +115,6 @@ def test_which_trees_can_have_a_late_level():
     assert not can_be_late([EvolutionTree.of_splats(SPLATS)], 1)
     adds = Step.of_adds(1, SPLATS.channels()[:, :5])
     assert not can_be_late([replace(TREE, steps=(TREE.steps[0], adds))], 2)
-    shared = replace(
-        SPLATS, sh=np.concatenate([SPLATS.sh[:, :1], SPLATS.sh[:7][np.arange(900) % 7, 1:]], 1)
-    )
-    with_entries = with_palette(lift_with_order(shared), shared)
-    assert with_entries is not None
-    assert not can_be_late([with_entries], with_entries.n_levels)
 
 
 def test_a_last_level_that_looks_hardly_better_is_late(monkeypatch):
