@@ -22,6 +22,10 @@ __all__ = ["MAX_BLOCK", "MAX_CONTENT", "compress", "decompress", "decompress_all
 MAGIC = b"\x28\xb5\x2f\xfd"
 MAX_CONTENT = 16 << 20  # R-5.10-4
 MAX_BLOCK = 128 << 10  # R-5.10-5
+# Planes are noise that a Huffman code serves best: matches that are found in it cost more than they
+# save, and most of the time. So levels that weigh matches look for few of them in larger planes.
+WEIGHING, LARGE = 16, 4096  # the first such level, and bytes of a plane
+NARROW = {"hash_log": 6, "chain_log": 6, "search_log": 1, "min_match": 7}
 MAY_COMPILE = True  # False: literals are checked as without numba
 _local = threading.local()
 
@@ -32,22 +36,33 @@ def compress(data: bytes, effort: int) -> bytes:
     Raises:
         ValueError: more than `MAX_CONTENT` bytes.
     """
-    stored = store(data)
+    frames = [store(data)]
+    if effort < WEIGHING or len(data) < LARGE:
+        frames.append(_frame(data, effort))
+    else:
+        frames += [_frame(data, effort, is_narrow=True), _frame(data, 1)]
+        if len(frames[-1]) < len(frames[-2]):  # there is something to be found
+            frames.append(_frame(data, effort))
+    return min(frames, key=len)
+
+
+def _frame(data: bytes, level: int, *, is_narrow: bool = False) -> bytes:
+    """That of libzstd at a level."""
     window_log = max(10, (len(data) - 1).bit_length())  # as large as the content: single-segment
-    key = f"compressor {effort} {window_log}"
+    key = f"compressor {level} {window_log} {is_narrow}"
     compressor = getattr(_local, key, None)
     if compressor is None:
         parameters = zstandard.ZstdCompressionParameters.from_level(
-            effort,
+            level,
             window_log=window_log,
             write_content_size=True,
             write_checksum=False,
             write_dict_id=False,
+            **(NARROW if is_narrow else {}),
         )
         compressor = zstandard.ZstdCompressor(compression_params=parameters)
         setattr(_local, key, compressor)
-    frame = bytes(compressor.compress(data))
-    return stored if len(stored) < len(frame) else frame
+    return bytes(compressor.compress(data))
 
 
 def store(data: bytes) -> bytes:
