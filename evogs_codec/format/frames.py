@@ -8,16 +8,27 @@ from __future__ import annotations
 
 import sys
 import threading
+from collections.abc import Sequence
+from itertools import pairwise
 from types import ModuleType
 
 import numpy as np
 import zstandard
+from zstandard import COMPRESSOBJ_FLUSH_BLOCK as FLUSH_BLOCK
 
 from evogs_codec.errors import Fault, StreamError
 from evogs_codec.format import literals
 from evogs_codec.model.splats import I64, U8
 
-__all__ = ["MAX_BLOCK", "MAX_CONTENT", "compress", "decompress", "decompress_all", "store"]
+__all__ = [
+    "MAX_BLOCK",
+    "MAX_CONTENT",
+    "WEIGHING",
+    "compress",
+    "decompress",
+    "decompress_all",
+    "store",
+]
 
 MAGIC = b"\x28\xb5\x2f\xfd"
 MAX_CONTENT = 16 << 20  # R-5.10-4
@@ -30,8 +41,13 @@ MAY_COMPILE = True  # False: literals are checked as without numba
 _local = threading.local()
 
 
-def compress(data: bytes, effort: int) -> bytes:
-    """One frame of the subset; `effort` is the Zstandard level, 1..22.
+def compress(data: bytes, effort: int, ends: Sequence[int] = ()) -> bytes:
+    """One frame of the subset.
+
+    Args:
+        data: its content.
+        effort: the Zstandard level, 1..22.
+        ends: where blocks may end, beside where libzstd lets them end (`blocks`).
 
     Raises:
         ValueError: more than `MAX_CONTENT` bytes.
@@ -39,14 +55,16 @@ def compress(data: bytes, effort: int) -> bytes:
     frames = [store(data)]
     if effort < WEIGHING or len(data) < LARGE:
         frames.append(_frame(data, effort))
+        if ends:
+            frames.append(_frame(data, effort, ends=ends))
     else:
-        frames += [_frame(data, effort, is_narrow=True), _frame(data, 1)]
+        frames += [_frame(data, effort, ends=ends, is_narrow=True), _frame(data, 1)]
         if len(frames[-1]) < len(frames[-2]):  # there is something to be found
             frames.append(_frame(data, effort))
     return min(frames, key=len)
 
 
-def _frame(data: bytes, level: int, *, is_narrow: bool = False) -> bytes:
+def _frame(data: bytes, level: int, *, ends: Sequence[int] = (), is_narrow: bool = False) -> bytes:
     """That of libzstd at a level."""
     window_log = max(10, (len(data) - 1).bit_length())  # as large as the content: single-segment
     key = f"compressor {level} {window_log} {is_narrow}"
@@ -62,7 +80,12 @@ def _frame(data: bytes, level: int, *, is_narrow: bool = False) -> bytes:
         )
         compressor = zstandard.ZstdCompressor(compression_params=parameters)
         setattr(_local, key, compressor)
-    return bytes(compressor.compress(data))
+    if not ends:
+        return bytes(compressor.compress(data))
+    blocks, stream = [], compressor.compressobj(size=len(data))
+    for begin, end in pairwise((0, *ends)):
+        blocks += [stream.compress(data[begin:end]), stream.flush(FLUSH_BLOCK)]
+    return b"".join([*blocks, stream.compress(data[ends[-1] :]), stream.flush()])
 
 
 def store(data: bytes) -> bytes:

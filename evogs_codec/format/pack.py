@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.format import frames, layout
+from evogs_codec.format.blocks import block_ends
 from evogs_codec.format.grouping import grouped
 from evogs_codec.format.packet_header import (
     FLAG_ADDS_YCOCG,
@@ -183,10 +184,11 @@ def _join(flags: int, parts: Sequence[Coded], effort: int) -> bytes:
     """A packet from its values; planes that are alike share a frame."""
     planes = [plane for coding, values in parts for plane in split_planes(values, coding)]
     codings = bytes(coding.byte() for coding, _ in parts)
-    joined = [
-        (end - begin, frames.compress(b"".join(planes[begin:end]), effort))
-        for begin, end in grouped(planes)
-    ]
+    joined = []
+    for begin, end in grouped(planes):
+        content = b"".join(planes[begin:end])
+        ends = block_ends(content) if effort >= frames.WEIGHING else []
+        joined.append((end - begin, frames.compress(content, effort, ends)))
     return _assemble(flags, codings, joined)
 
 
