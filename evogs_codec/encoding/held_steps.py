@@ -131,17 +131,19 @@ def _held_run(
     if tile.palette is not None:
         picks[:n] = state.picks
     for step, own in zip(tile.steps[begin:end], weights[begin:end], strict=True):
-        kept = (step.kinds == Kind.SPLIT) | ~is_held[step.slots]
+        kept = (step.kinds != Kind.REFINE) | ~is_held[step.slots]
         if not kept.any():
             continue
         if not kept.all():
             step, own = _some_of(step, own, kept, born_from)
-        is_room, splits = is_held[step.slots], step.kinds == Kind.SPLIT
+        has_psi = step.kinds != Kind.DROP
+        slots, splits = step.slots[has_psi], step.kinds[has_psi] == Kind.SPLIT
+        is_room = is_held[slots]
         if is_room.any():
-            step = _with_rooms(step, is_room, opacity, picks)
+            step = _with_rooms(step, slots, is_room, opacity, picks)
             own = None if is_room.all() else own
-        parents = opacity[step.slots]
-        opacity[step.slots] += step.psi[_OPACITY]
+        parents = opacity[slots]
+        opacity[slots] += step.psi[_OPACITY]
         new = slice(n, n + step.n_new)
         opacity[new] = parents[splits] - step.alpha[3] * step.psi[_OPACITY, splits]
         is_held[new] = is_room[splits]
@@ -154,26 +156,36 @@ def _some_of(
     step: Step, own: StepWeights | None, kept: npt.NDArray[np.bool_], born_from: I64
 ) -> tuple[Step, StepWeights | None]:
     """A step without some of its refines, and its weights; `kept` (R,) are the others."""
-    slots, changed = step.slots[kept], step.changed_picks
+    slots, changed, has_psi = step.slots[kept], step.changed_picks, step.kinds != Kind.DROP
     some = replace(
         step,
         slots=slots,
         kinds=step.kinds[kept],
-        psi=step.psi[:, kept],
-        changed_picks=changed[kept] if len(changed) else changed,
+        psi=step.psi[:, kept[has_psi]],
+        changed_picks=changed[kept[has_psi]] if len(changed) else changed,
     )
     if own is None:
         return some, None
     siblings = own.siblings and Siblings.of(slots, born_from)
-    return some, replace(own, targets=own.targets[:, kept], siblings=siblings)
+    return some, replace(own, targets=own.targets[:, kept[has_psi]], siblings=siblings)
 
 
-def _with_rooms(step: Step, is_room: npt.NDArray[np.bool_], opacity: F64, picks: I32) -> Step:
-    """The step whose splits `is_room` (R,) only make room; slots have (n,) opacities and picks."""
+def _with_rooms(
+    step: Step, slots: I32, is_room: npt.NDArray[np.bool_], opacity: F64, picks: I32
+) -> Step:
+    """The step whose splits `is_room` (P,) only make room.
+
+    Args:
+        step: splits, perhaps refines and drops.
+        slots: (P,) those that it splits or refines.
+        is_room: (P,) which of them.
+        opacity: (n,) of all slots.
+        picks: (n,) likewise.
+    """
     psi, alpha = step.psi.copy(), step.alpha.copy()
-    of_splits = is_room[step.kinds == Kind.SPLIT]
+    of_splits = is_room[step.kinds[step.kinds != Kind.DROP] == Kind.SPLIT]
     psi[:, is_room] = 0
-    psi[_OPACITY, is_room] = hiding(opacity[step.slots[is_room]])
+    psi[_OPACITY, is_room] = hiding(opacity[slots[is_room]])
     alpha[:, of_splits] = ALPHAS
     found = replace(step, psi=psi, alpha=alpha)
     if is_room.all():
@@ -181,9 +193,9 @@ def _with_rooms(step: Step, is_room: npt.NDArray[np.bool_], opacity: F64, picks:
     if not len(step.picks):
         return found
     new, changed = step.picks.copy(), step.changed_picks.copy()
-    new[of_splits] = picks[step.slots[is_room]]
+    new[of_splits] = picks[slots[is_room]]
     if len(changed):
-        changed[is_room] = picks[step.slots[is_room]]
+        changed[is_room] = picks[slots[is_room]]
     return replace(found, picks=new, changed_picks=changed)
 
 

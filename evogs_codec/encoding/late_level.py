@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
-from evogs_codec.encoding.held_steps import rooms, splits_or_refines
+from evogs_codec.encoding.held_steps import rooms
 from evogs_codec.model.splats import F64, I32
 from evogs_codec.model.tree import EvolutionTree, Slots
 
@@ -22,7 +22,7 @@ __all__ = ["LateLevel", "can_be_late"]
 def can_be_late(tiles: Sequence[EvolutionTree], n_levels: int) -> bool:
     """Whether there is a level before the last one, which has splits and refines alone."""
     last = [step for tile in tiles for step in tile.steps if step.level == n_levels - 1]
-    return n_levels > 1 and any(s.n_new for s in last) and all(map(splits_or_refines, last))
+    return n_levels > 1 and any(s.n_new for s in last) and not any(s.n_adds for s in last)
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,7 +32,7 @@ from evogs_codec.model.siblings import Siblings
 from evogs_codec.model.splats import F32, F64, I64
 from evogs_codec.model.tree import EvolutionTree, Step
 
-__all__ = ["MAX_LAYERS", "N_LAYERS", "RATIO", "Layered", "expect_levels"]
+__all__ = ["MAX_LAYERS", "N_LAYERS", "Layered", "Layering", "expect_levels"]
 
 MAX_LAYERS = 8
 N_LAYERS = 2  # by default
@@ -40,6 +40,21 @@ RATIO = 128.0  # of the price of a bit, from a layer to the next: about 20 dB; b
 FINER = 2.8  # than of psi of one leaf: steps of what siblings share, whose errors meet
 PARTS, LEAST = 16, 2048  # steps of a layer of a tile at most, and leaves of each at least
 FAMILY = 256  # leaves of neighbouring ancestors that are in the same step: siblings need each other
+
+
+@dataclass(frozen=True)
+class Layering:
+    """How a tree becomes layers.
+
+    Attributes:
+        n: layers, at least 1.
+        ratio: of the price of a bit, from a layer to the next.
+        is_late: the last level of the tree comes with the second layer, if it can (`late_level`).
+    """
+
+    n: int
+    ratio: float = RATIO
+    is_late: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,16 +88,11 @@ class Layered:
         tiles: Sequence[EvolutionTree],
         n_levels: int,
         importance: Importance,
-        n_layers: int,
-        ratio: float = RATIO,
-        *,
-        is_late: bool = False,
+        layering: Layering,
     ) -> Layered:
-        """`n_layers` layers, at least 1; those after the first refine the most important first.
-
-        The last level of the tree may come late, if it can and there are several layers.
-        """
-        is_late = is_late and n_layers > 1 and can_be_late(tiles, n_levels)
+        """Layers after the first refine the most important leaves first."""
+        n_layers = layering.n
+        is_late = layering.is_late and n_layers > 1 and can_be_late(tiles, n_levels)
         n_coarse = n_levels - is_late
         levels = range(n_coarse, n_coarse + n_layers - 1)
         found, parts, siblings, rooms = [], [], [], []
@@ -97,7 +107,7 @@ class Layered:
             siblings.append([Siblings.of(slots[part], born_from) for part in rows])
             rooms.append(0 if late is None else late.n_rooms)
         n_all = n_coarse + n_layers - 1
-        return Layered(found, n_all, n_coarse, importance, parts, siblings, ratio, rooms)
+        return Layered(found, n_all, n_coarse, importance, parts, siblings, layering.ratio, rooms)
 
     def prices(self, price: float) -> list[float]:
         """Of a bit, per layer; the last has `price`."""

@@ -11,7 +11,7 @@ from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.encoding.arrange import arrange, default_tiles
 from evogs_codec.encoding.grids import AccuracyWarning
 from evogs_codec.encoding.held_steps import Run, held
-from evogs_codec.encoding.layers import Layered, expect_levels
+from evogs_codec.encoding.layers import Layered, Layering, expect_levels
 from evogs_codec.encoding.measured_gains import MeasuredGains, Pictures, Telling, nothing_of
 from evogs_codec.encoding.polish import polished
 from evogs_codec.encoding.quantise import quantise
@@ -79,11 +79,13 @@ class Prepared:
             report("draw", 0.0)
             self.importance, self.shown = _drawn(aim, aim.views, self.tiles, self.n_levels)
             if aim.layers > 1 and aim.tree.n_leaves:
-                self.layered = Layered.of(self.tiles, self.n_levels, self.importance, aim.layers)
+                self.layered = Layered.of(
+                    self.tiles, self.n_levels, self.importance, Layering(aim.layers)
+                )
         self.ranges = Ranges.of(self.tiles, self.n_levels)
 
-    def holding(self, runs: Sequence[Run], ratio: float, *, is_late: bool = False) -> Prepared:
-        """The same with runs of steps held back, and the last level late (`late_level`)."""
+    def holding(self, runs: Sequence[Run], layering: Layering) -> Prepared:
+        """The same with runs of steps held back, and other layers where it has several."""
         other = copy(self)
         if self.importance is None:
             return other
@@ -91,10 +93,7 @@ class Prepared:
         tiles, weights = zip(*(held(tile, own, runs) for tile, own in pairs), strict=True)
         other.tiles, other.importance = list(tiles), replace(self.importance, weights=weights)
         if self.layered is not None:
-            n_layers = self.aim.layers
-            other.layered = Layered.of(
-                other.tiles, self.n_levels, other.importance, n_layers, ratio, is_late=is_late
-            )
+            other.layered = Layered.of(other.tiles, self.n_levels, other.importance, layering)
         other.ranges = Ranges.of(other.tiles, self.n_levels)
         return other
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from evogs_codec.decoding.decode import decode
 from evogs_codec.encoding.held_steps import Run
+from evogs_codec.encoding.layers import Layering
 from evogs_codec.encoding.prepared import Aim, Prepared
 from evogs_codec.encoding.search import MOST_TRIES, ONE_SIDED, Found, nearest
 from evogs_codec.encoding.sensitivity import Importance
@@ -171,16 +172,15 @@ class TargetEncoder(Aim):
         """The tree, arranged and weighed."""
         return Prepared(self)
 
-    def holding(self, runs: Sequence[Run], ratio: float, *, is_late: bool = False) -> TargetEncoder:
+    def holding(self, runs: Sequence[Run], layering: Layering) -> TargetEncoder:
         """The same with runs of steps held back (`held_steps`); nothing is drawn again.
 
         Args:
             runs: of the streams that this one makes.
-            ratio: of the price of a bit, from a layer to the next.
-            is_late: whether the last level of the tree comes with the second layer.
+            layering: in place of its own layers, if it has several.
         """
         other = replace(self)
-        other.__dict__["prepared"] = self.prepared.holding(runs, ratio, is_late=is_late)
+        other.__dict__["prepared"] = self.prepared.holding(runs, layering)
         return other
 
     def within(self, errors: Mapping[str, float]) -> bytes:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from evogs_codec.encoding.encode import encode
 from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.late_level import can_be_late
-from evogs_codec.encoding.layers import N_LAYERS
+from evogs_codec.encoding.layers import N_LAYERS, Layering
 from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
 from evogs_codec.encoding.palette_worth import bits_of_palette, bits_of_psi
 from evogs_codec.encoding.settings import SCENE_PRESET, SCENE_PRICE, TREE_PRESET, TREE_PSNR
@@ -84,16 +84,14 @@ class FoundStream:
             return False
         return can_be_late(self.aim.prepared.tiles, self.tree.n_levels)
 
-    def holding(
-        self, runs: Sequence[Run], ratio: float, *, is_late: bool = False
-    ) -> FoundStream | None:
+    def holding(self, runs: Sequence[Run], layering: Layering) -> FoundStream | None:
         """That of the same tree with runs of steps held back (`TargetEncoder.holding`).
 
         None if it was not made by views, or if the target is missed.
         """
         if self.aim is None or not self.is_by_views:
             return None
-        aim = self.aim.holding(runs, ratio, is_late=is_late)
+        aim = self.aim.holding(runs, layering)
         if self.coded is not None:
             return FoundStream.draft(aim, self.price)
         if self.make is None:

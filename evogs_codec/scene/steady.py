@@ -3,14 +3,16 @@
 Pictures of what is there after each step of the levels say where one looks worse than one before
 it. Then steps are held back until they look better (`held_steps`), and where all coarse splats
 look worse than some of them, all are made more exact. Where the last level looks hardly better than
-the one before it, as coarse as it is, it comes late (`late_level`).
+the one before it, as coarse as it is, it comes late (`late_level`). It does so too where coarse
+splats look far worse than the whole stream: then there are three layers, and it comes with the
+second.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -22,7 +24,7 @@ from evogs_codec.decoding.cut import Cut
 from evogs_codec.decoding.progressive import Decoder
 from evogs_codec.editing.level_psnr import LevelPsnr, with_level_psnr
 from evogs_codec.encoding.held_steps import Run
-from evogs_codec.encoding.layers import RATIO
+from evogs_codec.encoding.layers import N_LAYERS, Layering
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.model.splats import F64, SplatParams
 from evogs_codec.scene.choose import FoundStream
@@ -45,6 +47,9 @@ FELL = 0.02  # dB by which a state looks worse on a few views: then more are ask
 # dB that all coarse splats look better than those of level 0, at least; worse than some, at most.
 GAIN = 0.5
 LATE = 1.5  # dB by which the last of the coarse levels looks better than the one before it, or less
+# DB that the whole stream looks better than all coarse splats, or more: then a layer comes between,
+# and the ratio of prices is that of three layers.
+WIDE, RATIO_OF_THREE = 16.0, 32.0
 FINER, LEAST_RATIO = 4.0, 2.0  # of the price of a bit, from a layer to the next
 TRIES = 6  # streams that are made again, at most
 
@@ -101,6 +106,7 @@ def steady(found: FoundStream, request: Request) -> bytes:
     if gauge is None:
         return found.finished()
     mending = _Mending(gauge.many, request.progress, request.layers is None and not request.polish)
+    found = mending.with_three_layers(found) or found
     levels = None
     for _ in range(TRIES):
         levels = _looked_at(found, gauge, request)
@@ -155,17 +161,29 @@ class _Mending:
         views: that judge.
         progress: called with how much was looked at.
         may_be_late: nobody asked for layers of all splats, or moves integers of the last one.
-        ratio: of the price of a bit, from a layer to the next.
+        layering: of the stream.
         before: runs of steps that are held back.
-        is_late: whether the last level of the tree is late.
     """
 
     views: Views
     progress: Progress
     may_be_late: bool
-    ratio: float = RATIO
+    layering: Layering = field(default_factory=lambda: Layering(N_LAYERS))
     before: list[Run] = field(default_factory=list)
-    is_late: bool = False
+
+    def with_three_layers(self, found: FoundStream) -> FoundStream | None:
+        """With its last level late; None if coarse splats look well enough beside the whole."""
+        if not (self.may_be_late and found.can_be_late):
+            return None
+        directory, views = read_directory(found.data), self.views.fewer(FEW)
+        cuts = [Cut.of_level(directory, found.n_coarse - 1), Cut.full(directory)]
+        coarse, whole = map(views.psnr, _shown(found, directory, cuts))
+        if whole < coarse + WIDE:
+            return None
+        layering = Layering(N_LAYERS + 1, RATIO_OF_THREE, is_late=True)
+        other = found.holding((), layering)
+        self.layering = layering if other else self.layering
+        return other
 
     def later(self, found: FoundStream, levels: Sequence[float]) -> FoundStream | None:
         """With its last level late; None if that looks enough better than the one before it.
@@ -175,10 +193,12 @@ class _Mending:
             levels: PSNR of its coarse levels, at least, dB.
         """
         last = found.n_coarse - 1
-        if self.is_late or last < 1 or levels[last] >= levels[last - 1] + LATE:
+        if self.layering.is_late or last < 1 or levels[last] >= levels[last - 1] + LATE:
             return None
-        self.is_late = self.may_be_late and found.can_be_late
-        return found.holding((), self.ratio, is_late=True) if self.is_late else None
+        if not (self.may_be_late and found.can_be_late):
+            return None
+        self.layering = replace(self.layering, is_late=True)
+        return found.holding((), self.layering)
 
     def mended(self, found: FoundStream) -> FoundStream | None:
         """With finer coarse splats, or with steps held back; None if there is nothing to mend."""
@@ -188,13 +208,13 @@ class _Mending:
         if late is not None:
             return late
         runs, is_coarse = _runs(states)
-        finer = self.ratio / FINER
+        finer = self.layering.ratio / FINER
         if is_coarse and found.is_layered and finer >= LEAST_RATIO:
-            self.ratio = finer
-            return found.holding((), finer, is_late=self.is_late)
+            self.layering = replace(self.layering, ratio=finer)
+            return found.holding((), self.layering)
         if runs and runs != self.before:  # else they could not be held back
             self.before = runs
-            return found.holding(runs, self.ratio, is_late=self.is_late)
+            return found.holding(runs, self.layering)
         return None
 
 

@@ -12,7 +12,7 @@ from evogs_codec import (
     lift,
 )
 from evogs_codec.encoding.arrange import arrange
-from evogs_codec.encoding.layers import Layered
+from evogs_codec.encoding.layers import Layered, Layering
 from evogs_codec.encoding.prepared import Prepared
 from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.encoding.targets import TargetEncoder
@@ -77,7 +77,7 @@ def layered(tree, n_layers, n_tiles=1):
     tiles = arrange(tree, n_tiles)
     importance = Importance.of(tiles, tree.n_levels, all_ones)
     with patch("evogs_codec.encoding.layers.LEAST", 512):
-        return tiles, Layered.of(tiles, tree.n_levels, importance, n_layers)
+        return tiles, Layered.of(tiles, tree.n_levels, importance, Layering(n_layers))
 
 
 def dropping(tree, slots):

@@ -9,13 +9,23 @@ import pytest
 
 pytest.importorskip("numba", reason="the rasterizer is compiled")
 
-from evogs_codec import PRESETS, Cut, TargetEncoder, decode, encode_scene, lift, read_directory
+from evogs_codec import (
+    PRESETS,
+    Cut,
+    TargetEncoder,
+    decode,
+    encode_scene,
+    encode_tree,
+    lift,
+    read_directory,
+)
 from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.late_level import LateLevel, can_be_late
+from evogs_codec.encoding.layers import Layering
 from evogs_codec.lifting.lift import lift_with_order
 from evogs_codec.lifting.shared_sh import with_palette
 from evogs_codec.model.channels import GROUP_CHANNELS
-from evogs_codec.model.tree import EvolutionTree, Step
+from evogs_codec.model.tree import EvolutionTree, Kind, Step
 from evogs_codec.render import Views, cameras_around, psnr, render
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.scene import steady
@@ -74,7 +84,7 @@ def test_a_stream_with_a_palette_and_a_late_level_has_the_picks_of_its_tree():
     views = Views(SHARED, cameras_around(SHARED, "z", 80, n=6))
     aim = TargetEncoder(tree, PRESETS["scene"], views, layers=2)
     price = 4e-6 / len(SHARED)
-    early, late = aim.at_price(price), aim.holding((), 128.0, is_late=True).at_price(price)
+    early, late = aim.at_price(price), aim.holding((), Layering(2, is_late=True)).at_price(price)
     assert abs(aim.psnr(late) - aim.psnr(early)) < 0.6
     assert len(late) < 1.1 * len(early)
     assert read_directory(late).n_levels == read_directory(early).n_levels - 1
@@ -87,7 +97,7 @@ def test_a_stream_with_a_late_level_shows_as_much_and_has_a_level_less(n_tiles):
     aim = TargetEncoder(TREE, PRESETS["scene"], VIEWS, layers=2, n_tiles=n_tiles)
     price = 4e-6 / len(SPLATS)
     early = aim.at_price(price)
-    late = aim.holding((), 128.0, is_late=True).at_price(price)
+    late = aim.holding((), Layering(2, is_late=True)).at_price(price)
     directories = read_directory(early), read_directory(late)
     assert [directory.n_levels for directory in directories] == [LAST + 2, LAST + 1]
     assert abs(aim.psnr(late) - aim.psnr(early)) < 0.6
@@ -99,13 +109,44 @@ def test_a_stream_with_a_late_level_shows_as_much_and_has_a_level_less(n_tiles):
     np.testing.assert_array_equal(first.means, second.means)
 
 
+def test_drops_of_a_late_level_come_with_the_room():
+    drops = np.array([3, 40, 41], np.int32)
+    kinds = np.full(len(drops), Kind.DROP, np.uint8)
+    step = replace(
+        Step.of_refines(LAST, drops, np.zeros((len(TREE.steps[0].adds), 0))), kinds=kinds
+    )
+    tree = replace(TREE, steps=(*TREE.steps, step))
+    assert can_be_late([tree], tree.n_levels)
+    late = LateLevel.of(tree, LAST)
+    slots = np.flatnonzero(late.tile.lineage()[1])
+    assert len(slots) == len(SPLATS) - len(drops)
+    refine = Step.of_refines(LAST, slots, late.lacks[:, slots])
+    found = replace(late.tile, steps=(*late.tile.steps, refine)).leaves().channels()
+    np.testing.assert_allclose(found, tree.leaves().channels(), atol=1e-4)
+
+
+def test_a_stream_far_better_than_its_coarse_splats_has_a_layer_between(monkeypatch):
+    refined = {}  # splats that the last level of the tree refines
+    for wide in (-np.inf, np.inf):
+        monkeypatch.setattr(steady, "WIDE", wide)
+        for layers in (None, 2):
+            data = encode_tree(TREE, target_psnr=50, cameras=VIEWS.cameras, layers=layers)
+            assert abs(VIEWS.psnr(decode(data).leaves(sh_degree=3)) - 50) < 0.5
+            directory = read_directory(data)
+            assert directory.n_levels == LAST + 2
+            rows = directory.packets[directory.labels == LAST]
+            refined[wide, layers] = int(rows["n_refines"].sum())
+    assert refined.pop((-np.inf, None)) == len(SPLATS)
+    assert max(refined.values()) < len(SPLATS) // 4
+
+
 def test_channels_that_a_late_level_does_not_change_are_refined_too():
     """All scales are alike, so nothing lacks but what coarse steps have left."""
     splats = replace(SPLATS, log_scales=np.full_like(SPLATS.log_scales, -3.03))
     tree = lift(splats)
     views = Views(splats, cameras_around(splats, "z", 80, n=6))
     aim = TargetEncoder(tree, PRESETS["scene"], views, layers=2)
-    data = aim.holding((), 128.0, is_late=True).at_price(4e-8 / len(splats))
+    data = aim.holding((), Layering(2, is_late=True)).at_price(4e-8 / len(splats))
     found = decode(data).leaves(sh_degree=3).channels()[GROUP_CHANNELS[2]]
     assert np.sqrt(np.square(found + 3.03).mean()) < 0.02
 

@@ -22,7 +22,7 @@ from evogs_codec import (
 )
 from evogs_codec.editing.read_tree import read_coded_tree
 from evogs_codec.encoding.arrange import arrange
-from evogs_codec.encoding.layers import FINER, MAX_LAYERS, Layered
+from evogs_codec.encoding.layers import FINER, MAX_LAYERS, Layered, Layering
 from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.encoding.write import write
 from evogs_codec.model.tree import Kind
@@ -119,7 +119,7 @@ def test_the_most_important_leaves_are_refined_first(monkeypatch, seed):
     weights = np.random.default_rng(seed).lognormal(sigma=3, size=shape).astype(np.float32)
     importance = replace(found.importance, leaves=[weights])
     monkeypatch.setattr("evogs_codec.encoding.layers.LEAST", 256)
-    again = Layered.of(arrange(many()[0], 1), N_LEVELS, importance, 2)
+    again = Layered.of(arrange(many()[0], 1), N_LEVELS, importance, Layering(2))
     of_leaves = (weights / weights.mean(axis=1, keepdims=True)).mean(axis=0)
     of_parts = [of_leaves[part].mean() for part in again.leaves[0]]
     assert len(of_parts) >= 8
@@ -131,7 +131,7 @@ def test_steps_of_layers_divide_those_of_the_tree_by_odd_numbers(price):
     tree, views = scene()
     tiles = arrange(tree, 1)
     importance = Importance.of(tiles, N_LEVELS, views.sensitivity)
-    table = Layered.of(tiles, N_LEVELS, importance, MAX_LAYERS).steps(price, 1.0)
+    table = Layered.of(tiles, N_LEVELS, importance, Layering(MAX_LAYERS)).steps(price, 1.0)
     assert table.shape == (N_LEVELS + MAX_LAYERS, 5 + tree.sh_degree)
     ratios = table[N_LEVELS] / table[N_LEVELS + 1 :]
     np.testing.assert_allclose(ratios, np.rint(ratios))
@@ -145,7 +145,7 @@ def test_one_layer_is_as_if_there_were_none():
     tree, views = scene()
     tiles = arrange(tree, 1)
     importance = Importance.of(tiles, N_LEVELS, views.sensitivity)
-    one = Layered.of(tiles, N_LEVELS, importance, 1)
+    one = Layered.of(tiles, N_LEVELS, importance, Layering(1))
     assert_array_equal(one.steps(PRICE, 1.0), importance.steps(PRICE, 1.0))
     for own, other in zip(
         one.weights(PRICE, 1.0)[0], importance.raised(PRICE, 1.0)[0], strict=True

@@ -20,7 +20,7 @@ from evogs_codec import (
     read_directory,
 )
 from evogs_codec.encoding.arrange import arrange
-from evogs_codec.encoding.layers import MAX_LAYERS, Layered
+from evogs_codec.encoding.layers import MAX_LAYERS, Layered, Layering
 from evogs_codec.encoding.prepared import Prepared
 from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.encoding.targets import TargetEncoder
@@ -55,7 +55,7 @@ def test_a_palette_is_as_exact_as_in_one_layer_because_no_layer_refines_it():
     _, tree = shared_tree(shared_scene(600, 30), N_LEVELS)
     tiles = arrange(tree, 1)
     importance = Importance.of(tiles, N_LEVELS, views_of(tree.leaves()).sensitivity)
-    found = Layered.of(tiles, N_LEVELS, importance, 3).steps(PRICE, 1.0)
+    found = Layered.of(tiles, N_LEVELS, importance, Layering(3)).steps(PRICE, 1.0)
     assert_array_equal(found[0, 5:], importance.steps(PRICE, 1.0)[0, 5:])
     assert np.all(found[0, :5] > importance.steps(PRICE, 1.0)[0, :5])
 
