@@ -172,8 +172,12 @@ class _Mending:
     before: list[Run] = field(default_factory=list)
 
     def with_three_layers(self, found: FoundStream) -> FoundStream | None:
-        """With its last level late; None if coarse splats look well enough beside the whole."""
-        if not (self.may_be_late and found.can_be_late):
+        """With its last level late, of a stream that aims at a target.
+
+        None if coarse splats look well enough beside the whole, or if a state of the last two
+        layers falls.
+        """
+        if found.coded is not None or not (self.may_be_late and found.can_be_late):
             return None
         directory, views = read_directory(found.data), self.views.fewer(FEW)
         cuts = [Cut.of_level(directory, found.n_coarse - 1), Cut.full(directory)]
@@ -182,7 +186,9 @@ class _Mending:
             return None
         layering = Layering(N_LAYERS + 1, RATIO_OF_THREE, is_late=True)
         other = found.holding((), layering)
-        self.layering = layering if other else self.layering
+        if other is None or _falls_late(other, views):
+            return None
+        self.layering = layering
         return other
 
     def later(self, found: FoundStream, levels: Sequence[float]) -> FoundStream | None:
@@ -216,6 +222,15 @@ class _Mending:
             self.before = runs
             return found.holding(runs, self.layering)
         return None
+
+
+def _falls_late(found: FoundStream, views: Views) -> bool:
+    """Whether a state after the coarse levels looks worse than one before it."""
+    directory = read_directory(found.data)
+    levels = range(found.n_coarse - 1, directory.n_levels)
+    cuts = [cut for level in levels for cut in _cuts(directory, level)]
+    shown = np.array([views.psnr(leaves) for leaves in _shown(found, directory, cuts)])
+    return bool(np.any(shown < np.maximum.accumulate(shown) - FALL))
 
 
 def _states(found: FoundStream, views: Views, progress: Progress) -> list[_State]:
