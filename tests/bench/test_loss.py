@@ -74,7 +74,7 @@ def test_trained_trees_aim_at_the_default_of_trees(monkeypatch):
     monkeypatch.setattr(targets, "PSNR_SLACK", 2.0)  # of few splats a search is long
     monkeypatch.setattr(loss, "LAYERS", (1,))
     names = [stream.name for stream in loss._streams(small("trained"))]
-    assert names == ["preset", "--target-psnr 40 --layers 1"]
+    assert names == ["preset", "default", "--target-psnr 40 --layers 1"]
 
 
 def test_a_stream_that_misses_its_target_is_left_out(monkeypatch, capsys):

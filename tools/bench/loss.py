@@ -6,13 +6,13 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
-from evogs_codec import PRESETS, Cut, decode, encode_scene, read_directory
+from evogs_codec import PRESETS, Cut, decode, encode_scene, encode_tree, read_directory
 from evogs_codec.encoding.settings import TREE_PSNR
 from evogs_codec.encoding.targets import PRICES, TargetEncoder, TargetMissedError
 from evogs_codec.render.demo_scene import make_scene
@@ -60,11 +60,11 @@ class Losses:
         the same tree that `--target-bytes` would make: the PSNR of streams at prices half a decade
         apart, interpolated in bytes. PSNR is against the scene, or the leaves of the tree, over 24
         views. The default is `evogs encode` without options. Streams with layers aim at the PSNR of
-        the preset, of a trained tree at 52 dB, and come within 0.2 dB of it. "To one layer" is
-        their bytes, to those that a dedicated stream takes for the PSNR that they have. The default
-        does not aim at the 24 views: it weighs errors by half of them and less than they ask for,
-        for the sake of views that nobody named. "Alike" is its bytes to those of one layer that is
-        made in the same way. Losses are those at every 5 % from 30 to 90 % of the bytes. The
+        the preset, of a trained tree at 52 dB as its default does, and come within 0.2 dB of it.
+        "To one layer" is their bytes, to those that a dedicated stream takes for the PSNR that they
+        have. The default of a scene does not aim at the 24 views: it weighs errors by half of them
+        and less than they ask for, for the sake of views that nobody named. "Alike" is its bytes to
+        those of one layer that is made in the same way. Losses are those at every 5 % from 30 to 90 % of the bytes. The
         deepest fall is from a prefix to the next, of all that end with a packet, or of one per
         percent if there are more than 100; 6 of the views judge it. Seconds are those of the
         processor, from the tree to the stream, with its search; of the default, from the splats.
@@ -166,7 +166,7 @@ def _curves(subject: Subject) -> Iterator[_Curve]:
     degree = subject.best.shown_degree
     for stream in streams:
         alike = one_layer
-        if stream.name == DEFAULT:
+        if stream.name == DEFAULT and _is_scene(subject):
             alike = _OneLayer.of(subject, [stream], _aim_of_default(subject))
         n = len(stream.data)
         prefixes = _Prefixes(stream.data, degree)
@@ -202,17 +202,31 @@ def _streams(subject: Subject) -> Iterator[_Stream]:
     preset = timed("preset", lambda fresh: fresh.stream)
     yield preset
     target = TREE_PSNR
-    if subject.settings == PRESETS["scene"]:
-        yield timed(DEFAULT, lambda fresh: encode_scene(fresh.views.scene, up=fresh.up))
+    ways: dict[str, Callable[[Subject], bytes]] = {}
+    if _is_scene(subject):
+        ways[DEFAULT] = lambda fresh: encode_scene(fresh.views.scene, up=fresh.up)
         leaves = decode(preset.data).leaves(sh_degree=subject.best.shown_degree)
         target = round(subject.views.psnr(leaves), 2)
+    else:
+        ways[DEFAULT] = lambda fresh: encode_tree(fresh.best, target_psnr=target, up=fresh.up)
     for n_layers in LAYERS:
         name = f"--target-psnr {target:g} --layers {n_layers}"
+        ways[name] = partial(_aimed, n_layers=n_layers, target=target)
+    for name, make in ways.items():
         print(f"{subject.name}, {name} ...", file=sys.stderr)
         try:
-            yield timed(name, lambda fresh, n=n_layers: _aim(fresh, n).at_psnr(target))  # type: ignore[misc]
+            yield timed(name, make)
         except TargetMissedError as error:
             print(f"{subject.name}, {name} is left out: {error}", file=sys.stderr)
+
+
+def _is_scene(subject: Subject) -> bool:
+    """Whether it is a scene, and no trained tree."""
+    return subject.settings == PRESETS["scene"]
+
+
+def _aimed(subject: Subject, n_layers: int, target: float) -> bytes:
+    return _aim(subject, n_layers).at_psnr(target)
 
 
 def _aim(subject: Subject, n_layers: int = 1) -> TargetEncoder:
