@@ -64,10 +64,11 @@ class Losses:
         "To one layer" is their bytes, to those that a dedicated stream takes for the PSNR that they
         have. The default of a scene does not aim at the 24 views: it weighs errors by half of them
         and less than they ask for, for the sake of views that nobody named. "Alike" is its bytes to
-        those of one layer that is made in the same way. Losses are those at every 5 % from 30 to 90 % of the bytes. The
-        deepest fall is from a prefix to the next, of all that end with a packet, or of one per
-        percent if there are more than 100; 6 of the views judge it. Seconds are those of the
-        processor, from the tree to the stream, with its search; of the default, from the splats.
+        those of one layer that is made in the same way. Losses are those at every 5 % from 30 to
+        90 % of the bytes. The deepest fall is from a prefix to the next, of all that end with a
+        packet, or of one per percent if there are more than 100; 6 of the views judge it. Seconds
+        are those of the processor, from the tree to the stream, with its search; of the default of
+        a scene, from the splats.
         """
         return [_row(curve) for curve in self._measured]
 
