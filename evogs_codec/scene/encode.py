@@ -100,8 +100,8 @@ def encode_scene(
         max_error: no number of a splat is further off: one for all groups, in the units of each
             group, or one per name of a group (position, rotation, scale, opacity, sh).
         layers: of precision, 1 to 8: all splats come at coarse steps first, then refinements of
-            them, so that prefixes look better. By default 2, or 3 where a target asks for far more
-            than coarse splats show; 1 with a preset or `max_error`.
+            them, so that prefixes look better. By default 2, or 3 where a target PSNR is far
+            above that of coarse splats; 1 with a preset or `max_error`.
         polish: with `target_psnr` or `target_bytes`, iterations of gradient descent that move the
             integers of the last level.
         improve: is given the lifted tree and returns one with better coarse levels, for instance

@@ -106,7 +106,8 @@ def steady(found: FoundStream, request: Request) -> bytes:
     if gauge is None:
         return found.finished()
     mending = _Mending(gauge.many, request.progress, request.layers is None and not request.polish)
-    found = mending.with_three_layers(found) or found
+    if request.target_psnr is not None:  # a third layer takes bytes
+        found = mending.with_three_layers(found) or found
     levels = None
     for _ in range(TRIES):
         levels = _looked_at(found, gauge, request)
@@ -172,12 +173,12 @@ class _Mending:
     before: list[Run] = field(default_factory=list)
 
     def with_three_layers(self, found: FoundStream) -> FoundStream | None:
-        """With its last level late, of a stream that aims at a target.
+        """With its last level late, of a stream that aims at a PSNR.
 
         None if coarse splats look well enough beside the whole, or if a state of the last two
-        layers falls.
+        layers falls. With a palette one did, so it is not tried.
         """
-        if found.coded is not None or not (self.may_be_late and found.can_be_late):
+        if not (self.may_be_late and found.can_be_late) or found.tree.palette is not None:
             return None
         directory, views = read_directory(found.data), self.views.fewer(FEW)
         cuts = [Cut.of_level(directory, found.n_coarse - 1), Cut.full(directory)]
