@@ -106,7 +106,8 @@ def steady(found: FoundStream, request: Request) -> bytes:
     if gauge is None:
         return found.finished()
     mending = _Mending(gauge.many, request.progress, request.layers is None and not request.polish)
-    if request.target_psnr is not None:  # a third layer takes bytes
+    aims_at_psnr = found.coded is None and request.target_bytes is None
+    if aims_at_psnr:  # a third layer takes bytes
         found = mending.with_three_layers(found) or found
     levels = None
     for _ in range(TRIES):
