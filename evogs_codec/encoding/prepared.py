@@ -41,6 +41,7 @@ class Aim:
             they stand for: `TargetEncoder.within` adds it to the error of the stream.
         ordering: a few views by which packets are put in order, where those that are drawn for the
             sensitivity do not tell; `views` by default.
+        by_leaves: only the last level is drawn, and only for what its numbers are worth.
         seen: part of the worth of a number that the views decide.
         n_tiles, info, progress: as of `encode`.
         n_levels: of the first layer; by default those of the tree.
@@ -53,6 +54,7 @@ class Aim:
     layers: int = 1
     leaf_error: tuple[float, ...] = (0.0,) * len(GROUPS)
     ordering: Pictures | None = None
+    by_leaves: bool = False
     seen: float = SEEN
     n_tiles: int | None = None
     info: SceneInfo | None = None
@@ -152,9 +154,15 @@ class Prepared:
 
 def _drawn(
     aim: Aim, views: Pictures, tiles: Sequence[EvolutionTree], n_levels: int
-) -> tuple[Importance, MeasuredGains]:
-    """What the numbers of arranged tiles are worth, and what their packets gain."""
+) -> tuple[Importance, MeasuredGains | None]:
+    """What the numbers of arranged tiles are worth, and what their packets gain, if that is drawn."""
     report = aim.progress or no_progress
+    if aim.by_leaves:
+        first = n_levels - 1
+        found = Importance.of(
+            tiles, n_levels, views.sensitivity, first=first, seen=aim.seen, progress=report
+        )
+        return found, None
     if aim.ordering is None or not isinstance(views, Telling):
         found = Importance.of(tiles, n_levels, views.sensitivity, seen=aim.seen, progress=report)
         return found, MeasuredGains.of(aim.tree, aim.ordering or views)

@@ -98,22 +98,21 @@ class Importance:
 
         A level before the last may lose as much as the last, although it has fewer splats.
         """
-        drawn = [sensitivity if k >= first else _none for k in range(n_levels)]
-        shown = zip(*(_shown(tile) for tile in tiles), strict=True)
+        shown = zip(*(_shown(tile, first) for tile in tiles), strict=True)
         cuts = []
-        for k, (draw, parts) in enumerate(zip(drawn, shown, strict=False), start=1):
-            cuts.append(_cut(parts, draw, seen))
-            progress("draw", (k / n_levels) ** 2)  # the last levels have most of the splats
+        for k, parts in zip(range(first, n_levels), shown, strict=False):
+            cuts.append(_cut(parts, sensitivity, seen))
+            progress("draw", ((k + 1) / n_levels) ** 2)  # the last levels have most of the splats
         counts = [sum(part.shape[1] for part in cut) for cut in cuts]
         shares = [n / max(counts[-1], 1) for n in counts]
         weights = tuple(
-            _of_tile(tile, [share * cut[k] for share, cut in zip(shares, cuts, strict=True)])
+            _of_tile(tile, first, [share * cut[k] for share, cut in zip(shares, cuts, strict=True)])
             for k, tile in enumerate(tiles)
         )
         means = _means(tiles, weights, n_levels)
         if tiles[0].palette is None:
             return Importance(weights, means, tuple(cuts[-1]), seen=seen)
-        entries = _of_entries(tiles, shares, cuts)
+        entries = _of_entries(tiles, first, shares, cuts)
         of_bands = np.broadcast_to(entries.mean(1), (1 + n_levels, len(entries)))
         means = np.concatenate([means, of_bands], axis=1)
         return Importance(weights, means, tuple(cuts[-1]), entries, seen)
@@ -175,32 +174,30 @@ class Importance:
         return largest
 
 
-def _none(splats: SplatParams) -> F32:
-    """The sensitivity of pictures that do not matter."""
-    return np.zeros((n_channels(splats.sh_degree), len(splats)), np.float32)
-
-
 def _of_entries(
-    tiles: Sequence[EvolutionTree], shares: Sequence[float], cuts: Sequence[Sequence[F32]]
+    tiles: Sequence[EvolutionTree],
+    first: int,
+    shares: Sequence[float],
+    cuts: Sequence[Sequence[F32]],
 ) -> F32:
-    """(degree, n) of each entry: the sum of those of the splats that pick it, of all levels."""
+    """(degree, n) of each entry: the sum of those of the splats that pick it, of drawn levels."""
     palette = tiles[0].palette
     assert palette is not None, "who has entries has a palette"
     sums = np.zeros((palette.degree, 1 + palette.entries.shape[1]))
     for number, tile in enumerate(tiles):
-        ends = [step.level for step in tile.steps[1:]] + [len(cuts)]
+        ends = [step.level for step in tile.steps[1:]] + [first + len(cuts)]
         for step, end, state in zip(tile.steps, ends, tile.states(), strict=True):
-            for level in range(step.level, end):
-                weights = shares[level] * cuts[level][number][5:]
+            for level in range(max(step.level, first), end):
+                weights = shares[level - first] * cuts[level - first][number][5:]
                 for band, row in enumerate(weights):
                     sums[band] += np.bincount(state.picks[state.live], row, sums.shape[1])
     return sums[:, 1:].astype(np.float32)
 
 
-def _shown(tile: EvolutionTree) -> Iterator[SplatParams]:
-    """The leaves of each level; a tile may end before the last level."""
+def _shown(tile: EvolutionTree, first: int) -> Iterator[SplatParams]:
+    """The leaves of each level from `first` on; a tile may end before the last level."""
     shown = SplatParams.from_channels(np.zeros((n_channels(tile.shown_degree), 0)))
-    for shown in tile.levels():
+    for shown in tile.levels(min(first, tile.n_levels - 1)):
         yield shown
     yield from repeat(shown)
 
@@ -220,17 +217,18 @@ def _cut(parts: Sequence[SplatParams], sensitivity: Sensitivity, seen: float) ->
     return np.split(weights, ends[:-1], axis=1)
 
 
-def _of_tile(tile: EvolutionTree, cuts: Sequence[F32]) -> tuple[StepWeights, ...]:
-    """Weights of each step, from the last to the first, from those of the leaves of each level."""
+def _of_tile(tile: EvolutionTree, first: int, cuts: Sequence[F32]) -> tuple[StepWeights, ...]:
+    """Weights of each step, from the last to the first, from those of the leaves of levels."""
     live = list(_live(tile))
     later = np.zeros((_n_classes(tile), sum(step.n_new for step in tile.steps)), np.float32)
     out: list[StepWeights] = []
     for k in reversed(range(len(tile.steps))):
         step, n_after = tile.steps[k], len(live[k])
         last = k + 1 == len(tile.steps)
-        for level in range(step.level, len(cuts) if last else tile.steps[k + 1].level):
+        end = first + len(cuts) if last else tile.steps[k + 1].level
+        for level in range(max(step.level, first), end):
             # They are leaves of these levels.
-            later[:, np.flatnonzero(live[k])] += cuts[level][: len(later)]
+            later[:, np.flatnonzero(live[k])] += cuts[level - first][: len(later)]
         n = n_after - step.n_new
         has_psi = step.kinds != Kind.DROP
         new = later[:, n:n_after].copy()

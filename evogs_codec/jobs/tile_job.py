@@ -137,6 +137,7 @@ def _prepared(job: TileJob) -> tuple[Prepared, int]:
         views,
         layers=job.n_layers,
         ordering=views.fewer(effort.n_band_views),
+        by_leaves=effort.by_leaves,
         seen=SEEN,
         n_tiles=1,
         n_levels=job.n_levels,

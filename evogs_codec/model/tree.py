@@ -282,12 +282,13 @@ class EvolutionTree:
             return SplatParams.from_channels(np.zeros((n_channels(self.shown_degree), 0)))
         return next(islice(self.states(), n_steps - 1, None)).splats()
 
-    def levels(self) -> Iterator[SplatParams]:
-        """`leaves` of each level, from 0 on."""
+    def levels(self, first: int = 0) -> Iterator[SplatParams]:
+        """`leaves` of each level, from `first` on."""
         states = self.states()
         shown = SplatParams.from_channels(np.zeros((n_channels(self.shown_degree), 0)))
-        for level in range(self.n_levels):
-            n_steps = sum(step.level == level for step in self.steps)
+        for level in range(first, self.n_levels):
+            here = range(first + 1) if level == first else (level,)
+            n_steps = sum(step.level in here for step in self.steps)
             if n_steps:
                 shown = next(islice(states, n_steps - 1, None)).splats()
             yield shown

@@ -121,6 +121,7 @@ def best_stream(
         views = request.weighing_views(tree.leaves())
         ordering = None if views is None else views.fewer(request.effort.n_band_views)
         aim = replace(whole, views=views, ordering=ordering, layers=_layers(tree, request))
+        aim = replace(aim, by_leaves=request.effort.by_leaves)
         aim = aim if request.cameras else replace(aim, seen=SEEN)
         price = SCENE_PRICE / tree.n_leaves
         aims = _that_pay(_each(aim, trees), price, is_sure=not request.effort.looks)

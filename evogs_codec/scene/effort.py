@@ -18,6 +18,8 @@ class Effort:
         n_views: views by which errors are weighed, at most, where there is no target.
         pixels: of the longer side of these views, at most; None: as they are.
         n_band_views: views by which the SH bands are put in order, at most.
+        by_leaves: only the last level is drawn: what numbers of the others are worth follows from
+            it, and estimates put packets in order.
         looks: look at prefixes: their PSNR is stored, and none looks worse than a shorter one.
     """
 
@@ -25,6 +27,7 @@ class Effort:
     n_views: int = 12
     pixels: int | None = None
     n_band_views: int = 3
+    by_leaves: bool = False
     looks: bool = True
 
     @staticmethod
@@ -46,7 +49,7 @@ class Effort:
 
 EFFORTS = {
     # Zstandard 16 is the first level that weighs matches by what they cost: below, 7 % are lost.
-    "fast": Effort(level=16, n_views=6, pixels=300, n_band_views=2, looks=False),
+    "fast": Effort(level=16, n_views=6, pixels=300, by_leaves=True, looks=False),
     "default": Effort(),
     "best": Effort(level=22, n_views=24),
 }
