@@ -7,6 +7,7 @@ written yet, or all is. In between a command cleans up and says in one line that
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 
@@ -15,6 +16,8 @@ __all__ = ["main"]
 
 def main() -> int:
     """Run the command that the arguments of the process name; returns the exit code."""
+    # NumPy's products are small ones here: threads of theirs only wait for one another.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         # Somebody decided otherwise: behind `nohup`, or in a script's background, it is ignored.
         from evogs_codec.cli.commands import main as run_all

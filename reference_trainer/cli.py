@@ -141,7 +141,7 @@ def run_train(args: argparse.Namespace) -> None:
     from reference_trainer.held_out import at_full_size, write_sheet
     from reference_trainer.models.backends import backend_for
     from reference_trainer.run import run
-    from reference_trainer.runtime.memory import keep_freed_memory
+    from evogs_codec.common.heap import keep_freed_memory
     from reference_trainer.runtime.progress import Progress
     from reference_trainer.train import NotFiniteError
 

@@ -26,7 +26,7 @@ from reference_trainer.models.backends import backend_for
 from reference_trainer.run import run
 from reference_trainer.runtime.checkpoint import FILE
 from reference_trainer.runtime.hardware import machine
-from reference_trainer.runtime.memory import keep_freed_memory
+from evogs_codec.common.heap import keep_freed_memory
 from reference_trainer.runtime.progress import Progress
 
 if TYPE_CHECKING:

@@ -23,6 +23,7 @@ from evogs_codec.cli.looking import find_up, need_numba
 from evogs_codec.cli.reporting import write_report
 from evogs_codec.cli.reports import level_figures, print_levels
 from evogs_codec.cli.terminal import noted_warnings, progress_bar
+from evogs_codec.common.heap import keep_freed_memory
 from evogs_codec.common.printable import shown
 from evogs_codec.common.progress import Progress
 from evogs_codec.encoding.settings import PRESETS, SCENE_PRESET, TREE_PRESET, RangeBits, Settings
@@ -60,6 +61,7 @@ def run_encode(args: argparse.Namespace) -> None:
         data_there = np.memmap(args.output, np.uint8, "r").data
         _print_figures(args, read_directory(data_there), size, up)
         return
+    keep_freed_memory(share=True)
     with progress_bar() as progress:
         if is_scene:
             scene = read_splats(args.input, drop_invalid=args.drop_invalid)

@@ -44,7 +44,7 @@ def refine(
     from evogs_codec.render import camera_rings, load_cameras
     from evogs_codec.render.views import HELD_OUT
     from reference_trainer.distil.coarse_levels import distil
-    from reference_trainer.runtime.memory import keep_freed_memory
+    from evogs_codec.common.heap import keep_freed_memory
 
     keep_freed_memory()
     if not tree.n_leaves:
