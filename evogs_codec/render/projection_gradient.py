@@ -29,6 +29,15 @@ def _bounded(value: float) -> float:
 
 
 @inlined
+def _is_zero(g: Array) -> bool:
+    """Whether no number is other than 0: of a splat that is hidden everywhere."""
+    for k in range(len(g)):
+        if not g[k] == 0.0:
+            return False
+    return True
+
+
+@inlined
 def _covariance_gradient(
     u: tuple[float, ...], e: float, g: Array, antialiased: bool
 ) -> tuple[float, ...]:
@@ -214,7 +223,7 @@ def project_squares(
         g_mean, g_quat = np.empty(3, s_means.dtype), np.empty(4, s_means.dtype)
         g_scale, g_sh = np.empty(3, s_means.dtype), np.empty(sh.shape[1:], s_means.dtype)
         for i in range(worker * n // n_workers, (worker + 1) * n // n_workers):
-            if status[i] != p.DRAWN:
+            if status[i] != p.DRAWN or _is_zero(gradients[i]):
                 continue
             g_logit = real(
                 _splat(
