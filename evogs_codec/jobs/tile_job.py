@@ -132,7 +132,7 @@ def _prepared(job: TileJob) -> tuple[Prepared, int]:
         splats, own, around, job.n_around, up=job.up, n_views=n_views, keep=KEEP
     ).within(effort.pixels)
     aim = TargetEncoder(
-        lift(splats, job.n_levels),
+        lift(splats, job.n_levels, n_neighbours=effort.n_neighbours),
         Settings(StepTable(()), n_alpha=N_ALPHA, alpha_bits=ALPHA_BITS),
         views,
         layers=job.n_layers,

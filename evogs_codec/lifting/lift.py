@@ -34,7 +34,7 @@ from evogs_codec.lifting.orientations import (
     unit_quats,
     write_shape,
 )
-from evogs_codec.lifting.pairing import features, match
+from evogs_codec.lifting.pairing import N_NEIGHBOURS, features, match
 from evogs_codec.lifting.parents import (
     N_SHAPE,
     Moments,
@@ -49,7 +49,7 @@ from evogs_codec.model.channels import N_GEOMETRY, n_channels
 from evogs_codec.model.splats import F32, F64, I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree, Step
 
-__all__ = ["N_LEVELS", "Lifted", "largest_leaf_errors", "lift", "lift_with_order"]
+__all__ = ["N_LEVELS", "N_NEIGHBOURS", "Lifted", "largest_leaf_errors", "lift", "lift_with_order"]
 
 N_LEVELS = 5  # of a tree, if nothing else is asked for
 N_PRICED = 14  # channels that decide who pairs: all but the higher SH bands
@@ -70,19 +70,25 @@ class Lifted:
 
 
 def lift(
-    splats: SplatParams, n_levels: int = N_LEVELS, *, progress: Progress | None = None
+    splats: SplatParams,
+    n_levels: int = N_LEVELS,
+    *,
+    n_neighbours: int = N_NEIGHBOURS,
+    progress: Progress | None = None,
 ) -> EvolutionTree:
     """A tree of `n_levels` levels, each of about half the splats of the next, the last `splats`.
 
     Args:
         splats: N splats; the leaves are equivalent Gaussians in another order (`lift_with_order`).
         n_levels: at least 1; 1 gives a tree of adds only.
+        n_neighbours: of a splat, among which one is found that it is paired with; fewer take less
+            time.
         progress: called with the stage "lift" and the part that is done.
 
     Raises:
         ValueError: `n_levels` is below 1, or a splat has a number that is not finite.
     """
-    return lift_with_order(splats, n_levels, progress=progress).tree
+    return lift_with_order(splats, n_levels, n_neighbours=n_neighbours, progress=progress).tree
 
 
 def largest_leaf_errors(
@@ -113,7 +119,11 @@ def largest_leaf_errors(
 
 
 def lift_with_order(
-    splats: SplatParams, n_levels: int = N_LEVELS, *, progress: Progress | None = None
+    splats: SplatParams,
+    n_levels: int = N_LEVELS,
+    *,
+    n_neighbours: int = N_NEIGHBOURS,
+    progress: Progress | None = None,
 ) -> Lifted:
     """`lift`, and which splat each leaf is."""
     if n_levels < 1:
@@ -123,11 +133,15 @@ def lift_with_order(
         raise ValueError(f"{n_bad} of {len(splats)} splats have a number that is not finite")
     report = partial(progress or no_progress, "lift")
     if len(splats) <= PART:
-        return _lift(splats, n_levels, report)
+        return _lift(splats, n_levels, n_neighbours, report)
     order = morton_order(splats.means.T)
     parts = np.array_split(order, -(-len(splats) // PART))
     lifted = []
-    for one in parallel_map(lambda rows: _lift(splats.take(rows), n_levels, lambda _: None), parts):
+
+    def lift_part(rows: I64) -> Lifted:
+        return _lift(splats.take(rows), n_levels, n_neighbours, lambda _: None)
+
+    for one in parallel_map(lift_part, parts):
         lifted.append(one)
         report(len(lifted) / len(parts))
     tree, slots = joined([one.tree for one in lifted])
@@ -137,7 +151,9 @@ def lift_with_order(
     return Lifted(tree, leaf_of)
 
 
-def _lift(splats: SplatParams, n_levels: int, report: Callable[[float], None]) -> Lifted:
+def _lift(
+    splats: SplatParams, n_levels: int, n_neighbours: int, report: Callable[[float], None]
+) -> Lifted:
     """`lift_with_order` of splats that are finite."""
     # Of the leaves, and room for their parents: fewer than leaves.
     values = np.empty((n_channels(splats.sh_degree), 2 * len(splats)))
@@ -148,7 +164,7 @@ def _lift(splats: SplatParams, n_levels: int, report: Callable[[float], None]) -
     own_turn = largest_w(quats)
     write_shape(x, quats, log_scales, own_turn)
 
-    rounds, shapes, roots = _pair_up(x, n_levels - 1, report)
+    rounds, shapes, roots = _pair_up(x, n_levels - 1, n_neighbours, report)
     turns = consistent_turns(rounds, shapes)[: len(splats)]
     write_shape(x, quats, log_scales, COMPOSE[own_turn, turns])
     report(0.85)
@@ -161,7 +177,7 @@ def _lift(splats: SplatParams, n_levels: int, report: Callable[[float], None]) -
 
 
 def _pair_up(
-    x: F64, n_rounds: int, report: Callable[[float], None]
+    x: F64, n_rounds: int, n_neighbours: int, report: Callable[[float], None]
 ) -> tuple[list[Round], F64, I64]:
     """Pass 1 over the leaves (D, N).
 
@@ -179,7 +195,9 @@ def _pair_up(
     rounds: list[Round] = []
     total = n
     for k in range(n_rounds):
-        i, j = match(features(now, mass, unit)) if len(nodes) > 1 else (nodes[:0], nodes[:0])
+        i, j = nodes[:0], nodes[:0]
+        if len(nodes) > 1:
+            i, j = match(features(now, mass, unit), n_neighbours)
         larger = now[7:10, i].sum(axis=0) > now[7:10, j].sum(axis=0)
         c1, c2 = np.where(larger, j, i), np.where(larger, i, j)
 

@@ -26,7 +26,7 @@ from evogs_codec.lifting.orientations import STEP_ROTATION, STEP_SCALE
 from evogs_codec.lifting.parents import TINY, Moments, merged, sizes
 from evogs_codec.model.splats import F32, F64, I64
 
-__all__ = ["Features", "features", "match"]
+__all__ = ["N_NEIGHBOURS", "Features", "features", "match"]
 
 STEP_POSITION = 0.2  # in units of the median splat
 STEP_OPACITY = 0.125
@@ -83,8 +83,13 @@ def features(x: F64, moments: Moments, unit: float) -> Features:
     )
 
 
-def match(f: Features) -> tuple[I64, I64]:
-    """Disjoint pairs (i, j) of nodes that are close and alike, of most nodes."""
+def match(f: Features, n_neighbours: int = N_NEIGHBOURS) -> tuple[I64, I64]:
+    """Disjoint pairs (i, j) of nodes that are close and alike, of most nodes.
+
+    Args:
+        f: of n nodes.
+        n_neighbours: candidates of each node, besides those of which it is a candidate.
+    """
     n = f.points.shape[1]
     points = f.points.T + JITTER * _spread_points(n)
     prices_of = _pricer(f)
@@ -94,7 +99,7 @@ def match(f: Features) -> tuple[I64, I64]:
         nodes = np.flatnonzero(free)
         if len(nodes) < max(2, (MAX_WAITING if limit == np.inf else MAX_ALONE) * n):
             break
-        i, j = (nodes[end] for end in _edges(points[nodes]))
+        i, j = (nodes[end] for end in _edges(points[nodes], n_neighbours))
         price, growth = prices_of(i, j)
         kept = np.flatnonzero(growth <= limit)
         i, j = _greedy(i[kept], j[kept], price[kept], n)
@@ -115,10 +120,10 @@ def _spread_points(n: int) -> F64:
     return out
 
 
-def _edges(points: F64) -> tuple[I64, I64]:
+def _edges(points: F64, n_neighbours: int) -> tuple[I64, I64]:
     """Each node with its nearest neighbours, every pair once: (e,), (e,)."""
     n = len(points)
-    order, near = nearest(points, min(N_NEIGHBOURS + 1, n))
+    order, near = nearest(points, min(n_neighbours + 1, n))
     loops = compiled_for(n)
     if loops is not None:
         found: tuple[I64, I64] = loops.matching.edges(order, near)

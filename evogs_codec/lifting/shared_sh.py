@@ -22,7 +22,8 @@ __all__ = ["shared_sh", "with_palette"]
 MOST = 0.25  # of the splats, as many different vectors at most: else psi take fewer bytes
 N_COARSE = 256  # entries for coarse splats at most: their picks take a byte
 SAMPLE, ROUNDS = 32_768, 10  # of coarse splats, by which those entries are found
-BLOCK = 16_384  # splats compared with entries at a time
+BLOCK = 1_024  # splats compared with entries at a time: fits the cache
+SH = slice(N_CORE, None)  # channels above band 0
 
 
 def shared_sh(splats: SplatParams) -> tuple[Palette, I64] | None:
@@ -74,12 +75,12 @@ def with_palette(lifted: Lifted, splats: SplatParams) -> EvolutionTree | None:
     shown = np.zeros(len(final), np.int32)
     steps: list[Step] = []
     n = 0
-    for k, (step, state) in enumerate(zip(tree.steps, tree.states(), strict=True)):
+    for k, (step, sh) in enumerate(zip(tree.steps, tree.values(SH), strict=True)):
         changed = step.slots[step.kinds != Kind.DROP]
         written = np.concatenate([changed, n + np.arange(step.n_new)])
         is_final = is_last[written] <= k
         now = np.where(is_final, final[written], 0)
-        now[~is_final] = _nearest(state.values[N_CORE:, written[~is_final]], coarse)
+        now[~is_final] = _nearest(sh[:, written[~is_final]], coarse)
         keeps = np.array_equal(now[: len(changed)], shown[changed])
         shown[written] = now
         steps.append(
@@ -108,10 +109,10 @@ def _last_written(tree: EvolutionTree) -> I64:
 def _coarse_entries(tree: EvolutionTree, is_last: I64, n: int) -> F32:
     """(C, up to n) centres of the SH of splats that are not leaves (k-means of a sample)."""
     parts = []
-    for k, (step, state) in enumerate(zip(tree.steps, tree.states(), strict=True)):
-        new = np.arange(state.values.shape[1] - step.n_new, state.values.shape[1])
+    for k, (step, sh) in enumerate(zip(tree.steps, tree.values(SH), strict=True)):
+        new = np.arange(sh.shape[1] - step.n_new, sh.shape[1])
         written = np.concatenate([step.slots[step.kinds != Kind.DROP], new])
-        parts.append(state.values[N_CORE:, written[is_last[written] > k]].astype(np.float32))
+        parts.append(sh[:, written[is_last[written] > k]].astype(np.float32))
     x = np.concatenate(parts, axis=1)
     if not x.shape[1]:  # all are leaves
         return x
@@ -135,5 +136,6 @@ def _nearest(x: F32 | F64, entries: F32) -> I32:
     lengths = np.square(candidates).sum(0)
     for at in range(0, len(out), BLOCK):
         part = (x[:, at : at + BLOCK] / unit).astype(np.float32)
-        out[at : at + BLOCK] = np.argmin(lengths - 2 * part.T @ candidates, axis=1)
+        products = 2 * part.T @ candidates
+        out[at : at + BLOCK] = np.subtract(lengths, products, out=products).argmin(axis=1)
     return out

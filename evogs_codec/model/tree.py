@@ -258,14 +258,24 @@ class EvolutionTree:
         The arrays of one state are overwritten by the next: copy what is kept.
         """
         total = sum(step.n_new for step in self.steps)
-        values = np.zeros((n_channels(self.sh_degree), total), np.float64)
         live = np.zeros(total, bool)
         picks = np.zeros(total, np.int32)
         n = 0
-        for step in self.steps:
+        for step, values in zip(self.steps, self.values(), strict=True):
             take_picks(step, picks, n)
-            n = _apply(step, values, live, n)
-            yield Slots(values[:, :n], live[:n], self.palette, picks[:n])
+            live[n : n + step.n_new] = True
+            live[step.slots[step.kinds == Kind.DROP]] = False
+            n += step.n_new
+            yield Slots(values, live[:n], self.palette, picks[:n])
+
+    def values(self, channels: slice = slice(None)) -> Iterator[F64]:
+        """(C, n) some channels of the slots after each step: those of `states`, in less time."""
+        rows = range(n_channels(self.sh_degree))[channels]
+        values = np.zeros((len(rows), sum(step.n_new for step in self.steps)), np.float64)
+        n = 0
+        for step in self.steps:
+            n = _apply(step, values, rows, n)
+            yield values[:, :n]
 
     def leaves(self, level: int | None = None) -> SplatParams:
         """Splats a renderer draws at `level` (the last one by default), in slot order.
@@ -316,26 +326,34 @@ def alpha_channels(alpha: F32 | F64, d: int) -> F64:
     return out
 
 
-def _apply(step: Step, values: F64, live: npt.NDArray[np.bool_], n: int) -> int:
-    """Apply `step` in place to `n` used slots; returns the new count."""
+def _apply(step: Step, values: F64, rows: range, n: int) -> int:
+    """Apply `step` in place to `n` used slots, whose channels `rows` are there; returns how many.
+
+    Slots that are dropped become 0.
+    """
     has_psi = step.kinds != Kind.DROP
     is_split = step.kinds[has_psi] == Kind.SPLIT
     splits = slice(None) if is_split.all() else np.flatnonzero(is_split)
     target = step.slots[has_psi]
     new = slice(n, n + step.alpha.shape[1])
-    for alpha, channels in zip(step.alpha.astype(np.float64), GROUP_CHANNELS, strict=True):
+    for alpha, group in zip(step.alpha.astype(np.float64), GROUP_CHANNELS, strict=True):
+        channels = _common(range(len(step.psi))[group], rows)
         if not alpha.size and not step.psi[channels].any():
             continue  # as of the layers of precision
-        for x, psi in zip(values[channels], step.psi[channels].astype(np.float64), strict=True):
+        own = slice(channels.start - rows.start, channels.stop - rows.start)
+        for x, psi in zip(values[own], step.psi[channels].astype(np.float64), strict=True):
             parents = x[target]
             x[target] = parents + psi
             x[new] = parents[splits] - alpha * psi[splits]
-    values[:, new.stop : n + step.n_new] = step.adds
-    live[n : n + step.n_new] = True
-    dropped = step.slots[~has_psi]
-    live[dropped] = False
-    values[:, dropped] = 0.0
+    values[:, new.stop : n + step.n_new] = step.adds[rows.start : rows.stop]
+    values[:, step.slots[~has_psi]] = 0.0
     return n + step.n_new
+
+
+def _common(a: range, b: range) -> slice:
+    """What is in two ranges of steps of 1."""
+    begin = min(max(a.start, b.start), b.stop)
+    return slice(begin, max(begin, min(a.stop, b.stop)))
 
 
 def _check_step(step: Step, k: int, live: npt.NDArray[np.bool_], level: int, d: int) -> None:

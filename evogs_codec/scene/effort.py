@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from evogs_codec.lifting.lift import N_NEIGHBOURS
+
 __all__ = ["EFFORTS", "MAX_LEVEL", "Effort"]
 
 MAX_LEVEL = 22  # of Zstandard
@@ -15,6 +17,7 @@ class Effort:
 
     Attributes:
         level: of Zstandard.
+        n_neighbours: of a splat, among which one is found that it is paired with.
         n_views: views by which errors are weighed, at most, where there is no target.
         pixels: of the longer side of these views, at most; None: as they are.
         n_band_views: views by which the SH bands are put in order, at most.
@@ -24,6 +27,7 @@ class Effort:
     """
 
     level: int = 19
+    n_neighbours: int = N_NEIGHBOURS
     n_views: int = 12
     pixels: int | None = None
     n_band_views: int = 3
@@ -49,7 +53,9 @@ class Effort:
 
 EFFORTS = {
     # Zstandard 16 is the first level that weighs matches by what they cost: below, 7 % are lost.
-    "fast": Effort(level=16, n_views=6, pixels=300, by_leaves=True, looks=False),
+    "fast": Effort(
+        level=16, n_neighbours=4, n_views=6, pixels=300, by_leaves=True, looks=False
+    ),
     "default": Effort(),
     "best": Effort(level=22, n_views=24),
 }

@@ -157,7 +157,9 @@ def encode_scene_with_order(splats: SplatParams, **options: Unpack[SceneOptions]
         raise ValueError(f"palette is {palette!r}, expected 'auto' or 'never'")
     expect_near(float(np.abs(splats.means).max(initial=0)))
     request = Request.of(SCENE_PRESET, options).looking_at(splats)
-    lifted = lift_with_order(splats, levels, progress=request.progress)
+    lifted = lift_with_order(
+        splats, levels, n_neighbours=request.effort.n_neighbours, progress=request.progress
+    )
     if improve is not None:
         lifted = _improved(lifted, improve)
     shared = with_palette(lifted, splats) if palette == "auto" else None
