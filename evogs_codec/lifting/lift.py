@@ -158,7 +158,7 @@ def _lift(
     # Of the leaves, and room for their parents: fewer than leaves.
     values = np.empty((n_channels(splats.sh_degree), 2 * len(splats)))
     x = values[:, : len(splats)]
-    x[:] = splats.channels()
+    splats.write_channels(x)
     quats = unit_quats(x[3:7])
     log_scales = x[7:10].copy()
     own_turn = largest_w(quats)

@@ -20,6 +20,8 @@ __all__ = [
     "sh_degree_of",
 ]
 
+BLOCK = 4096  # splats whose rows become columns at a time: fits the cache
+
 F32: TypeAlias = npt.NDArray[np.float32]
 F64: TypeAlias = npt.NDArray[np.float64]
 I32: TypeAlias = npt.NDArray[np.int32]
@@ -78,14 +80,20 @@ class SplatParams:
 
     def channels(self) -> F32:
         """(D, N) float32, one row per channel (spec 3.2)."""
-        n = len(self)
-        out = np.empty((n_channels(self.sh_degree), n), np.float32)
-        out[0:3] = self.means.T
-        out[3:7] = self.quats.T
-        out[7:10] = self.log_scales.T
-        out[10] = self.opacity_logits
-        out[11:] = self.sh.reshape(n, len(out) - N_GEOMETRY).T
+        out = np.empty((n_channels(self.sh_degree), len(self)), np.float32)
+        self.write_channels(out)
         return out
+
+    def write_channels(self, out: F32 | F64) -> None:
+        """`channels`, to an array that is there."""
+        sh = self.sh.reshape(len(self), len(out) - N_GEOMETRY)
+        for at in range(0, len(self), BLOCK):
+            part = slice(at, at + BLOCK)
+            out[0:3, part] = self.means[part].T
+            out[3:7, part] = self.quats[part].T
+            out[7:10, part] = self.log_scales[part].T
+            out[10, part] = self.opacity_logits[part]
+            out[11:, part] = sh[part].T
 
     @staticmethod
     def from_channels(channels: npt.NDArray[np.floating]) -> SplatParams:

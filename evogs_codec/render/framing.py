@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +29,9 @@ FAR, OTHER_SIZE = 0.35, 1.5
 NEAR = 0.2  # of a small bulk, a tenth of the way of the default cameras to it
 
 
+_found: WeakKeyDictionary[SplatParams, Bulk] = WeakKeyDictionary()
+
+
 class Bulk(NamedTuple):
     """Where most of a scene is.
 
@@ -46,6 +50,12 @@ def bulk_of(scene: SplatParams) -> Bulk:
     Raises:
         ValueError: no splat has a finite position.
     """
+    if scene not in _found:  # who asks where cameras stand asks how to render, too
+        _found[scene] = _bulk_of(scene)
+    return _found[scene]
+
+
+def _bulk_of(scene: SplatParams) -> Bulk:
     means = scene.means[np.isfinite(scene.means).all(axis=1)].astype(np.float64)
     if not len(means):
         raise ValueError("the scene is empty: name the cameras")
