@@ -36,6 +36,7 @@ MAX_BLOCK = 128 << 10  # R-5.10-5
 # Planes are noise that a Huffman code serves best: matches that are found in it cost more than they
 # save, and most of the time. So levels that weigh matches look for few of them in larger planes.
 WEIGHING, LARGE = 16, 4096  # the first such level, and bytes of a plane
+FOUND = 0.95  # of the bytes: where a quick search takes less, there is more to be found
 NARROW = {"hash_log": 6, "chain_log": 6, "search_log": 1, "min_match": 7}
 MAY_COMPILE = True  # False: literals are checked as without numba
 _local = threading.local()
@@ -59,7 +60,7 @@ def compress(data: bytes, effort: int, ends: Sequence[int] = ()) -> bytes:
             frames.append(_frame(data, effort, ends=ends))
     else:
         frames += [_frame(data, effort, ends=ends, is_narrow=True), _frame(data, 1)]
-        if len(frames[-1]) < len(frames[-2]):  # there is something to be found
+        if len(frames[-1]) < FOUND * len(frames[-2]):
             frames.append(_frame(data, effort))
     return min(frames, key=len)
 
