@@ -120,7 +120,7 @@ def _spread_points(n: int) -> F64:
     return out
 
 
-def _edges(points: F64, n_neighbours: int) -> tuple[I64, I64]:
+def _edges(points: F64, n_neighbours: int = N_NEIGHBOURS) -> tuple[I64, I64]:
     """Each node with its nearest neighbours, every pair once: (e,), (e,)."""
     n = len(points)
     order, near = nearest(points, min(n_neighbours + 1, n))

@@ -33,26 +33,26 @@ def fast():
 
 
 def test_fast_takes_fewer_and_smaller_views(monkeypatch):
-    weighed, drawn = Views.sensitivity_and_psnr, []
+    weighed, drawn = Views.sensitivity, []
 
     def recorded(own, splats):
         drawn.append((len(own.cameras), max(camera.width for camera in own.cameras)))
         return weighed(own, splats)
 
-    monkeypatch.setattr(Views, "sensitivity_and_psnr", recorded)
+    monkeypatch.setattr(Views, "sensitivity", recorded)
     monkeypatch.setattr(viewpoints, "SIZE", 400)
     encode_scene(make_scene(60), levels=2, up="z", effort="fast")
     assert set(drawn) == {(6, 300)}
 
 
 def test_cameras_that_are_given_are_made_small_too(monkeypatch):
-    weighed, drawn = Views.sensitivity_and_psnr, []
+    weighed, drawn = Views.sensitivity, []
 
     def recorded(own, splats):
         drawn.append((len(own.cameras), *{(c.width, c.height) for c in own.cameras}))
         return weighed(own, splats)
 
-    monkeypatch.setattr(Views, "sensitivity_and_psnr", recorded)
+    monkeypatch.setattr(Views, "sensitivity", recorded)
     splats = make_scene(60)
     cameras = [camera.resized(400, 300) for camera in cameras_around(splats, "z", n=12)]
     encode_scene(splats, levels=2, cameras=cameras, effort="fast")
