@@ -127,6 +127,8 @@ def _blend_tile(
         splat = entries[j]
         if j + AHEAD < end:
             prefetch(records, entries[j + AHEAD])
+            prefetch(records, entries[j + AHEAD] + 1)  # a record is longer than a cache line
+            prefetch(rows, entries[j + AHEAD])
         record = records[splat]
         red, green, blue = real(record[p.RED]), real(record[p.GREEN]), real(record[p.BLUE])
         weight = real(record[p.WEIGHT])

@@ -45,6 +45,7 @@ _ROW = np.uint64(SIDE * 7)
 # Groups of the sums over rows, for each of the 16 columns of pixels.
 _S1, _S2, _S3, _S4, _S5, _S6, _S7, _S8 = (np.uint64(SIDE * k) for k in range(1, WIDTH))
 _STATE = SIDE * SIDE * 7
+_SUM_AHEAD = 32  # entries of a list from one whose sums are asked for to the one that is added
 _SUMS = SIDE * WIDTH
 
 
@@ -119,6 +120,8 @@ def _unblend_tile(
         splat = entries[j]
         if j - AHEAD >= begin:
             prefetch(records, entries[j - AHEAD])
+            prefetch(records, entries[j - AHEAD] + 1)
+            prefetch(rows, entries[j - AHEAD])
         record = records[splat]
         red, green, blue = real(record[p.RED]), real(record[p.GREEN]), real(record[p.BLUE])
         clip_rows(lines, record, x, y)
@@ -205,5 +208,8 @@ def add_up(offsets: Array, block_ends: Array, entries: Array, rows: Array, out: 
             begin = block_ends[block - 1, tile] if block else 0
             for j in range(offsets[tile] + begin, offsets[tile] + block_ends[block, tile]):
                 splat = entries[j]
+                if j + _SUM_AHEAD < len(entries):
+                    prefetch(out, entries[j + _SUM_AHEAD])
+                    prefetch(out, entries[j + _SUM_AHEAD] + 1)
                 for c in range(WIDTH):
                     out[splat, c] += rows[j, c]

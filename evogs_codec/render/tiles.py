@@ -18,7 +18,14 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.render import projection as p
-from evogs_codec.render.compiled import inlined, kernel, n_threads, parallel_kernel, prange
+from evogs_codec.render.compiled import (
+    inlined,
+    kernel,
+    n_threads,
+    parallel_kernel,
+    prange,
+    prefetch,
+)
 from evogs_codec.render.spans import RUNS, SIDE, SPAN, columns_of
 
 __all__ = ["Chunk", "Tiles", "depth_order"]
@@ -29,6 +36,7 @@ I32 = npt.NDArray[np.int32]
 I64 = npt.NDArray[np.int64]
 
 CHUNK = 1 << 22  # entries of one chunk: 16 MB of lists, 150 MB of gradients
+_AHEAD = 32  # splats of an order from one whose span is asked for to the one that is counted
 _MIN_BLOCK = 2048  # splats that are worth a thread
 _MAX_BLOCKS = 16  # each counts all tiles: 2 MB of a picture of 8192 x 8192 pixels
 _DIGIT = 11  # bits of one pass of the radix sort
@@ -187,6 +195,8 @@ def _count(
     for block in prange(n_blocks):
         for i in range(block * len(order) // n_blocks, (block + 1) * len(order) // n_blocks):
             splat = order[i]
+            if i + _AHEAD < len(order):
+                prefetch(spans, order[i + _AHEAD])
             for k in range(SPAN):
                 runs[i, k] = spans[splat, k]
             first, last = runs[i, 0], runs[i, 1]
