@@ -23,7 +23,7 @@ from evogs_codec.common.parallel import parallel_map
 from evogs_codec.lifting.compiled.dispatch import compiled_for
 from evogs_codec.lifting.neighbours import nearest
 from evogs_codec.lifting.orientations import STEP_ROTATION, STEP_SCALE
-from evogs_codec.lifting.parents import TINY, Moments, merged, sizes
+from evogs_codec.lifting.parents import BLOCK, TINY, Moments, merged, sizes
 from evogs_codec.model.splats import F32, F64, I64
 
 __all__ = ["N_NEIGHBOURS", "Features", "features", "match"]
@@ -68,19 +68,26 @@ class Features:
 
 def features(x: F64, moments: Moments, unit: float) -> Features:
     """Features of the nodes (D, n); `unit` is the size of the median splat."""
-    points = (x[0:3] - x[0:3].mean(axis=1, keepdims=True)) / unit
+    n, middle = x.shape[1], x[0:3].mean(axis=1, keepdims=True)
+    points = np.empty((3, n))
+    quats, scales, rest = (np.empty((rows, n), np.float32) for rows in (4, 3, 7))
+    for at in range(0, n, BLOCK):
+        part = slice(at, at + BLOCK)
+        own = x[:, part]
+        points[:, part] = (own[0:3] - middle) / unit
+        quats[:, part] = own[3:7] / np.linalg.norm(own[3:7], axis=0)
+        scales[:, part] = _float32(np.sort(own[7:10], axis=0) / (2 * STEP_SCALE))
+        rest[:, part] = _float32(_rest(points[:, part], own) / 2)
+    return Features(points, quats, scales, rest, moments)
+
+
+def _rest(points: F64, x: F64) -> F64:
+    """(7, n) `Features.rest` in steps, of some nodes (D, n)."""
     red, green, blue = x[11:14]
     chroma = red - blue
     middle = (red + blue) / 2
     colour = np.stack([(middle + green) / 2, chroma, green - middle])
-    rest = np.concatenate([points / STEP_POSITION, x[10:11] / STEP_OPACITY, colour / STEP_SH0])
-    return Features(
-        points,
-        (x[3:7] / np.linalg.norm(x[3:7], axis=0)).astype(np.float32),
-        _float32(np.sort(x[7:10], axis=0) / (2 * STEP_SCALE)),
-        _float32(rest / 2),
-        moments,
-    )
+    return np.concatenate([points / STEP_POSITION, x[10:11] / STEP_OPACITY, colour / STEP_SH0])
 
 
 def match(f: Features, n_neighbours: int = N_NEIGHBOURS) -> tuple[I64, I64]:

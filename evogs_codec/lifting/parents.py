@@ -67,6 +67,7 @@ MAX_PSI = 1e4
 # Beyond, exp of twice a log-scale leaves float64 or means nothing.
 MAX_LOG_SCALE = 40.0
 TINY = 1e-300
+BLOCK = 1 << 13  # Gaussians that are worked on together: fits the cache
 
 _POSITION, _ROTATION, _SCALE, _OPACITY, _SH = GROUP_CHANNELS
 
@@ -117,6 +118,14 @@ class Moments:
 
 def moments(x: F64) -> Moments:
     """Moments of the n Gaussians (D, n)."""
+    found = Moments.empty(x.shape[1])
+    for at in range(0, x.shape[1], BLOCK):
+        part, own = found.part(at, at + BLOCK), _moments(x[:, at : at + BLOCK])
+        part.mass[:], part.mean[:], part.cov[:] = own.mass, own.mean, own.cov
+    return found
+
+
+def _moments(x: F64) -> Moments:
     log_scales = _bounded(x[_SCALE])
     root = matrices(x[4:7]) * np.exp(log_scales)
     cov = np.einsum("ikn,jkn->ijn", root, root)
