@@ -136,12 +136,12 @@ def run_train(args: argparse.Namespace) -> None:
     for library in ("torch", "numba"):
         if find_spec(library) is None:
             raise InputError(f"training needs {library}: pip install -e '.[train]'")
+    from evogs_codec.common.heap import keep_freed_memory
     from reference_trainer.data import load_views
     from reference_trainer.evaluate import evaluate
     from reference_trainer.held_out import at_full_size, write_sheet
     from reference_trainer.models.backends import backend_for
     from reference_trainer.run import run
-    from evogs_codec.common.heap import keep_freed_memory
     from reference_trainer.runtime.progress import Progress
     from reference_trainer.train import NotFiniteError
 

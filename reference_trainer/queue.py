@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numba
 
 from evogs_codec import InputError
+from evogs_codec.common.heap import keep_freed_memory
 from evogs_codec.common.printable import MAX_LINE, shown
 from evogs_codec.io.files import write_atomic
 from evogs_codec.io.tree_npz import read_tree, write_tree
@@ -26,7 +27,6 @@ from reference_trainer.models.backends import backend_for
 from reference_trainer.run import run
 from reference_trainer.runtime.checkpoint import FILE
 from reference_trainer.runtime.hardware import machine
-from evogs_codec.common.heap import keep_freed_memory
 from reference_trainer.runtime.progress import Progress
 
 if TYPE_CHECKING:

@@ -155,7 +155,7 @@ class Prepared:
 def _drawn(
     aim: Aim, views: Pictures, tiles: Sequence[EvolutionTree], n_levels: int
 ) -> tuple[Importance, MeasuredGains | None]:
-    """What the numbers of arranged tiles are worth, and what their packets gain, if that is drawn."""
+    """What the numbers of arranged tiles are worth, and what packets gain where that is drawn."""
     report = aim.progress or no_progress
     if aim.by_leaves:
         first = n_levels - 1

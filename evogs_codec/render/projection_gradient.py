@@ -31,10 +31,10 @@ def _bounded(value: float) -> float:
 @inlined
 def _is_zero(g: Array) -> bool:
     """Whether no number is other than 0: of a splat that is hidden everywhere."""
+    is_zero = True
     for k in range(len(g)):
-        if not g[k] == 0.0:
-            return False
-    return True
+        is_zero &= g[k] == 0.0
+    return is_zero
 
 
 @inlined

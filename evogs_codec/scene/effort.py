@@ -53,9 +53,7 @@ class Effort:
 
 EFFORTS = {
     # Zstandard 16 is the first level that weighs matches by what they cost: below, 7 % are lost.
-    "fast": Effort(
-        level=16, n_neighbours=4, n_views=6, pixels=300, by_leaves=True, looks=False
-    ),
+    "fast": Effort(level=16, n_neighbours=4, n_views=6, pixels=300, by_leaves=True, looks=False),
     "default": Effort(),
     "best": Effort(level=22, n_views=24),
 }

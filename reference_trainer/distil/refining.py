@@ -41,10 +41,10 @@ def refine(
     """
     if find_spec("numba") is None:
         raise InputError("--refine renders views: pip install -e '.[render]'")
+    from evogs_codec.common.heap import keep_freed_memory
     from evogs_codec.render import camera_rings, load_cameras
     from evogs_codec.render.views import HELD_OUT
     from reference_trainer.distil.coarse_levels import distil
-    from evogs_codec.common.heap import keep_freed_memory
 
     keep_freed_memory()
     if not tree.n_leaves:

@@ -55,3 +55,27 @@ def test_a_parent_weighs_as_much_as_the_leaves_below_it():
     assert table.shape == (1 + tree.n_levels, 5 + tree.sh_degree)
     # Roots have the more leaves below them, the finer.
     assert (table[0, 1:] < table[-1, 1:]).all()
+
+
+def test_levels_that_are_not_drawn_have_the_weights_of_what_is_below_them():
+    """As if their own pictures did not matter."""
+    tree, views = scene()
+    tiles = arrange(tree, 2)
+    drawn = []
+
+    def recorded(splats):
+        drawn.append(len(splats))
+        return views.sensitivity(splats)
+
+    def of_leaves(splats):
+        found = views.sensitivity(splats)
+        return found if len(splats) == tree.n_leaves else np.zeros_like(found)
+
+    found = Importance.of(tiles, tree.n_levels, recorded, first=tree.n_levels - 1)
+    assert drawn == [tree.n_leaves]
+    expected = Importance.of(tiles, tree.n_levels, of_leaves)
+    np.testing.assert_array_equal(found.means, expected.means)
+    for steps, others in zip(found.weights, expected.weights, strict=True):
+        for own, other in zip(steps, others, strict=True):
+            np.testing.assert_array_equal(own.targets, other.targets)
+            np.testing.assert_array_equal(own.new, other.new)

@@ -232,3 +232,21 @@ def test_the_same_content_gives_the_same_frame_whatever_was_written_before(size)
     compress(noise(12345), 19)
     compress(noise(12345), 3)
     assert compress(text(size), 19) == first
+
+
+def by_libzstd(data, level):
+    """The size at a level as it is."""
+    return len(zstandard.ZstdCompressor(level=level, write_content_size=True).compress(data))
+
+
+@pytest.mark.parametrize("effort", [16, 19])
+def test_planes_without_repeats_take_fewer_bytes_than_a_search_for_them_leaves(effort):
+    plane = np.random.default_rng(0).geometric(0.5, 100_000).astype(np.uint8).tobytes()
+    assert len(compress(plane, effort)) < by_libzstd(plane, effort)
+
+
+@pytest.mark.parametrize("effort", [16, 19])
+def test_repeats_are_found_however_far_apart(effort):
+    data = 2 * noise(60_000)
+    assert len(compress(data, effort)) < 61_000
+    assert len(compress(data, effort)) <= by_libzstd(data, effort)

@@ -83,6 +83,19 @@ def test_levels_are_the_leaves_of_each_level(tree):
     assert len(found) == tree.n_levels
     for level, shown in enumerate(found):
         assert np.array_equal(shown.channels(), tree.leaves(level).channels())
+    for first in range(tree.n_levels):
+        later = list(tree.levels(first))
+        assert len(later) == tree.n_levels - first
+        for shown, same in zip(later, found[first:], strict=True):
+            assert np.array_equal(shown.channels(), same.channels())
+
+
+@given(trees())
+@examples(40)
+def test_some_channels_of_the_slots_are_those_of_all(tree):
+    for channels in (slice(None), slice(11), slice(14, None), slice(5, 9)):
+        for some, state in zip(tree.values(channels), tree.states(), strict=True):
+            assert np.array_equal(some, state.values[channels])
 
 
 @given(trees())

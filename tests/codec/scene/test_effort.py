@@ -43,6 +43,7 @@ def test_fast_takes_fewer_and_smaller_views(monkeypatch):
     monkeypatch.setattr(viewpoints, "SIZE", 400)
     encode_scene(make_scene(60), levels=2, up="z", effort="fast")
     assert set(drawn) == {(6, 300)}
+    assert len(drawn) == 1, "the last level alone"
 
 
 def test_cameras_that_are_given_are_made_small_too(monkeypatch):
