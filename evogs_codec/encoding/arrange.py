@@ -74,14 +74,14 @@ def _builders(tree: EvolutionTree, n_tiles: int) -> list[_TileBuilder]:
     tile_of_slot = tiles_of_slots(tree, n_tiles)
     n = int(tile_of_slot.max()) + 1 if len(tile_of_slot) else 1
     builders = [_TileBuilder(tile_of_slot == tile) for tile in range(n)]
-    states = tree.values(slice(11))
+    states = tree.states(slice(11))
     values = np.zeros((11, 0))
     for group in _groups(tree.steps):
         main = group[0]
         n_before = values.shape[1]
         parents = values[:, main.slots]
         for _ in group:
-            values = next(states)
+            values = next(states).values
         first, second = values[:, main.slots], values[:, n_before : n_before + main.alpha.shape[1]]
         splits = main.kinds == Kind.SPLIT
         change = changes(parents, first, second, splits)

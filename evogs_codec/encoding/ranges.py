@@ -92,7 +92,7 @@ class Ranges:
 def _sharing(tiles: Sequence[EvolutionTree]) -> float:
     picks = [np.empty(0, np.int32)]
     for tile in tiles:
-        picks += [state.picks[state.live] for state in [*tile.states()][-1:]]
+        picks += [state.picks[state.live] for state in [*tile.states(slice(0))][-1:]]
     some = np.concatenate(picks)
     some = some[some > 0]
     return max(len(some) / max(len(np.unique(some)), 1), 1.0)

@@ -186,7 +186,7 @@ def _of_entries(
     sums = np.zeros((palette.degree, 1 + palette.entries.shape[1]))
     for number, tile in enumerate(tiles):
         ends = [step.level for step in tile.steps[1:]] + [first + len(cuts)]
-        for step, end, state in zip(tile.steps, ends, tile.states(), strict=True):
+        for step, end, state in zip(tile.steps, ends, tile.states(slice(0)), strict=True):
             for level in range(max(step.level, first), end):
                 weights = shares[level - first] * cuts[level - first][number][5:]
                 for band, row in enumerate(weights):

@@ -75,12 +75,12 @@ def with_palette(lifted: Lifted, splats: SplatParams) -> EvolutionTree | None:
     shown = np.zeros(len(final), np.int32)
     steps: list[Step] = []
     n = 0
-    for k, (step, sh) in enumerate(zip(tree.steps, tree.values(SH), strict=True)):
+    for k, (step, state) in enumerate(zip(tree.steps, tree.states(SH), strict=True)):
         changed = step.slots[step.kinds != Kind.DROP]
         written = np.concatenate([changed, n + np.arange(step.n_new)])
         is_final = is_last[written] <= k
         now = np.where(is_final, final[written], 0)
-        now[~is_final] = _nearest(sh[:, written[~is_final]], coarse)
+        now[~is_final] = _nearest(state.values[:, written[~is_final]], coarse)
         keeps = np.array_equal(now[: len(changed)], shown[changed])
         shown[written] = now
         steps.append(
@@ -109,10 +109,10 @@ def _last_written(tree: EvolutionTree) -> I64:
 def _coarse_entries(tree: EvolutionTree, is_last: I64, n: int) -> F32:
     """(C, up to n) centres of the SH of splats that are not leaves (k-means of a sample)."""
     parts = []
-    for k, (step, sh) in enumerate(zip(tree.steps, tree.values(SH), strict=True)):
-        new = np.arange(sh.shape[1] - step.n_new, sh.shape[1])
+    for k, (step, state) in enumerate(zip(tree.steps, tree.states(SH), strict=True)):
+        new = np.arange(state.values.shape[1] - step.n_new, state.values.shape[1])
         written = np.concatenate([step.slots[step.kinds != Kind.DROP], new])
-        parts.append(sh[:, written[is_last[written] > k]].astype(np.float32))
+        parts.append(state.values[:, written[is_last[written] > k]].astype(np.float32))
     x = np.concatenate(parts, axis=1)
     if not x.shape[1]:  # all are leaves
         return x

@@ -252,30 +252,24 @@ class EvolutionTree:
             n += step.n_new
         return born_from, live
 
-    def states(self) -> Iterator[Slots]:
+    def states(self, channels: slice = slice(None)) -> Iterator[Slots]:
         """The slots after each step, evaluated in float64.
 
         The arrays of one state are overwritten by the next: copy what is kept.
+
+        Args:
+            channels: the only ones that `values` has; fewer take less time.
         """
+        rows = range(n_channels(self.sh_degree))[channels]
         total = sum(step.n_new for step in self.steps)
+        values = np.zeros((len(rows), total), np.float64)
         live = np.zeros(total, bool)
         picks = np.zeros(total, np.int32)
         n = 0
-        for step, values in zip(self.steps, self.values(), strict=True):
-            take_picks(step, picks, n)
-            live[n : n + step.n_new] = True
-            live[step.slots[step.kinds == Kind.DROP]] = False
-            n += step.n_new
-            yield Slots(values, live[:n], self.palette, picks[:n])
-
-    def values(self, channels: slice = slice(None)) -> Iterator[F64]:
-        """(C, n) some channels of the slots after each step: those of `states`, in less time."""
-        rows = range(n_channels(self.sh_degree))[channels]
-        values = np.zeros((len(rows), sum(step.n_new for step in self.steps)), np.float64)
-        n = 0
         for step in self.steps:
-            n = _apply(step, values, rows, n)
-            yield values[:, :n]
+            take_picks(step, picks, n)
+            n = _apply(step, values, rows, live, n)
+            yield Slots(values[:, :n], live[:n], self.palette, picks[:n])
 
     def leaves(self, level: int | None = None) -> SplatParams:
         """Splats a renderer draws at `level` (the last one by default), in slot order.
@@ -326,11 +320,8 @@ def alpha_channels(alpha: F32 | F64, d: int) -> F64:
     return out
 
 
-def _apply(step: Step, values: F64, rows: range, n: int) -> int:
-    """Apply `step` in place to `n` used slots, whose channels `rows` are there; returns how many.
-
-    Slots that are dropped become 0.
-    """
+def _apply(step: Step, values: F64, rows: range, live: npt.NDArray[np.bool_], n: int) -> int:
+    """Apply `step` in place to the channels `rows` of `n` used slots; returns the new count."""
     has_psi = step.kinds != Kind.DROP
     is_split = step.kinds[has_psi] == Kind.SPLIT
     splits = slice(None) if is_split.all() else np.flatnonzero(is_split)
@@ -346,7 +337,10 @@ def _apply(step: Step, values: F64, rows: range, n: int) -> int:
             x[target] = parents + psi
             x[new] = parents[splits] - alpha * psi[splits]
     values[:, new.stop : n + step.n_new] = step.adds[rows.start : rows.stop]
-    values[:, step.slots[~has_psi]] = 0.0
+    live[n : n + step.n_new] = True
+    dropped = step.slots[~has_psi]
+    live[dropped] = False
+    values[:, dropped] = 0.0
     return n + step.n_new
 
 

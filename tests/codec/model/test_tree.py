@@ -94,8 +94,9 @@ def test_levels_are_the_leaves_of_each_level(tree):
 @examples(40)
 def test_some_channels_of_the_slots_are_those_of_all(tree):
     for channels in (slice(None), slice(11), slice(14, None), slice(5, 9)):
-        for some, state in zip(tree.values(channels), tree.states(), strict=True):
-            assert np.array_equal(some, state.values[channels])
+        for some, state in zip(tree.states(channels), tree.states(), strict=True):
+            assert np.array_equal(some.values, state.values[channels])
+            assert np.array_equal(some.live, state.live)
 
 
 @given(trees())
