@@ -77,5 +77,7 @@ def test_levels_that_are_not_drawn_have_the_weights_of_what_is_below_them():
     np.testing.assert_array_equal(found.means, expected.means)
     for steps, others in zip(found.weights, expected.weights, strict=True):
         for own, other in zip(steps, others, strict=True):
+            assert own is not None
+            assert other is not None
             np.testing.assert_array_equal(own.targets, other.targets)
             np.testing.assert_array_equal(own.new, other.new)
