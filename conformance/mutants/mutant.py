@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
+from typing import Any
 
 from conformance.decoders import oracle
 
-__all__ = ["Mutant", "load", "original"]
+__all__ = ["Mutant", "load", "module_of", "original"]
 
 
 @dataclass(frozen=True)
@@ -46,9 +48,15 @@ class Mutant:
 @cache
 def load(mutant: Mutant) -> ModuleType:
     """The mutant as a module of its own, with the functions of `conformance.decoders.oracle`."""
-    module = ModuleType(f"conformance.mutants.{mutant.name}")
-    sys.modules[module.__name__] = module  # dataclasses look their module up
     code = compile(mutant.text(original()), f"oracle.py as {mutant.name}", "exec")
+    return module_of(mutant.name, code, {})
+
+
+def module_of(name: str, code: CodeType, names: Mapping[str, Any]) -> ModuleType:
+    """A module that runs `code`, and has `names` from the beginning."""
+    module = ModuleType(f"conformance.mutants.{name}")
+    sys.modules[module.__name__] = module  # dataclasses look their module up
+    module.__dict__.update(names)
     exec(code, module.__dict__)
     return module
 
