@@ -1,4 +1,7 @@
-"""Levels of lifted scenes, seen: against as many splats at random and against free parents."""
+"""Levels of lifted scenes, seen: against as many splats at random and against free parents.
+
+And what the palette costs them, whose coarse splats share SH.
+"""
 
 import pytest
 
@@ -16,6 +19,8 @@ def assert_good(rows):
     assert gain(rows[HALF], "random subset") >= 0.0
     for level in (EIGHTH, QUARTER, HALF):
         assert gain(rows[level], "free parents") >= -1.5
+    for row in rows:
+        assert row["with palette, dB"] == "" or gain(row, "with palette") <= 1.0
 
 
 def gain(row, other):
@@ -24,7 +29,9 @@ def gain(row, other):
 
 def test_levels_of_a_trained_scene(shared):
     splats = read_ply(shared / "data" / "playbot" / "playbot.ply")
-    assert_good(levels(splats, "playbot", "-y"))
+    rows = levels(splats, "playbot", "-y")
+    assert all(row["with palette, dB"] for row in rows)
+    assert_good(rows)
 
 
 def test_levels_of_the_shipped_scene():

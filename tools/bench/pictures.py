@@ -37,7 +37,14 @@ PYRAMID = (8, 4, 2, 1)  # pixels of a photograph, to a side, in one of each leve
 def levels(splats: SplatParams, scene: str, up: str) -> Rows:
     """PSNR of each level against the scene, over the cameras of `cameras_around`.
 
-    Beside it, of as many of its splats at random, and of the same pairs with free parents.
+    Columns:
+        decoded: the level of a stream of the preset `scene`, with all that its tree loses.
+        with palette: the floats of that tree, whose coarse splats show entries of a palette made
+            for them. Empty if the scene has no palette; then the tree is the lifted one.
+        lifted: the floats of the lifted tree, each splat with SH of its own.
+        free parents: the same pairs, with parents that no tree can keep. What "lifted" lacks of it
+            is the price of the tree.
+        random subset: as many splats of the scene, drawn.
     """
     cameras = cameras_around(splats, up, 400)
     pictures = [render(splats, camera, WHITE) for camera in cameras]
@@ -51,13 +58,13 @@ def levels(splats: SplatParams, scene: str, up: str) -> Rows:
 
     whole = lift_with_order(splats, N_LEVELS)
     free = free_levels(whole.tree)
-    tree = with_palette(whole, splats) or whole.tree
-    data = encode(tree, PRESETS["scene"])
+    shared = with_palette(whole, splats)
+    data = encode(shared or whole.tree, PRESETS["scene"])
     directory = read_directory(data)
     rng = np.random.default_rng(0)
     rows: Rows = []
     for level in range(N_LEVELS):
-        lifted = tree.leaves(level)
+        lifted = whole.tree.leaves(level)
         subset = np.sort(rng.choice(len(splats), len(lifted), replace=False))
         rows.append(
             {
@@ -66,6 +73,7 @@ def levels(splats: SplatParams, scene: str, up: str) -> Rows:
                 "splats": len(lifted),
                 "share": f"{len(lifted) / max(len(splats), 1):.3f}",
                 "decoded, dB": decibels(decode(data, Cut.of_level(directory, level)).leaves()),
+                "with palette, dB": "" if shared is None else decibels(shared.leaves(level)),
                 "lifted, dB": decibels(lifted),
                 "free parents, dB": decibels(free[level]),
                 "random subset, dB": decibels(splats.take(subset)),
