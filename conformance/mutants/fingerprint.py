@@ -67,7 +67,9 @@ def fingerprints(
     """
     context = multiprocessing.get_context("spawn")  # workers limit their memory
     with context.Pool(jobs, _begin, (tuple(_runs_of(vectors, files)),)) as pool:
-        return dict(told(pool.imap(_fingerprint, mutants), len(mutants), "mutants"))
+        tried = pool.imap_unordered(_fingerprint, mutants)
+        found = dict(told(tried, len(mutants), "mutants"))
+    return {mutant.name: found[mutant.name] for mutant in mutants}
 
 
 def _runs_of(vectors: Sequence[Entry], files: Mapping[str, bytes]) -> Iterator[_VectorRun]:

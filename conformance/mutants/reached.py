@@ -111,7 +111,7 @@ def _locals(function: ast.FunctionDef) -> tuple[int, set[str]]:
     return code.co_flags, {*code.co_varnames, *code.co_cellvars}
 
 
-def _in_block(owner: ast.AST, old: Block, new: Block) -> Iterator[int]:
+def _in_block(owner: ast.stmt | ast.ExceptHandler, old: Block, new: Block) -> Iterator[int]:
     """Where the statements of a block first differ; `owner` is what the block belongs to."""
     begin = _n_same(old, new)
     end = _n_same(old[begin:][::-1], new[begin:][::-1])
@@ -122,7 +122,7 @@ def _in_block(owner: ast.AST, old: Block, new: Block) -> Iterator[int]:
     elif begin < len(old):  # the first that goes, or the one that others come before
         yield old[begin].lineno
     else:  # others come at the end
-        yield (old[-1] if old else owner).lineno  # type: ignore[attr-defined]
+        yield (old[-1] if old else owner).lineno
 
 
 def _in_statement(old: ast.stmt, new: ast.stmt) -> Iterator[int]:
