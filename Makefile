@@ -108,7 +108,8 @@ generated: $(DEV)
 	$(PY) -m tools.spec_tables --check
 	$(PY) -m conformance.renders generate --check
 
-# The suite in full, on the reference decoder and on itself; 15 minutes, most of them for mutants.
+# The suite in full, on the reference decoder and on itself. The last command tries the mutants: 24
+# minutes of processor time, by two processes.
 conformance: $(DEV)
 	$(EVOGS) conformance run --decoder "$(PY) -m conformance.decoders.reference" --fresh 25
 	$(EVOGS) conformance run --decoder "$(PY) conformance/decoders/cleanroom/decoder.py" --fresh 25
