@@ -116,8 +116,10 @@ def test_arranging_moves_picks_with_their_splats(scene):
 def test_picks_are_checked():
     palette = Palette(1, np.ones((9, 2), np.float32))
     step = Step.of_adds(0, np.zeros((14, 2), np.float32))
-    with pytest.raises(ValueError, match="0 picks of 2 new slots"):
-        EvolutionTree(0, (step,), palette=palette)
+    with pytest.raises(ValueError, match="1 picks of 2 new slots"):
+        EvolutionTree(0, (replace(step, picks=np.array([1], np.int32)),), palette=palette)
+    (*_, state) = EvolutionTree(0, (step,), palette=palette).states()
+    assert state.picks.tolist() == [0, 0]  # adds without picks have none
     with pytest.raises(ValueError, match=r"picks must be in 0\.\.2"):
         EvolutionTree(0, (replace(step, picks=np.array([1, 3], np.int32)),), palette=palette)
     picks = np.array([1, 2], np.int32)
@@ -125,6 +127,9 @@ def test_picks_are_checked():
         EvolutionTree(0, (replace(step, picks=picks, changed_picks=picks),), palette=palette)
     first = replace(step, picks=picks)
     refined = Step.of_refines(1, np.array([0, 1]), np.zeros((14, 2)))
+    grown = replace(refined, changed_picks=picks, adds=np.zeros((14, 1), np.float32))
+    with pytest.raises(ValueError, match="step 1: picks change, and new slots have none"):
+        EvolutionTree(0, (first, grown), palette=palette)
     with pytest.raises(ValueError, match=r"step 1: picks must be in 0\.\.2"):
         EvolutionTree(0, (first, replace(refined, changed_picks=picks + 1)), palette=palette)
 
