@@ -23,7 +23,7 @@ from evogs_codec.model.channels import (
     group_of_class,
     n_channels,
 )
-from evogs_codec.model.splats import F64
+from evogs_codec.model.splats import F64, I32
 
 __all__ = [
     "AccuracyWarning",
@@ -32,6 +32,7 @@ __all__ = [
     "TooFineError",
     "expect_near",
     "grid_exponents",
+    "largest_of_rows",
     "warn_if_coarser",
 ]
 
@@ -162,3 +163,9 @@ def warn_if_coarser(grid: Grid, steps: F64, settings: Settings) -> None:
                 AccuracyWarning,
                 stacklevel=3,
             )
+
+
+def largest_of_rows(of: F64 | I32) -> F64 | I32:
+    """(C,) magnitude of the rows (C, n); no number is the least of its type."""
+    largest: F64 | I32 = np.maximum(of.max(axis=1, initial=0), -of.min(axis=1, initial=0))
+    return largest

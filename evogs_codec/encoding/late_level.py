@@ -20,7 +20,10 @@ __all__ = ["LateLevel", "can_be_late"]
 
 
 def can_be_late(tiles: Sequence[EvolutionTree], n_levels: int) -> bool:
-    """Whether there is a level before the last one, which has splits and refines alone."""
+    """Whether there is a level before the last one, which splits and adds nothing.
+
+    Its drops come with the splats that make room.
+    """
     last = [step for tile in tiles for step in tile.steps if step.level == n_levels - 1]
     return n_levels > 1 and any(s.n_new for s in last) and not any(s.n_adds for s in last)
 

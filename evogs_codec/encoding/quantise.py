@@ -29,6 +29,7 @@ from evogs_codec.encoding.grids import (
     NotRepresentableError,
     TooFineError,
     grid_exponents,
+    largest_of_rows,
     warn_if_coarser,
 )
 from evogs_codec.encoding.packet_gains import LeafTracker
@@ -256,7 +257,7 @@ class _TileCoder:
                 else:
                     q = weights.integers(u, table, indices[group], s)
             limit = np.array([min(k.max_q, MAX_STORED // 2 - 1) for k in quantisers[part]])
-            if any(np.any(_largest(of) > limit) for of in (q, stored[part])):
+            if any(np.any(largest_of_rows(of) > limit) for of in (q, stored[part])):
                 raise TooFineError(group)
             psi[part] = q
             self._keep_products(group, part, psi, indices, plan, table, quantisers)
@@ -388,12 +389,6 @@ class _TileCoder:
         self._apply(StepPlan.of(slots, kinds, self.n, 0), step.level, psi, indices, adds)
         self.tracker.note(self.x, self.n)
         return CodedStep(step.level, slots, kinds, indices, psi, adds)
-
-
-def _largest(of: F64 | I32) -> F64 | I32:
-    """(C,) magnitude of the rows (C, n); no number is the least of its type."""
-    largest: F64 | I32 = np.maximum(of.max(axis=1, initial=0), -of.min(axis=1, initial=0))
-    return largest
 
 
 def _triple(values: F64 | I64) -> tuple[int, int, int]:
