@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 
-from evogs_codec.render.compiled import inlined
+from evogs_codec.render.compiled import Scalar, inlined
 
-__all__ = ["basis", "basis_gradient", "shade"]
+__all__ = ["basis", "basis_gradient"]
 
 Array = npt.NDArray[Any]
 
@@ -25,28 +25,32 @@ C3 = (
 )
 C2A, C2B, C2C = C2
 C3A, C3B, C3C, C3D, C3E = C3
+# Numbers of functions, unsigned, as indexes of vector code are.
+K2, K3, K4, K5, K6, K7, K8, K9, K10, K11, K12, K13, K14, K15 = (np.uint64(k) for k in range(2, 16))
 
 
 @inlined
-def basis(x: float, y: float, z: float, out: Array, n: int) -> None:
-    """The first n of the 16 functions at a unit direction."""
-    out[0] = C0
+def basis(x: float, y: float, z: float, out: Array, at: Scalar, step: Scalar, n: int) -> None:
+    """The first n of the 16 functions at a unit direction, into out[at], out[at + step] ..."""
+    out[at] = C0
     if n > 1:
-        out[1], out[2], out[3] = -C1 * y, C1 * z, -C1 * x
+        out[at + step] = -C1 * y
+        out[at + K2 * step] = C1 * z
+        out[at + K3 * step] = -C1 * x
     if n > 4:
-        out[4] = C2A * x * y
-        out[5] = -C2A * y * z
-        out[6] = C2B * (2 * z * z - x * x - y * y)
-        out[7] = -C2A * x * z
-        out[8] = C2C * (x * x - y * y)
+        out[at + K4 * step] = C2A * x * y
+        out[at + K5 * step] = -C2A * y * z
+        out[at + K6 * step] = C2B * (2 * z * z - x * x - y * y)
+        out[at + K7 * step] = -C2A * x * z
+        out[at + K8 * step] = C2C * (x * x - y * y)
     if n > 9:
-        out[9] = -C3A * y * (3 * x * x - y * y)
-        out[10] = C3B * x * y * z
-        out[11] = -C3C * y * (4 * z * z - x * x - y * y)
-        out[12] = C3D * z * (2 * z * z - 3 * x * x - 3 * y * y)
-        out[13] = -C3C * x * (4 * z * z - x * x - y * y)
-        out[14] = C3E * z * (x * x - y * y)
-        out[15] = -C3A * x * (x * x - 3 * y * y)
+        out[at + K9 * step] = -C3A * y * (3 * x * x - y * y)
+        out[at + K10 * step] = C3B * x * y * z
+        out[at + K11 * step] = -C3C * y * (4 * z * z - x * x - y * y)
+        out[at + K12 * step] = C3D * z * (2 * z * z - 3 * x * x - 3 * y * y)
+        out[at + K13 * step] = -C3C * x * (4 * z * z - x * x - y * y)
+        out[at + K14 * step] = C3E * z * (x * x - y * y)
+        out[at + K15 * step] = -C3A * x * (x * x - 3 * y * y)
 
 
 @inlined
@@ -75,17 +79,3 @@ def basis_gradient(
         gz += C3B * x * y * w[10] - 8 * C3C * z * (y * w[11] + x * w[13])
         gz += C3D * (6 * zz - 3 * xx - 3 * yy) * w[12] + C3E * (xx - yy) * w[14]
     return gx, gy, gz
-
-
-@inlined
-def shade(dx: float, dy: float, dz: float, sh: Array, values: Array) -> tuple[float, float, float]:
-    """R G B of (K, 3) coefficients along a direction, not clamped at 0; `values` is scratch."""
-    inverse = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)
-    n = sh.shape[0]
-    basis(dx * inverse, dy * inverse, dz * inverse, values, n)
-    red = green = blue = 0.5
-    for k in range(n):
-        red += values[k] * sh[k, 0]
-        green += values[k] * sh[k, 1]
-        blue += values[k] * sh[k, 2]
-    return red, green, blue

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.render import projection as p
+from evogs_codec.render import screen as s
 from evogs_codec.render.activation import SCALE, opacity_of, unit_quaternion
 from evogs_codec.render.compiled import inlined, parallel_kernel, prange
 from evogs_codec.render.harmonics import basis, basis_gradient
@@ -42,7 +43,7 @@ def _covariance_gradient(
     u: tuple[float, ...], e: float, g: Array, antialiased: bool
 ) -> tuple[float, ...]:
     """Gradient to U, (2, 3) row by row, from that to log a, log c, slope and log opacity."""
-    xx, xy, yy, det, flat = p.covariance(u, e)
+    xx, xy, yy, det, flat = s.covariance(u, e)
     a, c, slope = yy / det, 1.0 / yy, xy / yy
     g_xx = -a * g[2]
     g_xy = 2 * a * slope * g[2] + c * g[4]
@@ -91,7 +92,7 @@ def _colour_gradient(
     n = sh.shape[0]
     length = math.sqrt(dx * dx + dy * dy + dz * dz)
     x, y, z = dx / length, dy / length, dz / length
-    basis(x, y, z, values, n)
+    basis(x, y, z, values, np.uint64(0), np.uint64(1), n)
     red = g[6] if record[p.RED] > 0 else 0.0
     green = g[7] if record[p.GREEN] > 0 else 0.0
     blue = g[8] if record[p.BLUE] > 0 else 0.0
@@ -113,14 +114,14 @@ def _splat(
     scratch: Array,
 ) -> float:  # fmt: skip
     """Gradients to the parameters of one splat; returns that to the opacity logit."""
-    x, y, z = p.to_camera(view, mean[0], mean[1], mean[2])
+    x, y, z = s.to_camera(view, mean[0], mean[1], mean[2])
     qw, qx, qy, qz, inverse = unit_quaternion(
         np.float64(quat[0]), np.float64(quat[1]), np.float64(quat[2]), np.float64(quat[3])
     )
     r = active
-    w = p.world_to_screen(view, x, y, z)
-    u = p.half_axes(w, active)
-    gu = _covariance_gradient(u, view[p.DILATION], g, antialiased)
+    w = s.world_to_screen(view, x, y, z)
+    u = s.half_axes(w, active)
+    gu = _covariance_gradient(u, view[s.DILATION], g, antialiased)
 
     # U = W R S
     g_scale[0] = _bounded(gu[0] * u[0] + gu[3] * u[3])
@@ -143,23 +144,23 @@ def _splat(
     w5 = b0 * r[6] + b1 * r[7] + b2 * r[8]
 
     # W = J R, J of the clamped slopes
-    j00, j02, j11, j12 = p.jacobian(view, x, y, z)
+    j00, j02, j11, j12 = s.jacobian(view, x, y, z)
     g00 = w0 * view[0] + w1 * view[1] + w2 * view[2]
     g02 = w0 * view[6] + w1 * view[7] + w2 * view[8]
     g11 = w3 * view[3] + w4 * view[4] + w5 * view[5]
     g12 = w3 * view[6] + w4 * view[7] + w5 * view[8]
     gz = -(g00 * j00 + g02 * j02 + g11 * j11 + g12 * j12) / z
     # The centre sees the slopes as they are, J only where they are not clamped.
-    slope_x, slope_y = g[0] * view[p.FX], g[1] * view[p.FY]
-    if view[p.LEFT] < x / z < view[p.RIGHT]:
-        slope_x -= g02 * view[p.FX] / z
-    if view[p.TOP] < y / z < view[p.BOTTOM]:
-        slope_y -= g12 * view[p.FY] / z
+    slope_x, slope_y = g[0] * view[s.FX], g[1] * view[s.FY]
+    if view[s.LEFT] < x / z < view[s.RIGHT]:
+        slope_x -= g02 * view[s.FX] / z
+    if view[s.TOP] < y / z < view[s.BOTTOM]:
+        slope_y -= g12 * view[s.FY] / z
     gx, gy = slope_x / z, slope_y / z
     gz -= (gx * x + gy * y) / z
 
     cx, cy, cz = _colour_gradient(
-        mean[0] - view[p.EYE], mean[1] - view[p.EYE + 1], mean[2] - view[p.EYE + 2],
+        mean[0] - view[s.EYE], mean[1] - view[s.EYE + 1], mean[2] - view[s.EYE + 2],
         sh, record, g, g_sh, scratch,
     )  # fmt: skip
     g_mean[0] = _bounded(view[0] * gx + view[3] * gy + view[6] * gz + cx)

@@ -62,13 +62,13 @@ def columns_of(
 @inlined
 def fill_span(
     x: float, y: float, weight: float, slope: float, curve: float, log_opacity: float,
-    widest: float, first: int, last: int, width: int, span: Array,
+    widest: float, first: int, last: int, width: int, spans: Array, i: int,
 ) -> None:  # fmt: skip
-    """Fill the span (SPAN,) of a splat; arguments as of `columns_of`."""
+    """Fill the span of splat i, in (N, SPAN); other arguments as of `columns_of`."""
     begin, end = first // SIDE, (last - 1) // SIDE + 1
-    span[0], span[1] = begin, end
+    spans[i, 0], spans[i, 1] = begin, end
     for row in range(begin, min(end, begin + RUNS)):
         k = 2 + 2 * (row - begin)
-        span[k], span[k + 1] = columns_of(
+        spans[i, k], spans[i, k + 1] = columns_of(
             x, y, weight, slope, curve, log_opacity, widest, first, last, row, width
         )

@@ -41,6 +41,8 @@ _MIN_BLOCK = 2048  # splats that are worth a thread
 _MAX_BLOCKS = 16  # each counts all tiles: 2 MB of a picture of 8192 x 8192 pixels
 _DIGIT = 11  # bits of one pass of the radix sort
 _DIGITS = 1 << _DIGIT
+_UPPER = 3 * _DIGIT  # bits that tell nearly all depths apart
+_FAR = 16  # places that a key is moved by, at most, when it is inserted
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,13 +147,26 @@ def depth_order(depths: npt.NDArray[np.float64], status: npt.NDArray[np.uint8]) 
 
 @kernel
 def _radix_sort(keys: Array, values: Array, n_bits: int) -> Array:
-    """`values` in the order of `keys`, stable; both are scratch."""
+    """`values` in the order of `keys`, stable; both are scratch.
+
+    The upper bits of depths differ for nearly all splats. So keys are sorted by these, and the few
+    that have them in common are put in order one by one. If there are many, all bits are sorted by.
+    """
+    keys, values = _sort_by(keys, values, max(0, n_bits - _UPPER), n_bits)
+    if not _put_in_order(keys, values):
+        keys, values = _sort_by(keys, values, 0, n_bits)
+    return values
+
+
+@kernel
+def _sort_by(keys: Array, values: Array, low: int, high: int) -> tuple[Array, Array]:
+    """Keys and values in the order of the bits low .. high - 1 of the keys, stable."""
     n = len(keys)
     other_keys, other_values = np.empty_like(keys), np.empty_like(values)
     starts = np.empty(_DIGITS, np.int64)
     mask = np.uint64(_DIGITS - 1)
-    for low in range(0, n_bits, _DIGIT):
-        shift = np.uint64(low)
+    for begin in range(low, high, _DIGIT):
+        shift = np.uint64(begin)
         starts[:] = 0
         for i in range(n):
             starts[np.int64((keys[i] >> shift) & mask)] += 1
@@ -166,7 +181,23 @@ def _radix_sort(keys: Array, values: Array, n_bits: int) -> Array:
             other_values[at] = values[i]
         keys, other_keys = other_keys, keys
         values, other_values = other_values, values
-    return values
+    return keys, values
+
+
+@kernel
+def _put_in_order(keys: Array, values: Array) -> bool:
+    """Insert each key where it belongs; False as soon as that is far from where it is."""
+    for i in range(1, len(keys)):
+        key, value = keys[i], values[i]
+        at = i
+        while at > 0 and keys[at - 1] > key:
+            if i - at == _FAR:
+                keys[at], values[at] = key, value
+                return False
+            keys[at], values[at] = keys[at - 1], values[at - 1]
+            at -= 1
+        keys[at], values[at] = key, value
+    return True
 
 
 @inlined
