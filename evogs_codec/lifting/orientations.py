@@ -142,7 +142,7 @@ def largest_w(quats: F64) -> npt.NDArray[np.uint8]:
     best = np.zeros(quats.shape[1])
     turn = np.zeros(quats.shape[1], np.uint8)
     for k in range(N_TURNS):
-        w = np.abs(conjugate[k] @ quats)
+        w = np.abs(np.einsum("i,in->n", conjugate[k], quats))  # without threads of BLAS
         # Ties are common (multiples of 90 degrees) and must not depend on rounding.
         better = w > best + 1e-9
         best[better] = w[better]

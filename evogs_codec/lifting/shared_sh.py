@@ -22,7 +22,7 @@ __all__ = ["shared_sh", "with_palette"]
 MOST = 0.25  # of the splats, as many different vectors at most: else psi take fewer bytes
 N_COARSE = 256  # entries for coarse splats at most: their picks take a byte
 SAMPLE, ROUNDS = 32_768, 10  # of coarse splats, by which those entries are found
-BLOCK = 1_024  # splats compared with entries at a time: fits the cache
+BLOCK = 40  # splats compared with entries at a time: of more, BLAS starts threads, which spin
 SH = slice(N_CORE, None)  # channels above band 0
 
 
