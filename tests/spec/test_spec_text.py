@@ -124,6 +124,12 @@ def test_every_fault_has_a_section_and_every_code_in_the_text_is_a_fault():
     assert {f"E_{code}" for code in oracle.CODES.split()} == known
 
 
+def test_the_decoder_in_typescript_names_the_faults_and_their_sections():
+    source = (ROOT / "tools" / "web" / "evogs" / "src" / "faults.ts").read_text(encoding="utf-8")
+    stated = {row["code"]: row["section"] for row in faults_csv()}
+    assert dict(re.findall(r'^  (E_[A-Z]+): "([\d.]+)",$', source, re.MULTILINE)) == stated
+
+
 def test_every_fault_is_the_fault_of_a_requirement_or_check():
     outside_the_table = re.sub(r"<!-- table faults -->.*?<!-- end faults -->", "", TEXT, flags=re.S)
     assert {row["code"] for row in faults_csv()} <= set(FAULT.findall(outside_the_table))
