@@ -70,7 +70,7 @@ class Cut:
 
     @staticmethod
     def of_rows(directory: Directory, rows: I64) -> Cut:
-        """These rows of the packet table, of which none lacks one that it requires."""
+        """The cut of these rows of the packet table; with a row it has those that it requires."""
         n_palette = int(np.isin(directory.palette_packets, rows).sum())
         return Cut(directory.packets_per_chain(rows), n_palette)
 
