@@ -56,10 +56,10 @@ def run_encode(args: argparse.Namespace) -> None:
     preset, notes = _preset(args, SCENE_PRESET if is_scene else TREE_PRESET), noted_warnings()
     if is_scene and wants_jobs(args):
         with progress_bar() as progress:
-            up = encode_large(args, partial(scene_info, args), progress)
+            tiles_up = encode_large(args, partial(scene_info, args), progress)
         size = args.output.stat().st_size
         data_there = np.memmap(args.output, np.uint8, "r").data
-        _print_figures(args, read_directory(data_there), size, up)
+        _print_figures(args, read_directory(data_there), size, tiles_up)
         return
     keep_freed_memory(share=True)
     with progress_bar() as progress:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from evogs_codec.cli.argument_types import number
-from evogs_codec.cli.looking import up_unseen
+from evogs_codec.cli.looking import up_asked
 from evogs_codec.common.progress import Progress
 from evogs_codec.encoding.layers import N_LAYERS
 from evogs_codec.errors import InputError
@@ -99,7 +99,7 @@ def wants_jobs(args: argparse.Namespace) -> bool:
 
 def encode_large(
     args: argparse.Namespace, info_of: Callable[[SceneInfo], SceneInfo], progress: Progress
-) -> Up | None:
+) -> Up:
     """Write the stream of all input files.
 
     Args:
@@ -116,16 +116,16 @@ def encode_large(
     engine = engine_of(args)
     files = files_of([args.input, *args.others])
     info = info_of(SplatFiles(files).info)
-    up = up_unseen(args, info)
+    up = up_asked(args)
     options = JobOptions(
         levels=args.levels or JobOptions.levels,
         layers=args.layers or N_LAYERS,
-        up=JobOptions.up if up is None else up.vector,
+        up=None if up is None else up.vector,
         effort=args.effort or JobOptions.effort,
         drop_invalid=args.drop_invalid,
         info=info,
     )
-    encode_files(
+    found = encode_files(
         files,
         args.output,
         options,
@@ -134,7 +134,7 @@ def encode_large(
         resume=args.resume,
         progress=progress,
     )
-    return up
+    return up or found
 
 
 def engine_of(args: argparse.Namespace) -> Engine:

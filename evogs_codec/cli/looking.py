@@ -29,8 +29,8 @@ __all__ = [
     "find_up",
     "fitted",
     "need_numba",
+    "up_asked",
     "up_given",
-    "up_unseen",
 ]
 
 AXES = ("x", "y", "z", "-x", "-y", "-z")
@@ -194,25 +194,15 @@ def find_up(args: argparse.Namespace, scene: SplatParams, info: SceneInfo) -> Up
     return up
 
 
-def up_unseen(args: argparse.Namespace, info: SceneInfo) -> Up | None:
-    """What is up in a scene that is never in memory as a whole: the splats are not asked.
-
-    Returns:
-        What `--up` says, or else the file, or else z; None where nothing can be rendered.
-    """
-    if find_spec("numba") is None:
+def up_asked(args: argparse.Namespace) -> Up | None:
+    """What `--up` says; None if it says nothing, or where nothing can be rendered."""
+    if args.up is None or find_spec("numba") is None:
         return None
     from evogs_codec.render import Up, load_cameras, up_of_cameras
-    from evogs_codec.render.up import said_by
 
     if isinstance(args.up, Path):
         return Up.of(up_of_cameras(load_cameras(args.up)), "as the cameras were held")
-    if args.up is not None:
-        return Up.of(args.up, "as asked for")
-    axis = said_by(info)
-    if axis is not None:
-        return Up.of(axis, "as the file says")
-    return Up.of("z", "as neither the file nor --up says another")
+    return Up.of(args.up, "as asked for")
 
 
 def fitted(camera: Camera, size: int) -> Camera:

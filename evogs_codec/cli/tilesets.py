@@ -11,7 +11,7 @@ from evogs_codec.cli.argument_types import number, path_or_url
 from evogs_codec.cli.common_options import SCENES_IN, add_effort
 from evogs_codec.cli.encode_and_lift import scene_info
 from evogs_codec.cli.large_scenes import add_engine, engine_of, files_of
-from evogs_codec.cli.looking import axis_or_cameras, up_unseen
+from evogs_codec.cli.looking import axis_or_cameras, up_asked
 from evogs_codec.cli.options import Commands, add_metadata, command_parser
 from evogs_codec.cli.reports import fetched_text
 from evogs_codec.cli.terminal import complain, progress_bar
@@ -106,7 +106,7 @@ def add_tileset(commands: Commands) -> None:
         type=axis_or_cameras,
         metavar="AXIS|CAMERAS",
         help="what is up: x, y, z, -x, -y or -z, or as the cameras of a file were held (default:"
-        " what the file says, or else z)",
+        " what the file says, or else what the splats show)",
     )
     parser.add_argument(
         "--drop-invalid", action="store_true", help="drop splats that have a NaN or an infinity"
@@ -122,11 +122,11 @@ def run_tileset(args: argparse.Namespace) -> None:
     engine = engine_of(args)
     files = files_of([args.input, *args.others])
     info = scene_info(args, SplatFiles(files).info)
-    up = up_unseen(args, info)
+    asked = up_asked(args)
     job = JobOptions(
         levels=args.levels,
         layers=N_LAYERS,
-        up=JobOptions.up if up is None else up.vector,
+        up=None if asked is None else asked.vector,
         effort=args.effort or JobOptions.effort,
         drop_invalid=args.drop_invalid,
         info=info,
@@ -134,7 +134,7 @@ def run_tileset(args: argparse.Namespace) -> None:
     transform = None if args.transform is None else tuple(args.transform)
     options = TilesetOptions(args.per_file, args.overview, job, args.crs, transform, args.content)
     with progress_bar() as progress:
-        root = write_tileset(
+        root, found_up = write_tileset(
             files, args.folder, options, engine=engine, resume=args.resume, progress=progress
         )
     nodes = list(root.all())
@@ -156,7 +156,7 @@ def run_tileset(args: argparse.Namespace) -> None:
         f"{shown(args.folder)}: {root.weight:,} splats in {said}, {n_bytes:,} bytes,"
         f" {each:.2f} a splat"
     )
-    print(f"views: {up}")
+    print(f"views: {asked or found_up}")
 
 
 def is_tileset(given: object) -> bool:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,8 +23,12 @@ from evogs_codec.jobs.partition import PER_TILE, Partition, rows_of, stand_ins_o
 from evogs_codec.jobs.plan import Plan, Survey, surveyed
 from evogs_codec.jobs.scratch import begin, do_missing, identity_of, partitioned
 from evogs_codec.jobs.tile_job import TileJob, code_tile, survey_tile
+from evogs_codec.jobs.up import up_of_tiles
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.scene.request import NO_NUMBA, with_generator
+
+if TYPE_CHECKING:
+    from evogs_codec.render import Up
 
 __all__ = ["JobOptions", "encode_files"]
 
@@ -38,7 +42,8 @@ class JobOptions:
     Attributes:
         levels: of the tree of each tile.
         layers: of precision.
-        up: what is up in views, an axis or a vector.
+        up: what is up in views, an axis or a vector; None: what the first file says, or else what
+            the splats show.
         effort: as of `encode_scene`.
         per_tile: splats of a tile, about.
         drop_invalid: leave out splats with a NaN or an infinite number.
@@ -47,7 +52,7 @@ class JobOptions:
 
     levels: int = LEVELS
     layers: int = N_LAYERS
-    up: str | tuple[float, float, float] = "z"
+    up: str | tuple[float, float, float] | None = None
     effort: str | int = "default"
     per_tile: int = PER_TILE
     drop_invalid: bool = False
@@ -63,7 +68,7 @@ def encode_files(
     scratch: str | os.PathLike[str] | None = None,
     resume: bool = False,
     progress: Progress | None = None,
-) -> None:
+) -> Up:
     """Write the stream of the splats of some files, with memory for a few tiles alone.
 
     The bytes are the same for any number of workers, on any engine, in whatever order jobs end and
@@ -78,6 +83,9 @@ def encode_files(
             `out`. It is deleted at the end, and stays if the run fails.
         resume: go on with what an earlier run of the same files and options left there.
         progress: called with a stage and the part of it that is done.
+
+    Returns:
+        What was up in the views.
 
     Raises:
         InputError: a file cannot be used, workers die again and again, or the scratch folder is of
@@ -97,6 +105,7 @@ def encode_files(
     run.begin(resume)
     merge(run.parts(), Path(out))
     shutil.rmtree(run.folder)
+    return run.up
 
 
 @dataclass
@@ -107,14 +116,17 @@ class _Run:
     folder: Path
     report: Progress
     partition: Partition = field(init=False)
+    up: Up = field(init=False)
 
     def begin(self, resume: bool) -> None:
-        """Make the scratch folder and the partition, or find them there."""
+        """Make the scratch folder and the partition, or find them there, and what is up."""
         options = asdict(replace(self.options, info=None))
         identity = identity_of(self.files.paths, options, repr(self.options.info))
         begin(self.folder, identity, resume=resume)
         per_tile = self.options.per_tile
         self.partition = partitioned(self.files, self.folder, self.report, per_tile)
+        info = self.options.info or self.files.info
+        self.up = up_of_tiles(self.partition, self.options.up, info)
 
     def parts(self) -> list[Path]:
         """The streams of all tiles that have splats, in order."""
@@ -162,6 +174,6 @@ class _Run:
             n_around=int(self.partition.counts[block].sum()),
             n_levels=self.options.levels,
             n_layers=self.options.layers,
-            up=self.options.up,
+            up=self.up.vector,
             effort=self.options.effort,
         )

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from evogs_codec.jobs.encode import JobOptions
 from evogs_codec.jobs.engines import Call, Engine
 from evogs_codec.jobs.partition import rows_of
 from evogs_codec.jobs.scratch import begin, do_missing, identity_of, partitioned
+from evogs_codec.jobs.up import up_of_tiles
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F64
 from evogs_codec.scene.request import NO_NUMBA, with_generator
@@ -37,7 +38,10 @@ from evogs_codec.tileset.contents import (
 from evogs_codec.tileset.json_files import FOLDER, Frame, json_files, translation
 from evogs_codec.tileset.nodes import Node, nodes_of
 
-__all__ = ["TilesetOptions", "check_folder", "write_tileset"]
+if TYPE_CHECKING:
+    from evogs_codec.render import Up
+
+__all__ = ["TilesetOptions", "Written", "check_folder", "write_tileset"]
 
 PER_FILE = 1 << 19  # splats
 OVERVIEW = 1 << 17
@@ -70,6 +74,13 @@ class TilesetOptions:
     content: Literal["evogs", "glb"] = "evogs"
 
 
+class Written(NamedTuple):
+    """A tileset that was written."""
+
+    root: Node
+    up: Up
+
+
 def write_tileset(
     paths: Sequence[str | os.PathLike[str]],
     out: str | os.PathLike[str],
@@ -78,7 +89,7 @@ def write_tileset(
     engine: Engine | None = None,
     resume: bool = False,
     progress: Progress | None = None,
-) -> Node:
+) -> Written:
     """Write the splats of some files as an OGC 3D Tiles 1.1 tileset of streams.
 
     The bytes are the same for any number of workers, on any engine, in whatever order files are
@@ -93,7 +104,7 @@ def write_tileset(
         progress: called with a stage and the part of it that is done.
 
     Returns:
-        The root of the tiles.
+        The root of the tiles, and what was up in the views.
 
     Raises:
         InputError: a file cannot be used, the folder has files, workers die again and again, or the
@@ -114,11 +125,13 @@ def write_tileset(
     partition = partitioned(files, folder, report, options.per_file)
     info = with_generator(options.job.info or files.info)
     options = _with_place_of(info, options)
+    up = up_of_tiles(partition, options.job.up, info)
+    options = replace(options, job=replace(options.job, up=up.vector))
     run = _Run(folder, partition.sh_degree, options, info, engine or Engine(), report)
     root = nodes_of(partition)
     run.make_contents(root)
     run.finish(root, Path(out))
-    return root
+    return Written(root, up)
 
 
 def check_folder(folder: Path) -> None:
@@ -282,15 +295,8 @@ class _Run:
             return Frame(matrix, scale, extras)
         scale = METRES.get(registry.name(registry.UNITS, self.info.unit), 1.0)
         matrix = np.eye(4)
-        matrix[:3, :3] = scale * turn_up(_direction(self.options.job.up))
+        matrix[:3, :3] = scale * turn_up(np.array(self.options.job.up, np.float64))
         return Frame(matrix, scale, extras)
-
-
-def _direction(up: str | tuple[float, float, float]) -> F64:
-    if not isinstance(up, str):
-        return np.array(up, np.float64)
-    sign = -1.0 if up.startswith("-") else 1.0
-    return sign * np.array([axis == up[-1] for axis in "xyz"], np.float64)
 
 
 def turn_up(up: F64) -> F64:

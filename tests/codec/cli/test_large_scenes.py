@@ -58,11 +58,11 @@ def test_what_is_up_in_a_large_scene_is_what_is_asked_for_or_the_file_says(
     save_cameras(tmp_path / "c.json", orbit(4, radius=3, up=(0, -1, 0), width=8, height=8, fov_x=1))
     asked = []
 
-    def begin(run, _):
-        asked.append(run.options.up)
+    def parts_of(run):
+        asked.append(run.up.vector)
         raise InputError("enough")
 
-    monkeypatch.setattr(jobs._Run, "begin", begin)
+    monkeypatch.setattr(jobs._Run, "parts", parts_of)
     for path, options, up in (
         (tmp_path / "x.ply", [], (1, 0, 0)),
         (tmp_path / "x.ply", ["--up", "-y"], (0, -1, 0)),
