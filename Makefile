@@ -14,6 +14,7 @@ DEV := $(VENV)/.installed-dev
 PYTEST := PYTHONDONTWRITEBYTECODE= NUMBA_NUM_THREADS=1 $(PY) -m pytest -n auto --dist loadfile
 FIRST_RING := $(PYTEST) -m "not thorough and not slow" --hypothesis-profile seeded
 WEB := tools/web
+PEERS := tests/codec/io/peers
 INPUTS := pyproject.toml constraints.txt
 
 DEMO_LEVELS := 0 1 2 3 4 5
@@ -21,13 +22,14 @@ DEMO_SPLATS := 40000
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: dist docs help venv demo picture test test-all test-slow check generated conformance fuzz format bench web test-web clean
+.PHONY: dist docs help venv demo picture test test-all test-slow test-peers check generated conformance fuzz format bench web test-web clean
 
 help:
 	@echo "make demo       encode, decode, extract and draw the scene that ships with the project"
 	@echo "make test       the first ring of tests: at most 3 minutes on two cores, without torch"
 	@echo "make test-all   every test that CI runs, with random examples; installs torch"
 	@echo "make test-slow  tests that take minutes each; CI does not run them"
+	@echo "make test-peers  files of other programs, in and out; installs those of npm; needs Node 20"
 	@echo "make check      formatting, lint, types, the first ring, generated files"
 	@echo "make conformance  the suite on the reference decoder, on the one written from the text, on itself"
 	@echo "make fuzz       100,000 streams, codec against oracle (an hour)"
@@ -96,6 +98,11 @@ test-all: $(DEV)
 test-slow: $(DEV)
 	$(PYTEST) -m slow
 
+# Without their install scripts, which fetch what these tests do not run.
+test-peers: $(DEV)
+	cd $(PEERS) && npm ci --no-audit --no-fund --ignore-scripts
+	$(PYTEST) tests/codec/io/test_interchange_peers.py tests/codec/io/test_interchange_viewers.py
+
 check: $(DEV)
 	$(PY) -m ruff format --check .
 	$(PY) -m ruff check .
@@ -161,6 +168,6 @@ dist: $(DEV)
 	$(PY) -m twine check --strict dist/*
 
 clean:
-	rm -rf $(WEB)/node_modules $(WEB)/*/dist
+	rm -rf $(WEB)/node_modules $(WEB)/*/dist $(PEERS)/node_modules
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -59,3 +59,19 @@ def signed_alike(quats, like):
     """Unit quaternions, of q and -q that which is nearer."""
     one, other = unit(quats), unit(like)
     return one * np.where((one * other).sum(1) < 0, -1, 1)[:, None]
+
+
+def far_scene(n=32, degree=3):
+    """Like `odd_scene`, with numbers at the ends of what formats hold, and beyond some."""
+    scene = odd_scene(n, degree)
+    means = scene.means.copy()
+    means[:4] = [[4000, -4000, 3], [1e-9, 0, -1e-9], [-5000, 5000, 1], [0.5, 0, 0]]
+    log_scales = scene.log_scales.copy()
+    log_scales[:4] = np.array([-9, 5.9, -10.5, 7])[:, None]
+    logits = scene.opacity_logits.copy()
+    logits[:6] = [80, -80, 17, -17, 0, 5]
+    sh = scene.sh.copy()
+    sh[:2, 0], sh[2, 1:], sh[3, 1:] = 9, 5, -5
+    quats = scene.quats.copy()
+    quats[:3] = [[1e-3, 0, 0, 0], [1e-3, 0, 0, -1e-3], [0, -1e3, 0, 0]]
+    return SplatParams(means, quats, log_scales, logits, sh)
