@@ -94,6 +94,27 @@ def test_psnr_is_against_opaque_splats_too(evogs, infinite, tmp_path):
 
 
 @pytest.mark.thorough
+def test_a_scene_with_infinite_opacities_looks_as_well_as_one_with_clamped_logits(evogs, tmp_path):
+    """Hundreds of opaque splats, encoded without an option, each against its own source."""
+    scene = make_scene(3000)
+    logits = scene.opacity_logits.copy()
+    logits[np.argsort(logits)[-250:]], logits[np.argsort(logits)[:60]] = np.inf, -np.inf
+    found = {}
+    for clamp in (np.inf, 60, 20, 10):
+        source, stream = tmp_path / f"{clamp}.ply", tmp_path / f"{clamp}.evogs"
+        write_ply(source, replace(scene, opacity_logits=np.clip(logits, -clamp, clamp)))
+        assert evogs("encode", source, stream)[0] == 0
+        code, out, _ = evogs("psnr", stream, source)
+        assert code == 0
+        found[clamp] = float(out.split()[0]), stream.stat().st_size
+    db, n_bytes = found.pop(np.inf)
+    assert db > 35
+    for other_db, other_bytes in found.values():
+        assert db >= other_db - 0.1, found
+        assert n_bytes <= 1.01 * other_bytes, found
+
+
+@pytest.mark.thorough
 def test_other_numbers_that_are_not_finite_are_refused_as_before(evogs, refused, tmp_path):
     scene = with_opacities(np.inf, -np.inf)
     opacities, means = scene.opacity_logits.copy(), scene.means.copy()
