@@ -285,10 +285,7 @@ def _n_rest(path: PathLike, names: tuple[str, ...]) -> int:
     """How many `f_rest_*` there are, once the properties are found to be those of a 3DGS."""
     missing = [name for name in REQUIRED if name not in names]
     if missing:
-        hint = "expected a 3DGS .ply"
-        if "packed_position" in names:
-            hint = "this is a compressed .ply: `evogs convert` makes a plain one of it"
-        raise InputError(f"{path}: no vertex property {', '.join(missing)}; {hint}")
+        raise InputError(f"{path}: no vertex property {', '.join(missing)}; {_is(names, missing)}")
     n_rest = sum(name.startswith("f_rest_") for name in names)
     try:
         sh_degree_of(n_rest // 3 + 1 if n_rest % 3 == 0 else 0)
@@ -302,6 +299,17 @@ def _n_rest(path: PathLike, names: tuple[str, ...]) -> int:
             f"{path}: no vertex property {gaps[0]}; expected f_rest_0 to f_rest_{n_rest - 1}"
         )
     return n_rest
+
+
+def _is(names: tuple[str, ...], missing: list[str]) -> str:
+    """What a `.ply` without some properties of a 3DGS may be."""
+    if "packed_position" in names:
+        return "this is a compressed .ply: `evogs convert` makes a plain one of it"
+    if missing == ["scale_2"]:
+        return "flat splats of 2DGS, which have two scales, are not read; expected a 3DGS .ply"
+    if missing == list(REQUIRED[len(MEANS) :]):
+        return "this is a point cloud or a mesh, without splats; expected a 3DGS .ply"
+    return "expected a 3DGS .ply"
 
 
 # ------------------------------------------------------------------------------------------ body

@@ -190,6 +190,7 @@ GOOD = ply_bytes(columns_of(scene_of(3, 1)))
 GOOD_TEXT = ply_bytes(columns_of(scene_of(3, 1)), "ascii")
 POINTS = ply_bytes({name: np.zeros(2) for name in ("x", "y", "z", "red", "green", "blue")})
 NO_ROT = {name: c for name, c in columns_of(scene_of(2, 0)).items() if name != "rot_3"}
+NO_DEPTH = {name: c for name, c in columns_of(scene_of(2, 0)).items() if name != "scale_2"}
 EIGHT_REST = {name: c for name, c in columns_of(scene_of(2, 1)).items() if name != "f_rest_8"}
 RENAMED = {("f_rest_9" if k == "f_rest_4" else k): c for k, c in columns_of(scene_of(2, 1)).items()}
 TWELVE = columns_of(scene_of(2, 1)) | {f"f_rest_{i}": np.zeros(2) for i in (9, 10, 11)}
@@ -232,6 +233,8 @@ BAD = {
     "property twice": (GOOD.replace(b"float nx", b"float x"), "two properties with same name"),
     "no vertices": (GOOD.replace(b"element vertex", b"element point"), "no element 'vertex' (elem"),
     "a point cloud": (POINTS, "no vertex property f_dc_0, f_dc_1, f_dc_2, opacity"),
+    "a cloud by its name": (POINTS, "rot_3; this is a point cloud or a mesh, without splats"),
+    "2DGS": (ply_bytes(NO_DEPTH), "no vertex property scale_2; flat splats of 2DGS"),
     "compressed": (ply_bytes(PACKED), "`evogs convert` makes a plain one"),
     "a property missing": (ply_bytes(NO_ROT), "no vertex property rot_3; expected a 3DGS .ply"),
     "eight f_rest": (ply_bytes(EIGHT_REST), "8 properties f_rest_*; expected 0, 9, 24 or 45"),
