@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evogs_codec import write_ply, write_scene
+from evogs_codec import decode_leaves, encode_scene, write_gltf_stream, write_ply, write_scene
 from evogs_codec.io.interchange.frames import transformed, turn
+from evogs_codec.render.demo_scene import make_scene
 from tests.support.odd_scenes import far_scene, odd_scene
 from tests.support.peer_files import FOLDER, NODE, Reading, assert_close, read_quietly, run_node
 
@@ -66,6 +67,15 @@ def test_three_reads_extreme_numbers_as_we_do(ending, tmp_path):
     # Bytes of colours and of SH hold less than the floats of a .ply or .glb.
     *rounding, _, _ = THREE[ending]
     assert_close(of_three(path, tmp_path), read_quietly(path), (*rounding, 9, 5))
+
+
+def test_three_reads_the_fallback_of_a_stream_in_a_glb(tmp_path):
+    stream = encode_scene(make_scene(300), preset="scene", levels=3, cameras=[])
+    write_gltf_stream(tmp_path / "x.glb", stream, fallback=True)
+    out = tmp_path / "three.json"
+    run_node("three", FOLDER / "three_read.mjs", NODE, tmp_path / "x.glb", out)
+    # Attributes have the axes of the stream; the matrix of the node turns them.
+    assert_close(Reading.of_json(out), decode_leaves(stream, level=0), THREE["glb"])
 
 
 @pytest.mark.parametrize("degree", range(3))  # it has no SH of degree 3
