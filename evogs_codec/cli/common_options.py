@@ -113,16 +113,23 @@ def add_cut_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_effort(parser: argparse.ArgumentParser) -> None:
-    """`--effort` and `--fast`."""
+def add_effort(parser: argparse.ArgumentParser, default: str | None = None) -> None:
+    """`--effort` and `--fast`.
+
+    Args:
+        parser: of a command.
+        default: the effort where neither is given; None is that of `evogs encode`.
+    """
     work = parser.add_mutually_exclusive_group()
+    named = default or "default, level 19"
     work.add_argument(
         "--effort",
         type=effort,
+        default=default,
         metavar="WHAT",
-        help="fast: fewer and smaller views, about half of the time, and no PSNR of levels; best:"
-        " Zstandard 22; 1..22: the default with this level of Zstandard (default: default, level"
-        " 19)",
+        help="fast: fewer and smaller views, about a third of the time, and no PSNR of levels;"
+        " default: what `evogs encode` does; best: Zstandard 22; 1..22: the default with this level"
+        f" of Zstandard (default: {named})",
     )
     work.add_argument(
         "--fast", dest="effort", action="store_const", const="fast", help="short for --effort fast"

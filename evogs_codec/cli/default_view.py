@@ -10,9 +10,9 @@ from evogs_codec.cli.looking import need_numba, up_given
 from evogs_codec.errors import InputError
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import SplatParams
-from evogs_codec.model.viewpoint import CAMERA
+from evogs_codec.model.viewpoint import CAMERA, default_viewpoint
 
-__all__ = ["add_view_option", "with_default_camera"]
+__all__ = ["add_view_option", "with_default_camera", "with_opening_view"]
 
 NONE = "none"
 
@@ -76,3 +76,21 @@ def with_default_camera(
         raise InputError(f"--view: camera {number} is not one of 0..{len(cameras) - 1}")
     text[CAMERA] = str(viewpoint_of(cameras[number], bulk_of(splats)[0]))
     return replace(info, text=text)
+
+
+def with_opening_view(splats: SplatParams, info: SceneInfo) -> SceneInfo:
+    """What is said of a scene, with the view that `evogs render` shows if it names no camera.
+
+    Without numba, and of an empty scene, nothing is added.
+    """
+    known = default_viewpoint(info.text) is not None
+    if known or not len(splats) or find_spec("numba") is None:
+        return info
+    from evogs_codec.render import cameras_around, up_of
+    from evogs_codec.render.default_camera import viewpoint_of
+    from evogs_codec.render.framing import bulk_of
+    from evogs_codec.render.front import most_detailed
+
+    cameras = cameras_around(splats, up_of(splats, info).vector)
+    front = cameras[most_detailed(splats, cameras)]
+    return replace(info, text={**info.text, CAMERA: str(viewpoint_of(front, bulk_of(splats)[0]))})

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from evogs_codec._generated import registry
-from evogs_codec.cli.default_view import with_default_camera
+from evogs_codec.cli.default_view import with_default_camera, with_opening_view
 from evogs_codec.cli.large_scenes import encode_large, wants_jobs
-from evogs_codec.cli.looking import find_up, need_numba
+from evogs_codec.cli.looking import find_up, need_numba, without_refuted_up
 from evogs_codec.cli.reporting import write_report
 from evogs_codec.cli.reports import level_figures, print_levels
 from evogs_codec.cli.terminal import noted_warnings, progress_bar
@@ -134,14 +134,16 @@ def run_lift(args: argparse.Namespace) -> None:
 def encode_file(path: Path, progress: Progress, effort: str | int | None = None) -> bytes:
     """A scene or a `.tree.npz` as a stream, as `evogs encode` without other options makes it.
 
-    Splats with NaN or infinite numbers are left out.
+    Splats with NaN or infinite numbers are left out. The default camera of a scene that names none
+    is the view that `evogs render` shows, so that a page opens on its front.
 
     Raises:
         InputError: the file is neither.
     """
     if _is_scene(path):
         scene = read_splats(path, drop_invalid=True)
-        return encode_scene(scene.splats, effort=effort, info=scene.info, progress=progress)
+        info = with_opening_view(scene.splats, scene.info)
+        return encode_scene(scene.splats, effort=effort, info=info, progress=progress)
     return encode_tree(read_tree(path), effort=effort, progress=progress)
 
 
@@ -184,7 +186,7 @@ def read_splats(path: Path, *, drop_invalid: bool) -> Scene:
         )
     if n_invalid:
         warnings.warn(f"{n_invalid:,} splats with NaN or infinite numbers left out", stacklevel=1)
-    return Scene(splats, scene.info)
+    return Scene(splats, without_refuted_up(replace(scene, splats=splats)))
 
 
 def _refiner(

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from evogs_codec.cli.looking import without_refuted_up
 from evogs_codec.cli.streams import describe_part, part_there, read_stream
 from evogs_codec.decoding.cut import Cut
 from evogs_codec.decoding.decode import decode
@@ -107,4 +108,5 @@ def _scene(path: Path) -> Loaded:
     if n_bad:
         text = f"{path}: {n_bad:,} splats with NaN or infinite numbers are not drawn"
         warnings.warn(text, stacklevel=1)
-    return Loaded(scene.splats, scene.info, size_of(path), "", scene_format(path) or "ply")
+    info = without_refuted_up(scene)
+    return Loaded(scene.splats, info, size_of(path), "", scene_format(path) or "ply")

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import argparse
 import re
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from evogs_codec.cli.argument_types import number
 from evogs_codec.errors import InputError
+from evogs_codec.io.interchange.scene_files import Scene
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import SplatParams
 
@@ -31,6 +33,7 @@ __all__ = [
     "need_numba",
     "up_asked",
     "up_given",
+    "without_refuted_up",
 ]
 
 AXES = ("x", "y", "z", "-x", "-y", "-z")
@@ -192,6 +195,19 @@ def find_up(args: argparse.Namespace, scene: SplatParams, info: SceneInfo) -> Up
     up = up_given(args, scene, info)
     args.up = up.vector
     return up
+
+
+def without_refuted_up(scene: Scene) -> SceneInfo:
+    """What a file says, without an axis that is only assumed where the splats show another."""
+    axis = scene.info.up_axis
+    if not axis or not scene.up_is_assumed or find_spec("numba") is None:
+        return scene.info
+    from evogs_codec.render.up import said_by, shown_by
+
+    ground = shown_by(scene.splats)
+    if ground is None or ground.name == said_by(scene.info):
+        return scene.info
+    return replace(scene.info, up_axis=0)
 
 
 def up_asked(args: argparse.Namespace) -> Up | None:

@@ -18,7 +18,7 @@ from evogs_codec.model.splats import F64, SplatParams
 from evogs_codec.render.camera import Camera, Vector
 from evogs_codec.render.framing import bulk_of, weighted_quantiles, worth
 
-__all__ = ["AXES", "Direction", "Up", "direction", "said_by", "up_of", "up_of_cameras"]
+__all__ = ["AXES", "Direction", "Up", "direction", "said_by", "shown_by", "up_of", "up_of_cameras"]
 
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 Direction: TypeAlias = "str | Vector"  # one of `AXES`, or (3,)
@@ -98,10 +98,13 @@ def up_of(scene: SplatParams, info: SceneInfo | None = None, cameras: Sequence[C
         return Up.of(axis, "as the file says")
     if len(cameras):
         return Up.of(up_of_cameras(cameras), "as the cameras were held")
+    return shown_by(scene) or Up.of("z", "as nothing shows another")
+
+
+def shown_by(scene: SplatParams) -> Up | None:
+    """What the ground of a scene shows, if it has one that is clear."""
     ground = _ground(scene)
-    if ground is not None:
-        return Up.of(ground, "estimated from the splats")
-    return Up.of("z", "as nothing shows another")
+    return None if ground is None else Up.of(ground, "estimated from the splats")
 
 
 def said_by(info: SceneInfo) -> str | None:

@@ -39,7 +39,7 @@ HELP = "Look at a scene in a browser, which shows it while it arrives."
 EXAMPLES = """examples:
   evogs view scene.evogs
   evogs view scene.ply                      # encoded first, to a temporary file; also .spz, .sog
-  evogs view scene.ply --fast               # encoded in less time
+  evogs view scene.ply --effort default     # encoded as by `evogs encode`, in three times the time
   evogs view scenes/                        # a list of the streams in a folder
   evogs view city/tileset.json              # a tileset, file by file
   evogs view https://example.org/scene.evogs
@@ -49,7 +49,7 @@ EXPORT_HELP = "Write a page that holds a scene and its viewer, and needs no serv
 EXPORT_EXAMPLES = """examples:
   evogs export-html scene.evogs scene.html   # open it in a browser, send it, put it anywhere
   evogs export-html scene.ply scene.html     # encoded first; also .spz, .sog, .splat, .glb
-  evogs export-html scene.ply scene.html --fast"""
+  evogs export-html scene.ply scene.html --effort default    # as by `evogs encode`: closer"""
 
 
 def add_view(commands: Any) -> None:  # noqa: ANN401 - argparse's sub-parsers have no public type
@@ -78,7 +78,7 @@ def add_view(commands: Any) -> None:  # noqa: ANN401 - argparse's sub-parsers ha
         help="the port to listen on (default: one that is free)",
     )
     parser.add_argument("--no-browser", action="store_true", help="only print the address")
-    add_effort(parser)
+    add_effort(parser, "fast")
     parser.set_defaults(run=run_view)
 
 
@@ -98,7 +98,7 @@ def add_export(commands: Any) -> None:  # noqa: ANN401 - argparse's sub-parsers 
         help=f"a stream, {SCENES_IN}, a .tree.npz, or a folder with one stream",
     )
     add_output(parser, "OUT.html", PAGE)
-    add_effort(parser)
+    add_effort(parser, "fast")
     parser.set_defaults(run=run_export)
 
 

@@ -15,7 +15,7 @@ from typing import TypeAlias
 from evogs_codec.errors import InputError
 from evogs_codec.io import makers
 from evogs_codec.io.files import SCENE, FileKind, write_atomic
-from evogs_codec.io.finite import with_finite_opacities
+from evogs_codec.io.finite import finite_opacities
 from evogs_codec.io.foreign import WITHOUT_MAGIC
 from evogs_codec.io.interchange import compressed_ply, gltf, ksplat, ply_comments, sog, splat, spz
 from evogs_codec.io.interchange.frames import frame_of, transformed, turn
@@ -36,10 +36,13 @@ class Scene:
     Attributes:
         splats: N splats, in the axes of a `.ply`.
         info: what the file says of them.
+        up_is_assumed: no program said what is up, only the axes of the format do. Converters turn
+            a scene to those axes whatever is up in it.
     """
 
     splats: SplatParams
     info: SceneInfo = field(default_factory=SceneInfo)
+    up_is_assumed: bool = False
 
 
 def read_scene(path: str | os.PathLike[str]) -> Scene:
@@ -47,8 +50,8 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
 
     A `.sog` may be unpacked: then the folder is given, or its `meta.json`. Splats are turned to the
     axes that a `.ply` has, right, down, forward, where the format has others. Infinite opacities
-    are made finite as by `finite_opacities`, and a warning says how many; other numbers that are
-    not finite are returned as they are.
+    are made finite as by `finite_opacities`; of a `.ply`, where they are infinite numbers, a
+    warning says how many. Other numbers that are not finite are returned as they are.
 
     Raises:
         InputError: the file cannot be read, or is none of these.
@@ -66,7 +69,8 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
         splats = read_ply(at)
         return Scene(splats, ply_comments.info_of(read_ply_header(at).comments))
     splats, info = READERS[name](at)
-    return Scene(with_finite_opacities(at, splats), info)
+    # Of bytes and of opacities from 0 to 1 many are 1: that is nothing to warn of.
+    return Scene(finite_opacities(splats)[0], info, up_is_assumed=name == "spz")
 
 
 def write_scene(

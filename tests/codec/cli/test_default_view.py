@@ -8,7 +8,10 @@ import pytest
 
 from evogs_codec import SceneInfo, read_directory, read_scene, write_ply
 from evogs_codec.cli.commands import parse
+from evogs_codec.cli.default_view import with_opening_view
+from evogs_codec.cli.encode_and_lift import encode_file
 from evogs_codec.cli.looking import cameras_of, cameras_to_show
+from evogs_codec.common.progress import no_progress
 from evogs_codec.model.viewpoint import default_viewpoint
 from evogs_codec.render import Camera, cameras_around, save_cameras
 from evogs_codec.render.default_camera import default_camera, viewpoint_of
@@ -194,3 +197,14 @@ def test_render_shows_it_or_the_view_with_the_most_detail_or_the_one_asked_for(
     ):
         said = evogs("render", source, tmp_path / "x.png", "--up", "z", "--size", 16, *words)[1]
         assert f"view {view}, 300 splats, 1 view" in said
+
+
+def test_a_scene_that_a_page_is_made_of_opens_on_the_view_that_render_shows(here):
+    folder, scene, cameras = here
+    info = read_directory(encode_file(folder / "x.ply", no_progress, "fast")).info
+    around = cameras_around(scene)
+    same_view(default_camera(info, "z", 100), around[most_detailed(scene, around)])
+    # One that names a camera keeps it.
+    known = SceneInfo(text={"camera": str(viewpoint_of(cameras[0], (0.1, 0, 0.2)))})
+    assert with_opening_view(scene, known) == known
+    assert with_opening_view(scene.take(slice(0)), SceneInfo()) == SceneInfo()

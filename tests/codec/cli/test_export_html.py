@@ -165,3 +165,15 @@ def test_what_cannot_be_shown_is_refused(refused, monkeypatch, tmp_path):
 
 def test_a_page_replaces_a_page(export):
     assert export(EXAMPLE) == export(EXAMPLE)
+
+
+@pytest.mark.thorough
+def test_a_scene_is_encoded_in_the_least_time_unless_another_effort_is_asked_for(export, tmp_path):
+    write_ply(tmp_path / "scene.ply", make_scene(300))
+    streams = [
+        scene_of(export(tmp_path / "scene.ply", *words)[1])[1]
+        for words in ((), ("--fast",), ("--effort", "default"))
+    ]
+    assert streams[0] == streams[1]
+    assert "psnr" not in read_directory(streams[0]).info.text
+    assert "psnr" in read_directory(streams[2]).info.text

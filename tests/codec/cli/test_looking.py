@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("numba", reason="pictures are rendered")
 from PIL import Image
 
-from evogs_codec import read_ply, write_ply
+from evogs_codec import read_directory, read_ply, write_ply, write_scene
 from evogs_codec.io.interchange.frames import transformed
 from evogs_codec.render import cameras_around, load_cameras, orbit, render, save_cameras
 from evogs_codec.render.demo_scene import make_scene
@@ -167,3 +167,19 @@ def test_a_picture_is_larger_than_a_view_that_is_measured(evogs, tmp_path, monke
     write_ply(tmp_path / "x.ply", make_scene(3))
     assert evogs("render", tmp_path / "x.ply", tmp_path / "x.png")[0] == 0
     assert pixels(tmp_path / "x.png").shape == (64, 64, 3)
+
+
+@pytest.mark.parametrize("up", ["z", "-y"])
+def test_the_ground_of_an_spz_says_what_is_up_where_the_axes_of_the_format_are_wrong(
+    up, evogs, tmp_path
+):
+    """Converters turn a scene to the axes of an .spz, whatever is up in it."""
+    scene = transformed(make_scene(2000), turning_z_to(up))
+    write_scene(tmp_path / "x.spz", scene)
+    said = "estimated from the splats" if up == "z" else "as the file says"
+    code, out, _ = evogs("render", tmp_path / "x.spz", tmp_path / "x.png", "--size", 64)
+    assert (code, f"up is {up} ({said})" in out) == (0, True), out
+    code, out, _ = evogs("encode", tmp_path / "x.spz", tmp_path / "x.evogs", "--fast")
+    assert (code, f"up is {up} ({said})" in out) == (0, True), out
+    info = read_directory((tmp_path / "x.evogs").read_bytes()).info
+    assert (info.coordinate_system, info.up_axis) == (1, 0 if up == "z" else 4)
