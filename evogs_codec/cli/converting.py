@@ -1,4 +1,4 @@
-"""`evogs convert`: scenes to other formats, streams into glTF files and out of them."""
+"""`evogs convert`: scenes and streams to other formats, streams into glTF files and out of them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ import argparse
 from pathlib import Path
 
 from evogs_codec.cli.encode_and_lift import read_splats
+from evogs_codec.cli.reports import info_to_write
+from evogs_codec.cli.streams import read_stream
 from evogs_codec.common.printable import shown
+from evogs_codec.decoding.decode import decode_leaves
 from evogs_codec.editing.byte_stats import levels
 from evogs_codec.errors import InputError
 from evogs_codec.format.directory import read_directory
@@ -14,6 +17,8 @@ from evogs_codec.io.files import KIND_BYTES, STREAM, FileKind, kind_of, write_at
 from evogs_codec.io.interchange.gltf_stream import read_gltf_stream
 from evogs_codec.io.interchange.gltf_stream_write import GLTF, write_gltf_stream
 from evogs_codec.io.interchange.scene_files import kind_to_write, write_scene
+from evogs_codec.model.scene_info import SceneInfo
+from evogs_codec.model.splats import SplatParams
 
 __all__ = ["kind_to_convert", "run_convert"]
 
@@ -41,9 +46,18 @@ def run_convert(args: argparse.Namespace) -> None:
     if ending in (".evogs", ".gltf"):
         kind_to_write(args.output)  # says what is written
         raise InputError(f"{args.output}: only a stream is written as a .gltf: name a .glb")
+    splats, info = _read(args)
+    degree = write_scene(args.output, splats, info, made_by=args.command)
+    print(f"{shown(args.output)}: {len(splats):,} splats, SH degree {degree}")
+
+
+def _read(args: argparse.Namespace) -> tuple[SplatParams, SceneInfo]:
+    """The splats of a scene, or of a whole stream, and what is known of them."""
+    if _is_stream(args.input):
+        data, directory = read_stream(args.input, None)
+        return decode_leaves(data, directory=directory), info_to_write(directory)
     scene = read_splats(args.input, drop_invalid=args.drop_invalid)
-    degree = write_scene(args.output, scene.splats, scene.info, made_by=args.command)
-    print(f"{shown(args.output)}: {len(scene.splats):,} splats, SH degree {degree}")
+    return scene.splats, scene.info
 
 
 def _is_stream(path: Path) -> bool:

@@ -27,7 +27,7 @@ from evogs_codec.cli.many_files import add_many
 from evogs_codec.encoding.layers import MAX_LAYERS, N_LAYERS
 from evogs_codec.encoding.settings import PRESETS, TREE_PSNR
 from evogs_codec.io import files
-from evogs_codec.io.interchange.scene_files import TARGETS, kind_to_write
+from evogs_codec.io.interchange.scene_files import TARGETS, kind_of_stream, kind_to_write
 from evogs_codec.lifting.lift import N_LEVELS
 from evogs_codec.model.channels import GROUPS
 
@@ -103,7 +103,7 @@ def add_encode(commands: Commands, run: Run, *, many: bool = False) -> None:
     if not many:
         said = "other parts of the same scene"
         parser.add_argument("others", type=path_or_url, nargs="*", metavar="IN", help=said)
-    add_output(parser, "OUT.evogs", files.STREAM, is_named=not many)
+    add_output(parser, "OUT.evogs", kind_of_stream, is_named=not many)
     add_many(parser, ["evogs"])
     _add_lift_options(parser, "--refine, --polish and targets")
     add_view_option(parser)
@@ -262,12 +262,13 @@ def add_convert(commands: Commands, run: Run, *, many: bool = False) -> None:
         "  evogs convert scene.spz scene.ply\n"
         "  evogs convert scene.sog scene.compressed.ply\n"
         "  evogs convert scene.ply scene.glb\n"
+        "  evogs convert scene.evogs scene.spz      # all of it; decode takes a part\n"
         "  evogs convert scene.evogs scene.glb      # the stream in a glTF file, as it is\n"
         "  evogs convert scene.evogs scene.gltf     # a glTF file that names the stream\n"
         "  evogs convert scene.glb scene.evogs      # the same stream again\n"
         "  evogs convert a.ply b.sog --out-dir out --to spz",
     )
-    several = f"{SCENES_IN}; or a stream, for a .glb or .gltf that has it inside"
+    several = f"{SCENES_IN}; or a stream, which a .glb or .gltf holds as it is"
     add_inputs(parser, "IN", several, many=many)
     add_output(parser, "OUT", kind_to_convert, is_named=not many)
     add_many(parser, FORMATS)
@@ -349,7 +350,7 @@ def add_extract(commands: Commands, run: Run) -> None:
         "  evogs extract scene.evogs corner.evogs --box 0 0 0 1 1 1 --sh-degree 0",
     )
     parser.add_argument("input", type=path_or_url, metavar="IN.evogs", help=STREAM_IN)
-    add_output(parser, "OUT.evogs", files.STREAM)
+    add_output(parser, "OUT.evogs", kind_of_stream)
     add_cut_options(parser)
     add_limits(parser)
 

@@ -5,19 +5,29 @@ from __future__ import annotations
 import struct
 from pathlib import Path
 
+from evogs_codec.errors import InputError
 from evogs_codec.io.files import JPEG, PICTURE, FileKind
 from evogs_codec.io.plain_files import is_there
 
 __all__ = ["kind_of_picture", "picture_size"]
 
+ENDINGS = {".png": PICTURE, ".jpg": JPEG, ".jpeg": JPEG}
 MOST = 1 << 20  # bytes from the start of a file; a photograph may begin with a large preview
 SIZES = (*range(0xC0, 0xC4), *range(0xC5, 0xC8), *range(0xC9, 0xCC), *range(0xCD, 0xD0))
 
 
 def kind_of_picture(path: Path) -> FileKind:
-    """What is made under a name: a JPEG if its ending says so, else a PNG."""
+    """What is made under a name: as its ending says; without one, or of a device, a PNG.
+
+    Raises:
+        InputError: the ending is of no picture that is written.
+    """
     is_device = path.exists() and not path.is_file() and not path.is_dir()
-    return JPEG if path.suffix.lower() in (".jpg", ".jpeg") and not is_device else PICTURE
+    if is_device or not path.suffix:
+        return PICTURE
+    if (kind := ENDINGS.get(path.suffix.lower())) is None:
+        raise InputError(f"{path}: pictures are written as {', '.join(ENDINGS)}; name one of these")
+    return kind
 
 
 def picture_size(path: Path) -> tuple[int, int] | None:

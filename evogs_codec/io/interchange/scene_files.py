@@ -14,7 +14,7 @@ from typing import TypeAlias
 
 from evogs_codec.errors import InputError
 from evogs_codec.io import makers
-from evogs_codec.io.files import SCENE, FileKind, write_atomic
+from evogs_codec.io.files import SCENE, STREAM, FileKind, write_atomic
 from evogs_codec.io.finite import finite_opacities
 from evogs_codec.io.foreign import WITHOUT_MAGIC
 from evogs_codec.io.interchange import compressed_ply, gltf, ksplat, ply_comments, sog, splat, spz
@@ -24,7 +24,15 @@ from evogs_codec.io.ply import read_ply, read_ply_header, write_ply
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import SplatParams
 
-__all__ = ["TARGETS", "Scene", "kind_to_write", "read_scene", "scene_format", "write_scene"]
+__all__ = [
+    "TARGETS",
+    "Scene",
+    "kind_of_stream",
+    "kind_to_write",
+    "read_scene",
+    "scene_format",
+    "write_scene",
+]
 
 START = 1 << 17  # bytes by which a file is judged
 
@@ -213,6 +221,21 @@ def kind_to_write(path: Path) -> FileKind:
         InputError: the ending is of no format that is written.
     """
     return _target(path).kind
+
+
+def kind_of_stream(path: Path) -> FileKind:
+    """The kind of file that a command makes that writes streams, whatever the ending.
+
+    Raises:
+        InputError: the ending is that of a scene, which a stream would be taken for.
+    """
+    is_scene = path.name.lower().endswith((*TARGETS, ".gltf", ".ksplat", ".sog"))
+    if is_scene and not (path.exists() and not path.is_file()):
+        raise InputError(
+            f"{path}: a stream is written, and this is the name of a scene: name an .evogs;"
+            " `evogs convert` and `evogs decode` write scenes"
+        )
+    return STREAM
 
 
 def _target(path: Path) -> _Target:

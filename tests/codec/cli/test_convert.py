@@ -41,11 +41,11 @@ def test_a_stream_says_what_the_format_of_its_scene_says(ending, scenes, evogs, 
     out = tmp_path / "x.evogs"
     assert evogs("encode", scenes / f"x.{ending}", out, "--preset", "scene", "--levels", 2)[0] == 0
     info = read_directory(out.read_bytes()).info
-    known = ending in ("spz", "glb")
+    known = ending in ("spz", "glb")  # z is up in the scene, which the ground of an .spz tells
     assert registry.COORDINATE_SYSTEMS[info.coordinate_system] == (
         "RDF" if known else "unspecified"
     )
-    assert registry.UP_AXES[info.up_axis] == ("-y" if known else "unspecified")
+    assert registry.UP_AXES[info.up_axis] == ("-y" if ending == "glb" else "unspecified")
     assert registry.COLOUR_SPACES[info.colour_space] == (
         "srgb" if ending == "glb" else "unspecified"
     )
@@ -120,8 +120,29 @@ def test_an_unknown_ending_is_refused_with_the_list_before_the_work(scenes, refu
     refused("convert", scenes / "x.ply", tmp_path / "x.evogs", words=["evogs encode"])
 
 
-def test_a_stream_is_not_converted_but_decoded(made, refused, tmp_path):
-    refused("convert", made / "scene.evogs", tmp_path / "x.spz", words=["evogs decode"])
+@pytest.mark.parametrize("ending", ENDINGS[:-1])  # a .glb holds the stream as it is
+def test_a_stream_is_converted_as_decode_writes_it(ending, made, evogs, tmp_path):
+    for command in ("convert", "decode"):
+        out = tmp_path / f"{command}.{ending}"
+        assert evogs(command, made / "scene.evogs", out)[0] == 0
+    found, expected = (
+        read_scene(tmp_path / f"{command}.{ending}").splats for command in ("convert", "decode")
+    )
+    for name in ("means", "quats", "log_scales", "opacity_logits", "sh"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+
+
+@pytest.mark.parametrize("command", ["encode", "extract"])
+@pytest.mark.parametrize("name", ["x.ply", "x.compressed.ply", "x.spz", "x.sog", "x.gltf"])
+def test_a_stream_is_not_written_by_the_name_of_a_scene(command, name, made, refused, tmp_path):
+    source = made / ("scene.ply" if command == "encode" else "scene.evogs")
+    refused(command, source, tmp_path / name, words=[name, "name an .evogs", "evogs convert"])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_picture_of_another_ending_is_refused_with_the_list(made, refused, tmp_path):
+    words = ["x.gif", ".png, .jpg, .jpeg"]
+    refused("render", made / "scene.evogs", tmp_path / "x.gif", words=words)
 
 
 @pytest.mark.parametrize(("ending", "name"), [("spz", ".spz"), ("glb", ".gltf"), ("ply", ".ply")])

@@ -132,7 +132,8 @@ def test_the_decoder_under_test_does_not_replace_its_stream(here, capsys):
 @pytest.mark.parametrize("command", SOURCES)
 def test_a_file_of_another_kind_is_replaced_with_force_alone(command, refused, evogs, here):
     options = OPTIONS.get(command, [])
-    if command in ("decode", "edit"):  # which take names without an ending, or one of their own
+    # Others take any name; these one without an ending, or with one of what they make.
+    if command in ("decode", "edit", "encode", "extract", "render"):
         for path in set(here.iterdir()) - {here / SOURCES[command], here / MADE[command]}:
             path.rename(here / path.name.replace(".", " "))
     others = set(contents(here)) - {SOURCES[command], MADE[command]}
