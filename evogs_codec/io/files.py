@@ -137,7 +137,9 @@ def check_target(
     if not kind.fits(target):
         raise InputError(f"{path}: exists and is no {kind.name}; {instead}")
     if kind.made_by is not None and not kind.made_by(target, command):
-        raise InputError(f"{path}: exists and was not made by `{command}`; {instead}")
+        raise InputError(
+            f"{path}: exists and was not made by `{command}`, as far as it says; {instead}"
+        )
 
 
 def same_file(one: str | os.PathLike[str], other: str | os.PathLike[str]) -> bool:
