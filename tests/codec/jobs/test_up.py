@@ -45,7 +45,7 @@ def test_the_order_of_splats_does_not_change_what_is_up(turned, tmp_path):
         (tmp_path / name).mkdir()
         tiles = tiles_of(tmp_path / name, scene)
         found.append(of_jobs._some(tiles).channels())
-    assert np.array_equal(*found)
+    assert np.array_equal(found[0], found[1])
 
 
 def test_who_asks_comes_before_the_file_and_the_file_before_the_splats(turned, tmp_path):

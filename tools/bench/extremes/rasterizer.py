@@ -18,6 +18,7 @@ from evogs_codec.render.activated import Activated
 from evogs_codec.render.forward import prepare
 from evogs_codec.render.options import ALPHA_MIN, T_MIN
 from evogs_codec.render.oracle import render_exactly
+from evogs_codec.render.screen import LOG2E
 from tools.bench.extremes import decimals
 from tools.bench.extremes.decimals import Footprint
 from tools.bench.extremes.row import Row, attempted, outcome
@@ -123,7 +124,7 @@ def _projection_errors(record: npt.NDArray[np.float64], f: Footprint) -> dict[st
     x, y, weight, slope, curve = (
         Decimal(float(record[k])) for k in (p.X, p.Y, p.WEIGHT, p.SLOPE, p.CURVE)
     )
-    half = Decimal(p.LOG2E) / 2  # as the kernel has it
+    half = Decimal(LOG2E) / 2  # as the kernel has it
     c = half / curve
     found = {"covariance yy": (c, f.c), "determinant": (half * c / weight**2, f.determinant)}
     errors = {what: float(abs(got - exact) / exact) for what, (got, exact) in found.items()}
