@@ -6,7 +6,6 @@ export { areBelow, inverseYcocg, undelta, unpack, unpackSigned } from "./planes"
 export {
   addDelta,
   addSiblings,
-  areProductsWithin,
   areWithin,
   clearBytes,
   clearSlots,

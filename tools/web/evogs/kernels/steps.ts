@@ -185,18 +185,6 @@ export function areWithin(x: usize, n: usize, least: i32, most: i32): bool {
   return !v128.any_true(wrong);
 }
 
-/** Whether no product of alpha and Delta of a split is further from 0 than `most`. `splits` is as in `runsOf`. */
-export function areProductsWithin(splits: usize, n: usize, delta: usize, alpha: usize, most: i32): bool {
-  const bound: i64 = most;
-  let margin: i64 = 0;
-  for (let j: usize = 0; j < n << 2; j += 4) {
-    const place: usize = splits === 0 ? j : load<i32>(splits + j) << 2;
-    const product = <i64>load<i32>(delta + place) * load<i32>(alpha + j);
-    margin |= (bound - product) | (bound + product);
-  }
-  return margin >= 0;
-}
-
 /**
  * Second children P - round(alpha * Delta) of splits, from P before the step, to `out`. Runs have the places in Delta
  * and the slots of P, and `alpha` a number for each split. Whether all are within least .. most.

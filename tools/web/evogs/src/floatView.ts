@@ -51,7 +51,9 @@ function plainView(scene: Scene): Float32Array[] {
     live.forEach((slots, t) => {
       const origin = channel < 3 ? tiles.origin[3 * t + channel] : 0;
       const numbers = shown[t].read(t, channel);
-      for (let i = 0; i < slots.length; i++) floats[from + i] = (origin + numbers[slots[i]]) * unit;
+      const out = floats.subarray(from, from + slots.length);
+      if (slots.length === numbers.length) toFloats(numbers, origin, unit, out);
+      else for (let i = 0; i < slots.length; i++) out[i] = (origin + numbers[slots[i]]) * unit;
       from += slots.length;
     });
     return floats;

@@ -97,7 +97,7 @@ export class ChannelRun {
   /** Refines and splits, then drops. */
   private applyPsi({ records, lists, from }: Step, columns: number, k: number, together: number): void {
     const { kernels } = this.engine;
-    const { nPsi: n, psiRuns, nSplits, splits, splitRuns, nDrops, drops, label } = records;
+    const { nPsi: n, psiRuns, nSplits, splitRuns, nDrops, drops, label } = records;
     const isYcocg = lists !== null && (lists.flags & PSI_IS_YCOCG) !== 0;
     const source = lists && { lists, list: lists.layout.psi, n, isYcocg, row: 1 + label, records };
     for (let c = 0; c < together; c++) {
@@ -109,10 +109,7 @@ export class ChannelRun {
         const { least, most } = rangeOf(this.first + k + c, this.box);
         if (nSplits > 0) {
           const { values, shift, largest } = records.alpha[groupOf(this.first + k + c)];
-          const furthest = MAX_PRODUCT - ((1 << shift) >> 1);
-          if (largest * delta.furthest > furthest) {
-            need(kernels.areProductsWithin(splits, nSplits, delta.at, values, furthest));
-          }
+          need(largest * delta.furthest <= MAX_PRODUCT - ((1 << shift) >> 1));
           const { at, n } = splitRuns;
           need(kernels.writeSeconds(x, seconds, at, n, delta.at, values, shift, least, most));
         }

@@ -12,7 +12,6 @@ const NAMES = [
   "addDelta",
   "addSiblings",
   "areBelow",
-  "areProductsWithin",
   "areWithin",
   "clearBytes",
   "clearSlots",

@@ -22,8 +22,7 @@ export interface Records extends StepCounts {
   nPsi: number;
   psi: number;
   psiRuns: Runs;
-  /** The splits: places in `psi`, and the slots there; and both in runs. */
-  splits: number;
+  /** The slots of splits; and their places in `psi` and these slots in runs. */
   parents: number;
   splitRuns: Runs;
   drops: number;
@@ -42,7 +41,7 @@ export function noRecords(label: number, counts: StepCounts): Records {
   const none = { at: 0, n: 0 };
   const runs = { psiRuns: none, splitRuns: none, siblings: none };
   const own = { nAdds, nSplits, nRefines, nDrops, label, nPsi, growth: 1, alpha: [] };
-  return { ...own, ...runs, psi: 0, splits: 0, parents: 0, drops: 0 };
+  return { ...own, ...runs, psi: 0, parents: 0, drops: 0 };
 }
 
 /** The records of a core packet, whose slots are among the first `nSlots`; `live` has a byte for each. */
@@ -64,20 +63,21 @@ export function readRecords(
   if (n === 0) return records;
   const slots = engine.takeIntegers(n);
   need(kernels.readSlots(storedOf(engine, lists, layout.gaps), n, live, nSlots, slots));
+  // Where all are of one kind, each split is at its own place.
+  let splits = 0;
   if (layout.lengths[layout.kinds] > 0) {
     const kinds = storedOf(engine, lists, layout.kinds);
     const psi = engine.takeIntegers(nPsi + 1);
-    const splits = engine.takeIntegers(nSplits + 1);
+    splits = engine.takeIntegers(nSplits + 1);
     const parents = engine.takeIntegers(nSplits + 1);
     const drops = engine.takeIntegers(nDrops + 1);
     need(kernels.sortRecords(kinds, slots, n, psi, splits, parents, drops, nPsi, nSplits, nDrops));
-    Object.assign(records, { psi, splits, parents, drops });
+    Object.assign(records, { psi, parents, drops });
   } else {
-    // All are of one kind. Without `splits`, each is at its own place.
     Object.assign(records, { psi: slots, parents: slots, drops: slots });
   }
   records.psiRuns = runsOf(engine, 0, records.psi, nPsi);
-  records.splitRuns = runsOf(engine, records.splits, records.parents, nSplits);
+  records.splitRuns = runsOf(engine, splits, records.parents, nSplits);
   for (let group = 0; group < N_GROUPS && nSplits > 0; group++) {
     const { entries, shift } = tables.get(label, group);
     const list = layout.alpha + group;
