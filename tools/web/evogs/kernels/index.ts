@@ -5,7 +5,9 @@ export { decompress } from "./frame";
 export { areBelow, inverseYcocg, undelta, unpack, unpackSigned } from "./planes";
 export {
   addDelta,
+  addDeltaEach,
   addSiblings,
+  addSiblingsEach,
   areWithin,
   clearBytes,
   clearSlots,

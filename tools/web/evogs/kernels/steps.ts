@@ -87,11 +87,20 @@ export function valuesOf(entries: usize, indices: usize, n: usize, out: usize): 
 
 /**
  * Pairs of places, of each record and of that whose slot it was born from, where there is one: in runs, as `runsOf`
- * writes them. Slots increase, so that record is an earlier one. No record of a run is in it twice.
+ * writes them, of at most `longest`. Slots increase, so that record is an earlier one. No record of a run is in it
+ * twice.
  * `places` has room for as many integers as there are slots, and holds anything. `growth` has room for `n`.
  * Behind the runs stands how many differences are added to one integer at most, and one.
  */
-export function siblingsOf(slots: usize, n: i32, bornFrom: usize, places: usize, growth: usize, runs: usize): i32 {
+export function siblingsOf(
+  slots: usize,
+  n: i32,
+  bornFrom: usize,
+  places: usize,
+  growth: usize,
+  longest: i32,
+  runs: usize,
+): i32 {
   let at = runs - RUN;
   let first = 0;
   let lastPlace = NONE;
@@ -104,7 +113,7 @@ export function siblingsOf(slots: usize, n: i32, bornFrom: usize, places: usize,
     store<i32>(places + 4 * slot, i);
     store<i32>(growth + 4 * i, 1);
     if (place < 0 || place >= i || load<i32>(slots + 4 * place) !== parent) continue;
-    if (last < 0 || i !== last + 1 || place !== lastPlace + 1 || place >= first) {
+    if (last < 0 || i !== last + 1 || place !== lastPlace + 1 || place >= first || load<i32>(at, 8) >= longest) {
       at += RUN;
       store<i32>(at, i, 0);
       store<i32>(at, place, 4);
@@ -151,6 +160,30 @@ export function addSiblings(values: usize, runs: usize, n: usize): void {
       to += 16;
     }
   }
+}
+
+/** As `addSiblings`, for runs of one. */
+export function addSiblingsEach(values: usize, runs: usize, n: usize): void {
+  for (let run = runs; run < runs + n * RUN; run += RUN) {
+    const at = values + (load<i32>(run, 0) << 2);
+    const to = values + (load<i32>(run, 4) << 2);
+    const difference = load<i32>(at);
+    const before = load<i32>(to);
+    store<i32>(at, before - difference);
+    store<i32>(to, before + difference);
+  }
+}
+
+/** As `addDelta`, for slots without runs. */
+export function addDeltaEach(x: usize, slots: usize, n: usize, delta: usize, least: i32, most: i32): bool {
+  let wrong: i32 = 0;
+  for (let i: usize = 0; i < n << 2; i += 4) {
+    const at = x + (load<i32>(slots + i) << 2);
+    const sum = load<i32>(at) + load<i32>(delta + i);
+    wrong |= i32(sum < least) | i32(sum > most);
+    store<i32>(at, sum);
+  }
+  return wrong === 0;
 }
 
 /** Adds Delta to the numbers of slots, whose runs are given. Whether all are within least .. most then. */

@@ -1,7 +1,5 @@
 /** The float view (spec 7.6): binary32 of (O + X) * 2^-G. */
 
-import { withEngine } from "./compiled/engine.js";
-import { floatsOf } from "./compiled/floats.js";
 import { N_CORE, channelCount, groupOf } from "./model.js";
 import type { Scene } from "./scene.js";
 import { ShownChannels, shownPicks } from "./shown.js";
@@ -33,12 +31,11 @@ function toFloats(numbers: Int32Array, origin: number, unit: number, out: Float3
   for (let i = 0; i < numbers.length; i++) out[i] = (origin + numbers[i]) * unit;
 }
 
-/** Values of all live splats, in the order of tiles and of slots: an array for each of the D channels. */
+/**
+ * Values of all live splats, in the order of tiles and of slots: an array for each of the D channels. Of a whole file
+ * `decodeFloats` gives the same, in less time.
+ */
 export function floatView(scene: Scene): Float32Array[] {
-  return withEngine((engine) => floatsOf(engine, scene)) ?? plainView(scene);
-}
-
-function plainView(scene: Scene): Float32Array[] {
   const { header, tiles } = scene.directory;
   const live = Array.from({ length: header.nTiles }, (_, t) => liveNumbers(scene.tile(t).liveSlots()));
   // Each keeps what its tile shows, for one component after the other.

@@ -199,7 +199,8 @@ test("steps have the same children as the plain loops, for runs of all lengths",
       const runs = engine.takeIntegers(3 * slots.length);
       const splitRuns = engine.takeIntegers(3 * slots.length);
       const [from, places] = [engine.put(delta), areAllSplits ? 0 : engine.put(splits)];
-      const nRuns = kernels.runsOf(0, engine.put(slots), slots.length, runs);
+      const singles = engine.put(slots);
+      const nRuns = kernels.runsOf(0, singles, slots.length, runs);
       const nSplitRuns = kernels.runsOf(places, engine.put(parents), splits.length, splitRuns);
       const alpha = engine.takeIntegers(splits.length);
       const chosen = indices ? engine.put(Int32Array.from(indices)) : 0;
@@ -216,10 +217,13 @@ test("steps have the same children as the plain loops, for runs of all lengths",
         least,
         most,
       );
-      const isGood = kernels.addDelta(at, runs, nRuns, from, least, most) && areSecondsGood;
+      const areChangedGood =
+        random(3) === 0
+          ? kernels.addDeltaEach(at, singles, slots.length, from, least, most)
+          : kernels.addDelta(at, runs, nRuns, from, least, most);
       const column = { x, least, most };
       const step = { slots, n: slots.length, splits, parents, nSplits: splits.length, table, indices, first: n };
-      assert.equal(Boolean(isGood), refineSlots(column, step, delta));
+      assert.equal(Boolean(areSecondsGood && areChangedGood), refineSlots(column, step, delta));
       assert.deepEqual(engine.at(at, x.length + 4), Int32Array.of(...x, 77, 77, 77, 77));
       const copies = engine.put(new Int32Array(splits.length + 4).fill(77));
       kernels.copySlots(at, copies, splitRuns, nSplitRuns);
@@ -243,6 +247,7 @@ test("sibling differences have the same sums as in the plain loops, for families
     }
     const slots = someSlots(random, all.length, 1 + random(60));
     const values = Int32Array.from(slots, () => random(2001) - 1000);
+    const isSingle = random(3) === 0;
     withEngine((engine) => {
       const { kernels } = engine;
       const at = engine.put(Int32Array.of(...values, 77, 77, 77, 77));
@@ -255,10 +260,11 @@ test("sibling differences have the same sums as in the plain loops, for families
         engine.put(Int32Array.from(all)),
         places,
         growth,
+        isSingle ? 1 : slots.length,
         runs,
       );
       const most = values.reduce((a, b) => Math.max(a, Math.abs(b)), 0) * engine.at(runs + 12 * nRuns, 1)[0];
-      kernels.addSiblings(at, runs, nRuns);
+      (isSingle ? kernels.addSiblingsEach : kernels.addSiblings)(at, runs, nRuns);
       assert.ok(
         addSiblings(values, slots.length, siblingsOf(slots, slots.length, Int32Array.from(all), workspace)),
       );

@@ -28,6 +28,8 @@ export class Controls {
   isFlying = false;
   private readonly pointers = new Map<number, { x: number; y: number }>();
   private readonly held = new Set<string>();
+  /** Keys that were let go since the last step: they may have been pressed since, too. */
+  private readonly released = new Set<string>();
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
@@ -42,19 +44,23 @@ export class Controls {
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     canvas.addEventListener("keydown", (event) => this.key(event));
-    canvas.addEventListener("keyup", ({ code }) => this.held.delete(code));
+    canvas.addEventListener("keyup", ({ code }) => {
+      if (this.held.delete(code)) this.released.add(code);
+    });
     canvas.addEventListener("blur", () => this.held.clear());
   }
 
   /** Moves by the keys that are held. Whether there are any. */
   step(seconds: number): boolean {
-    for (const code of this.held) {
+    const codes = new Set([...this.held, ...this.released]);
+    this.released.clear();
+    for (const code of codes) {
       const [right, up, forward, yaw, pitch] = KEYS[code];
       const way = FLY * seconds;
       this.camera.move(way * right, way * up, way * forward);
       this.turn(SPIN * seconds * yaw, SPIN * seconds * pitch);
     }
-    return this.held.size > 0;
+    return codes.size > 0;
   }
 
   private down(event: PointerEvent): void {

@@ -97,7 +97,7 @@ export class ChannelRun {
   /** Refines and splits, then drops. */
   private applyPsi({ records, lists, from }: Step, columns: number, k: number, together: number): void {
     const { kernels } = this.engine;
-    const { nPsi: n, psiRuns, nSplits, splitRuns, nDrops, drops, label } = records;
+    const { nPsi: n, psi, psiRuns, areSingle, nSplits, splitRuns, nDrops, drops, label } = records;
     const isYcocg = lists !== null && (lists.flags & PSI_IS_YCOCG) !== 0;
     const source = lists && { lists, list: lists.layout.psi, n, isYcocg, row: 1 + label, records };
     for (let c = 0; c < together; c++) {
@@ -113,7 +113,11 @@ export class ChannelRun {
           const { at, n } = splitRuns;
           need(kernels.writeSeconds(x, seconds, at, n, delta.at, values, shift, least, most));
         }
-        need(kernels.addDelta(x, psiRuns.at, psiRuns.n, delta.at, least, most));
+        need(
+          areSingle
+            ? kernels.addDeltaEach(x, psi, n, delta.at, least, most)
+            : kernels.addDelta(x, psiRuns.at, psiRuns.n, delta.at, least, most),
+        );
       }
       kernels.clearSlots(x, drops, nDrops);
     }
@@ -147,7 +151,10 @@ export class ChannelRun {
     const hasSiblings = records !== null && records.siblings.n > 0 && hasDelta(lists.coding[own]);
     if (hasSiblings) furthest *= records.growth;
     need(furthest <= MAX_DELTA);
-    if (hasSiblings) kernels.addSiblings(at, records.siblings.at, records.siblings.n);
+    if (hasSiblings) {
+      const { siblings, areSingle } = records;
+      (areSingle ? kernels.addSiblingsEach : kernels.addSiblings)(at, siblings.at, siblings.n);
+    }
     return { at, furthest };
   }
 }

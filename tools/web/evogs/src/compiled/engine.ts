@@ -10,7 +10,9 @@ import { MODULE } from "./module.js";
 type Kernel = (...values: number[]) => number;
 const NAMES = [
   "addDelta",
+  "addDeltaEach",
   "addSiblings",
+  "addSiblingsEach",
   "areBelow",
   "areWithin",
   "clearBytes",
@@ -93,7 +95,7 @@ export class Engine {
   }
 
   /** The address of a copy. */
-  put(array: Int32Array | Int16Array | Uint8Array): number {
+  put(array: Int32Array | Int16Array): number {
     const at = this.take(array.byteLength);
     this.bytes.set(new Uint8Array(array.buffer, array.byteOffset, array.byteLength), at);
     return at;

@@ -1,9 +1,7 @@
-/** The float view (spec 7.6) by the engine. */
+/** The float view (spec 7.6) of a whole file, by the engine. */
 
-import type { ChannelBlock } from "../channelBlock.js";
 import type { Directory } from "../directory.js";
 import { CORE, N_CORE, PICKS, channelCount, channelsOf, groupOf } from "../model.js";
-import type { Scene } from "../scene.js";
 import { type Engine, need } from "./engine.js";
 import type { Sink } from "./tile.js";
 
@@ -137,33 +135,4 @@ export class FloatSink implements Sink {
   private unitOf(channel: number): number {
     return 2 ** -this.directory.header.gridExponents[groupOf(channel)];
   }
-}
-
-/** The floats of a scene: its numbers are copied to the memory of the engine. */
-export function floatsOf(engine: Engine, scene: Scene): Float32Array[] {
-  const { directory, palette } = scene;
-  const sink = new FloatSink(engine, directory, scene.splatCount());
-  if (directory.header.hasPalette) sink.palette(putBlock(engine, palette), palette.count);
-  for (let t = 0; t < directory.header.nTiles; t++) {
-    const tile = scene.tile(t);
-    if (tile.nSlots === 0) continue;
-    const mark = engine.mark();
-    sink.slots(t, engine.put(tile.liveSlots()), tile.nSlots);
-    tile.steps.forEach((steps, component) => {
-      if (steps === 0) return;
-      const inner = engine.mark();
-      const isPicks = component === PICKS;
-      const data = isPicks ? engine.put(tile.picks) : putBlock(engine, tile.block(component));
-      sink.component(component, data, tile.nSlots, steps);
-      engine.release(inner);
-    });
-    engine.release(mark);
-  }
-  return sink.end();
-}
-
-function putBlock(engine: Engine, block: ChannelBlock): number {
-  const at = engine.takeIntegers(block.nChannels * block.count);
-  for (let k = 0; k < block.nChannels; k++) engine.integers.set(block.channel(k), (at >> 2) + k * block.count);
-  return at;
 }

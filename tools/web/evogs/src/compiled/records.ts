@@ -8,6 +8,8 @@ import { type Lists, isZero, storedOf } from "./lists.js";
 const N_GROUPS = 5;
 /** Integers of a run. */
 const INTEGERS = 3;
+/** Slots of a run that does not pay. */
+const SHORT = 3;
 
 /** Runs of pairs: see `runsOf` of the kernels. */
 export interface Runs {
@@ -22,6 +24,8 @@ export interface Records extends StepCounts {
   nPsi: number;
   psi: number;
   psiRuns: Runs;
+  /** Whether these runs are so short that single slots are faster. */
+  areSingle: boolean;
   /** The slots of splits; and their places in `psi` and these slots in runs. */
   parents: number;
   splitRuns: Runs;
@@ -40,7 +44,7 @@ export function noRecords(label: number, counts: StepCounts): Records {
   const { nAdds, nSplits, nRefines, nDrops } = counts;
   const none = { at: 0, n: 0 };
   const runs = { psiRuns: none, splitRuns: none, siblings: none };
-  const own = { nAdds, nSplits, nRefines, nDrops, label, nPsi, growth: 1, alpha: [] };
+  const own = { nAdds, nSplits, nRefines, nDrops, label, nPsi, areSingle: false, growth: 1, alpha: [] };
   return { ...own, ...runs, psi: 0, parents: 0, drops: 0 };
 }
 
@@ -77,6 +81,7 @@ export function readRecords(
     Object.assign(records, { psi: slots, parents: slots, drops: slots });
   }
   records.psiRuns = runsOf(engine, 0, records.psi, nPsi);
+  records.areSingle = records.psiRuns.n * SHORT > nPsi;
   records.splitRuns = runsOf(engine, splits, records.parents, nSplits);
   for (let group = 0; group < N_GROUPS && nSplits > 0; group++) {
     const { entries, shift } = tables.get(label, group);
@@ -93,11 +98,11 @@ export function readRecords(
 
 /** Finds the siblings among the records of a step of refines alone. `places` has room for all slots. */
 export function findSiblings(engine: Engine, records: Records, bornFrom: number, places: number): void {
-  const { nPsi, psi } = records;
+  const { nPsi, psi, areSingle } = records;
   const at = engine.takeIntegers(INTEGERS * nPsi + 1);
   const mark = engine.mark();
   const growth = engine.takeIntegers(nPsi);
-  const n = engine.kernels.siblingsOf(psi, nPsi, bornFrom, places, growth, at);
+  const n = engine.kernels.siblingsOf(psi, nPsi, bornFrom, places, growth, areSingle ? 1 : nPsi, at);
   records.siblings = { at, n };
   records.growth = engine.integers[(at >> 2) + INTEGERS * n];
   engine.release(mark);
