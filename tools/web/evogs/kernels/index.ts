@@ -11,7 +11,6 @@ export {
   areWithin,
   clearBytes,
   clearSlots,
-  copySlots,
   liveSlots,
   readSlots,
   runsOf,

@@ -254,18 +254,6 @@ export function writeSeconds(
   return !v128.any_true(wrong);
 }
 
-/** Second children where Delta is 0: copies of P. */
-export function copySlots(x: usize, out: usize, runs: usize, n: usize): void {
-  let done: usize = 0;
-  for (let run = runs; run < runs + n * RUN; run += RUN) {
-    const at = x + (load<u32>(run, 4) << 2);
-    const count: isize = load<i32>(run, 8);
-    for (let k: isize = 0; k < count << 2; k += 16)
-      storeLanes(out + done + k, v128.load(at + k), lanes(count - (k >> 2)));
-    done += count << 2;
-  }
-}
-
 /** Writes a number to slots. */
 export function setSlots(x: usize, slots: usize, n: usize, numbers: usize): void {
   for (let i: usize = 0; i < n; i++) {

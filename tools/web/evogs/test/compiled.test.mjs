@@ -225,12 +225,6 @@ test("steps have the same children as the plain loops, for runs of all lengths",
       const step = { slots, n: slots.length, splits, parents, nSplits: splits.length, table, indices, first: n };
       assert.equal(Boolean(areSecondsGood && areChangedGood), refineSlots(column, step, delta));
       assert.deepEqual(engine.at(at, x.length + 4), Int32Array.of(...x, 77, 77, 77, 77));
-      const copies = engine.put(new Int32Array(splits.length + 4).fill(77));
-      kernels.copySlots(at, copies, splitRuns, nSplitRuns);
-      assert.deepEqual(
-        engine.at(copies, splits.length + 4),
-        Int32Array.of(...parents.map((slot) => x[slot]), 77, 77, 77, 77),
-      );
     });
   }
 });

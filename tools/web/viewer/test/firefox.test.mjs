@@ -104,7 +104,7 @@ test(
     assert.deepEqual(errors, []);
 
     // Both round each splat to 8 bits, in ways of their own.
-  if (findChromium() !== null) {
+    if (findChromium() !== null) {
       const chromium = await launch();
       server.bytesPerSecond = 0;
       found.push(psnr(rgb, (await seen(await chromium.newPage({ viewport: SIZE }), pose)).rgb));

@@ -97,14 +97,14 @@ export class ChannelRun {
   /** Refines and splits, then drops. */
   private applyPsi({ records, lists, from }: Step, columns: number, k: number, together: number): void {
     const { kernels } = this.engine;
-    const { nPsi: n, psi, psiRuns, areSingle, nSplits, splitRuns, nDrops, drops, label } = records;
+    const { nPsi: n, psi, psiRuns, areSingle, nSplits, parents, splitRuns, nDrops, drops, label } = records;
     const isYcocg = lists !== null && (lists.flags & PSI_IS_YCOCG) !== 0;
     const source = lists && { lists, list: lists.layout.psi, n, isYcocg, row: 1 + label, records };
     for (let c = 0; c < together; c++) {
       const x = columns + 4 * c * this.n;
       const seconds = x + 4 * from;
       const delta = source && this.read(source, k, c);
-      if (delta === null) kernels.copySlots(x, seconds, splitRuns.at, splitRuns.n);
+      if (delta === null) kernels.gather(x, parents, nSplits, seconds);
       else {
         const { least, most } = rangeOf(this.first + k + c, this.box);
         if (nSplits > 0) {

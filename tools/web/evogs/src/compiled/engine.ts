@@ -17,7 +17,6 @@ const NAMES = [
   "areWithin",
   "clearBytes",
   "clearSlots",
-  "copySlots",
   "crc32",
   "decompress",
   "gather",

@@ -107,11 +107,11 @@ class CompiledTiles {
     const { kernels } = engine;
     const x = engine.takeIntegers(n);
     for (const { lists, records, from } of steps) {
-      const { nPsi, psi, nSplits, splitRuns, nAdds, nDrops, drops, label } = records;
+      const { nPsi, psi, nSplits, parents, nAdds, nDrops, drops, label } = records;
       const nNew = nSplits + nAdds;
       const fresh = x + 4 * from;
       if (lists === null) {
-        kernels.copySlots(x, fresh, splitRuns.at, splitRuns.n);
+        kernels.gather(x, parents, nSplits, fresh);
         engine.at(fresh + 4 * nSplits, nAdds).fill(0);
       } else {
         const nChanged = (lists.flags & PICKS_OF_CHANGED) !== 0 ? nPsi : 0;
