@@ -42,7 +42,7 @@ class Boxes:
         return _is_inside((self.low + self.high) / 2, camera, radii)
 
     def weights(self, camera: Camera) -> F64:
-        """(n,) how large each box looks: the root of its area in sight, to that of the largest one."""
+        """(n,) how large each box looks: the root of its area in sight, to that of the largest."""
         steps = (np.arange(POINTS) + 0.5) / POINTS
         grid = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
         points = self.low[:, None] + grid * (self.high - self.low)[:, None]
