@@ -9,7 +9,7 @@ from evogs_codec import Cut, decode, encode_scene, read_directory
 from evogs_codec.render import Camera
 from evogs_codec.render.demo_scene import make_scene
 from tools.bench.traces import TRACES, Trace
-from tools.bench.view_order import Boxes, view_order
+from tools.bench.view_order import UNSEEN, Boxes, view_order
 
 
 def looking(target) -> Camera:
@@ -24,8 +24,12 @@ def test_boxes_are_in_sight_where_the_camera_looks():
     boxes = Boxes(low, low + 2)
     assert boxes.in_sight(AHEAD).tolist() == [True, False, False]
     assert boxes.in_sight(BACK).tolist() == [False, True, False]
-    weights = boxes.weights(AHEAD)
-    assert weights[0] > 5 * weights[1]
+    assert boxes.weights(AHEAD).tolist() == [1, UNSEEN, UNSEEN]
+    # Half as far away, and half out of sight.
+    nearer = Boxes(np.array([[10.0, -1, -1], [5, -1, -1]]), np.array([[12.0, 1, 1], [6, 5, 1]]))
+    weights = nearer.weights(AHEAD)
+    assert weights[1] == 1
+    assert UNSEEN < weights[0] < 0.8
     around = Boxes(np.full((1, 3), -1.0), np.full((1, 3), 1.0))
     assert around.weights(AHEAD).tolist() == [1.0]
 
@@ -37,10 +41,12 @@ def test_packets_by_view_lack_none_that_they_need():
     weights = np.array([0.1, 1, 0.5, 0.05, 0.9, 0.2])
     order = view_order(directory, weights)
     assert sorted(order) == list(range(len(directory.packets)))
-    assert directory.packets["tile"][order[0]] == 1
+    assert view_order(directory, np.ones(6)).tolist() == sorted(order)
     for n in range(0, len(order), 7):
         decode(data, Cut.of_rows(directory, np.sort(order[:n])))
     tiles = directory.packets["tile"][order]
+    means = [float(np.flatnonzero(tiles == tile).mean()) for tile in range(6)]
+    assert np.argsort(means).tolist() == np.argsort(-weights).tolist()
     last = [int(np.flatnonzero(tiles == tile)[-1]) for tile in range(6)]
     assert last[1] < last[4] < last[3]
 

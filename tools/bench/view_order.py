@@ -14,7 +14,8 @@ from evogs_codec.render import Camera
 
 __all__ = ["Boxes", "view_order"]
 
-UNSEEN = 0.1  # of the weight of a box in sight
+POINTS = 5  # of a box along an axis
+UNSEEN = 0.3  # the least weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,48 +38,53 @@ class Boxes:
 
     def in_sight(self, camera: Camera) -> npt.NDArray[np.bool_]:
         """(n,) whether the sphere around each box meets what the camera sees."""
-        at = (self.low + self.high) / 2 @ camera.rotation.T + camera.translation
-        sides = np.array(
-            [
-                [camera.fx, 0, camera.cx],
-                [-camera.fx, 0, camera.width - camera.cx],
-                [0, camera.fy, camera.cy],
-                [0, -camera.fy, camera.height - camera.cy],
-            ]
-        )
-        sides /= np.linalg.norm(sides, axis=1, keepdims=True)
-        inside: npt.NDArray[np.bool_] = (at @ sides.T >= -self.radii[:, None]).all(axis=1)
-        return inside
-
-    @property
-    def radii(self) -> F64:
-        """(n,) half of each diagonal."""
-        return np.asarray(np.linalg.norm(self.high - self.low, axis=1) / 2)
+        radii = np.linalg.norm(self.high - self.low, axis=1) / 2
+        return _is_inside((self.low + self.high) / 2, camera, radii)
 
     def weights(self, camera: Camera) -> F64:
-        """(n,) how large each box looks: 1 if the eye is in it."""
-        eye = camera.position
-        away = np.linalg.norm(np.maximum(np.maximum(self.low - eye, eye - self.high), 0), axis=1)
-        sizes = self.radii / np.maximum(np.maximum(away, self.radii), np.finfo(float).tiny)
-        return np.asarray(np.where(self.in_sight(camera), 1, UNSEEN) * sizes)
+        """(n,) how large each box looks: the root of its area in sight, to that of the largest."""
+        steps = (np.arange(POINTS) + 0.5) / POINTS
+        grid = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
+        points = self.low[:, None] + grid * (self.high - self.low)[:, None]
+        away = np.maximum(
+            np.linalg.norm(points - camera.position, axis=2), np.finfo(np.float32).tiny
+        )
+        areas = (_is_inside(points, camera) / away**2).mean(axis=1)
+        largest = max(float(areas.max()), np.finfo(float).tiny)
+        return np.asarray(np.maximum(UNSEEN, np.sqrt(areas / largest)))
+
+
+def _is_inside(points: F64, camera: Camera, margin: F64 | float = 0.0) -> npt.NDArray[np.bool_]:
+    """(...) whether points (..., 3) are at most `margin` (...) out of what the camera sees."""
+    at = points @ camera.rotation.T + camera.translation
+    sides = np.array(
+        [
+            [camera.fx, 0, camera.cx],
+            [-camera.fx, 0, camera.width - camera.cx],
+            [0, camera.fy, camera.cy],
+            [0, -camera.fy, camera.height - camera.cy],
+        ]
+    )
+    sides /= np.linalg.norm(sides, axis=1, keepdims=True)
+    inside: npt.NDArray[np.bool_] = (at @ sides.T >= -np.asarray(margin)[..., None]).all(axis=-1)
+    return inside
 
 
 def view_order(directory: Directory, weights: F64) -> I64:
-    """All packets, the most urgent first: near before far, coarse before fine, core before SH.
+    """All packets, the most urgent first: as in the file, with tiles ahead that look large.
 
     Args:
         directory: of the stream.
         weights: (n_tiles,) of `Boxes.weights`.
     """
-    packets, labels = directory.packets, directory.labels
+    packets = directory.packets
     value = np.empty(len(packets))
     before: dict[tuple[int, int], float] = {}
     core: dict[tuple[int, int], float] = {}
     for i, (tile, component) in enumerate(zip(packets["tile"], packets["component"], strict=True)):
         own = weights.max() if component == PALETTE else weights[tile]
         step = (int(tile), int(directory.steps[i]))
-        # Each level halves what is left to gain, and SH gain as much as core two levels later.
-        own *= 2.0 ** -labels[i] * (1 if component in (0, PALETTE) else 0.25 / component)
+        own /= directory.offsets[i]
         chain = (-1 if component == PALETTE else int(tile), int(component))
         own = min(own, before.get(chain, np.inf))
         if component not in (0, PALETTE):

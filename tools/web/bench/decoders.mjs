@@ -3,7 +3,7 @@
 import createSpz from "@adobe/spz";
 import { readFileSync } from "node:fs";
 import { createInterface } from "node:readline";
-import { decode, floatView } from "evogs";
+import { decodeFloats } from "evogs";
 
 const spz = process.argv[2] === "spz" ? await createSpz({ print: () => {} }) : null;
 
@@ -19,7 +19,7 @@ for await (const line of createInterface({ input: process.stdin })) {
   const bytes = new Uint8Array(readFileSync(line));
   const cpu = process.cpuUsage();
   const start = process.hrtime.bigint();
-  const splats = spz === null ? floatView(decode(bytes))[0].length : loadSpz(bytes)[0].length / 3;
+  const splats = spz === null ? decodeFloats(bytes)[0].length : loadSpz(bytes)[0].length / 3;
   const wall = Number(process.hrtime.bigint() - start) / 1e9;
   const { user, system } = process.cpuUsage(cpu);
   console.log(JSON.stringify({ splats, wall, cpu: (user + system) / 1e6 }));

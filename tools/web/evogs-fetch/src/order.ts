@@ -34,11 +34,14 @@ export function fileOrder(budget: Budget = {}): Order {
     );
 }
 
-/** Near and visible tiles first, coarse before fine, core before SH. */
+/**
+ * The order of the file, which is that of gain per byte, with tiles ahead that look large: a packet comes as early as
+ * if the file had it at its place over the weight of its tile.
+ */
 export function viewOrder(view: View, budget: Budget = {}): Order {
   return (directory) => {
-    const { packets, header } = directory;
-    const weights = Float64Array.from({ length: header.nTiles }, (_, t) => tileWeight(directory, t, view));
+    const { packets } = directory;
+    const weights = tileWeights(directory, view);
     const heaviest = weights.reduce((a, b) => Math.max(a, b), 0);
     const value = new Float64Array(packets.length);
     const before = new Int32Array(packets.first.length).fill(-1);
@@ -47,8 +50,7 @@ export function viewOrder(view: View, budget: Budget = {}): Order {
       const component = packets.component[i];
       const chain = packets.chainOf(i);
       let v = component === PALETTE ? heaviest : weights[packets.tile[i]];
-      // Each level halves what is left to gain, and SH gain about as much as core two levels later.
-      v *= 2 ** -packets.label[i] * (component === CORE || component === PALETTE ? 1 : 0.25 / component);
+      v /= packets.offset[i];
       // Nothing comes before what it needs: the packet before it, its core, and the palette.
       if (before[chain] >= 0) v = Math.min(v, value[before[chain]]);
       if (component !== CORE && component !== PALETTE) v = Math.min(v, value[packets.core[i]]);
@@ -62,28 +64,34 @@ export function viewOrder(view: View, budget: Budget = {}): Order {
   };
 }
 
-/** How large a tile looks: 1 if the eye is in it, and a tenth of that where it is out of sight. */
-function tileWeight(directory: Directory, t: number, { eye, planes }: View): number {
+/** Points of a box along an axis, which tell how much of it is in sight, and how near. */
+const POINTS = 5;
+/** The least weight: splats reach out of their boxes, and the view may turn. */
+const UNSEEN = 0.3;
+
+/** How large each tile looks: the root of the area of its part in sight, to that of the largest one. */
+function tileWeights(directory: Directory, { eye, planes }: View): Float64Array {
   const { tiles, header } = directory;
   const unit = 2 ** -header.gridExponents[0];
-  const centre = [0, 0, 0];
-  let radius = 0;
-  let distance = 0;
-  for (let a = 0; a < 3; a++) {
-    const i = 3 * t + a;
-    const least = (tiles.origin[i] + tiles.boxMin[i]) * unit;
-    const most = (tiles.origin[i] + tiles.boxMax[i]) * unit;
-    centre[a] = (least + most) / 2;
-    radius += ((most - least) / 2) ** 2;
-    distance += Math.max(least - eye[a], 0, eye[a] - most) ** 2;
-  }
-  radius = Math.sqrt(radius);
-  const isSeen = planes.every(([a, b, c, d]) => {
-    const length = Math.hypot(a, b, c) || 1;
-    return (a * centre[0] + b * centre[1] + c * centre[2] + d) / length >= -radius;
+  const weights = Float64Array.from({ length: header.nTiles }, (_, t) => {
+    const at = (axis: number, k: number) => {
+      const i = 3 * t + axis;
+      return (
+        (tiles.origin[i] + tiles.boxMin[i] + ((k + 0.5) / POINTS) * (tiles.boxMax[i] - tiles.boxMin[i])) * unit
+      );
+    };
+    let sum = 0;
+    for (let k = 0; k < POINTS ** 3; k++) {
+      const x = at(0, k % POINTS);
+      const y = at(1, Math.floor(k / POINTS) % POINTS);
+      const z = at(2, Math.floor(k / POINTS ** 2));
+      if (!planes.every(([a, b, c, d]) => a * x + b * y + c * z + d >= 0)) continue;
+      sum += 1 / Math.max((x - eye[0]) ** 2 + (y - eye[1]) ** 2 + (z - eye[2]) ** 2, unit ** 2);
+    }
+    return sum;
   });
-  const size = radius / Math.max(Math.sqrt(distance), radius, Number.MIN_VALUE);
-  return (isSeen ? 1 : 0.1) * size;
+  const largest = weights.reduce((a, b) => Math.max(a, b), Number.MIN_VALUE);
+  return weights.map((weight) => Math.max(UNSEEN, Math.sqrt(weight / largest)));
 }
 
 /** Takes packets in order while they fit. What needs a packet that does not fit is left out too. */

@@ -209,27 +209,36 @@ test("budgets of bytes, splats, levels and SH are kept, and raised later", () =>
     assertWhole(decoder);
   }));
 
-test("an order by view puts near tiles and core first, and nothing before what it needs", () => {
+test("an order by view is that of the file with near tiles ahead, and nothing before what it needs", () => {
   const { directory } = decode(FILE);
-  // Tile 2 is moved away from the others.
+  const { packets } = directory;
+  const all = Array.from({ length: packets.length }, (_, i) => i);
   for (let t = 0; t < 4; t++) {
     directory.tiles.origin.fill(0, 3 * t, 3 * t + 3);
     directory.tiles.boxMin.fill(0, 3 * t, 3 * t + 3);
     directory.tiles.boxMax.fill(100, 3 * t, 3 * t + 3);
-    directory.tiles.origin[3 * t] = t === 2 ? 0 : 5000;
   }
+  // All look the same.
+  assert.deepEqual([...viewOrder({ eye: [50, 50, 50], planes: [] })(directory)], all);
+  // Tile 2 is moved away from the others, which are out of sight.
+  for (const t of [0, 1, 3]) directory.tiles.origin[3 * t] = 5000;
   const order = [...viewOrder({ eye: [50, 50, 50], planes: [[-1, 0, 0, 200]] })(directory)];
-  const { packets } = directory;
-  assert.equal(order.length, packets.length);
   assert.deepEqual(
-    order.slice(0, 6).map((i) => packets.tile[i]),
-    [2, 2, 2, 2, 2, 2],
+    [...order].sort((a, b) => a - b),
+    all,
   );
   const place = new Map(order.map((i, k) => [i, k]));
+  let ahead = 0;
   for (const i of order) {
     assert.ok(packets.next[i] < 0 || place.get(packets.next[i]) > place.get(i));
     assert.ok(place.get(packets.core[i]) <= place.get(i));
+    if (packets.tile[i] !== 2) continue;
+    ahead += i - place.get(i);
+    // Before all that the file has behind it, and not before what it has three times as early.
+    for (const j of all.slice(i + 1)) assert.ok(place.get(j) > place.get(i));
+    for (const j of all) if (packets.offset[j] < 0.3 * packets.offset[i]) assert.ok(place.get(j) < place.get(i));
   }
+  assert.ok(ahead > packets.length, `${ahead} places`);
 });
 
 test("what is on its way and not wanted any more is cancelled; what came of it is kept", () => {

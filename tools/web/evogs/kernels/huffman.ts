@@ -103,22 +103,30 @@ export function decodeStream(from: usize, to: usize, out: usize, end: usize): bo
   return finishStream(from, bitLength(from, to), out, end);
 }
 
-/** Decodes the last `bits` bits of the stream that begins at `from`. A number below 0 is no stream. */
+/** Codes that 64 bits have room for, behind up to 7 bits that were taken before. */
+const AT_ONCE: usize = 5;
+
+/**
+ * Decodes the last `bits` bits of the stream that begins at `from`. A number below 0 is no stream. It looks at up to
+ * 8 bytes before it: what stands behind the last code does not matter.
+ */
 function finishStream(from: usize, bits: i32, out: usize, end: usize): bool {
+  const shift: u64 = 64 - log;
   let left = bits;
-  for (let o = out; o < end; o++) {
-    if (left < 0) return false;
-    const low = left - log;
-    const index = low >= 0 ? lowBits(bitsAbove(from, low), log) : lowBits(load<u64>(from) << -low, log);
-    const entry = load<u16>(TABLE + 2 * index);
-    store<u8>(o, <u8>(entry >> 8));
-    left -= entry & 255;
+  for (let o = out; o < end; ) {
+    if (left <= 0) return false;
+    const at = (left - 57) >> 3;
+    let word = load<u64>(from + at) << (64 - left + 8 * at);
+    for (const stop = min(o + AT_ONCE, end); o < stop; o++) {
+      const entry: u64 = load<u16>(TABLE + ((<usize>(word >> shift)) << 1));
+      // The number of a shift is taken modulo 64: the symbol does not count.
+      word <<= entry;
+      left -= <i32>entry & 255;
+      store<u8>(o, entry >> 8);
+    }
   }
   return left === 0;
 }
-
-/** Codes that 64 bits have room for, behind up to 7 bits that were taken before. */
-const AT_ONCE: usize = 5;
 
 /**
  * Decodes four streams, each of which ends where the next one begins, to `size` bytes at `out`: a quarter each,
@@ -162,7 +170,6 @@ export function decodeFourStreams(
         const entry1: u64 = load<u16>(TABLE + ((<usize>(bits1 >> shift)) << 1));
         const entry2: u64 = load<u16>(TABLE + ((<usize>(bits2 >> shift)) << 1));
         const entry3: u64 = load<u16>(TABLE + ((<usize>(bits3 >> shift)) << 1));
-        // The number of a shift is taken modulo 64: the symbol does not count.
         bits0 <<= entry0;
         bits1 <<= entry1;
         bits2 <<= entry2;

@@ -2,21 +2,22 @@
 
 export { crc32 } from "./crc32";
 export { decompress } from "./frame";
-export { areBelow, inverseYcocg, multiply, undelta, unpack, unpackSigned } from "./planes";
+export { areBelow, inverseYcocg, undelta, unpack, unpackSigned } from "./planes";
 export {
   addDelta,
+  addDeltaEach,
   addSiblings,
-  areAtMost,
-  areProductsWithin,
-  areSlotsWithin,
+  addSiblingsEach,
   areWithin,
   clearBytes,
   clearSlots,
-  copySlots,
+  liveSlots,
   readSlots,
+  runsOf,
   setSlots,
   siblingsOf,
   sortRecords,
+  valuesOf,
   writeSeconds,
 } from "./steps";
 export { gather, gatherFour, mixFour, toFloats } from "./floats";

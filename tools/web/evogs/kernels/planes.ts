@@ -161,22 +161,17 @@ export function undelta(values: usize, n: usize): u32 {
   return furthest + 1;
 }
 
-/** R, G, B in place of Y, Co, Cg (YCoCg-R). */
-export function inverseYcocg(y: usize, co: usize, cg: usize, n: usize): void {
+/** R, G, B in place of Y, Co, Cg (YCoCg-R), each times `factor`. */
+export function inverseYcocg(y: usize, co: usize, cg: usize, n: usize, factor: i32): void {
+  const factors = i32x4.splat(factor);
   const bytes = n << 2;
   for (let i: usize = 0; i < bytes; i += 16) {
     const orange = v128.load(co + i);
     const green = v128.load(cg + i);
     const t = i32x4.sub(v128.load(y + i), i32x4.shr_s(green, 1));
     const b = i32x4.sub(t, i32x4.shr_s(orange, 1));
-    v128.store(y + i, i32x4.add(b, orange));
-    v128.store(co + i, i32x4.add(green, t));
-    v128.store(cg + i, b);
+    v128.store(y + i, i32x4.mul(i32x4.add(b, orange), factors));
+    v128.store(co + i, i32x4.mul(i32x4.add(green, t), factors));
+    v128.store(cg + i, i32x4.mul(b, factors));
   }
-}
-
-/** Multiplies integers, in place. */
-export function multiply(values: usize, n: usize, factor: i32): void {
-  const factors = i32x4.splat(factor);
-  for (let i: usize = 0; i < n << 2; i += 16) v128.store(values + i, i32x4.mul(v128.load(values + i), factors));
 }

@@ -5,8 +5,12 @@ import { type Cut, cutByLevel } from "./cut.js";
 import type { DecoderOptions } from "./decoder.js";
 import { type Directory, parseDirectory } from "./directory.js";
 import { withEngine } from "./compiled/engine.js";
+import { FloatSink } from "./compiled/floats.js";
+import { SceneSink } from "./compiled/scene.js";
 import { decodeAll } from "./compiled/tile.js";
 import { check } from "./faults.js";
+import { floatView } from "./floatView.js";
+import { CORE } from "./model.js";
 import { Scene } from "./scene.js";
 import { Verifier } from "./verifier.js";
 
@@ -22,12 +26,39 @@ export function decode(file: Uint8Array, options: DecoderOptions = {}): Scene {
   return scene ?? decodeInOrder(file, directory, cut, options.verify ?? false);
 }
 
+/**
+ * Values of all live splats of a whole file, an array for each channel: `floatView(decode(file, options))`, in half
+ * of the time, since the integers stay where they are decoded. It throws what `decode` throws.
+ */
+export function decodeFloats(file: Uint8Array, options: DecoderOptions = {}): Float32Array[] {
+  const directory = parseDirectory(file, options.limits);
+  const cut = cutByLevel(directory, options.level);
+  const view = options.verify ? null : floatsByEngine(file, directory, cut);
+  return view ?? floatView(decode(file, options));
+}
+
+/** The same; null if there is any fault, no WebAssembly, or SH that are late (7.5). */
+export function floatsByEngine(file: Uint8Array, directory: Directory, cut: Cut): Float32Array[] | null {
+  const { packets } = directory;
+  if (file.length !== packets.end) return null;
+  let n = 0;
+  for (let i = 0; i < packets.length; i++) {
+    const isMade = packets.component[i] === CORE && packets.label[i] <= cut.level;
+    if (isMade) n += packets.nAdds[i] + packets.nSplits[i] - packets.nDrops[i];
+  }
+  return withEngine((engine) => {
+    const sink = new FloatSink(engine, directory, n);
+    decodeAll(engine, file, directory, cut, sink);
+    return sink.end();
+  });
+}
+
 /** The scene, tile by tile; null if there is any fault, or no WebAssembly. */
 export function decodeByEngine(file: Uint8Array, directory: Directory, cut: Cut): Scene | null {
   if (file.length !== directory.packets.end) return null;
   return withEngine((engine) => {
     const scene = newScene(file, directory, cut);
-    decodeAll(engine, file, scene);
+    decodeAll(engine, file, directory, cut, new SceneSink(engine, scene));
     return scene;
   });
 }

@@ -1,7 +1,7 @@
 /** The decoder of the EvoGS bitstream. Sections are those of spec/evogs.md. */
 
 export { Decoder, type DecoderOptions, type Verdict } from "./decoder.js";
-export { decode } from "./decode.js";
+export { decode, decodeFloats } from "./decode.js";
 export { CallerError, FAULT_SECTIONS, type FaultCode, StreamError } from "./faults.js";
 export { type Directory, parseDirectory } from "./directory.js";
 export { HEADER_SIZE, type Header } from "./header.js";
@@ -20,4 +20,3 @@ export { dump, dumpPieces, dumpSize } from "./dump.js";
 export { digestOf } from "./state.js";
 export { Sha256, sha256 } from "./sha256.js";
 export { crc32 } from "./crc32.js";
-export * as internals from "./internals.js";

@@ -9,4 +9,4 @@ export { decompressFrame } from "./frames.js";
 export { addSiblings, siblingsOf, unpackSiblings } from "./siblings.js";
 export { Workspace } from "./workspace.js";
 export { allowWebAssembly, withEngine } from "./compiled/engine.js";
-export { decodeByEngine } from "./decode.js";
+export { decodeByEngine, floatsByEngine } from "./decode.js";

@@ -11,7 +11,7 @@ import { CORE, PALETTE, PICKS, channelsOf } from "./model.js";
 import { type PacketLists, parsePacket } from "./packet.js";
 import { applyPicks } from "./picks.js";
 import { type StepRecords, planOf, readRecords } from "./records.js";
-import { type Box, applyAdds, applyDrops, applyPsi } from "./step.js";
+import { applyAdds, applyDrops, applyPsi, boxOf } from "./step.js";
 import { TileState } from "./tileState.js";
 import { Workspace } from "./workspace.js";
 
@@ -173,11 +173,6 @@ export class Scene {
     if (kept && --kept.users === 0) this.records.delete(core[i]);
   }
 
-  boxOf(t: number): Box {
-    const { boxMin, boxMax } = this.directory.tiles;
-    return { least: boxMin.subarray(3 * t, 3 * t + 3), most: boxMax.subarray(3 * t, 3 * t + 3) };
-  }
-
   /** Core or a band: refines, splits and adds, then drops, which cannot fail. */
   private applyChannels(
     t: number,
@@ -189,7 +184,7 @@ export class Scene {
     const { alpha, quantisers, header } = this.directory;
     const { workspace } = this;
     const { first } = channelsOf(component, header.shDegree);
-    const box = component === CORE ? this.boxOf(t) : null;
+    const box = component === CORE ? boxOf(this.directory, t) : null;
     const plan = planOf(records, workspace);
     const block = tile.block(component);
     const addsAt = block.count + plan.nSplits;

@@ -3,6 +3,7 @@
 import type { AlphaTables } from "./alpha.js";
 import { type Column, copySlots, furthestOf, quantise, refineSlots, unrefineSlots } from "./arithmetic.js";
 import { type ChannelBlock, NO_INTEGERS } from "./channelBlock.js";
+import type { Directory } from "./directory.js";
 import { ADDS_ARE_YCOCG, PSI_IS_YCOCG } from "./lists.js";
 import { FIRST_SH, classOf, groupOf } from "./model.js";
 import type { PacketLists } from "./packet.js";
@@ -17,6 +18,10 @@ import { TRIPLE, type Workspace } from "./workspace.js";
 export interface Box {
   least: ArrayLike<number>;
   most: ArrayLike<number>;
+}
+
+export function boxOf({ tiles: { boxMin, boxMax } }: Directory, t: number): Box {
+  return { least: boxMin.subarray(3 * t, 3 * t + 3), most: boxMax.subarray(3 * t, 3 * t + 3) };
 }
 
 /** Delta of the channels of a packet, channel by channel, in increasing order. */

@@ -3,10 +3,12 @@
 import assert from "node:assert/strict";
 import { readFileSync, readdirSync } from "node:fs";
 import { test } from "node:test";
-import { CallerError, StreamError, crc32, decode, dump, floatView, internals } from "../dist/index.js";
+import { CallerError, StreamError, crc32, decode, decodeFloats, dump, floatView } from "../dist/index.js";
+import * as internals from "../dist/internals.js";
 import { chance } from "./streams.mjs";
 
-const { FrameDecompressor, allowWebAssembly, unpack, unpackSigned, undelta, withEngine } = internals;
+const { FrameDecompressor, Workspace, allowWebAssembly, unpack, unpackSigned, undelta, withEngine } = internals;
+const { addSiblings, decodeByEngine, floatsByEngine, refineSlots, siblingsOf } = internals;
 const VECTORS = new URL("../../../../conformance/vectors/", import.meta.url);
 const hex = (bytes) => Buffer.from(bytes).toString("hex");
 
@@ -30,15 +32,19 @@ function vectors() {
     .map((path) => ({ path, file: new Uint8Array(readFileSync(new URL(path, VECTORS))) }));
 }
 
+const bytesOf = (arrays) => Buffer.concat(arrays.map(({ buffer }) => new Uint8Array(buffer)));
+
 /** The bytes of the dump and of the floats of a file, or its fault. */
 function outcome(file) {
   try {
     const scene = decode(file);
-    return Buffer.concat([dump(scene), ...floatView(scene).map(({ buffer }) => new Uint8Array(buffer))]);
+    const floats = bytesOf(floatView(scene));
+    assert.ok(bytesOf(decodeFloats(file)).equals(floats));
+    return Buffer.concat([dump(scene), floats]);
   } catch (error) {
-    if (error instanceof StreamError || error instanceof CallerError)
-      return Buffer.from(`${error.code} ${error.offset}`);
-    throw error;
+    if (!(error instanceof StreamError || error instanceof CallerError)) throw error;
+    assert.throws(() => decodeFloats(file), { code: error.code, offset: error.offset });
+    return Buffer.from(`${error.code} ${error.offset}`);
   }
 }
 
@@ -50,12 +56,13 @@ test("vectors give the same integers, floats and faults without WebAssembly", ()
 });
 
 test("Node has WebAssembly, and whole files are decoded in it", () => {
-  const file = new Uint8Array(readFileSync(new URL("../../../../spec/example-2.evogs", import.meta.url)));
-  const { decodeByEngine } = internals;
+  const file = new Uint8Array(readFileSync(new URL("../../../../spec/example.evogs", import.meta.url)));
   const { directory, cut } = decode(file);
-  assert.notEqual(decodeByEngine(file, directory, cut), null);
-  const [, refused] = bothWays(() => decodeByEngine(file, directory, cut));
-  assert.equal(refused, null);
+  for (const byEngine of [decodeByEngine, floatsByEngine]) {
+    const [done, refused] = bothWays(() => byEngine(file, directory, cut));
+    assert.notEqual(done, null);
+    assert.equal(refused, null);
+  }
 });
 
 /** The frames of a file: where one begins, its blocks begin and it ends, and its size. */
@@ -157,6 +164,106 @@ test("planes become the same integers, for all codings and lengths", () => {
       assert.ok(sums || sum > 2 ** 28);
       assert.deepEqual(engine.at(out, n), signed);
       assert.equal(engine.kernels.crc32(from, planes.length) >>> 0, crc32(planes));
+    });
+  }
+});
+
+/** Increasing numbers below `n` with gaps: some of them, in runs of up to `longest`. */
+function someSlots(random, n, longest) {
+  const slots = [];
+  for (let slot = random(longest); slot < n; slot += 1 + random(longest)) {
+    for (let left = 1 + random(longest); left > 0 && slot < n; left--) slots.push(slot++);
+  }
+  return Int32Array.from(slots);
+}
+
+test("steps have the same children as the plain loops, for runs of all lengths", () => {
+  const random = chance(9);
+  for (let round = 0; round < 400; round++) {
+    const n = 2 + random(120);
+    const slots = someSlots(random, n, 1 + random(20));
+    const areAllSplits = random(2) === 0;
+    const splits = Int32Array.from(slots.keys()).filter(() => areAllSplits || random(4) > 0);
+    const parents = splits.map((place) => slots[place]);
+    const integers = (count, most) => Int32Array.from({ length: count }, () => random(2 * most + 1) - most);
+    const x = integers(n + splits.length, 1000);
+    const delta = integers(slots.length, 300);
+    const table = { shift: random(4), entries: Int16Array.from({ length: 3 }, () => 1 + random(9)) };
+    const indices = random(2) ? Uint8Array.from(splits, () => random(3)) : null;
+    const least = -random(2500);
+    const most = 800 + random(2500);
+    withEngine((engine) => {
+      const { kernels } = engine;
+      // A number behind the end shows whether a loop writes too far.
+      const at = engine.put(Int32Array.of(...x, 77, 77, 77, 77));
+      const runs = engine.takeIntegers(3 * slots.length);
+      const splitRuns = engine.takeIntegers(3 * slots.length);
+      const [from, places] = [engine.put(delta), areAllSplits ? 0 : engine.put(splits)];
+      const singles = engine.put(slots);
+      const nRuns = kernels.runsOf(0, singles, slots.length, runs);
+      const nSplitRuns = kernels.runsOf(places, engine.put(parents), splits.length, splitRuns);
+      const alpha = engine.takeIntegers(splits.length);
+      const chosen = indices ? engine.put(Int32Array.from(indices)) : 0;
+      kernels.valuesOf(engine.put(table.entries), chosen, splits.length, alpha);
+      const { shift } = table;
+      const areSecondsGood = kernels.writeSeconds(
+        at,
+        at + 4 * n,
+        splitRuns,
+        nSplitRuns,
+        from,
+        alpha,
+        shift,
+        least,
+        most,
+      );
+      const areChangedGood =
+        random(3) === 0
+          ? kernels.addDeltaEach(at, singles, slots.length, from, least, most)
+          : kernels.addDelta(at, runs, nRuns, from, least, most);
+      const column = { x, least, most };
+      const step = { slots, n: slots.length, splits, parents, nSplits: splits.length, table, indices, first: n };
+      assert.equal(Boolean(areSecondsGood && areChangedGood), refineSlots(column, step, delta));
+      assert.deepEqual(engine.at(at, x.length + 4), Int32Array.of(...x, 77, 77, 77, 77));
+    });
+  }
+});
+
+test("sibling differences have the same sums as in the plain loops, for families of all shapes", () => {
+  const random = chance(10);
+  const workspace = new Workspace();
+  for (let round = 0; round < 400; round++) {
+    // Generations of slots, most of them born in runs.
+    const bornFrom = Int32Array.from({ length: 2 + random(20) }, () => -1);
+    const all = [...bornFrom];
+    for (let born = 0; born < 1 + random(5); born++) {
+      for (const parent of someSlots(random, all.length, 1 + random(12))) all.push(parent);
+    }
+    const slots = someSlots(random, all.length, 1 + random(60));
+    const values = Int32Array.from(slots, () => random(2001) - 1000);
+    const isSingle = random(3) === 0;
+    withEngine((engine) => {
+      const { kernels } = engine;
+      const at = engine.put(Int32Array.of(...values, 77, 77, 77, 77));
+      const runs = engine.takeIntegers(3 * slots.length + 1);
+      const [places, growth] = [engine.takeIntegers(all.length), engine.takeIntegers(slots.length)];
+      engine.at(places, all.length).fill(random(40));
+      const nRuns = kernels.siblingsOf(
+        engine.put(slots),
+        slots.length,
+        engine.put(Int32Array.from(all)),
+        places,
+        growth,
+        isSingle ? 1 : slots.length,
+        runs,
+      );
+      const most = values.reduce((a, b) => Math.max(a, Math.abs(b)), 0) * engine.at(runs + 12 * nRuns, 1)[0];
+      (isSingle ? kernels.addSiblingsEach : kernels.addSiblings)(at, runs, nRuns);
+      assert.ok(
+        addSiblings(values, slots.length, siblingsOf(slots, slots.length, Int32Array.from(all), workspace)),
+      );
+      assert.deepEqual(engine.at(at, slots.length + 4), Int32Array.of(...values, 77, 77, 77, 77));
+      assert.ok(values.every((value) => Math.abs(value) <= most));
     });
   }
 });

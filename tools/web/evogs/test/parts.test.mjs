@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { classOf, crc32, groupOf, internals, sha256 } from "../dist/index.js";
+import { classOf, crc32, groupOf, sha256 } from "../dist/index.js";
+import * as internals from "../dist/internals.js";
 import { chance, rawFrame, runFrame } from "./streams.mjs";
 
 const {

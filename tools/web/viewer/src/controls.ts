@@ -28,6 +28,8 @@ export class Controls {
   isFlying = false;
   private readonly pointers = new Map<number, { x: number; y: number }>();
   private readonly held = new Set<string>();
+  /** Keys that were let go since the last step: they may have been pressed since, too. */
+  private readonly released = new Set<string>();
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
@@ -42,19 +44,23 @@ export class Controls {
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     canvas.addEventListener("keydown", (event) => this.key(event));
-    canvas.addEventListener("keyup", ({ code }) => this.held.delete(code));
+    canvas.addEventListener("keyup", ({ code }) => {
+      if (this.held.delete(code)) this.released.add(code);
+    });
     canvas.addEventListener("blur", () => this.held.clear());
   }
 
   /** Moves by the keys that are held. Whether there are any. */
   step(seconds: number): boolean {
-    for (const code of this.held) {
+    const codes = new Set([...this.held, ...this.released]);
+    this.released.clear();
+    for (const code of codes) {
       const [right, up, forward, yaw, pitch] = KEYS[code];
       const way = FLY * seconds;
       this.camera.move(way * right, way * up, way * forward);
       this.turn(SPIN * seconds * yaw, SPIN * seconds * pitch);
     }
-    return this.held.size > 0;
+    return codes.size > 0;
   }
 
   private down(event: PointerEvent): void {
@@ -71,7 +77,7 @@ export class Controls {
     if (other !== undefined) {
       const before = Math.hypot(last.x - other.x, last.y - other.y);
       const after = Math.hypot(event.clientX - other.x, event.clientY - other.y);
-      if (before > 0 && after > 0) this.camera.zoom(before / after);
+      if (before > 0 && after > 0) this.approach(before / after);
       // Each of the two fingers moves half of it.
       this.camera.move((-SLIDE * dx) / 2, (SLIDE * dy) / 2, 0);
     } else if (event.buttons & 6 || event.shiftKey) {
@@ -92,16 +98,21 @@ export class Controls {
   private wheel(event: WheelEvent): void {
     event.preventDefault();
     const lines = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 30 : 1;
-    if (this.isFlying) this.camera.move(0, 0, -0.001 * lines * event.deltaY);
-    else this.camera.zoom(Math.exp(0.001 * lines * event.deltaY));
+    this.approach(Math.exp(0.001 * lines * event.deltaY));
     this.onMove();
+  }
+
+  /** Changes the distance by a factor: of the eye to its target or, flying, of both to where they were. */
+  private approach(factor: number): void {
+    if (this.isFlying) this.camera.move(0, 0, -Math.log(factor));
+    else this.camera.zoom(factor);
   }
 
   private key(event: KeyboardEvent): void {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     if (event.code in KEYS) this.held.add(event.code);
-    else if (event.key === "+") this.camera.zoom(0.9);
-    else if (event.key === "-") this.camera.zoom(1 / 0.9);
+    else if (event.key === "+" || event.key === "=") this.approach(0.9);
+    else if (event.key === "-") this.approach(1 / 0.9);
     else return;
     event.preventDefault();
     this.onMove();

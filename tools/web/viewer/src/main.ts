@@ -25,6 +25,8 @@ declare global {
 /** The page tries again by itself so often, in ms, after the connection was lost. */
 const RETRY_EVERY = 10_000;
 const SLOWEST_FRAME = 0.2;
+/** There the panel would hide the picture. */
+const isSmall = matchMedia("(max-width: 640px), (max-height: 480px)");
 /** Seconds in which splats move to what came. */
 const MOTION = 0.25;
 
@@ -106,6 +108,7 @@ class Viewer {
     this.camera.resetFov();
     this.hasView = this.camera.setText(new URLSearchParams(location.hash.slice(1)).get("view") ?? "");
     this.panel.clear(name);
+    if (isSmall.matches) this.panel.fold();
     const { maxTextureSize } = this.renderer;
     this.send({ kind: "open", source, wants: this.panel.wants, maxTextureSize });
   }

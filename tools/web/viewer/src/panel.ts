@@ -96,6 +96,11 @@ export class Panel {
     this.showWants();
   }
 
+  /** Leaves its title alone. */
+  fold(): void {
+    element<HTMLDetailsElement>("panel").open = false;
+  }
+
   togglePause(): void {
     this.isPaused = !this.isPaused;
     this.pause.textContent = this.isPaused ? "Resume" : "Pause";
@@ -116,6 +121,7 @@ export class Panel {
     this.timeline.disabled = true;
     this.bar.style.width = "0";
     for (const id of ["bytes", "level", "splats", "verified", "requests"]) element(id).textContent = "–";
+    element("brief").textContent = "";
     element("name").textContent = name;
     this.hideNotice();
     this.showWants();
@@ -145,10 +151,21 @@ export class Panel {
       element("verified").dataset.good = String(verified(progress) === "verified");
     }
     element("requests").textContent = String(progress.requests);
+    const isWhole = progress.received >= size;
+    element("brief").textContent =
+      size === 0
+        ? ""
+        : isWhole
+          ? bytes(size)
+          : `${Math.floor((100 * progress.received) / size)} % of ${bytes(size)}`;
     const isLast = this.timeline.value === this.timeline.max;
     this.timeline.disabled = info === null;
     this.timeline.max = String(this.received);
     if (isLast) this.timeline.value = String(this.received);
+    this.timeline.setAttribute(
+      "aria-valuetext",
+      `${bytes(Number(this.timeline.value))} of ${bytes(this.received)}`,
+    );
   }
 
   showFrames(perSecond: number | null): void {
@@ -169,10 +186,14 @@ export class Panel {
 
   private showWants(): void {
     const { bytesPerSecond, splats, shDegree } = this.wants;
-    element("rate-value").textContent = Number.isFinite(bytesPerSecond)
-      ? `${bytes(bytesPerSecond)}/s`
-      : "no limit";
-    element("budget-value").textContent = Number.isFinite(splats) ? count(splats) : "all";
-    element("degree-value").textContent = String(shDegree);
+    this.showValue(this.rate, Number.isFinite(bytesPerSecond) ? `${bytes(bytesPerSecond)}/s` : "no limit");
+    this.showValue(this.budget, Number.isFinite(splats) ? count(splats) : "all");
+    this.showValue(this.degree, String(shDegree));
+  }
+
+  /** What the position of a slider means. */
+  private showValue(slider: HTMLInputElement, text: string): void {
+    element(`${slider.id}-value`).textContent = text;
+    slider.setAttribute("aria-valuetext", text);
   }
 }

@@ -90,10 +90,11 @@ export class SceneStream {
       this.rewrite();
       return;
     }
-    const events = this.decoder.eventsWithin(bytes);
+    // Without its directory there is no scene.
+    const events = Math.max(this.decoder.eventsWithin(bytes), this.decoder.directoryEvents);
     if (this.past === null || events < this.past.events) {
       const decoder = new Decoder({ limits: LIMITS });
-      this.decoder.replay(decoder, 0, Math.max(events, this.decoder.directoryEvents));
+      this.decoder.replay(decoder, 0, events);
       const scene = decoder.scene as Scene;
       this.past = { decoder, writer: new TexelWriter(scene, this.layout), events };
       this.isFresh = true;
@@ -267,7 +268,7 @@ export function levelOf({ scene }: Decoder): number {
 
 /** A decoder that keeps what it was given, so that it can be looked back at. */
 class Recorder extends Decoder {
-  /** Events after which the directory was there. */
+  /** Events after which the directory was there; 0 before. */
   directoryEvents = 0;
   private readonly events: { offset: number; bytes: Uint8Array }[] = [];
   /** Bytes that came before each event. */
@@ -278,7 +279,7 @@ class Recorder extends Decoder {
     if (bytes.length === 0) return;
     this.events.push({ offset, bytes: bytes.slice() });
     this.before.push(this.before[this.before.length - 1] + bytes.length);
-    if (this.directory === null) this.directoryEvents = this.events.length + 1;
+    if (this.directory !== null && this.directoryEvents === 0) this.directoryEvents = this.events.length;
   }
 
   eventsWithin(bytes: number): number {

@@ -407,6 +407,8 @@ inBrowser("evogs export-html makes a page that works from a file, as the served 
   assert.ok(brightness(served) > 5);
   const db = psnr(served, await picture(page));
   assert.ok(db > 60, `${db} dB`);
+  // In so small a window the panel is folded.
+  await page.click("summary");
   await page.click("#link");
   await until(page, ({ notice }) => notice === "The link is copied.", "the link");
   assert.match(page.url(), /^file:.*#view=/);

@@ -10,23 +10,22 @@ import { MODULE } from "./module.js";
 type Kernel = (...values: number[]) => number;
 const NAMES = [
   "addDelta",
+  "addDeltaEach",
   "addSiblings",
-  "areAtMost",
+  "addSiblingsEach",
   "areBelow",
-  "areProductsWithin",
-  "areSlotsWithin",
   "areWithin",
   "clearBytes",
   "clearSlots",
-  "copySlots",
   "crc32",
   "decompress",
   "gather",
   "gatherFour",
   "inverseYcocg",
+  "liveSlots",
   "mixFour",
-  "multiply",
   "readSlots",
+  "runsOf",
   "setSlots",
   "siblingsOf",
   "sortRecords",
@@ -34,6 +33,7 @@ const NAMES = [
   "undelta",
   "unpack",
   "unpackSigned",
+  "valuesOf",
   "writeSeconds",
 ] as const;
 export type Kernels = Record<(typeof NAMES)[number], Kernel>;
@@ -47,7 +47,7 @@ const PAGE = 65536;
 /** Addresses stay below this: kernels count bits in 32 bits. */
 const MOST_BYTES = 256 * 1024 * 1024;
 /** Memory above this is given back. */
-const KEPT_BYTES = 64 * 1024 * 1024;
+const KEPT_BYTES = 96 * 1024 * 1024;
 /** Kernels touch up to this many bytes behind an array. */
 const SLACK = 128;
 
@@ -80,8 +80,8 @@ export class Engine {
     const { memory } = this.kernels;
     const missing = this.top - memory.buffer.byteLength;
     if (missing > 0) {
-      // By half at least, so that memory that grows by little is not made anew each time.
-      const pages = Math.max(Math.ceil(missing / PAGE), memory.buffer.byteLength / PAGE / 2);
+      // By a quarter at least, so that memory that grows by little is not made anew each time.
+      const pages = Math.max(Math.ceil(missing / PAGE), memory.buffer.byteLength / PAGE / 4);
       memory.grow(Math.ceil(pages));
       this.look();
     }
@@ -94,7 +94,7 @@ export class Engine {
   }
 
   /** The address of a copy. */
-  put(array: Int32Array | Int16Array | Float32Array): number {
+  put(array: Int32Array | Int16Array): number {
     const at = this.take(array.byteLength);
     this.bytes.set(new Uint8Array(array.buffer, array.byteOffset, array.byteLength), at);
     return at;

@@ -3,13 +3,11 @@
  * a StreamError or NotCompiled says that the plain code has to decode the file.
  */
 
-import type { ChannelBlock } from "../channelBlock.js";
+import type { Cut } from "../cut.js";
 import type { Directory } from "../directory.js";
 import { PICKS_OF_CHANGED, type StepCounts } from "../lists.js";
 import { CORE, N_COMPONENTS, PALETTE, PICKS, channelsOf } from "../model.js";
-import type { Scene } from "../scene.js";
-import type { Box } from "../step.js";
-import type { TileState } from "../tileState.js";
+import { type Box, boxOf } from "../step.js";
 import { ChannelRun, type Step } from "./channels.js";
 import { type Engine, need } from "./engine.js";
 import { type Lists, readLists, storedOf } from "./lists.js";
@@ -17,23 +15,29 @@ import { type Records, findSiblings, noRecords, readRecords } from "./records.js
 
 const NO_PARENT = -1;
 
-/** Decodes a whole file to a new scene. It throws where that cannot be. */
-export function decodeAll(engine: Engine, file: Uint8Array, scene: Scene): void {
-  const { directory, cut, palette } = scene;
+/** What becomes of the numbers of a scene. They are at addresses, for the time of the call. */
+export interface Sink {
+  /** Comes first, if there is a palette. Its memory is kept to the end. */
+  palette(data: number, n: number): void;
+  /** The slots of tile `t`, before its components. */
+  slots(t: number, live: number, n: number, bornFrom: number): void;
+  /** Core, a band or picks of that tile after all of its `steps`; `n` slots had any. */
+  component(component: number, data: number, n: number, steps: number): void;
+}
+
+/** Decodes a whole file. It throws where that cannot be. */
+export function decodeAll(engine: Engine, file: Uint8Array, directory: Directory, cut: Cut, sink: Sink): void {
   const { first, next, label } = directory.packets;
   const chainFrom = (chain: number): number[] => {
     const packets: number[] = [];
     for (let i = first[chain] ?? -1; i >= 0 && label[i] <= cut.level; i = next[i]) packets.push(i);
     return packets;
   };
-  const tiles = new CompiledTiles(engine, file, directory);
-  tiles.decodePalette(chainFrom(PALETTE), palette);
+  const tiles = new CompiledTiles(engine, file, directory, cut, sink);
+  if (directory.header.hasPalette) tiles.decodePalette(chainFrom(PALETTE));
   for (let t = 0; t < directory.header.nTiles; t++) {
     const chains = [0, 1, 2, 3, 4].map((component) => chainFrom(t * N_COMPONENTS + component));
-    if (chains[CORE].length === 0) continue;
-    const tile = scene.newTile(t);
-    tiles.decodeTile(tile, chains, scene.boxOf(t), cut.entriesUpTo);
-    scene.setTile(t, tile);
+    if (chains[CORE].length > 0) tiles.decodeTile(t, chains);
   }
 }
 
@@ -42,12 +46,12 @@ class CompiledTiles {
     private readonly engine: Engine,
     private readonly file: Uint8Array,
     private readonly directory: Directory,
+    private readonly cut: Cut,
+    private readonly sink: Sink,
   ) {}
 
   /** The entries of the palette, by the packets of its chain. */
-  decodePalette(chain: number[], palette: ChannelBlock): void {
-    const { engine } = this;
-    const mark = engine.mark();
+  decodePalette(chain: number[]): void {
     let n = 0;
     const steps = chain.map((i) => {
       const counts = this.countsOf(i);
@@ -55,17 +59,17 @@ class CompiledTiles {
       n += counts.nAdds;
       return step;
     });
-    this.channels(PALETTE, steps, n, null).run(palette);
-    engine.release(mark);
+    this.sink.palette(this.channels(PALETTE, steps, n, null), n);
   }
 
-  /** A new tile, by the chains of its components 0 to 4. `nEntries` has the entries of the palette by label. */
-  decodeTile(tile: TileState, chains: number[][], box: Box, nEntries: Uint32Array): void {
+  /** A new tile, by the chains of its components 0 to 4. */
+  decodeTile(t: number, chains: number[][]): void {
     const { engine } = this;
     const mark = engine.mark();
-    const live = engine.take(tile.plan.mostSlots);
-    const bornFrom = engine.takeIntegers(tile.plan.mostSlots);
-    const places = engine.takeIntegers(tile.plan.mostSlots);
+    const most = this.cut.slots[t];
+    const live = engine.take(most);
+    const bornFrom = engine.takeIntegers(most);
+    const places = engine.takeIntegers(most);
     const records = new Map<number, Records>();
     let n = 0;
     const steps = chains[CORE].map((i) => {
@@ -74,27 +78,18 @@ class CompiledTiles {
       n += step.records.nSplits + step.records.nAdds;
       return step;
     });
-    tile.nSlots = n;
-    tile.live = engine.bytes.slice(live, live + n);
-    tile.bornFrom = engine.at(bornFrom, n).slice();
-    this.channels(CORE, steps, n, box).run(tile.core);
-    tile.steps[CORE] = steps.length;
+    this.sink.slots(t, live, n, bornFrom);
+    this.sink.component(CORE, this.channels(CORE, steps, n, boxOf(this.directory, t)), n, steps.length);
     for (let component = 1; component <= PICKS; component++) {
       const inner = engine.mark();
-      this.decodeBand(tile, component, chains[component], records, nEntries);
+      this.decodeBand(component, chains[component], records);
       engine.release(inner);
     }
     engine.release(mark);
   }
 
   /** An SH band, or picks. */
-  private decodeBand(
-    tile: TileState,
-    component: number,
-    chain: number[],
-    recordsOf: Map<number, Records>,
-    nEntries: Uint32Array,
-  ): void {
+  private decodeBand(component: number, chain: number[], recordsOf: Map<number, Records>): void {
     if (chain.length === 0) return;
     let n = 0;
     const steps = chain.map((i) => {
@@ -103,16 +98,12 @@ class CompiledTiles {
       n += records.nSplits + records.nAdds;
       return step;
     });
-    tile.steps[component] = steps.length;
-    if (component === PICKS) {
-      this.decodePicks(tile, steps, n, nEntries);
-      return;
-    }
-    this.channels(component, steps, n, null).run(tile.block(component));
+    const data = component === PICKS ? this.picks(steps, n) : this.channels(component, steps, n, null);
+    this.sink.component(component, data, n, steps.length);
   }
 
-  private decodePicks(tile: TileState, steps: Step[], n: number, nEntries: Uint32Array): void {
-    const { engine } = this;
+  private picks(steps: Step[], n: number): number {
+    const { engine, cut } = this;
     const { kernels } = engine;
     const x = engine.takeIntegers(n);
     for (const { lists, records, from } of steps) {
@@ -120,21 +111,18 @@ class CompiledTiles {
       const nNew = nSplits + nAdds;
       const fresh = x + 4 * from;
       if (lists === null) {
-        const all = engine.at(x, from + nNew);
-        const born = engine.at(parents, nSplits);
-        for (let j = 0; j < nSplits; j++) all[from + j] = all[born[j]];
-        all.fill(0, from + nSplits);
+        kernels.gather(x, parents, nSplits, fresh);
+        engine.at(fresh + 4 * nSplits, nAdds).fill(0);
       } else {
         const nChanged = (lists.flags & PICKS_OF_CHANGED) !== 0 ? nPsi : 0;
         const picks = storedOf(engine, lists, lists.layout.picks);
-        need(kernels.areAtMost(picks, nChanged + nNew, nEntries[label]));
+        need(kernels.areWithin(picks, nChanged + nNew, 0, cut.entriesUpTo[label]));
         kernels.setSlots(x, psi, nChanged, picks);
         engine.at(fresh, nNew).set(engine.at(picks + 4 * nChanged, nNew));
       }
       kernels.clearSlots(x, drops, nDrops);
     }
-    tile.picks = engine.at(x, n).slice();
-    tile.nPicks = n;
+    return x;
   }
 
   /** A step of core: its slots from `from` on are counted in `live` and `bornFrom`. */
@@ -157,10 +145,10 @@ class CompiledTiles {
     return { records, lists, from };
   }
 
-  private channels(component: number, steps: Step[], n: number, box: Box | null): ChannelRun {
+  private channels(component: number, steps: Step[], n: number, box: Box | null): number {
     const { header, quantisers } = this.directory;
-    const { first } = channelsOf(component, header.shDegree);
-    return new ChannelRun(this.engine, quantisers, first, steps, n, box);
+    const { first, count } = channelsOf(component, header.shDegree);
+    return new ChannelRun(this.engine, quantisers, first, count, steps, n, box).run();
   }
 
   private countsOf(i: number): StepCounts {
