@@ -23,7 +23,7 @@ from evogs_codec.encoding.visibility import changes, ranks, visibility
 from evogs_codec.model.splats import F64, I32, I64
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
-__all__ = ["arrange", "default_tiles", "leaf_order"]
+__all__ = ["Renumbered", "arrange", "default_tiles", "leaf_order"]
 
 SPLATS_PER_TILE = 131_072  # packets of a few 100 kB; spec 3.5 allows any number
 FIRST_BIN = 512  # adds of level 0 in a step at least: the first scene comes early
@@ -48,12 +48,16 @@ def arrange(tree: EvolutionTree, n_tiles: int) -> list[EvolutionTree]:
     return [replace(tree, steps=tuple(b.steps), quanta=()) for b in _builders(tree, n_tiles)]
 
 
-def leaf_order(tree: EvolutionTree, n_tiles: int | None = None) -> I64:
+def leaf_order(
+    tree: EvolutionTree, n_tiles: int | None = None, others: Sequence[I64 | None] | None = None
+) -> I64:
     """Which leaf of a tree each splat of its stream is.
 
     Args:
         tree: what was encoded.
         n_tiles: as it was given to `encode`.
+        others: per tile, the number that each slot would have without layers; None, of a tile or of
+            all, where it has the same.
 
     Returns:
         (N,) `decode(encode(tree, settings)).leaves()` has at place k, rounded, what
@@ -62,6 +66,9 @@ def leaf_order(tree: EvolutionTree, n_tiles: int | None = None) -> I64:
     if not tree.n_leaves:
         return np.empty(0, np.int64)
     orders = [builder.order for builder in _builders(tree, n_tiles or default_tiles(tree.n_leaves))]
+    if others is not None:
+        pairs = zip(orders, others, strict=True)
+        orders = [own if other is None else own[other] for own, other in pairs]
     slots = np.concatenate(orders)
     _, live = tree.lineage()
     number = np.cumsum(live) - 1
@@ -124,59 +131,36 @@ def _adds_before_refines(steps: Sequence[Step]) -> list[Step]:
     return out
 
 
-class _TileBuilder:
-    """Steps of a tile so far, and the new names of its slots.
+class Renumbered:
+    """Steps of a tree in another order, or some of them, and the new numbers of their slots.
 
     Attributes:
-        own: (n_slots,) which slots of the tree are the tile's.
         steps: so far.
+        name: (n_slots,) the new number of each slot of the tree, -1 before it has one.
+        n_slots: that have one.
     """
 
-    def __init__(self, own: npt.NDArray[np.bool_]) -> None:
-        self.own = own
+    def __init__(self, n_slots: int) -> None:
         self.steps: list[Step] = []
-        self.name = np.full(len(own), -1, np.int32)
+        self.name = np.full(n_slots, -1, np.int32)
         self.n_slots = 0
 
     @property
     def order(self) -> I64:
-        """(n,) the slot of the tree that each slot of the tile is."""
+        """(n,) the slot of the tree that each new number is of."""
         slots = np.flatnonzero(self.name >= 0)
         return slots[np.argsort(self.name[slots])].astype(np.int64)
 
-    def take(self, group: Sequence[Step], n_before: int, change: F64, shown: F64) -> None:
-        """What the tile has of a group becomes steps.
-
-        Args:
-            group: a step and its mends.
-            n_before: slots before it.
-            change: (R,) of its records, as `gains.ranks` wants them.
-            shown: (R,) likewise.
-        """
-        main, own = group[0], self.own
-        small = int(np.count_nonzero(own)) // SHARE
-        least = FIRST_BIN if main.level == 0 else min(RECORD_BIN, max(FIRST_BIN, small))
-        rows = np.flatnonzero(own[main.slots])
-        rows = rows[np.argsort(self.name[main.slots[rows]], kind="stable")]
-        n_splits = main.alpha.shape[1]
-        adds = np.flatnonzero(own[n_before + n_splits : n_before + main.n_new])
-        adds = adds[morton_order(main.adds[0:3, adds])]
-        seen = visibility(main.adds[:, adds])
-        row_bins = _bins(ranks(change[rows], shown[rows], RUN), least)
-        add_bins = _bins(ranks(seen, seen, 1), least)
-        for k in range(max(len(row_bins), len(add_bins))):
-            part = rows[row_bins[k]] if k < len(row_bins) else rows[:0]
-            some = adds[add_bins[k]] if k < len(add_bins) else adds[:0]
-            written = self._add(main, n_before, part, some)
-            for mend in group[1:]:
-                follow = np.flatnonzero(np.isin(mend.slots, written))
-                follow = follow[np.argsort(self.name[mend.slots[follow]])]
-                self._add(mend, n_before + main.n_new, follow, adds[:0])
-
-    def _add(self, source: Step, n_before: int, rows: I64, adds: I64) -> I32:
+    def add(self, source: Step, n_before: int, rows: I64, adds: I64) -> I32:
         """Append these rows and adds of a step; returns the slots of the tree that they write.
 
         A step without any is left out: it only repeats its level or keeps none.
+
+        Args:
+            source: a step of the tree.
+            n_before: slots of the tree before it.
+            rows: which of its records, in the order of the new numbers of their slots.
+            adds: which of its adds.
         """
         if not len(rows) and not len(adds):
             return np.empty(0, np.int32)
@@ -202,6 +186,47 @@ class _TileBuilder:
         self.name[new] = self.n_slots + np.arange(len(new), dtype=np.int32)
         self.n_slots += len(new)
         return np.concatenate([source.slots[rows], new.astype(np.int32)])
+
+
+class _TileBuilder(Renumbered):
+    """A tile of a tree.
+
+    Attributes:
+        own: (n_slots,) which slots of the tree are the tile's.
+    """
+
+    def __init__(self, own: npt.NDArray[np.bool_]) -> None:
+        super().__init__(len(own))
+        self.own = own
+
+    def take(self, group: Sequence[Step], n_before: int, change: F64, shown: F64) -> None:
+        """What the tile has of a group becomes steps.
+
+        Args:
+            group: a step and its mends.
+            n_before: slots before it.
+            change: (R,) of its records, as `gains.ranks` wants them.
+            shown: (R,) likewise.
+        """
+        main, own = group[0], self.own
+        small = int(np.count_nonzero(own)) // SHARE
+        least = FIRST_BIN if main.level == 0 else min(RECORD_BIN, max(FIRST_BIN, small))
+        rows = np.flatnonzero(own[main.slots])
+        rows = rows[np.argsort(self.name[main.slots[rows]], kind="stable")]
+        n_splits = main.alpha.shape[1]
+        adds = np.flatnonzero(own[n_before + n_splits : n_before + main.n_new])
+        adds = adds[morton_order(main.adds[0:3, adds])]
+        seen = visibility(main.adds[:, adds])
+        row_bins = _bins(ranks(change[rows], shown[rows], RUN), least)
+        add_bins = _bins(ranks(seen, seen, 1), least)
+        for k in range(max(len(row_bins), len(add_bins))):
+            part = rows[row_bins[k]] if k < len(row_bins) else rows[:0]
+            some = adds[add_bins[k]] if k < len(add_bins) else adds[:0]
+            written = self.add(main, n_before, part, some)
+            for mend in group[1:]:
+                follow = np.flatnonzero(np.isin(mend.slots, written))
+                follow = follow[np.argsort(self.name[mend.slots[follow]])]
+                self.add(mend, n_before + main.n_new, follow, adds[:0])
 
 
 def _bins(rank: F64, least: int) -> Sequence[I64]:

@@ -12,8 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
+import numpy as np
+
+from evogs_codec.encoding.arrange import Renumbered
 from evogs_codec.encoding.held_steps import rooms
-from evogs_codec.model.splats import F64, I32
+from evogs_codec.model.splats import F64, I32, I64
 from evogs_codec.model.tree import EvolutionTree, Slots
 
 __all__ = ["LateLevel", "can_be_late"]
@@ -30,29 +33,56 @@ def can_be_late(tiles: Sequence[EvolutionTree], n_levels: int) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class LateLevel:
-    """A tile whose last level makes room.
+    """A tile whose last level makes room, part by part.
+
+    A step that refines the splats of a part names a row of slots then, where it would name one here
+    and one there.
 
     Attributes:
         tile: with the slots that the last level makes, in its splits.
-        n_rooms: steps of the level.
+        n_rooms: (n_parts,) steps of the level, of each part.
+        name: (n,) the number that each slot of the tile as it was has here.
+        order: (n,) the number that each slot had there.
         lacks: (D, n) what is to be added to the slots.
         picks: (n,) of the slots, as they are to be; (0,) without a palette.
     """
 
     tile: EvolutionTree
-    n_rooms: int
+    n_rooms: Sequence[int]
+    name: I32
+    order: I64
     lacks: F64
     picks: I32
 
     @staticmethod
-    def of(tile: EvolutionTree, level: int) -> LateLevel:
-        """The steps of a tile from this level on."""
+    def of(tile: EvolutionTree, level: int, parts: I64) -> LateLevel:
+        """The steps of a tile from this level on.
+
+        Args:
+            tile: arranged.
+            level: its last.
+            parts: (n,) the part, from 0 on, that each of its slots is in, with all that come from
+                the same add.
+        """
         begin = sum(step.level < level for step in tile.steps)
         made = rooms(tile, begin)
-        roomy = replace(tile, steps=(*tile.steps[:begin], *made))
-        last = _last_state(tile)
-        picks = last.picks if tile.palette is not None else last.picks[:0]
-        return LateLevel(roomy, len(made), last.values - _last_state(roomy).values, picks)
+        n = sum(step.n_new for step in tile.steps[:begin])
+        found, n_rooms = Renumbered(len(parts)), []
+        found.name[:n] = np.arange(n)
+        found.n_slots = n
+        for part in range(int(parts.max(initial=0)) + 1):
+            n_before, n_steps = n, len(found.steps)
+            for step in made:
+                rows = np.flatnonzero(parts[step.slots] == part)
+                rows = rows[np.argsort(found.name[step.slots[rows]], kind="stable")]
+                found.add(step, n_before, rows, rows[:0])
+                n_before += step.n_new
+            n_rooms.append(len(found.steps) - n_steps)
+        roomy = replace(tile, steps=(*tile.steps[:begin], *found.steps))
+        last, order = _last_state(tile), found.order
+        picks = last.picks[order] if tile.palette is not None else last.picks[:0]
+        lacks = last.values[:, order] - _last_state(roomy).values
+        return LateLevel(roomy, n_rooms, found.name, order, lacks, picks)
 
 
 def _last_state(tile: EvolutionTree) -> Slots:

@@ -38,7 +38,10 @@ MAX_LAYERS = 8
 N_LAYERS = 2  # by default
 RATIO = 128.0  # of the price of a bit, from a layer to the next: about 20 dB; by default
 FINER = 2.8  # than of psi of one leaf: steps of what siblings share, whose errors meet
+BETWEEN = 24.0  # likewise, of layers that all refine leaves, where a stream has one more by itself
+EVEN = 0.5  # power of the weights of leaves in layers before the last: see `_evened`
 PARTS, LEAST = 16, 2048  # steps of a layer of a tile at most, and leaves of each at least
+LATE_PARTS = 10  # likewise, where each part makes its own room, in steps of its own
 FAMILY = 256  # leaves of neighbouring ancestors that are in the same step: siblings need each other
 
 
@@ -48,13 +51,71 @@ class Layering:
 
     Attributes:
         n: layers, at least 1.
-        ratio: of the price of a bit, from a layer to the next.
+        ratio: of the price of a bit, from the first layer to the second.
         is_late: the last level of the tree comes with the second layer, if it can (`late_level`).
+        between: of the price of a bit, from a later layer to the next.
     """
 
     n: int
     ratio: float = RATIO
     is_late: bool = False
+    between: float = RATIO
+
+    def prices(self, price: float) -> list[float]:
+        """Of a bit, per layer; the last has `price`."""
+        found = [price * self.between**k for k in reversed(range(self.n - 1))]
+        return [found[0] * self.ratio, *found] if found else [price]
+
+
+@dataclass(frozen=True, eq=False)
+class _Tile:
+    """A tile with the steps of its layers.
+
+    Attributes:
+        tree: the tile; psi of layers are 0, since a closed loop gives them what earlier ones left.
+        n_first: steps of the first layer.
+        places: of each step after these, which further layer and which part it refines; None of one
+            that only makes room.
+        leaves: (n_parts,) rows of the leaves that each part has, in the order of its records.
+        siblings: (n_parts,) of these leaves.
+        order: (n,) the number that each slot had before; None if all have theirs.
+    """
+
+    tree: EvolutionTree
+    n_first: int
+    places: Sequence[tuple[int, int] | None]
+    leaves: Sequence[I64]
+    siblings: Sequence[Siblings]
+    order: I64 | None = None
+
+    @staticmethod
+    def of(tile: EvolutionTree, weights: F32, n_coarse: int, layering: Layering) -> _Tile:
+        """A tile of which this many levels are in the first layer."""
+        is_late = tile.n_levels > n_coarse
+        born_from, live = tile.lineage()
+        ancestors = _ancestors(born_from)
+        slots: I64 = np.flatnonzero(live)
+        rows = _parts(weights, ancestors[slots], LATE_PARTS if is_late else PARTS)
+        late = order = None
+        if is_late:
+            part_of = np.zeros(len(live), np.int64)
+            for k, part in enumerate(rows):
+                part_of[ancestors[slots[part]]] = k
+            late = LateLevel.of(tile, n_coarse, part_of[ancestors])
+            tile, order, slots = late.tile, late.order, late.name[slots].astype(np.int64)
+            born_from, _ = tile.lineage()
+            rows = [part[np.argsort(slots[part])] for part in rows]
+        parts = [slots[part] for part in rows]
+        n_first = sum(step.level < n_coarse for step in tile.steps)
+        added = list(_steps(tile, n_first, parts, range(n_coarse, n_coarse + layering.n - 1), late))
+        return _Tile(
+            replace(tile, steps=(*tile.steps[:n_first], *(step for step, _ in added))),
+            n_first,
+            [place for _, place in added],
+            rows,
+            [Siblings.of(part, born_from) for part in parts],
+            order,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,26 +123,16 @@ class Layered:
     """A tree whose leaves are refined in layers.
 
     Attributes:
-        tiles: arranged, with the steps of the layers, whose psi are 0: a closed loop gives them
-            what earlier layers left.
-        n_levels: with those of the layers.
+        of_tiles: arranged, with the steps of the layers.
         n_coarse: levels of the first layer.
         importance: of the tree without layers.
-        leaves: (n_parts,) per tile, rows of the tile's leaves that each step of a layer refines.
-        siblings: (n_parts,) per tile, of these leaves.
-        ratio: of the price of a bit, from a layer to the next.
-        rooms: per tile, steps before those of the layers that only make room: of the last level of
-            the tree, if it comes late (`late_level`), as the first level of the second layer.
+        layering: how many layers there are, at which prices of a bit.
     """
 
-    tiles: Sequence[EvolutionTree]
-    n_levels: int
+    of_tiles: Sequence[_Tile]
     n_coarse: int
     importance: Importance
-    leaves: Sequence[Sequence[I64]]
-    siblings: Sequence[Sequence[Siblings]]
-    ratio: float
-    rooms: Sequence[int]
+    layering: Layering
 
     @staticmethod
     def of(
@@ -91,28 +142,28 @@ class Layered:
         layering: Layering,
     ) -> Layered:
         """Layers after the first refine the most important leaves first."""
-        n_layers = layering.n
-        is_late = layering.is_late and n_layers > 1 and can_be_late(tiles, n_levels)
+        is_late = layering.is_late and layering.n > 1 and can_be_late(tiles, n_levels)
         n_coarse = n_levels - is_late
-        levels = range(n_coarse, n_coarse + n_layers - 1)
-        found, parts, siblings, rooms = [], [], [], []
-        for tile, weights in zip(tiles, importance.leaves, strict=True):
-            slots, born_from, ancestors = _leaves_of(tile)
-            rows = _parts(weights, ancestors)
-            late = LateLevel.of(tile, n_coarse) if is_late and tile.steps else None
-            coarse = tile if late is None else late.tile
-            steps = _steps(coarse, slots, rows, levels, late)
-            found.append(replace(coarse, steps=(*coarse.steps, *steps)))
-            parts.append(rows)
-            siblings.append([Siblings.of(slots[part], born_from) for part in rows])
-            rooms.append(0 if late is None else late.n_rooms)
-        n_all = n_coarse + n_layers - 1
-        return Layered(found, n_all, n_coarse, importance, parts, siblings, layering.ratio, rooms)
+        of_tiles = [
+            _Tile.of(tile, weights, n_coarse, layering)
+            for tile, weights in zip(tiles, importance.leaves, strict=True)
+        ]
+        return Layered(of_tiles, n_coarse, importance, layering)
 
-    def prices(self, price: float) -> list[float]:
-        """Of a bit, per layer; the last has `price`."""
-        n_layers = 1 + self.n_levels - self.n_coarse
-        return [price * self.ratio**k for k in reversed(range(n_layers))]
+    @property
+    def tiles(self) -> list[EvolutionTree]:
+        """With the steps of the layers."""
+        return [tile.tree for tile in self.of_tiles]
+
+    @property
+    def n_levels(self) -> int:
+        """With those of the layers."""
+        return self.n_coarse + self.layering.n - 1
+
+    @property
+    def orders(self) -> list[I64 | None]:
+        """Per tile, the number (n,) that each slot had before; None if all have theirs."""
+        return [tile.order for tile in self.of_tiles]
 
     def steps(self, price: float, extent: float) -> F64:
         """(1 + n_levels, K) steps of adds, then of psi per level, in scene units.
@@ -120,7 +171,7 @@ class Layered:
         Those of a layer are those of the last level over an odd number, nearly, as grids round
         them: what a coarse step of that level leaves is then a whole number of the finer ones.
         """
-        first, *others = self.prices(price)
+        first, *others = self.layering.prices(price)
         table = self.importance.steps(first, extent)[: 1 + self.n_coarse]
         rows = [table]
         for other in others:
@@ -135,20 +186,23 @@ class Layered:
 
     def weights(self, price: float, extent: float) -> list[list[StepWeights | None]]:
         """What errors are worth at this price, per step of each tile: less in coarse layers."""
-        parts = [price / other for other in self.prices(price)]
+        parts = [price / other for other in self.layering.prices(price)]
         first, *others = [np.float32(part) for part in parts]
         coarse = self.importance.raised(price / parts[0], extent)
         leaves = [self.importance.raised_leaves(price / part, extent) for part in parts[1:]]
         found: list[list[StepWeights | None]] = []
-        for number, rows in enumerate(self.leaves):
-            own = [w and w.times(first) for w in coarse[number][: self._n_first(number)]]
-            own += [None] * self.rooms[number]
-            for k, (other, weights) in enumerate(zip(others, leaves, strict=True)):
-                less = weights[number] * other
-                own += [
-                    StepWeights(self.n_coarse + k, less[:, part], less[:, :0], siblings)
-                    for part, siblings in zip(rows, self.siblings[number], strict=True)
-                ]
+        for number, tile in enumerate(self.of_tiles):
+            own = [w and w.times(first) for w in coarse[number][: tile.n_first]]
+            for place in tile.places:
+                if place is None:
+                    own.append(None)
+                    continue
+                layer, part = place
+                weights = leaves[layer][number][:, tile.leaves[part]] * others[layer]
+                if layer < len(others) - 1:
+                    weights = _evened(weights)
+                siblings = tile.siblings[part]
+                own.append(StepWeights(self.n_coarse + layer, weights, weights[:, :0], siblings))
             found.append(own)
         return found
 
@@ -156,20 +210,17 @@ class Layered:
         """The coded tree with gains of the layers: what they change, by its importance."""
         tiles = []
         shares = leaf_shares(tree)
-        for number, (tile, rows) in enumerate(zip(tree.tiles, self.leaves, strict=True)):
+        for number, (coded, tile) in enumerate(zip(tree.tiles, self.of_tiles, strict=True)):
             weights = self.importance.leaves[number] / max(shares[number], 1e-300)
-            n_first = self._n_first(number) + self.rooms[number]
-            steps = list(tile.steps[:n_first])
-            for k, step in enumerate(tile.steps[n_first:]):
-                part = k % len(rows)
-                gain = self._gains(tree, step, weights[:, rows[part]], self.siblings[number][part])
-                steps.append(replace(step, gain=gain))
-            tiles.append(replace(tile, steps=tuple(steps)))
+            steps = list(coded.steps)
+            for k, place in enumerate(tile.places, start=tile.n_first):
+                if place is not None:
+                    _, part = place
+                    of_part = weights[:, tile.leaves[part]]
+                    gain = self._gains(tree, steps[k], of_part, tile.siblings[part])
+                    steps[k] = replace(steps[k], gain=gain)
+            tiles.append(replace(coded, steps=tuple(steps)))
         return replace(tree, tiles=tuple(tiles))
-
-    def _n_first(self, tile: int) -> int:
-        """Steps of a tile in the first layer."""
-        return sum(step.level < self.n_coarse for step in self.tiles[tile].steps)
 
     def _gains(
         self, tree: CodedTree, step: CodedStep, weights: F32, siblings: Siblings
@@ -189,7 +240,7 @@ class Layered:
                 * 2.0 ** -(tree.grid_exponents[group_of_class(kind)])
             )
             of_channels[c] = unit**2 * float(weights[kind] @ np.square(psi[c].astype(np.float32)))
-        if any(self.rooms):
+        if any(None in tile.places for tile in self.of_tiles):
             of_channels[GROUP_CHANNELS[3]] = 0
         return tuple(
             # Picks are estimated as those of other levels are.
@@ -214,18 +265,28 @@ def expect_levels(n_levels: int, n_layers: int) -> None:
         )
 
 
-def _leaves_of(tile: EvolutionTree) -> tuple[I64, I64, I64]:
-    """Slots (N,) of the leaves, where all slots were born from, and the first ancestors (N,)."""
-    born_from, live = tile.lineage()
+def _ancestors(born_from: I64) -> I64:
+    """(n,) the first ancestor of each slot, which an add made."""
     ancestors = np.where(born_from < 0, np.arange(len(born_from)), born_from)
     while (born_from[ancestors] >= 0).any():
         ancestors = ancestors[ancestors]  # twice as far back each time
-    slots = np.flatnonzero(live)
-    return slots, born_from, ancestors[slots]
+    return ancestors
 
 
-def _parts(weights: F32, ancestors: I64) -> list[I64]:
-    """Rows of leaves with weights (K, N) for each step of a layer, the most important first.
+def _evened(weights: F32) -> F32:
+    """Weights (K, P) of a layer before the last, nearer to their means.
+
+    A number that matters little is worth no bit yet, and what it lacks goes on to the next layer as
+    a large integer among small ones, which is dear. So it gets some of its bits early.
+    """
+    means = weights.mean(axis=1, keepdims=True)
+    powers = np.power(weights, np.float32(EVEN))
+    found: F32 = powers * (means / np.maximum(powers.mean(axis=1, keepdims=True), 1e-30))
+    return found
+
+
+def _parts(weights: F32, ancestors: I64, most: int) -> list[I64]:
+    """Rows of leaves with weights (K, N) for at most this many parts, the most important first.
 
     Leaves of one first ancestor (N,) are in the same step, and those of neighbours are.
     """
@@ -238,7 +299,7 @@ def _parts(weights: F32, ancestors: I64) -> list[I64]:
     means = np.maximum(weights.mean(axis=1, keepdims=True), np.float32(1e-30))
     of_families = np.add.reduceat((weights / means).mean(axis=0)[order], starts)
     of_families /= np.diff(np.append(starts, n))
-    n_parts = min(PARTS, max(1, n // LEAST))
+    n_parts = min(most, max(1, n // LEAST))
     families = np.split(order, starts[1:])
     first = np.argsort(-of_families, kind="stable")
     return [
@@ -249,15 +310,22 @@ def _parts(weights: F32, ancestors: I64) -> list[I64]:
 
 
 def _steps(
-    tile: EvolutionTree, slots: I64, parts: Sequence[I64], levels: range, late: LateLevel | None
-) -> Iterator[Step]:
-    """Steps that refine these parts of the leaves at each of the levels."""
-    for level in levels:
-        for part in parts:
-            if late is not None and level == levels.start:
-                step = Step.of_refines(level, slots[part], late.lacks[:, slots[part]])
-                picks = late.picks[slots[part]] if len(late.picks) else late.picks
-                yield replace(step, changed_picks=picks)
-            else:
-                psi = np.zeros((n_channels(tile.sh_degree), len(part)))
-                yield Step.of_refines(level, slots[part], psi)
+    tile: EvolutionTree, n_first: int, parts: Sequence[I64], levels: range, late: LateLevel | None
+) -> Iterator[tuple[Step, tuple[int, int] | None]]:
+    """Steps that refine these slots at each of the levels, and their places.
+
+    Where the last level is late, each part of the first of these has its room before it.
+    """
+    end = n_first
+    for layer, level in enumerate(levels):
+        for part, slots in enumerate(parts):
+            if late is None or layer:
+                psi = np.zeros((n_channels(tile.sh_degree), len(slots)))
+                yield Step.of_refines(level, slots, psi), (layer, part)
+                continue
+            begin, end = end, end + late.n_rooms[part]
+            for room in tile.steps[begin:end]:
+                yield room, None
+            step = Step.of_refines(level, slots, late.lacks[:, slots])
+            picks = late.picks[slots] if len(late.picks) else late.picks
+            yield replace(step, changed_picks=picks), (layer, part)

@@ -19,6 +19,7 @@ from evogs_codec.encoding.write import write
 from evogs_codec.errors import InputError
 from evogs_codec.format.write_directory import MAX_LEVELS
 from evogs_codec.model.coded_tree import CodedTree
+from evogs_codec.model.splats import I64
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.measure import with_room
 from evogs_codec.scene.request import Request
@@ -76,6 +77,12 @@ class FoundStream:
         """Levels at coarse steps, or all of them where there is one layer."""
         layered = None if self.aim is None else self.aim.prepared.layered
         return self.tree.n_levels if layered is None else layered.n_coarse
+
+    @property
+    def orders(self) -> Sequence[I64 | None] | None:
+        """What layers did to the order of slots (`EncodedScene`)."""
+        layered = None if self.aim is None else self.aim.prepared.layered
+        return None if layered is None else layered.orders
 
     @property
     def can_be_late(self) -> bool:

@@ -50,17 +50,20 @@ class EncodedScene:
         tree: what was encoded, with a palette where that is smaller.
         n_tiles: as it was asked for.
         leaf_of: (N,) the index of the input splat that each leaf of `tree` is.
+        orders: per tile, the number that each slot has where the tree is arranged plainly; None,
+            of a tile or of all, where it has the same.
     """
 
     data: bytes
     tree: EvolutionTree
     n_tiles: int | None
     leaf_of: I64
+    orders: Sequence[I64 | None] | None = None
 
     @cached_property
     def leaf_order(self) -> I64:
         """(N,) the index of the input splat that each splat of `decode(data).leaves()` is."""
-        return self.leaf_of[leaf_order(self.tree, self.n_tiles)]
+        return self.leaf_of[leaf_order(self.tree, self.n_tiles, self.orders)]
 
     def __repr__(self) -> str:
         return f"EncodedScene({len(self.data)} bytes, {len(self.leaf_of)} splats)"
@@ -170,8 +173,8 @@ def encode_scene_with_order(splats: SplatParams, **options: Unpack[SceneOptions]
     # bits.
     trees = [shared, lifted.tree] if shared else [lifted.tree]
     found = best_stream(trees, request, leaf_error)
-    data = steady(found, request)
-    return EncodedScene(data, found.tree, request.n_tiles, lifted.leaf_of)
+    found = steady(found, request)
+    return EncodedScene(found.data, found.tree, request.n_tiles, lifted.leaf_of, found.orders)
 
 
 def encode_tree(
@@ -238,9 +241,9 @@ def encode_tree(
         elif tree.n_leaves:
             nearest = at_tree_psnr(tree, request)
             if nearest is not None:
-                return steady(nearest, request)
+                return steady(nearest, request).data
     found = best_stream([tree], replace(request, has_preset=True), (0.0,) * len(GROUPS))
-    return steady(found, request)
+    return steady(found, request).data
 
 
 def _expect_splats(splats: object) -> None:

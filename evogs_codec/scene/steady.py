@@ -24,7 +24,7 @@ from evogs_codec.decoding.cut import Cut
 from evogs_codec.decoding.progressive import Decoder
 from evogs_codec.editing.level_psnr import LevelPsnr, with_level_psnr
 from evogs_codec.encoding.held_steps import Run
-from evogs_codec.encoding.layers import N_LAYERS, Layering
+from evogs_codec.encoding.layers import BETWEEN, N_LAYERS, Layering
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.model.splats import F64, SplatParams
 from evogs_codec.scene.choose import FoundStream
@@ -47,9 +47,8 @@ FELL = 0.02  # dB by which a state looks worse on a few views: then more are ask
 # dB that all coarse splats look better than those of level 0, at least; worse than some, at most.
 GAIN = 0.5
 LATE = 1.5  # dB by which the last of the coarse levels looks better than the one before it, or less
-# DB that the whole stream looks better than all coarse splats, or more: then a layer comes between,
-# and the ratio of prices is that of three layers.
-WIDE, RATIO_OF_THREE = 16.0, 32.0
+# DB that the whole stream looks better than all coarse splats, or more: then a layer comes between.
+WIDE = 16.0
 FINER, LEAST_RATIO = 4.0, 2.0  # of the price of a bit, from a layer to the next
 TRIES = 6  # streams that are made again, at most
 
@@ -100,11 +99,14 @@ def _lead(by: F64) -> float:
     return float(by.mean() + FALL - DOUBT * by.std() / math.sqrt(JUDGES))
 
 
-def steady(found: FoundStream, request: Request) -> bytes:
-    """The stream without falls, as far as it was made by views; it says the PSNR of its levels."""
+def steady(found: FoundStream, request: Request) -> FoundStream:
+    """The stream without falls, as far as it was made by views; it says the PSNR of its levels.
+
+    It is finished, and no draft.
+    """
     gauge = Gauge.of(found.tree, request)
     if gauge is None:
-        return found.finished()
+        return replace(found, data=found.finished(), coded=None)
     mending = _Mending(gauge.many, request.progress, request.layers is None and not request.polish)
     aims_at_psnr = found.coded is None and request.target_bytes is None
     if aims_at_psnr:  # a third layer takes bytes
@@ -119,7 +121,8 @@ def steady(found: FoundStream, request: Request) -> bytes:
     if levels is None:
         levels = _looked_at(found, gauge, request, worst=math.inf)
     assert levels is not None, "nothing falls so far"
-    return with_level_psnr(found.finished(), LevelPsnr(tuple(levels), gauge.said))
+    data = with_level_psnr(found.finished(), LevelPsnr(tuple(levels), gauge.said))
+    return replace(found, data=data, coded=None)
 
 
 def _looked_at(
@@ -186,7 +189,7 @@ class _Mending:
         coarse, whole = map(views.psnr, _shown(found, directory, cuts))
         if whole < coarse + WIDE:
             return None
-        layering = Layering(N_LAYERS + 1, RATIO_OF_THREE, is_late=True)
+        layering = Layering(N_LAYERS + 1, is_late=True, between=BETWEEN)
         other = found.holding((), layering)
         if other is None or _falls_late(other, views):
             return None
@@ -230,7 +233,8 @@ def _falls_late(found: FoundStream, views: Views) -> bool:
     """Whether a state after the coarse levels looks worse than one before it."""
     directory = read_directory(found.data)
     levels = range(found.n_coarse - 1, directory.n_levels)
-    cuts = [cut for level in levels for cut in _cuts(directory, level)]
+    first = list(_cuts(directory, levels.start))
+    cuts = first + [cut for level in levels[1:] for cut in _cuts(directory, level, rooms=False)]
     shown = np.array([views.psnr(leaves) for leaves in _shown(found, directory, cuts)])
     return bool(np.any(shown < np.maximum.accumulate(shown) - FALL))
 
@@ -273,14 +277,20 @@ def _shown(found: FoundStream, directory: Directory, cuts: Sequence[Cut]) -> Ite
         yield decoder.leaves(sh_degree=found.tree.shown_degree)
 
 
-def _cuts(directory: Directory, level: int) -> Iterator[Cut]:
-    """After each of the steps of a level, of all tiles that have so many."""
+def _cuts(directory: Directory, level: int, *, rooms: bool = True) -> Iterator[Cut]:
+    """After each of the steps of a level, of all tiles that have so many.
+
+    Without `rooms` only after those that refine in some tile: others of late levels show nothing.
+    """
     whole = Cut.of_level(directory, level)
     core = directory.columns == 0
     before = np.bincount(
         directory.packets["tile"][core & (directory.labels < level)], minlength=len(whole.steps)
     )
-    for number in range(1, int((whole.steps[:, 0] - before).max(initial=0))):
+    own = np.flatnonzero(core & (directory.labels == level))
+    numbers = directory.steps[own] - before[directory.packets["tile"][own]] + 1
+    shows = rooms | (directory.packets["n_refines"][own] > 0)
+    for number in np.unique(numbers[shows & (numbers < numbers.max(initial=0))]).tolist():
         n_steps = np.minimum(before + number, whole.steps[:, 0])
         yield Cut(np.minimum(whole.steps, n_steps[:, None]), whole.palette)
     yield whole

@@ -15,7 +15,9 @@ from evogs_codec import (
     TargetEncoder,
     decode,
     encode_scene,
+    encode_scene_with_order,
     encode_tree,
+    leaf_order,
     lift,
     read_directory,
 )
@@ -49,11 +51,22 @@ def with_entries() -> EvolutionTree:
     return found
 
 
+def parts_of(tile, n_parts):
+    """(n,) part of each slot, the same of all that come from one add; any part has some."""
+    born_from, _ = tile.lineage()
+    parts = np.arange(len(born_from)) * 7 % n_parts
+    for slot in np.flatnonzero(born_from >= 0):
+        parts[slot] = parts[born_from[slot]]
+    return parts
+
+
+@pytest.mark.parametrize("n_parts", [1, 4])
 @pytest.mark.parametrize("n_tiles", [1, 3])
-def test_a_late_level_makes_room_in_no_picture_and_lacks_what_its_splats_are(n_tiles):
+def test_a_late_level_makes_room_in_no_picture_and_lacks_what_its_splats_are(n_tiles, n_parts):
     for tile in arrange(TREE, n_tiles):
-        late = LateLevel.of(tile, LAST)
-        assert late.n_rooms
+        late = LateLevel.of(tile, LAST, parts_of(tile, n_parts))
+        assert len(late.n_rooms) == n_parts
+        assert all(late.n_rooms)
         camera = cameras_around(SPLATS, size=64, n=1)[0]
         before = render(tile.leaves(LAST - 1), camera, WHITE)
         assert psnr(render(late.tile.leaves(), camera, WHITE), before) > 50
@@ -61,21 +74,37 @@ def test_a_late_level_makes_room_in_no_picture_and_lacks_what_its_splats_are(n_t
         refined = replace(
             late.tile, steps=(*late.tile.steps, Step.of_refines(LAST, slots, late.lacks))
         )
-        np.testing.assert_allclose(refined.leaves().channels(), tile.leaves().channels(), atol=1e-4)
+        aimed = tile.leaves().channels()[:, late.order]  # no slot of this tree is dropped
+        np.testing.assert_allclose(refined.leaves().channels(), aimed, atol=1e-4)
+        np.testing.assert_array_equal(late.name[late.order], slots)
+
+
+def test_slots_that_a_late_level_makes_for_a_part_are_in_a_row():
+    (tile,) = arrange(TREE, 1)
+    parts = parts_of(tile, 4)
+    late = LateLevel.of(tile, LAST, parts)
+    n = sum(step.n_new for step in tile.steps if step.level < LAST)
+    np.testing.assert_array_equal(late.order[:n], np.arange(n))
+    assert (np.diff(parts[late.order[n:]]) >= 0).all()
+    ends = np.cumsum(late.n_rooms)
+    made = late.tile.steps[-ends[-1] :]
+    for part, end in enumerate(ends):
+        for step in made[end - late.n_rooms[part] : end]:
+            assert (parts[late.order[step.slots]] == part).all()
 
 
 def test_of_a_palette_no_pick_changes_before_the_splats_of_a_late_level_come():
     tree = with_entries()
     (tile,) = arrange(tree, 1)
-    late = LateLevel.of(tile, tree.n_levels - 1)
-    made = late.tile.steps[-late.n_rooms :]
+    late = LateLevel.of(tile, tree.n_levels - 1, parts_of(tile, 3))
+    made = late.tile.steps[-sum(late.n_rooms) :]
     assert sum(step.n_new for step in made) > 400
     assert not any(len(step.picks) or len(step.changed_picks) for step in made)
     (*_, shown) = late.tile.states()
     (*_, aimed) = tile.states()
-    np.testing.assert_array_equal(late.picks, aimed.picks)
+    np.testing.assert_array_equal(late.picks, aimed.picks[late.order])
     born_from, _ = late.tile.lineage()
-    n = sum(step.n_new for step in late.tile.steps[: -late.n_rooms])
+    n = sum(step.n_new for step in late.tile.steps[: -sum(late.n_rooms)])
     np.testing.assert_array_equal(shown.picks[n:], shown.picks[born_from[n:]])
 
 
@@ -117,7 +146,7 @@ def test_drops_of_a_late_level_come_with_the_room():
     )
     tree = replace(TREE, steps=(*TREE.steps, step))
     assert can_be_late([tree], tree.n_levels)
-    late = LateLevel.of(tree, LAST)
+    late = LateLevel.of(tree, LAST, parts_of(tree, 1))
     slots = np.flatnonzero(late.tile.lineage()[1])
     assert len(slots) == len(SPLATS) - len(drops)
     refine = Step.of_refines(LAST, slots, late.lacks[:, slots])
@@ -168,3 +197,19 @@ def test_a_last_level_that_looks_hardly_better_is_late(monkeypatch):
     assert n_levels == {-np.inf: LAST + 2, np.inf: LAST + 1}
     asked = encode_scene(SPLATS, layers=2, effort=1)
     assert read_directory(asked).n_levels == LAST + 2
+
+
+def test_the_order_of_a_scene_is_that_of_a_stream_whose_last_level_is_late(monkeypatch):
+    monkeypatch.setattr(steady, "LATE", np.inf)
+    monkeypatch.setattr("evogs_codec.encoding.layers.LEAST", 150)
+    found = encode_scene_with_order(SPLATS, cameras=VIEWS.cameras, effort=1)
+    assert read_directory(found.data).n_levels == LAST + 1
+    assert sorted(found.leaf_order) == list(range(len(SPLATS)))
+    means = decode(found.data).leaves().means
+    arranged = found.leaf_of[leaf_order(found.tree)]
+    off, plainly = (
+        np.quantile(np.abs(means - SPLATS.means[order]).max(axis=1), 0.9)
+        for order in (found.leaf_order, arranged)
+    )
+    assert off < 0.05
+    assert plainly > 10 * off

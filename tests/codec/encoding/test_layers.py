@@ -22,7 +22,7 @@ from evogs_codec import (
 )
 from evogs_codec.editing.read_tree import read_coded_tree
 from evogs_codec.encoding.arrange import arrange
-from evogs_codec.encoding.layers import FINER, MAX_LAYERS, Layered, Layering
+from evogs_codec.encoding.layers import EVEN, FINER, MAX_LAYERS, Layered, Layering
 from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.encoding.write import write
 from evogs_codec.model.tree import Kind
@@ -105,10 +105,10 @@ def test_a_stream_has_the_refinements_of_its_layers_in_parts():
 
 def test_siblings_are_refined_in_the_same_step():
     _, found = layered(many()[0], 2)
-    n_pairs = sum(int(own.is_second.sum()) for own in found.siblings[0])
+    n_pairs = sum(int(own.is_second.sum()) for own in found.of_tiles[0].siblings)
     (step, *_) = (step for step in found.tiles[0].steps if not step.level)
-    n_leaves = sum(len(part) for part in found.leaves[0])
-    assert len(found.siblings[0]) > 1
+    n_leaves = sum(len(part) for part in found.of_tiles[0].leaves)
+    assert len(found.of_tiles[0].siblings) > 1
     assert n_pairs == n_leaves - step.n_adds  # all leaves but the first of each family
 
 
@@ -121,7 +121,7 @@ def test_the_most_important_leaves_are_refined_first(monkeypatch, seed):
     monkeypatch.setattr("evogs_codec.encoding.layers.LEAST", 256)
     again = Layered.of(arrange(many()[0], 1), N_LEVELS, importance, Layering(2))
     of_leaves = (weights / weights.mean(axis=1, keepdims=True)).mean(axis=0)
-    of_parts = [of_leaves[part].mean() for part in again.leaves[0]]
+    of_parts = [of_leaves[part].mean() for part in again.of_tiles[0].leaves]
     assert len(of_parts) >= 8
     assert (np.diff(of_parts) < 0).all()
 
@@ -139,6 +139,23 @@ def test_steps_of_layers_divide_those_of_the_tree_by_odd_numbers(price):
     assert (np.diff(ratios, axis=0) >= 0).all()
     wanted = importance.steps_of_leaves(price, 1.0) / FINER
     assert np.all(np.abs(table[-1] / wanted - 1) <= 1 / ratios[-1] + 1e-9)
+
+
+def test_layers_between_weigh_leaves_more_alike_than_the_last_with_the_same_means():
+    _, found = layered(many()[0], 3)
+    shape = found.importance.leaves[0].shape
+    weights = np.random.default_rng(0).lognormal(sigma=2, size=shape).astype(np.float32)
+    importance = replace(found.importance, leaves=[weights], seen=1.0)
+    tiles = arrange(many()[0], 1)
+    again = Layered.of(tiles, N_LEVELS, importance, Layering(3, between=10.0))
+    (rows,) = again.of_tiles[0].leaves
+    between, last = again.weights(PRICE, 1.0)[0][-2:]
+    assert between is not None
+    assert last is not None
+    np.testing.assert_allclose(last.targets, weights[:, rows], rtol=1e-5)
+    np.testing.assert_allclose(between.targets.mean(1), weights.mean(1) / 10, rtol=1e-3)
+    spreads = [np.log(own.targets).std(axis=1) for own in (between, last)]
+    np.testing.assert_allclose(spreads[0], EVEN * spreads[1], rtol=1e-3)
 
 
 def test_one_layer_is_as_if_there_were_none():
