@@ -67,6 +67,7 @@ from evogs_codec.scene import EncodedScene as EncodedScene
 from evogs_codec.scene import encode_scene as encode_scene
 from evogs_codec.scene import encode_scene_with_order as encode_scene_with_order
 from evogs_codec.scene import encode_tree as encode_tree
+from evogs_codec.scene import encode_tree_with_order as encode_tree_with_order
 from evogs_codec.stores.client import put_object as put_object
 from evogs_codec.stores.remote_file import RemoteFile as RemoteFile
 
@@ -117,6 +118,7 @@ __all__ = [
     "encode_scene",
     "encode_scene_with_order",
     "encode_tree",
+    "encode_tree_with_order",
     "extract",
     "finite_opacities",
     "leaf_order",

@@ -6,6 +6,14 @@ from evogs_codec.scene.encode import (
     encode_scene,
     encode_scene_with_order,
     encode_tree,
+    encode_tree_with_order,
 )
 
-__all__ = ["N_LEVELS", "EncodedScene", "encode_scene", "encode_scene_with_order", "encode_tree"]
+__all__ = [
+    "N_LEVELS",
+    "EncodedScene",
+    "encode_scene",
+    "encode_scene_with_order",
+    "encode_tree",
+    "encode_tree_with_order",
+]

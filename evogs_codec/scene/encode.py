@@ -38,6 +38,7 @@ __all__ = [
     "encode_scene",
     "encode_scene_with_order",
     "encode_tree",
+    "encode_tree_with_order",
 ]
 
 
@@ -49,7 +50,8 @@ class EncodedScene:
         data: the stream.
         tree: what was encoded, with a palette where that is smaller.
         n_tiles: as it was asked for.
-        leaf_of: (N,) the index of the input splat that each leaf of `tree` is.
+        leaf_of: (N,) the index of the splat given, or of the leaf of the tree given, that each leaf
+            of `tree` is.
         orders: per tile, the number that each slot has where the tree is arranged plainly; None,
             of a tile or of all, where it has the same.
     """
@@ -218,32 +220,44 @@ def encode_tree(
         TypeError: `tree` is none.
         TargetMissedError, NotRepresentableError, InputError, ValueError: as `encode_scene`.
     """
+    return encode_tree_with_order(
+        tree,
+        preset=preset,
+        target_psnr=target_psnr,
+        target_bytes=target_bytes,
+        max_error=max_error,
+        layers=layers,
+        polish=polish,
+        cameras=cameras,
+        up=up,
+        n_tiles=n_tiles,
+        effort=effort,
+        info=info,
+        progress=progress,
+    ).data
+
+
+def encode_tree_with_order(tree: EvolutionTree, **options: Unpack[TreeOptions]) -> EncodedScene:
+    """`encode_tree`, with the order of the leaves in the stream.
+
+    Args:
+        tree: any tree, with N leaves.
+        options: as of `encode_tree`, which says what is raised.
+    """
     expect_tree(tree)
-    options: TreeOptions = {
-        "preset": preset,
-        "target_psnr": target_psnr,
-        "target_bytes": target_bytes,
-        "max_error": max_error,
-        "layers": layers,
-        "polish": polish,
-        "cameras": cameras,
-        "up": up,
-        "n_tiles": n_tiles,
-        "effort": effort,
-        "info": info,
-        "progress": progress,
-    }
     request = Request.of(TREE_PRESET, options).looking_at(tree.leaves())
-    if preset is None and request.is_plain:
+    found = None
+    if options.get("preset") is None and request.is_plain:
         if tree.quanta:
             own = Settings.of_quanta(tree.quanta)
             request = replace(request, settings=replace(own, effort=request.settings.effort))
         elif tree.n_leaves:
-            nearest = at_tree_psnr(tree, request)
-            if nearest is not None:
-                return steady(nearest, request).data
-    found = best_stream([tree], replace(request, has_preset=True), (0.0,) * len(GROUPS))
-    return steady(found, request).data
+            found = at_tree_psnr(tree, request)
+    if found is None:
+        found = best_stream([tree], replace(request, has_preset=True), (0.0,) * len(GROUPS))
+    found = steady(found, request)
+    n = np.arange(tree.n_leaves)
+    return EncodedScene(found.data, found.tree, request.n_tiles, n, found.orders)
 
 
 def _expect_splats(splats: object) -> None:

@@ -62,6 +62,14 @@ def test_the_schema_refuses_what_is_missing_unknown_or_none(damage):
     assert errors(manifest, SCHEMA)
 
 
+def test_the_page_of_results_counts_vectors_runs_and_mutants():
+    text = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+    n_runs = sum(len(entry["runs"]) for entry in MANIFEST["vectors"])
+    n_mutants = f"{len(MUTANTS):,}"
+    assert f"| vectors, runs of them | {len(MANIFEST['vectors']):,}, {n_runs:,};" in text
+    assert f" killed by the vectors | {n_mutants} of {n_mutants} |" in text
+
+
 @pytest.mark.thorough
 def test_the_vectors_are_made_anew_to_the_byte(made):
     if MANIFEST["zstd"] == ZSTD:

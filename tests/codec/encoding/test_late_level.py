@@ -17,6 +17,7 @@ from evogs_codec import (
     encode_scene,
     encode_scene_with_order,
     encode_tree,
+    encode_tree_with_order,
     leaf_order,
     lift,
     read_directory,
@@ -213,3 +214,15 @@ def test_the_order_of_a_scene_is_that_of_a_stream_whose_last_level_is_late(monke
     )
     assert off < 0.05
     assert plainly > 10 * off
+
+
+@pytest.mark.thorough
+def test_the_order_of_a_tree_is_that_of_a_stream_whose_last_level_is_late(monkeypatch):
+    monkeypatch.setattr(steady, "LATE", np.inf)
+    monkeypatch.setattr("evogs_codec.encoding.layers.LEAST", 150)
+    found = encode_tree_with_order(TREE, target_psnr=40, cameras=VIEWS.cameras, effort=1)
+    assert found.orders is not None
+    leaves = TREE.leaves()
+    assert sorted(found.leaf_order) == list(range(len(leaves)))
+    off = np.abs(decode(found.data).leaves().means - leaves.means[found.leaf_order]).max(axis=1)
+    assert np.quantile(off, 0.9) < 0.05
