@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
 
 from evogs_codec.cli.looking import need_numba, up_given
 from evogs_codec.errors import InputError
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import SplatParams
 from evogs_codec.model.viewpoint import CAMERA, default_viewpoint
-
-if TYPE_CHECKING:
-    from evogs_codec.render import Up
 
 __all__ = ["add_view_option", "with_default_camera", "with_opening_view"]
 
@@ -30,8 +24,7 @@ def add_view_option(parser: argparse.ArgumentParser) -> None:
         type=_number_or_none,
         metavar="I|none",
         help="the default camera of the stream, in which viewers open it: number of a camera of"
-        " --camera, or else of the 24 default views (default: the first of --camera, or else that"
-        " of the file, or else the view that `evogs render` shows)",
+        " --camera, or else of the 24 default views (default: the first of --camera, or none)",
     )
 
 
@@ -66,7 +59,7 @@ def with_default_camera(
         text.pop(CAMERA, None)
         return replace(info, text=text)
     if args.view is None and (args.camera is None or find_spec("numba") is None):
-        return with_opening_view(splats, info, partial(up_given, args))
+        return info
     need_numba()
     from evogs_codec.render import cameras_around, load_cameras
     from evogs_codec.render.default_camera import viewpoint_of
@@ -85,19 +78,10 @@ def with_default_camera(
     return replace(info, text=text)
 
 
-def with_opening_view(
-    splats: SplatParams,
-    info: SceneInfo,
-    find_up: Callable[[SplatParams, SceneInfo], Up] | None = None,
-) -> SceneInfo:
+def with_opening_view(splats: SplatParams, info: SceneInfo) -> SceneInfo:
     """What is said of a scene, with the view that `evogs render` shows if it names no camera.
 
     Without numba, and of an empty scene, nothing is added.
-
-    Args:
-        splats: the scene.
-        info: what else is said of it.
-        find_up: finds out what is up in it; None: `up_of`.
     """
     known = default_viewpoint(info.text) is not None
     if known or not len(splats) or find_spec("numba") is None:
@@ -107,6 +91,6 @@ def with_opening_view(
     from evogs_codec.render.framing import bulk_of
     from evogs_codec.render.front import most_detailed
 
-    cameras = cameras_around(splats, (find_up or up_of)(splats, info).vector)
+    cameras = cameras_around(splats, up_of(splats, info).vector)
     front = cameras[most_detailed(splats, cameras)]
     return replace(info, text={**info.text, CAMERA: str(viewpoint_of(front, bulk_of(splats)[0]))})

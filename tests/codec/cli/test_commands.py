@@ -346,8 +346,7 @@ def test_a_reader_of_the_output_that_leaves_is_no_error(made):
 
 def test_a_stream_from_the_library_and_from_the_command_are_the_same(evogs, made, tmp_path):
     tree = damage.random_tree(20, 3, 1)
-    words = ("--preset", "trained", "--view", "none")
-    evogs("encode", made / "x.tree.npz", tmp_path / "x.evogs", *words)
+    evogs("encode", made / "x.tree.npz", tmp_path / "x.evogs", "--preset", "trained")
     info = SceneInfo(text={"generator": evogs("--version")[1].strip()})
     views = Views.of(tree.leaves(), n_views=ORDERING_VIEWS)
     plain = encode(tree, PRESETS["trained"], info=info, views=views)

@@ -48,7 +48,7 @@ def test_a_part_is_decoded_and_its_size_and_levels_are_said(half, evogs, made, t
 
 
 def test_a_part_is_rendered_as_its_splats_are(half, evogs, made, tmp_path):
-    words = ("--partial", *SIZE, "--view", 1)  # 0 is the default camera of the stream
+    words = ("--partial", *SIZE, "--view", 0)
     code, out, err = evogs("render", half, tmp_path / "half.png", *words)
     assert (code, err) == (0, "")
     splats = decode_prefix(half).leaves()
