@@ -1,7 +1,7 @@
 """Progression: the order of the packets of a file, so that every prefix is near the best.
 
-What a packet takes off the error of pictures, by its bytes, decides when it comes, as far as what
-it requires allows (spec 3.5).
+Packets come in falling order of the error of pictures that they take away per byte, as far as what
+they require allows (spec 3.5).
 
 Letters: K steps of a tile.
 """

@@ -1,11 +1,10 @@
-"""No step back: a stream none of whose first bytes look worse than fewer of them.
+"""No step back: makes streams whose prefixes do not look worse than shorter prefixes.
 
-Pictures of what is there after each step of the levels say where one looks worse than one before
-it. Then steps are held back until they look better (`held_steps`), and where all coarse splats
-look worse than some of them, all are made more exact. Where the last level looks hardly better than
-the one before it, as coarse as it is, it comes late (`late_level`). It does so too where coarse
-splats look far worse than the whole stream: then there are three layers, and it comes with the
-second.
+The state after each step of the levels is rendered. If a state looks worse than one before it, its
+step is held back until it looks better (`held_steps`). If all coarse splats together look worse
+than some of them, all are made more exact. If the last level, at coarse steps, looks hardly better
+than the level before it, it comes late (`late_level`). It comes late too if all coarse splats look
+far worse than the whole stream: then there are three layers, and it comes with the second.
 """
 
 from __future__ import annotations
@@ -36,19 +35,18 @@ if TYPE_CHECKING:
 
 __all__ = ["steady"]
 
-SAME = 0.03  # dB that no view of states that look the same differs by
-# A state falls if it may be worse by so many dB on so many other views: beside the mean, so many
-# standard errors count.
+SAME = 0.03  # dB; two states look the same if no view differs by more
+# A state is a fall if its lead over one before it, in the mean over views and less DOUBT standard
+# errors of JUDGES views, is below -FALL dB.
 FALL, DOUBT, JUDGES = 0.05, 1.0, 6
-# Views that judge large scenes at first. The mean of all is within so many standard deviations of
-# that of these.
-FEW, UNSURE = 4, 0.8
-FELL = 0.02  # dB by which a state looks worse on a few views: then more are asked
-# dB that all coarse splats look better than those of level 0, at least; worse than some, at most.
+FEW = 4  # views that judge a large scene at first
+UNSURE = 0.8  # standard deviations that the mean of a few views is from that of all, at most
+FELL = 0.02  # dB; if a state looks worse than one before it by more, on a few views, more judge
+# dB; all coarse splats look better than level 0 by this at least, and worse than the best state by
+# this at most. Otherwise they are made more exact.
 GAIN = 0.5
-LATE = 1.5  # dB by which the last of the coarse levels looks better than the one before it, or less
-# DB that the whole stream looks better than all coarse splats, or more: then a layer comes between.
-WIDE = 16.0
+LATE = 1.5  # dB; if the last coarse level looks better than the one before by less, it comes late
+WIDE = 16.0  # dB; if the whole looks better than all coarse splats by more, a layer comes between
 FINER, LEAST_RATIO = 4.0, 2.0  # of the price of a bit, from a layer to the next
 TRIES = 6  # streams that are made again, at most
 
@@ -95,7 +93,7 @@ def _is_like(by: F64) -> bool:
 
 
 def _lead(by: F64) -> float:
-    """DB that a state, better by so much, has left before it may be a fall on other views."""
+    """How far a state that is better by this, view by view, is from a fall, dB; below 0 it is."""
     return float(by.mean() + FALL - DOUBT * by.std() / math.sqrt(JUDGES))
 
 
@@ -165,7 +163,7 @@ class _Mending:
     Attributes:
         views: that judge.
         progress: called with how much was looked at.
-        may_be_late: nobody asked for layers of all splats, or moves integers of the last one.
+        may_be_late: whether the last level may come late: not with `layers` or `polish`.
         layering: of the stream.
         before: runs of steps that are held back.
     """
