@@ -25,6 +25,7 @@ from evogs_codec.cli.viewer.given import (
 from evogs_codec.cli.viewer.scenes import NoScenes, OneFile, Scenes, TilesetFolder
 from evogs_codec.cli.viewer.server import LOOPBACK, SCENE_PATH, Server, address_of, page_files
 from evogs_codec.cli.viewer.standalone import one_page
+from evogs_codec.cli.viewer.upright import shown_axis
 from evogs_codec.common.printable import shown
 from evogs_codec.errors import InputError
 from evogs_codec.format.directory import read_directory
@@ -125,7 +126,7 @@ def run_export(args: argparse.Namespace) -> None:
     page = _built_page()
     name, data = stream_of(args.scene, args.effort)
     read_directory(data)  # a page with what is no stream would be of no use
-    exported = one_page(page, name, data)
+    exported = one_page(page, name, data, shown_axis(data))
     write_atomic(args.output, exported)
     print(f"{shown(args.output)}: {len(exported):,} bytes, for a stream of {len(data):,}")
 
@@ -153,7 +154,8 @@ def _scenes(given: str, effort: str | int | None, stack: ExitStack) -> tuple[Sce
         return folder, address_of(names[0]) if len(names) == 1 else SCENE_PATH.removeprefix("/")
     if of_sog or not is_stream(path):
         path = _encoded(path, effort, stack)
-    return OneFile(path, path.name), address_of(path.name)
+    axis = shown_axis(path.read_bytes())
+    return OneFile(path, path.name), address_of(path.name) + ("" if axis is None else f"&up={axis}")
 
 
 def _encoded(path: Path, effort: str | int | None, stack: ExitStack) -> Path:

@@ -24,17 +24,19 @@ POLICY = (
 )
 
 
-def one_page(page: Mapping[str, bytes], name: str, stream: bytes) -> bytes:
+def one_page(page: Mapping[str, bytes], name: str, stream: bytes, up: str | None = None) -> bytes:
     """A page that shows a stream without a server.
 
     Args:
         page: the files of the built page.
         name: of the stream, which the page shows.
         stream: its bytes.
+        up: axis that is up where the stream says nothing of it.
     """
     texts = {file: data.decode() for file, data in page.items()}
     loader = texts[LOADER]
     label = html.escape(name.encode(errors="replace").decode())
+    axis = "" if up is None else f' data-up="{up}"'
     parts = [
         f'<template id="licences"><pre>{html.escape(texts["LICENSES.txt"])}</pre></template>',
         *(
@@ -42,7 +44,7 @@ def one_page(page: Mapping[str, bytes], name: str, stream: bytes) -> bytes:
             f"{_base64(gzip.compress(page[file], mtime=0))}</script>"
             for file in _modules(texts)
         ),
-        f'<script type="text/plain" data-scene="{label}">{_base64(stream)}</script>',
+        f'<script type="text/plain" data-scene="{label}"{axis}>{_base64(stream)}</script>',
         f'<script type="module">{loader}</script>',
     ]
     loader_hash = _base64(hashlib.sha256(loader.encode()).digest())

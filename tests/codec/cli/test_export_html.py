@@ -10,13 +10,17 @@ from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from evogs_codec import write_ply
+from evogs_codec import SceneInfo, encode_scene, write_ply
+from evogs_codec._generated import registry
 from evogs_codec.cli.viewer import command
 from evogs_codec.cli.viewer.server import page_files
 from evogs_codec.cli.viewer.standalone import one_page
+from evogs_codec.cli.viewer.upright import shown_axis
 from evogs_codec.format.directory import read_directory
+from evogs_codec.io.interchange.frames import transformed
 from evogs_codec.render.demo_scene import make_scene
 
 PEERS = Path(__file__).resolve().parents[1] / "io" / "peers"
@@ -177,3 +181,33 @@ def test_a_scene_is_encoded_in_the_least_time_unless_another_effort_is_asked_for
     assert streams[0] == streams[1]
     assert "psnr" not in read_directory(streams[0]).info.text
     assert "psnr" in read_directory(streams[2]).info.text
+
+
+# --- what is up -----------------------------------------------------------------------------------
+
+Z_TO_MINUS_Y = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+TURNED = transformed(make_scene(500), Z_TO_MINUS_Y)
+
+
+def test_a_page_of_a_stream_that_does_not_say_what_is_up_opens_as_the_splats_show(export, tmp_path):
+    (tmp_path / "turned.evogs").write_bytes(encode_scene(TURNED, effort=1, cameras=()))
+    assert 'data-scene="turned.evogs" data-up="-y">' in export(tmp_path / "turned.evogs")[1]
+
+
+@pytest.mark.parametrize(
+    "info",
+    [
+        SceneInfo(up_axis=registry.UP_AXES.index("+x")),
+        SceneInfo(text={"camera": '{"position":[0,-2,0.5],"target":[0,0,0.25],"fov_y":45}'}),
+    ],
+    ids=["header", "camera"],
+)
+def test_what_a_stream_says_of_up_is_not_doubted(info):
+    assert shown_axis(encode_scene(TURNED, effort=1, cameras=(), info=info)) is None
+
+
+def test_pages_of_streams_with_z_up_or_a_fault_are_told_nothing():
+    data = encode_scene(make_scene(500), effort=1, cameras=())
+    assert shown_axis(data) is None
+    assert shown_axis(data[:2000]) is None
+    assert shown_axis(b"none") is None

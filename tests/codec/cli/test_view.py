@@ -8,12 +8,14 @@ import urllib.request
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
+import numpy as np
 import pytest
 
 from evogs_codec import encode_scene, write_ply
 from evogs_codec.cli.viewer import command
 from evogs_codec.cli.viewer.server import Server
 from evogs_codec.format.directory import read_directory
+from evogs_codec.io.interchange.frames import transformed
 from evogs_codec.render.demo_scene import make_scene
 from tests.support.tilesets import small_tileset
 
@@ -50,6 +52,15 @@ def view(evogs, monkeypatch):
         return code, out, err, opened[:], got
 
     return view
+
+
+def test_a_stream_that_does_not_say_what_is_up_opens_as_its_splats_show(view, tmp_path):
+    turn = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    scene = transformed(make_scene(500), turn)
+    (tmp_path / "turned.evogs").write_bytes(encode_scene(scene, effort=1, cameras=()))
+    _, _, _, opened, got = view(tmp_path / "turned.evogs")
+    assert opened[0].endswith("?src=/scenes/turned.evogs&up=-y")
+    assert got["scene"] == (tmp_path / "turned.evogs").read_bytes()
 
 
 def test_a_stream_is_opened_in_the_browser(view):

@@ -8,8 +8,9 @@ const unpacked = async (element) => {
 
 document.body.dataset.standalone = "";
 const scene = document.querySelector("script[data-scene]");
-const { scene: name } = scene.dataset;
+const { scene: name, up } = scene.dataset;
 window.evogsScene = new File([await unpacked(scene)], name);
+window.evogsUp = up;
 
 /** Addresses of the modules. Each module stands behind those that it names. */
 const addresses = new Map();

@@ -20,6 +20,8 @@ declare global {
   interface Window {
     /** The scene that a page of `evogs export-html` holds. */
     evogsScene?: File;
+    /** What is up in it, where its stream does not say so. */
+    evogsUp?: string;
   }
 }
 /** The page tries again by itself so often, in ms, after the connection was lost. */
@@ -328,7 +330,7 @@ async function start(): Promise<void> {
   }
   const viewer = new Viewer(renderer);
   const parameters = new URLSearchParams(location.search);
-  const up = /^(-?)([xyz])$/.exec(parameters.get("up") ?? "");
+  const up = /^(-?)([xyz])$/.exec(parameters.get("up") ?? window.evogsUp ?? "");
   if (up !== null) {
     const sign = up[1] === "-" ? -1 : 1;
     viewer.setUp([0, 1, 2].map((axis) => (axis === "xyz".indexOf(up[2]) ? sign : 0)) as unknown as Vec);
