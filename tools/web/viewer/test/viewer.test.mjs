@@ -127,7 +127,7 @@ inBrowser("quality never falls over 20 snapshots", async (context) => {
   await setPose(pose);
   const found = [];
   for (const size of sizes) found.push(psnr(await letThrough(size), pictures[0]));
-  context.diagnostic(`dB: ${found.map((db) => db.toFixed(1)).join(", ")}`);
+  context.diagnostic(`dB: ${found.map((db) => db.toFixed(2)).join(", ")}`);
   for (let k = 1; k < found.length; k++) assert.ok(found[k] >= found[k - 1] - 0.1, `snapshot ${k}: ${found}`);
   assert.ok(found[19] > found[0] + 20);
 });
