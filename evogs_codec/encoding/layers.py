@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -106,7 +107,7 @@ class _Tile:
             born_from, _ = tile.lineage()
             rows = [part[np.argsort(slots[part])] for part in rows]
         parts = [slots[part] for part in rows]
-        n_first = sum(step.level < n_coarse for step in tile.steps)
+        n_first = _n_until(tile, n_coarse)
         added = list(_steps(tile, n_first, parts, range(n_coarse, n_coarse + layering.n - 1), late))
         return _Tile(
             replace(tile, steps=(*tile.steps[:n_first], *(step for step, _ in added))),
@@ -123,13 +124,13 @@ class Layered:
     """A tree whose leaves are refined in layers.
 
     Attributes:
-        of_tiles: arranged, with the steps of the layers.
+        plain: its arranged tiles, without layers.
         n_coarse: levels of the first layer.
         importance: of the tree without layers.
         layering: how many layers there are, at which prices of a bit.
     """
 
-    of_tiles: Sequence[_Tile]
+    plain: Sequence[EvolutionTree]
     n_coarse: int
     importance: Importance
     layering: Layering
@@ -143,12 +144,32 @@ class Layered:
     ) -> Layered:
         """Layers after the first refine the most important leaves first."""
         is_late = layering.is_late and layering.n > 1 and can_be_late(tiles, n_levels)
-        n_coarse = n_levels - is_late
-        of_tiles = [
-            _Tile.of(tile, weights, n_coarse, layering)
-            for tile, weights in zip(tiles, importance.leaves, strict=True)
+        return Layered(tiles, n_levels - is_late, importance, layering)
+
+    @cached_property
+    def of_tiles(self) -> list[_Tile]:
+        """Arranged, with the steps of the layers."""
+        return [
+            _Tile.of(tile, weights, self.n_coarse, self.layering)
+            for tile, weights in zip(self.plain, self.importance.leaves, strict=True)
         ]
-        return Layered(of_tiles, n_coarse, importance, layering)
+
+    @property
+    def coarse_tiles(self) -> list[EvolutionTree]:
+        """With the steps of the first layer."""
+        return [
+            replace(tile, steps=tile.steps[: _n_until(tile, self.n_coarse)], quanta=())
+            for tile in self.plain
+        ]
+
+    def coarse_weights(self, price: float, extent: float) -> list[list[StepWeights | None]]:
+        """What `weights` are of the steps of `coarse_tiles`."""
+        part = price / self.layering.prices(price)[0]
+        found = []
+        for tile, own in zip(self.plain, self.importance.raised(price / part, extent), strict=True):
+            first = own[: _n_until(tile, self.n_coarse)]
+            found.append([weights and weights.times(np.float32(part)) for weights in first])
+        return found
 
     @property
     def tiles(self) -> list[EvolutionTree]:
@@ -186,13 +207,12 @@ class Layered:
 
     def weights(self, price: float, extent: float) -> list[list[StepWeights | None]]:
         """What errors are worth at this price, per step of each tile: less in coarse layers."""
-        parts = [price / other for other in self.layering.prices(price)]
-        first, *others = [np.float32(part) for part in parts]
-        coarse = self.importance.raised(price / parts[0], extent)
-        leaves = [self.importance.raised_leaves(price / part, extent) for part in parts[1:]]
-        found: list[list[StepWeights | None]] = []
+        parts = [price / other for other in self.layering.prices(price)[1:]]
+        others = [np.float32(part) for part in parts]
+        leaves = [self.importance.raised_leaves(price / part, extent) for part in parts]
+        found = self.coarse_weights(price, extent)
         for number, tile in enumerate(self.of_tiles):
-            own = [w and w.times(first) for w in coarse[number][: tile.n_first]]
+            own = found[number]
             for place in tile.places:
                 if place is None:
                     own.append(None)
@@ -203,7 +223,6 @@ class Layered:
                     weights = _evened(weights)
                 siblings = tile.siblings[part]
                 own.append(StepWeights(self.n_coarse + layer, weights, weights[:, :0], siblings))
-            found.append(own)
         return found
 
     def with_gains(self, tree: CodedTree) -> CodedTree:
@@ -263,6 +282,11 @@ def expect_levels(n_levels: int, n_layers: int) -> None:
             f"a tree of {n_levels} levels in {n_layers} layers has {found} levels: a stream has at"
             f" most {MAX_LEVELS}"
         )
+
+
+def _n_until(tile: EvolutionTree, level: int) -> int:
+    """Steps of a tile before a level."""
+    return sum(step.level < level for step in tile.steps)
 
 
 def _ancestors(born_from: I64) -> I64:

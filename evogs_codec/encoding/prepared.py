@@ -103,17 +103,32 @@ class Prepared:
         """At a price of a bit, or at a factor of the steps."""
         if self.importance is None:
             return self.quantised(self.aim.settings.finer(1 / at))
+        extent = self.ranges.extent
+        weights = (self.layered.weights if self.layered else self.importance.raised)(at, extent)
+        return self.quantised(self._settings(at), weights, at)
+
+    def coarse(self, price: float) -> CodedTree:
+        """What `coded` has of the first layer, with the same integers and no gains of layers.
+
+        Raises:
+            ValueError: there is one layer.
+        """
+        if self.layered is None:
+            raise ValueError("one layer has no coarse part")
+        weights = self.layered.coarse_weights(price, self.ranges.extent)
+        tiles = self.layered.coarse_tiles
+        return self._quantised(tiles, self._settings(price), weights, price)
+
+    def _settings(self, price: float) -> Settings:
+        """The settings, with steps by a price of a bit."""
         source = self.layered or self.importance
-        settings = replace(
+        assert source is not None, "a price needs views"
+        return replace(
             self.aim.settings,
-            accuracy=StepTable.of(source.steps(at, self.ranges.extent)),
+            accuracy=StepTable.of(source.steps(price, self.ranges.extent)),
             n_alpha=N_ALPHA,
             alpha_bits=ALPHA_BITS,
         )
-        if self.layered is not None:
-            weights = self.layered.weights(at, self.ranges.extent)
-            return self.quantised(settings, weights, at)
-        return self.quantised(settings, self.importance.raised(at, self.ranges.extent), at)
 
     def polished(self, price: float) -> CodedTree:
         """At a price of a bit, the integers of the last level moved by pictures."""
@@ -130,11 +145,25 @@ class Prepared:
         price: float = 1.0,
     ) -> CodedTree:
         """With these settings."""
+        tiles = self.layered.tiles if self.layered else self.tiles
+        coded = self._quantised(tiles, settings, weights, price)
+        if self.layered is not None:
+            coded = self.layered.with_gains(coded)
+        return self.shown.rescale(coded) if self.shown else coded
+
+    def _quantised(
+        self,
+        tiles: Sequence[EvolutionTree],
+        settings: Settings,
+        weights: Sequence[Sequence[StepWeights | None]] | None,
+        price: float,
+    ) -> CodedTree:
+        """Steps of the tiles, all or the first."""
         with warnings.catch_warnings():
             # Of a search: whoever asks for a target is told whether it was met.
             warnings.simplefilter("ignore", AccuracyWarning)
-            coded = quantise(
-                self.layered.tiles if self.layered else self.tiles,
+            return quantise(
+                tiles,
                 self.layered.n_levels if self.layered else self.n_levels,
                 settings,
                 weights=weights,
@@ -143,9 +172,6 @@ class Prepared:
                 ranges=self.ranges,  # layers move nothing
                 info=self.aim.info,
             )
-        if self.layered is not None:
-            coded = self.layered.with_gains(coded)
-        return self.shown.rescale(coded) if self.shown else coded
 
     def first_table(self) -> F64:
         """(1 + n_levels, K) steps of the settings."""

@@ -58,6 +58,10 @@ class TargetEncoder(Aim):
             InputError: no price of a bit gives it.
             ValueError: there are no views.
         """
+        return self.nearest_psnr(decibels).what
+
+    def nearest_psnr(self, decibels: float, near: float | None = None) -> Found[bytes]:
+        """`at_psnr`, and the price of a bit; looked for from `near` on."""
         coder = self.prepared
         tries = max(MOST_TRIES, min(MORE_TRIES, TRIED // max(self.tree.n_leaves, 1)))
 
@@ -84,7 +88,8 @@ class TargetEncoder(Aim):
                 far=FAR_PSNR,
             )
 
-        plain = search(coder.coded, decibels, FIRST_PRICE, PSNR_SLACK, tries)
+        first = near or FIRST_PRICE
+        plain = search(coder.coded, decibels, first, PSNR_SLACK, tries)
         room = 2 * PSNR_SLACK + (2 * POLISH_GAIN if coder.polishes else 0)
         if plain.is_end and abs(plain.value - decibels) > room:
             end = "largest" if plain.value < decibels else "smallest"
@@ -96,13 +101,14 @@ class TargetEncoder(Aim):
             raise TargetMissedError(said, abs(plain.value - decibels))
         found = [plain]
         if coder.polishes:
-            near = search(coder.coded, decibels - POLISH_GAIN, FIRST_PRICE, POLISH_GAIN / 4)
-            found.append(search(coder.polished, decibels, near.at, PSNR_SLACK))
-        met = [one.what for one in found if abs(one.value - decibels) <= 2 * PSNR_SLACK]
+            below = search(coder.coded, decibels - POLISH_GAIN, first, POLISH_GAIN / 4)
+            found.append(search(coder.polished, decibels, below.at, PSNR_SLACK))
+        met = [one for one in found if abs(one.value - decibels) <= 2 * PSNR_SLACK]
         if not met:
             said = f"{decibels:g} dB cannot be met: {plain.value:.2f} dB is nearest"
             raise TargetMissedError(said, abs(plain.value - decibels))
-        return min(map(self.written, met), key=len)
+        streams = [Found(one.at, one.value, self.written(one.what)) for one in met]
+        return min(streams, key=lambda one: len(one.what))
 
     def at_bytes(self, n_bytes: int) -> bytes:
         """The stream of at most this many bytes, and at least 98 % of them.
@@ -110,6 +116,10 @@ class TargetEncoder(Aim):
         Raises:
             InputError: no price of a bit gives it.
         """
+        return self.nearest_bytes(n_bytes).what
+
+    def nearest_bytes(self, n_bytes: int, near: float | None = None) -> Found[bytes]:
+        """`at_bytes`, and the price of a bit; looked for from `near` on."""
         coder = self.prepared
 
         def search(code: Callable[[float], CodedTree], start: float) -> Found[bytes]:
@@ -130,18 +140,18 @@ class TargetEncoder(Aim):
                 far=FAR_BYTES,
             )
 
-        plain = search(coder.coded, FIRST_PRICE if self.views else 1.0)
+        plain = search(coder.coded, near or (FIRST_PRICE if self.views else 1.0))
         if plain.is_end and not 0.98 * n_bytes <= len(plain.what) <= n_bytes:
             end = "largest" if len(plain.what) < n_bytes else "smallest"
             n_end = len(plain.what)
             said = f"{n_bytes:,} bytes cannot be met: the {end} stream has {n_end:,} bytes"
             raise TargetMissedError(said, abs(len(plain.what) - n_bytes))
         found = [search(coder.polished, plain.at), plain] if coder.polishes else [plain]
-        met = [one.what for one in found if 0.98 * n_bytes <= len(one.what) <= n_bytes]
+        met = [one for one in found if 0.98 * n_bytes <= len(one.what) <= n_bytes]
         if not met:
             said = f"{n_bytes:,} bytes cannot be met: {len(plain.what):,} is nearest"
             raise TargetMissedError(said, abs(len(plain.what) - n_bytes))
-        return met[0] if len(met) == 1 else max(met, key=self.psnr)
+        return met[0] if len(met) == 1 else max(met, key=lambda one: self.psnr(one.what))
 
     def at_prices(self, prices: Iterable[float]) -> Iterator[bytes]:
         """A stream for each price of a bit, a mean squared error of the views; not polished.

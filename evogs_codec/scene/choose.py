@@ -6,6 +6,7 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 from evogs_codec.encoding.encode import encode
 from evogs_codec.encoding.held_steps import Run
@@ -13,12 +14,12 @@ from evogs_codec.encoding.late_level import can_be_late
 from evogs_codec.encoding.layers import N_LAYERS, Layering
 from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
 from evogs_codec.encoding.palette_worth import bits_of_palette, bits_of_psi
+from evogs_codec.encoding.search import Found
 from evogs_codec.encoding.settings import SCENE_PRESET, SCENE_PRICE, TREE_PRESET, TREE_PSNR
 from evogs_codec.encoding.targets import TargetEncoder, TargetMissedError
 from evogs_codec.encoding.write import write
 from evogs_codec.errors import InputError
 from evogs_codec.format.write_directory import MAX_LEVELS
-from evogs_codec.model.coded_tree import CodedTree
 from evogs_codec.model.splats import I64
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.measure import with_room
@@ -30,42 +31,59 @@ __all__ = ["FoundStream", "at_tree_psnr", "best_stream"]
 # not see that neighbours have the same.
 SURE, SURE_OF_PICKS = 1.05, 2.0
 DRAFT = 1  # level of Zstandard of what is written to be looked at
+# The stream of an aim, at its price of a bit: looked for from another one on, if there is one.
+Make: TypeAlias = Callable[[TargetEncoder, "float | None"], Found[bytes]]
 SEEN = 0.9  # of the worth of a number, where nobody said from where a scene is looked at
 
 
 @dataclass(frozen=True, eq=False)
 class FoundStream:
-    """A stream and the tree that it is of; the larger `merit` is the better.
+    """A stream, made or yet to be made, and the tree that it is of.
 
-    `aim` and `make` are how it was made, if by views. A draft has the integers of the stream, in
-    more bytes: it is `coded` at a `price` of a bit, and `finished` writes it.
+    Attributes:
+        tree: what is encoded.
+        stream: its bytes; None until it is `made`.
+        aim: how it is made, if not with fixed steps.
+        make: the stream of an aim, and its price of a bit; looked for from a price on.
+        price: of a bit, at which it is made, or near which.
+        is_at_psnr: it aims at a PSNR.
     """
 
-    data: bytes
     tree: EvolutionTree
-    merit: float = 0.0
+    stream: bytes | None = None
     aim: TargetEncoder | None = None
-    make: Callable[[TargetEncoder], bytes] | None = None
-    price: float = 0.0
-    coded: CodedTree | None = None
+    make: Make | None = None
+    price: float | None = None
+    is_at_psnr: bool = False
 
     @staticmethod
-    def draft(aim: TargetEncoder, price: float) -> FoundStream:
-        """At a price of a bit."""
-        coded = aim.prepared.coded(price)
-        data = write(coded, effort=DRAFT, digests=False)
-        return FoundStream(data, aim.tree, aim=aim, price=price, coded=coded)
+    def of(aim: TargetEncoder, make: Make, price: float | None = None) -> FoundStream:
+        """One that is yet to be made."""
+        return FoundStream(aim.tree, aim=aim, make=make, price=price)
 
-    def finished(self) -> bytes:
-        """The bytes, of a draft those of the stream."""
-        if self.aim is None or self.coded is None:
-            return self.data
-        return self.aim.written(self.coded)
+    def made(self) -> FoundStream:
+        """With its bytes.
+
+        Raises:
+            TargetMissedError: no stream meets the target.
+        """
+        if self.stream is not None:
+            return self
+        assert self.aim is not None, "what is not made can be"
+        assert self.make is not None, "what is not made can be"
+        found = self.make(self.aim, self.price)
+        return replace(self, stream=found.what, price=found.at)
+
+    @property
+    def data(self) -> bytes:
+        """The bytes of a stream that is made."""
+        assert self.stream is not None, "it is made"
+        return self.stream
 
     @property
     def is_by_views(self) -> bool:
         """Whether views decided how exact numbers are."""
-        return self.aim is not None and self.aim.views is not None
+        return self.aim is not None and self.aim.views is not None and self.price is not None
 
     @property
     def is_layered(self) -> bool:
@@ -91,22 +109,24 @@ class FoundStream:
             return False
         return can_be_late(self.aim.prepared.tiles, self.tree.n_levels)
 
-    def holding(self, runs: Sequence[Run], layering: Layering) -> FoundStream | None:
-        """That of the same tree with runs of steps held back (`TargetEncoder.holding`).
+    def draft(self, *, is_whole: bool = False) -> bytes:
+        """A stream with the same integers, in more bytes, to be looked at: its coarse levels.
 
-        None if it was not made by views, or if the target is missed.
+        `is_whole`: all levels. It must be by views.
         """
-        if self.aim is None or not self.is_by_views:
-            return None
-        aim = self.aim.holding(runs, layering)
-        if self.coded is not None:
-            return FoundStream.draft(aim, self.price)
-        if self.make is None:
-            return None
-        try:
-            return replace(self, data=self.make(aim), aim=aim)
-        except TargetMissedError:
-            return None
+        if self.stream is not None:
+            return self.stream
+        assert self.aim is not None, "it is by views"
+        assert self.price is not None, "it is by views"
+        prepared = self.aim.prepared
+        has_more = prepared.layered is not None and not is_whole
+        coded = (prepared.coarse if has_more else prepared.coded)(self.price)
+        return write(coded, effort=DRAFT, digests=False)
+
+    def holding(self, runs: Sequence[Run], layering: Layering) -> FoundStream:
+        """That of the same tree with runs of steps held back (`TargetEncoder.holding`)."""
+        assert self.aim is not None, "it is by views"
+        return replace(self, stream=None, aim=self.aim.holding(runs, layering))
 
 
 def best_stream(
@@ -123,7 +143,7 @@ def best_stream(
         progress=request.progress,
     )
     if request.errors:
-        return _best(_each(whole, trees), lambda aim: aim.within(request.errors))
+        return _best(_each(whole, trees), _plainly(lambda aim: aim.within(request.errors)))
     if request.is_plain and not request.has_preset and tree.n_leaves and _draws(request):
         views = request.weighing_views(tree.leaves())
         ordering = None if views is None else views.fewer(request.effort.n_band_views)
@@ -132,7 +152,7 @@ def best_stream(
         aim = aim if request.cameras else replace(aim, seen=SEEN)
         price = SCENE_PRICE / tree.n_leaves
         aims = _that_pay(_each(aim, trees), price, is_sure=not request.effort.looks)
-        return _at_price(aims, price, looks=request.effort.looks)
+        return _at_price(aims, price)
     if request.is_plain:
         views = request.views(tree.leaves(), ORDERING_VIEWS) if tree.n_leaves else None
 
@@ -146,7 +166,7 @@ def best_stream(
                 progress=request.progress,
             )
 
-        return _best(_each(whole, trees), plainly)
+        return _best(_each(whole, trees), _plainly(plainly))
     if not tree.n_leaves:
         raise InputError("a scene without splats has nothing to aim at")
     views = request.views(tree.leaves(), descent=request.polish > 0)
@@ -166,10 +186,13 @@ def best_stream(
         most = request.target_bytes
         n_levels = max(tree.n_levels, 1) + layers - 1
         aim = replace(aim, info=with_room(request.info, tree, n_levels, request))
-        return _best(_each(aim, trees), lambda one: one.at_bytes(most), TargetEncoder.psnr)
+        return _best(
+            _each(aim, trees), lambda one, near: one.nearest_bytes(most, near), TargetEncoder.psnr
+        )
     target = request.target_psnr
     assert target is not None, "there is a target"
-    return _best(_each(aim, trees), lambda one: one.at_psnr(target))
+    found = _best(_each(aim, trees), lambda one, near: one.nearest_psnr(target, near))
+    return replace(found, is_at_psnr=True)
 
 
 def _layers(tree: EvolutionTree, request: Request) -> int:
@@ -210,24 +233,31 @@ def _that_pay(
     return aims
 
 
-def _at_price(aims: Sequence[TargetEncoder], price: float, *, looks: bool) -> FoundStream:
-    """Of the drafts, that whose bits and errors cost least; the stream, if nothing looks at it."""
-    if len(aims) == 1 and not looks:
-        return FoundStream(aims[0].at_price(price), aims[0].tree)
-    drafts = [FoundStream.draft(aim, price) for aim in aims]
-    if len(drafts) == 1:
-        return drafts[0]
+def _at_price(aims: Sequence[TargetEncoder], price: float) -> FoundStream:
+    """Of the streams at a price of a bit that whose bits and errors cost least."""
 
-    def cost(draft: FoundStream) -> float:
-        assert draft.aim is not None, "drafts are made by views"
-        return 8 * len(draft.finished()) * price + 10 ** (-draft.aim.psnr(draft.data) / 10)
+    def make(aim: TargetEncoder, near: float | None) -> Found[bytes]:
+        return Found(price, math.nan, aim.at_price(price))
 
-    return min(drafts, key=cost)
+    found = [FoundStream.of(aim, make, price) for aim in aims]
+    if len(found) == 1:
+        return found[0]
+
+    def cost(one: FoundStream) -> float:
+        assert one.aim is not None, "it is made by views"
+        return 8 * len(one.data) * price + 10 ** (-one.aim.psnr(one.data) / 10)
+
+    return min([one.made() for one in found], key=cost)
+
+
+def _plainly(make: Callable[[TargetEncoder], bytes]) -> Make:
+    """Without a price of a bit."""
+    return lambda aim, near: Found(math.nan, math.nan, make(aim))
 
 
 def _best(
     aims: Sequence[TargetEncoder],
-    make: Callable[[TargetEncoder], bytes],
+    make: Make,
     worth: Callable[[TargetEncoder, bytes], float] | None = None,
 ) -> FoundStream:
     """The smallest of the streams that meet a target, or that with the highest `worth`.
@@ -237,23 +267,23 @@ def _best(
     Raises:
         TargetMissedError: of the tree that comes nearest, if none meets it.
     """
-    found: list[FoundStream] = []
+    found: list[tuple[float, FoundStream]] = []
     missed: list[TargetMissedError] = []
-    for one in aims:
+    for aim in aims:
         try:
-            data = make(one)
+            one = FoundStream.of(aim, make).made()
         except TargetMissedError as error:
             missed.append(error)
             continue
         if worth is None:
-            found.append(FoundStream(data, one.tree, -len(data), one, make))
-        elif len(aims) == 1 or one.views is None:
-            return FoundStream(data, one.tree, math.inf, one, make)
+            found.append((-len(one.data), one))
+        elif len(aims) == 1 or aim.views is None:
+            return one
         else:
-            found.append(FoundStream(data, one.tree, worth(one, data), one, make))
+            found.append((worth(aim, one.data), one))
     if not found:
         raise min(missed, key=lambda error: error.by)
-    return max(found, key=lambda one: one.merit)
+    return max(found, key=lambda pair: pair[0])[1]
 
 
 def at_tree_psnr(tree: EvolutionTree, request: Request) -> FoundStream | None:
@@ -273,11 +303,11 @@ def at_tree_psnr(tree: EvolutionTree, request: Request) -> FoundStream | None:
         progress=request.progress,
     )
 
-    def make(one: TargetEncoder) -> bytes:
-        return one.at_psnr(TREE_PSNR)
+    def make(one: TargetEncoder, near: float | None) -> Found[bytes]:
+        return one.nearest_psnr(TREE_PSNR, near)
 
     try:
-        return FoundStream(make(aim), tree, aim=aim, make=make)
+        return replace(FoundStream.of(aim, make).made(), is_at_psnr=True)
     except InputError as error:  # of a few splats, or none that is seen
         warnings.warn(f"{error}; {instead}", stacklevel=3)
         return None

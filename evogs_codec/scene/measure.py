@@ -14,11 +14,9 @@ from evogs_codec.scene.request import Request
 if TYPE_CHECKING:
     from evogs_codec.render import Camera, Views
 
-__all__ = ["MANY", "Gauge", "with_room"]
+__all__ = ["Gauge", "with_room"]
 
 N_VIEWS = 6
-MANY = 10_000  # of more splats some views judge first
-EVERY = 3  # so-many-th view of them tells what is no level
 PIXELS = 200  # of the longer side of a view
 
 
@@ -29,16 +27,12 @@ class Gauge:
     Attributes:
         views: of levels.
         said: what they are.
-        few: some of them.
-        many: twice as many as `views`.
-        every: so-many-th of `views` is one of the few.
+        many: twice as many, that look for falls.
     """
 
     views: Views
     said: str
-    few: Views
     many: Views
-    every: int
 
     @staticmethod
     def of(tree: EvolutionTree, request: Request) -> Gauge | None:
@@ -54,16 +48,7 @@ class Gauge:
         views = Views(scene, cameras, options=options_for(scene))
         if not any((picture != 1.0).any() for picture in views.pictures):  # only background
             return None
-        every = EVERY if len(scene) > MANY else 1
-        few, many = (replace(views, cameras=some) for some in (cameras[::every], more))
-        return Gauge(views, said, few, many, every)
-
-    def both(self, splats: SplatParams) -> tuple[float, float]:
-        """PSNR over all views, and over the few, dB."""
-        each = self.views.psnr_of_each(splats)
-        if len(each) < len(self.views.cameras):  # some show nothing of the scene
-            return float(each.mean()), self.few.psnr(splats)
-        return float(each.mean()), float(each[:: self.every].mean())
+        return Gauge(views, said, replace(views, cameras=more))
 
 
 def with_room(info: SceneInfo, tree: EvolutionTree, n_levels: int, request: Request) -> SceneInfo:

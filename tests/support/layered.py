@@ -77,7 +77,9 @@ def layered(tree, n_layers, n_tiles=1):
     tiles = arrange(tree, n_tiles)
     importance = Importance.of(tiles, tree.n_levels, all_ones)
     with patch("evogs_codec.encoding.layers.LEAST", 512):
-        return tiles, Layered.of(tiles, tree.n_levels, importance, Layering(n_layers))
+        found = Layered.of(tiles, tree.n_levels, importance, Layering(n_layers))
+        assert len(found.of_tiles) == len(tiles)  # made here
+        return tiles, found
 
 
 def dropping(tree, slots):

@@ -18,10 +18,14 @@ from evogs_codec import (
     lift,
     read_directory,
 )
+from evogs_codec.encoding.held_steps import Run
+from evogs_codec.encoding.layers import Layering
+from evogs_codec.encoding.targets import TargetMissedError
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
-from evogs_codec.scene import steady
-from evogs_codec.scene.choose import FoundStream
+from evogs_codec.scene import choose, steady
+from evogs_codec.scene.request import Request
+from evogs_codec.scene.states import State, shown, steps_of
 
 N = 600
 WORST = 0.05  # dB
@@ -72,29 +76,92 @@ def test_no_packet_of_core_makes_pictures_worse(name):
 
 
 def test_without_looking_some_scenes_fall(monkeypatch):
-    monkeypatch.setattr(steady, "FELL", np.inf)
+    monkeypatch.setattr(steady, "TRIES", 0)
     splats = odd_scenes()["all haze"]
     assert deepest_fall(encode_scene(splats, effort=1), splats) > 1.0
 
 
+def aim_of(tree, splats, **more):
+    views = Views(splats, cameras_around(splats, "z", 60, n=4))
+    return TargetEncoder(tree, PRESETS["scene"], views, **more)
+
+
+def found_of(aim):
+    return choose._at_price([aim], 4e-6 / N)
+
+
 def test_what_is_looked_at_is_what_a_decoder_shows():
     splats = make_scene(N)
-    tree = lift(splats, 3)
-    aim = TargetEncoder(tree, PRESETS["scene"], Views(splats, cameras_around(splats, "z", 60, n=4)))
-    found = FoundStream.draft(replace(aim, layers=2, n_tiles=2), 4e-6 / N)
-    directory = read_directory(found.data)
-    cuts = [cut for level in range(directory.n_levels) for cut in steady._cuts(directory, level)]
+    data = found_of(aim_of(lift(splats, 3), splats, layers=2, n_tiles=2)).made().data
+    directory = read_directory(data)
+    cuts = [cut for level in range(directory.n_levels) for cut in steps_of(directory, level)]
     assert len(cuts) > directory.n_levels
-    for cut, leaves in zip(cuts, steady._shown(found, directory, cuts), strict=True):
-        expected = decode(found.data, cut).leaves(sh_degree=3)
+    for cut, leaves in zip(cuts, shown(data, directory, cuts, 3), strict=True):
+        expected = decode(data, cut).leaves(sh_degree=3)
         assert np.array_equal(leaves.channels(), expected.channels())
 
 
-def test_a_draft_has_the_integers_of_the_stream():
+@pytest.mark.parametrize("is_late", [False, True])
+def test_a_draft_has_the_coarse_levels_of_the_stream(is_late):
     splats = make_scene(N)
-    views = Views(splats, cameras_around(splats, "z", 60, n=4))
-    found = FoundStream.draft(TargetEncoder(lift(splats, 2), PRESETS["scene"], views), 4e-6 / N)
-    whole = found.finished()
-    assert len(whole) < len(found.data)
-    assert not read_directory(found.data).digests
-    assert decode(whole, verify=True).dump() == decode(found.data).dump()
+    found = found_of(aim_of(lift(splats, 3), splats, layers=2, n_tiles=2))
+    found = found.holding([], Layering(2, is_late=is_late))
+    draft, whole = found.draft(), found.made().data
+    assert not read_directory(draft).digests
+    assert found.n_coarse == 3 - is_late
+    for level in range(found.n_coarse):
+        expected = decode(whole, level=level).leaves(sh_degree=3)
+        assert np.array_equal(
+            decode(draft, level=level).leaves(sh_degree=3).channels(), expected.channels()
+        )
+
+
+def test_a_whole_draft_has_the_integers_of_the_stream():
+    splats = make_scene(N)
+    found = found_of(aim_of(lift(splats, 2), splats, layers=2))
+    whole, draft = found.made().data, found.draft(is_whole=True)
+    assert len(whole) < len(draft)
+    assert decode(whole, verify=True).dump() == decode(draft).dump()
+
+
+def state(place, *decibels):
+    """With these of views."""
+    return State(place, np.array(decibels), lambda: np.array(decibels))
+
+
+def test_a_step_that_falls_is_held_back_with_what_follows_until_pictures_are_better():
+    states = [state((0, 0), 20.0), state((1, 0), 19.0), state((1, 1), 19.5), state((2, 0), 22.0)]
+    runs, is_coarse = steady._runs(states, set())
+    assert runs == [Run((1, 0), (2, 0))]
+    assert not is_coarse
+
+
+@pytest.mark.parametrize("is_mend", [False, True])
+def test_a_mend_that_looks_a_little_worse_is_held_back(is_mend):
+    states = [state((0, 0), 20.0), state((1, 0), 21.0), state((1, 1), 20.96), state((2, 0), 22.0)]
+    runs, _ = steady._runs(states, {(1, 1)} if is_mend else set())
+    assert runs == ([Run((1, 1), (2, 0))] if is_mend else [])
+
+
+def test_coarse_splats_that_look_worse_than_some_of_them_are_too_coarse():
+    states = [state((0, 0), 20.0), state((1, 0), 24.0), state((2, 0), 23.0)]
+    assert steady._runs(states, set())[1]
+
+
+def test_a_target_that_held_steps_miss_is_met_without(monkeypatch):
+    """What was made first stays."""
+    splats = make_scene(N)
+    aim = aim_of(lift(splats, 3), splats, layers=2)
+    first = choose.FoundStream.of(aim, lambda aim, near: aim.nearest_psnr(38, near)).made()
+    monkeypatch.setattr(
+        steady._Mending,
+        "mended",
+        lambda self, found: found.holding([], Layering(2, is_late=True)) if found.stream else None,
+    )
+
+    def missed(self, decibels, near=None):
+        raise TargetMissedError("missed", 1.0)
+
+    monkeypatch.setattr(TargetEncoder, "nearest_psnr", missed)
+    request = Request.of("scene", {"target_psnr": 38.0})
+    assert steady._steadied(first, aim.views, request).data == first.data

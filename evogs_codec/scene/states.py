@@ -1,0 +1,175 @@
+"""States of a stream: what is shown after each step of its levels, and how good views find it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from evogs_codec.common.progress import Progress, no_progress
+from evogs_codec.decoding.cut import Cut
+from evogs_codec.decoding.progressive import Decoder
+from evogs_codec.format.directory import Directory, read_directory
+from evogs_codec.model.splats import F64, SplatParams
+
+if TYPE_CHECKING:
+    from evogs_codec.render import Views
+
+__all__ = ["SAME", "Draft", "State", "shown", "steps_of"]
+
+SAME = 0.03  # dB; two states look the same if no view differs by more
+# A state is a fall if its lead over one before it, in the mean over views and less DOUBT standard
+# errors of JUDGES views, is below -FALL dB.
+FALL, DOUBT, JUDGES = 0.05, 1.0, 6
+MANY = 10_000  # of more splats a few views judge first
+FEW = 4  # of them
+UNSURE = 0.8  # standard deviations that the mean of a few views is from that of all, at most
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """What is there after a step.
+
+    Attributes:
+        place: its level, and which of the steps of the level it is.
+        few: (f,) PSNR of a few views of it, dB.
+        draw: gives (n,) that of the other views.
+    """
+
+    place: tuple[int, int]
+    few: F64
+    draw: Callable[[], F64]
+
+    @cached_property
+    def decibels(self) -> F64:
+        """PSNR of each view, dB; all are drawn where a few leave something in doubt."""
+        return np.concatenate([self.few, self.draw()])
+
+    @property
+    def mean(self) -> float:
+        """Of a few views, dB."""
+        return float(self.few.mean())
+
+    def is_like(self, other: State) -> bool:
+        """Whether it looks the same."""
+        return _is_like(self.few - other.few) and _is_like(self.decibels - other.decibels)
+
+    def keeps_up_with(self, other: State) -> bool:
+        """Whether it is no fall after another one, also on `JUDGES` other views."""
+        by = self.few - other.few
+        if not _is_like(by) and abs(_lead(by)) <= UNSURE * by.std():
+            by = self.decibels - other.decibels
+        return _is_like(by) or _lead(by) >= 0
+
+
+def _is_like(by: F64) -> bool:
+    """Whether a state looks the same as one that it is better than by so many dB, view by view."""
+    return bool(np.abs(by).max() <= SAME)
+
+
+def _lead(by: F64) -> float:
+    """How far a state that is better by this, view by view, is from a fall, dB; below 0 it is."""
+    return float(by.mean() + FALL - DOUBT * by.std() / math.sqrt(JUDGES))
+
+
+@dataclass(frozen=True, eq=False)
+class Draft:
+    """A stream to be looked at.
+
+    Attributes:
+        data: its bytes.
+        n_levels: of it, that are looked at.
+        sh_degree: of its splats.
+        n_splats: that it has at last.
+        views: that judge.
+    """
+
+    data: bytes
+    n_levels: int
+    sh_degree: int
+    n_splats: int
+    views: Views
+
+    @cached_property
+    def directory(self) -> Directory:
+        """Of the stream."""
+        return read_directory(self.data)
+
+    def ends(self) -> list[float]:
+        """PSNR of each level, of a few views, dB."""
+        cuts = [Cut.of_level(self.directory, level) for level in range(self.n_levels)]
+        few, _ = self._few
+        return [few.psnr(leaves) for leaves in self._shown(cuts)]
+
+    def states(self, progress: Progress = no_progress) -> list[State]:
+        """Those after each step of the levels, but of level 0 only the last: what it adds helps."""
+        few, others = self._few
+        cuts = [
+            ((level, number), cut)
+            for level in range(self.n_levels)
+            for number, cut in enumerate(steps_of(self.directory, level))
+        ]
+        n_first = sum(level == 0 for (level, _), _ in cuts)
+        cuts = cuts[max(n_first - 1, 0) :]
+        found = []
+
+        def drawn(cut: Cut) -> F64:
+            if not others.cameras:
+                return np.empty(0)
+            return others.psnr_of_each(next(self._shown([cut])))
+
+        leaves = self._shown([cut for _, cut in cuts])
+        for (place, cut), splats in zip(cuts, leaves, strict=True):
+            found.append(State(place, few.psnr_of_each(splats), partial(drawn, cut)))
+            progress("look at prefixes", len(found) / len(cuts))
+        return found
+
+    def _shown(self, cuts: Sequence[Cut]) -> Iterator[SplatParams]:
+        return shown(self.data, self.directory, cuts, self.sh_degree)
+
+    @cached_property
+    def _few(self) -> tuple[Views, Views]:
+        """Views that judge first, and the others."""
+        few = self.views.fewer(FEW) if self.n_splats > MANY else self.views
+        others = [camera for camera in self.views.cameras if camera not in few.cameras]
+        return few, replace(self.views, cameras=others, drawn=self.views.drawn)
+
+
+def shown(
+    data: bytes, directory: Directory, cuts: Sequence[Cut], sh_degree: int
+) -> Iterator[SplatParams]:
+    """The leaves of cuts of which each contains the one before; no packet is decoded twice."""
+    decoder, stream = Decoder(), memoryview(data)
+    decoder.feed(stream[: directory.data_offset])
+    done = np.zeros(len(directory.packets), bool)
+    sizes = directory.packets["size"].astype(np.int64)
+    for cut in cuts:
+        selected = cut.packets(directory)
+        for packet in np.flatnonzero(selected & ~done).tolist():
+            at = int(directory.offsets[packet])
+            decoder.feed(stream[at : at + int(sizes[packet])], at)
+        done |= selected
+        yield decoder.leaves(sh_degree=sh_degree)
+
+
+def steps_of(directory: Directory, level: int, *, rooms: bool = True) -> Iterator[Cut]:
+    """After each of the steps of a level, of all tiles that have so many.
+
+    Without `rooms` only after those that refine in some tile: others of late levels show nothing.
+    """
+    whole = Cut.of_level(directory, level)
+    core = directory.columns == 0
+    before = np.bincount(
+        directory.packets["tile"][core & (directory.labels < level)], minlength=len(whole.steps)
+    )
+    own = np.flatnonzero(core & (directory.labels == level))
+    numbers = directory.steps[own] - before[directory.packets["tile"][own]] + 1
+    shows = rooms | (directory.packets["n_refines"][own] > 0)
+    for number in np.unique(numbers[shows & (numbers < numbers.max(initial=0))]).tolist():
+        n_steps = np.minimum(before + number, whole.steps[:, 0])
+        yield Cut(np.minimum(whole.steps, n_steps[:, None]), whole.palette)
+    yield whole
