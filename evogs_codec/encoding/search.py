@@ -12,7 +12,8 @@ __all__ = ["MOST_TRIES", "ONE_SIDED", "Found", "nearest"]
 MOST_TRIES = 14
 NARROW = 1e-6
 ROUGH, SPREAD, GOLDEN = 0.02, 0.2, 0.618  # of the logarithm of a price
-ONE_SIDED = 3  # tries on one side of a target, after which it is, too
+ONE_SIDED = 3  # tries on one side of a target, after which it is, too, if they hardly come nearer
+HARDLY = 0.5  # of the distance of the first try from the target
 T = TypeVar("T")
 
 
@@ -52,7 +53,8 @@ def nearest(
         most: a value above it is the best only where none is below.
         tries: at most.
         far: a first value that is further off has the end of the range tried, as one does of which
-            the first tries are all on one side: if the end does not reach the target, nothing does.
+            the first tries are all on one side and far: if the end does not reach the target,
+            nothing does.
     """
 
     def badness(value: float) -> tuple[bool, float]:
@@ -65,6 +67,7 @@ def nearest(
     middle: float | None = None
     is_above: set[bool] = set()
     tried: set[float] = set()  # ends of the range
+    distances: list[float] = []
     for k in range(tries):
         value, what = measure(math.exp(at))
         if best is None or badness(value) < badness(best.value):
@@ -72,7 +75,9 @@ def nearest(
         if abs(value - target) <= slack:
             break
         is_above.add(value > target)
-        if k + 1 == ONE_SIDED or (not k and abs(value - target) > far):
+        distances.append(abs(value - target))
+        is_slow = k + 1 == ONE_SIDED and distances[-1] > HARDLY * distances[0]
+        if is_slow or (not k and distances[0] > far):
             end = bounds[0] if value < target else bounds[1]
             if len(is_above) == 1 and end not in tried:
                 tried.add(end)

@@ -34,7 +34,9 @@ PRICES = (1e-18, 1e-5)
 FACTORS = (1e-4, 1e4)
 MORE_TRIES = 60  # of few splats, where a rounding moves a PSNR
 TRIED = 200_000  # splats, those of all tries together
-PSNR_SLACK, BYTES_SLACK = 0.1, 0.005  # dB, and part of the bytes asked for
+PSNR_SLACK, BYTES_SLACK = 0.15, 0.01  # dB, and part of the bytes asked for
+MISSED_BY = 0.2  # dB from a target, at most
+BYTES_SLOPE = -0.25  # of the logarithm of the bytes over that of the price, about
 POLISH_GAIN = 2.0  # dB, about
 FAR_PSNR, FAR_BYTES = 15.0, math.log(8.0)  # from the first try: the end of the range is tried next
 
@@ -90,20 +92,21 @@ class TargetEncoder(Aim):
 
         first = near or FIRST_PRICE
         plain = search(coder.coded, decibels, first, PSNR_SLACK, tries)
-        room = 2 * PSNR_SLACK + (2 * POLISH_GAIN if coder.polishes else 0)
+        room = MISSED_BY + (2 * POLISH_GAIN if coder.polishes else 0)
         if plain.is_end and abs(plain.value - decibels) > room:
-            end = "largest" if plain.value < decibels else "smallest"
+            other = PRICES[plain.at == PRICES[0]]
+            ends = sorted([plain.value, measure(coder.coded(other))[0]])
             each = len(write(plain.what, effort=1, digests=False)) / self.tree.n_leaves
             said = (
-                f"{decibels:g} dB cannot be met: the {end} PSNR that can be reached is"
-                f" {plain.value:.1f} dB, with about {each:.1f} bytes a splat"
+                f"{decibels:g} dB cannot be met: {ends[0]:.1f} to {ends[1]:.1f} dB can be reached,"
+                f" {plain.value:.1f} dB with about {each:.1f} bytes a splat"
             )
             raise TargetMissedError(said, abs(plain.value - decibels))
         found = [plain]
         if coder.polishes:
             below = search(coder.coded, decibels - POLISH_GAIN, first, POLISH_GAIN / 4)
             found.append(search(coder.polished, decibels, below.at, PSNR_SLACK))
-        met = [one for one in found if abs(one.value - decibels) <= 2 * PSNR_SLACK]
+        met = [one for one in found if abs(one.value - decibels) <= MISSED_BY]
         if not met:
             said = f"{decibels:g} dB cannot be met: {plain.value:.2f} dB is nearest"
             raise TargetMissedError(said, abs(plain.value - decibels))
@@ -127,14 +130,13 @@ class TargetEncoder(Aim):
                 data = self.written(code(price))
                 return math.log(len(data)), data
 
-            bounds = PRICES if self.views else FACTORS
             most = math.log(n_bytes)
             return nearest(
                 measure,
                 most - BYTES_SLACK,
-                -0.1,
+                BYTES_SLOPE if self.views else -0.1,
                 start,
-                bounds,
+                self._bounds,
                 BYTES_SLACK,
                 most,
                 far=FAR_BYTES,
@@ -142,9 +144,10 @@ class TargetEncoder(Aim):
 
         plain = search(coder.coded, near or (FIRST_PRICE if self.views else 1.0))
         if plain.is_end and not 0.98 * n_bytes <= len(plain.what) <= n_bytes:
-            end = "largest" if len(plain.what) < n_bytes else "smallest"
-            n_end = len(plain.what)
-            said = f"{n_bytes:,} bytes cannot be met: the {end} stream has {n_end:,} bytes"
+            bounds = self._bounds
+            other = bounds[plain.at == bounds[0]]
+            least, most = sorted([len(plain.what), len(self.written(coder.coded(other)))])
+            said = f"{n_bytes:,} bytes cannot be met: {least:,} to {most:,} bytes can be reached"
             raise TargetMissedError(said, abs(len(plain.what) - n_bytes))
         found = [search(coder.polished, plain.at), plain] if coder.polishes else [plain]
         met = [one for one in found if 0.98 * n_bytes <= len(one.what) <= n_bytes]
@@ -152,6 +155,11 @@ class TargetEncoder(Aim):
             said = f"{n_bytes:,} bytes cannot be met: {len(plain.what):,} is nearest"
             raise TargetMissedError(said, abs(len(plain.what) - n_bytes))
         return met[0] if len(met) == 1 else max(met, key=lambda one: self.psnr(one.what))
+
+    @property
+    def _bounds(self) -> tuple[float, float]:
+        """Of what is searched for."""
+        return PRICES if self.views else FACTORS
 
     def at_prices(self, prices: Iterable[float]) -> Iterator[bytes]:
         """A stream for each price of a bit, a mean squared error of the views; not polished.

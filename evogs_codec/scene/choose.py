@@ -143,7 +143,7 @@ def best_stream(
         progress=request.progress,
     )
     if request.errors:
-        return _best(_each(whole, trees), _plainly(lambda aim: aim.within(request.errors)))
+        return _best(_made_plainly(whole, trees, lambda aim: aim.within(request.errors)))
     if request.is_plain and not request.has_preset and tree.n_leaves and _draws(request):
         views = request.weighing_views(tree.leaves())
         ordering = None if views is None else views.fewer(request.effort.n_band_views)
@@ -166,7 +166,7 @@ def best_stream(
                 progress=request.progress,
             )
 
-        return _best(_each(whole, trees), _plainly(plainly))
+        return _best(_made_plainly(whole, trees, plainly))
     if not tree.n_leaves:
         raise InputError("a scene without splats has nothing to aim at")
     views = request.views(tree.leaves(), descent=request.polish > 0)
@@ -181,18 +181,25 @@ def best_stream(
     )
     if request.polish and not moves:
         warnings.warn("polishing changes nothing: the last level refines nothing", stacklevel=3)
-    aim = replace(whole, views=views, polish=request.polish, layers=layers)
+    ordering = None if views is None else views.fewer(request.effort.n_band_views)
+    aim = replace(whole, views=views, ordering=ordering, polish=request.polish, layers=layers)
+    near = None if views is None else SCENE_PRICE / tree.n_leaves
     if request.target_bytes is not None:
         most = request.target_bytes
         n_levels = max(tree.n_levels, 1) + layers - 1
         aim = replace(aim, info=with_room(request.info, tree, n_levels, request))
-        return _best(
-            _each(aim, trees), lambda one, near: one.nearest_bytes(most, near), TargetEncoder.psnr
-        )
+
+        def of_bytes(one: TargetEncoder, near: float | None) -> Found[bytes]:
+            return one.nearest_bytes(most, near)
+
+        return _aimed(_each(aim, trees), of_bytes, near, TargetEncoder.psnr)
     target = request.target_psnr
     assert target is not None, "there is a target"
-    found = _best(_each(aim, trees), lambda one, near: one.nearest_psnr(target, near))
-    return replace(found, is_at_psnr=True)
+
+    def of_psnr(one: TargetEncoder, near: float | None) -> Found[bytes]:
+        return one.nearest_psnr(target, near)
+
+    return replace(_aimed(_each(aim, trees), of_psnr, near), is_at_psnr=True)
 
 
 def _layers(tree: EvolutionTree, request: Request) -> int:
@@ -250,17 +257,42 @@ def _at_price(aims: Sequence[TargetEncoder], price: float) -> FoundStream:
     return min([one.made() for one in found], key=cost)
 
 
-def _plainly(make: Callable[[TargetEncoder], bytes]) -> Make:
-    """Without a price of a bit."""
-    return lambda aim, near: Found(math.nan, math.nan, make(aim))
+def _made_plainly(
+    whole: TargetEncoder, trees: Sequence[EvolutionTree], make: Callable[[TargetEncoder], bytes]
+) -> list[FoundStream]:
+    """Of trees, without a price of a bit; yet to be made."""
+
+    def made(aim: TargetEncoder, near: float | None) -> Found[bytes]:
+        return Found(math.nan, math.nan, make(aim))
+
+    return [FoundStream.of(aim, made) for aim in _each(whole, trees)]
+
+
+def _aimed(
+    aims: Sequence[TargetEncoder],
+    make: Make,
+    near: float | None,
+    worth: Callable[[TargetEncoder, bytes], float] | None = None,
+) -> FoundStream:
+    """`_best`; of two trees one alone where an estimate is sure, at the price of the first."""
+    first = FoundStream.of(aims[0], make, near)
+    if len(aims) == 1 or near is None:
+        return _best([FoundStream.of(aim, make, near) for aim in aims], worth)
+    try:
+        first = first.made()
+    except TargetMissedError:
+        return _best([FoundStream.of(aim, make, near) for aim in aims], worth)
+    assert first.price is not None, "views decide"
+    paying = _that_pay(aims, first.price)
+    others = [FoundStream.of(aim, make, first.price) for aim in paying if aim is not aims[0]]
+    return _best([first, *others] if paying[0] is aims[0] else others, worth)
 
 
 def _best(
-    aims: Sequence[TargetEncoder],
-    make: Make,
+    streams: Sequence[FoundStream],
     worth: Callable[[TargetEncoder, bytes], float] | None = None,
 ) -> FoundStream:
-    """The smallest of the streams that meet a target, or that with the highest `worth`.
+    """The smallest of the streams that meet a target, or that with the highest `worth`, made.
 
     Without views to tell its worth, the first that meets it.
 
@@ -269,18 +301,19 @@ def _best(
     """
     found: list[tuple[float, FoundStream]] = []
     missed: list[TargetMissedError] = []
-    for aim in aims:
+    for stream in streams:
         try:
-            one = FoundStream.of(aim, make).made()
+            one = stream.made()
         except TargetMissedError as error:
             missed.append(error)
             continue
+        assert one.aim is not None, "it has been made"
         if worth is None:
             found.append((-len(one.data), one))
-        elif len(aims) == 1 or aim.views is None:
+        elif len(streams) == 1 or one.aim.views is None:
             return one
         else:
-            found.append((worth(aim, one.data), one))
+            found.append((worth(one.aim, one.data), one))
     if not found:
         raise min(missed, key=lambda error: error.by)
     return max(found, key=lambda pair: pair[0])[1]

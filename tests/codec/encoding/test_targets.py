@@ -160,17 +160,19 @@ def counted(monkeypatch):
 @pytest.mark.thorough
 @pytest.mark.parametrize("layers", [1, 2])
 @pytest.mark.parametrize(("decibels", "end"), [(120, "largest"), (5, "smallest")])
-def test_a_psnr_out_of_reach_is_refused_after_two_tries_with_what_can_be_reached(
+def test_a_psnr_out_of_reach_is_refused_after_three_tries_with_what_can_be_reached(
     monkeypatch, decibels, end, layers
 ):
     calls = counted(monkeypatch)
     with pytest.raises(TargetMissedError) as refused:
         aim(layers=layers).at_psnr(decibels)
-    assert len(calls) == 2
-    said = rf"{decibels} dB cannot be met: the {end} PSNR that can be reached is ([\d.]+) dB, with"
-    found = re.match(rf"{said} about ([\d.]+) bytes a splat$", str(refused.value))
+    assert len(calls) == 3
+    said = rf"{decibels} dB cannot be met: ([\d.]+) to ([\d.]+) dB can be reached, ([\d.]+) dB"
+    found = re.match(rf"{said} with about ([\d.]+) bytes a splat$", str(refused.value))
     assert found
-    reached, each = float(found[1]), float(found[2])
+    least, most, reached, each = map(float, found.groups())
+    assert least < most
+    assert reached == (least if end == "smallest" else most)
     assert refused.value.by == pytest.approx(abs(decibels - reached), abs=0.06)
     data = aim(layers=layers).at_price(PRICES[end == "smallest"])
     assert psnr(data) == pytest.approx(reached, abs=0.06)
@@ -179,21 +181,21 @@ def test_a_psnr_out_of_reach_is_refused_after_two_tries_with_what_can_be_reached
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("has_pictures", [True, False])
-def test_bytes_out_of_reach_are_refused_after_two_tries_with_the_smallest_stream(
+def test_bytes_out_of_reach_are_refused_after_three_tries_with_what_can_be_reached(
     monkeypatch, has_pictures
 ):
     calls = counted(monkeypatch)
     aims = aim() if has_pictures else TargetEncoder(scene()[0], PRESETS["scene"])
     with pytest.raises(TargetMissedError) as refused:
         aims.at_bytes(10)
-    assert len(calls) == 2
-    found = re.match(
-        r"10 bytes cannot be met: the smallest stream has ([\d,]+) bytes$", str(refused.value)
-    )
+    assert len(calls) == 3
+    said = r"10 bytes cannot be met: ([\d,]+) to ([\d,]+) bytes can be reached$"
+    found = re.match(said, str(refused.value))
     assert found
-    least = int(found[1].replace(",", ""))
+    least, most = (int(n.replace(",", "")) for n in found.groups())
+    assert least < most
     assert least / 1.01 <= len(aims.at_bytes(round(1.01 * least))) <= 1.01 * least
-    with pytest.raises(TargetMissedError, match=r"cannot be met: the largest stream has [\d,]+ by"):
+    with pytest.raises(TargetMissedError, match=f"10,000,000 bytes .*{found[1]} to {found[2]} by"):
         aims.at_bytes(10**7)
 
 
