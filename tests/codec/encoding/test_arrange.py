@@ -15,7 +15,7 @@ N_LEVELS = 5
 def parts():
     """Splits of the steps of each level that have any."""
     (tile,) = arrange(lift(make_scene(6_000, 3), N_LEVELS), 1)
-    found = [[] for _ in range(N_LEVELS)]
+    found: list[list[int]] = [[] for _ in range(N_LEVELS)]
     for step in tile.steps:
         n_splits = int(np.count_nonzero(step.kinds == Kind.SPLIT))
         found[step.level] += [n_splits] if n_splits else []
