@@ -9,7 +9,7 @@ from evogs_codec import Cut, decode, encode_scene, read_directory
 from evogs_codec.render import Camera
 from evogs_codec.render.demo_scene import make_scene
 from tools.bench.traces import TRACES, Trace
-from tools.bench.view_order import UNSEEN, Boxes, view_order
+from tools.bench.view_order import GRID, UNSEEN, Boxes, view_order
 
 
 def looking(target) -> Camera:
@@ -24,14 +24,29 @@ def test_boxes_are_in_sight_where_the_camera_looks():
     boxes = Boxes(low, low + 2)
     assert boxes.in_sight(AHEAD).tolist() == [True, False, False]
     assert boxes.in_sight(BACK).tolist() == [False, True, False]
-    assert boxes.weights(AHEAD).tolist() == [1, UNSEEN, UNSEEN]
-    # Half as far away, and half out of sight.
-    nearer = Boxes(np.array([[10.0, -1, -1], [5, -1, -1]]), np.array([[12.0, 1, 1], [6, 5, 1]]))
-    weights = nearer.weights(AHEAD)
-    assert weights[1] == 1
-    assert UNSEEN < weights[0] < 0.8
-    around = Boxes(np.full((1, 3), -1.0), np.full((1, 3), 1.0))
-    assert around.weights(AHEAD).tolist() == [1.0]
+
+
+def test_boxes_weigh_as_they_cover_the_picture():
+    side = 2 * 5 * np.tan(0.5)  # of the picture, where the nearer ends of boxes are
+    low, high = np.array([[5, -side / 2, -side / 2], [6, 0, side / 2]])
+    boxes = Boxes(
+        np.stack([low, low, [5, 0.01, 0.01], np.full(3, -1.0)]),
+        np.stack([high, [6, -side / 6, -side / 6], [6, 0.02, 0.02], np.ones(3)]),
+    )
+    # Half of the picture, a ninth, hardly anything, and around the camera.
+    assert boxes.covers(AHEAD) == pytest.approx([1 / 2, 1 / 9, 0.5 / GRID**2, 1], abs=0.03)
+    assert boxes.weights(AHEAD) == pytest.approx([1, 4 / 9, UNSEEN, 1], abs=0.12)
+    assert boxes.covers(BACK).tolist() == [0, 0, 0, 1]
+    assert boxes.weights(BACK).tolist() == [UNSEEN, UNSEEN, UNSEEN, 1]
+
+
+def test_of_many_boxes_that_cover_little_those_in_sight_come_first():
+    low = np.stack(np.meshgrid([40.0, -40], np.arange(-5, 5), np.arange(-5, 5)), -1).reshape(-1, 3)
+    boxes = Boxes(low, low + 1)
+    weights, ahead = boxes.weights(AHEAD), low[:, 0] > 0
+    assert boxes.covers(AHEAD).max() < 0.02
+    assert weights[ahead].mean() > 2 * UNSEEN
+    assert (weights[~ahead] == UNSEEN).all()
 
 
 @pytest.mark.thorough

@@ -244,13 +244,12 @@ def _of_sog(name: str, stream: SogStream, steps: int) -> Source:
     wanted = [i for i, one in enumerate(sets) if one.level in (0, finest) or steps > 1]
 
     def order(camera: Camera) -> list[int]:
-        weights = boxes.weights(camera)
-        in_sight = boxes.in_sight(camera)
+        covers, in_sight = boxes.covers(camera), boxes.in_sight(camera)
 
         def urgency(i: int) -> tuple[bool, bool, int, float]:
             cells, level = stream.cells_of[i], sets[i].level
             is_unseen = not in_sight[cells].any()
-            return level > 0, is_unseen, level, -float(weights[cells].max())
+            return level > 0, is_unseen, level, -float(covers[cells].max())
 
         return sorted(wanted, key=urgency)
 

@@ -14,7 +14,8 @@ from evogs_codec.render import Camera
 
 __all__ = ["Boxes", "view_order"]
 
-POINTS = 5  # of a box along an axis
+GRID = 12  # rays along a side of the picture
+ENOUGH = 0.25  # part of the picture; a tile that covers more is no more urgent
 UNSEEN = 0.3  # the least weight
 
 
@@ -39,23 +40,46 @@ class Boxes:
     def in_sight(self, camera: Camera) -> npt.NDArray[np.bool_]:
         """(n,) whether the sphere around each box meets what the camera sees."""
         radii = np.linalg.norm(self.high - self.low, axis=1) / 2
-        return _is_inside((self.low + self.high) / 2, camera, radii)
+        found: npt.NDArray[np.bool_] = (
+            _sides((self.low + self.high) / 2, camera) >= -radii[:, None]
+        ).all(axis=1)
+        return found
+
+    def covers(self, camera: Camera) -> F64:
+        """(n,) part of the picture that each box covers, on a grid of rays.
+
+        Half a ray for one that no ray meets, unless all of it is beyond a side of the picture.
+        """
+        at = (np.arange(GRID) + 0.5) / GRID
+        x, y = (a.ravel() for a in np.meshgrid(at * camera.width, at * camera.height))
+        rays = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones_like(x)])
+        ways = rays.T @ camera.rotation
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ends = [(side[:, None] - camera.position) / ways for side in (self.low, self.high)]
+        enters, leaves = np.minimum(*ends).max(axis=2), np.maximum(*ends).min(axis=2)
+        met = np.count_nonzero(leaves >= np.maximum(enters, 0), axis=1)
+        corners = np.where(_CORNERS, self.high[:, None], self.low[:, None])
+        is_beyond = np.any(np.all(_sides(corners, camera) < 0, axis=1), axis=1)
+        found: F64 = np.where(is_beyond, 0, np.maximum(met, 0.5)) / GRID**2
+        return found
 
     def weights(self, camera: Camera) -> F64:
-        """(n,) how large each box looks: the root of its area in sight, to that of the largest."""
-        steps = (np.arange(POINTS) + 0.5) / POINTS
-        grid = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
-        points = self.low[:, None] + grid * (self.high - self.low)[:, None]
-        away = np.maximum(
-            np.linalg.norm(points - camera.position, axis=2), np.finfo(np.float32).tiny
-        )
-        areas = (_is_inside(points, camera) / away**2).mean(axis=1)
-        largest = max(float(areas.max()), np.finfo(float).tiny)
-        return np.asarray(np.maximum(UNSEEN, np.sqrt(areas / largest)))
+        """(n,) how urgent each box is, from `UNSEEN` to 1: by what it covers of the picture.
+
+        1 is a quarter of the picture, or the mean of what is in sight if that is less.
+        """
+        covers = self.covers(camera)
+        seen = covers[covers > 0]
+        enough = min(ENOUGH, float(seen.mean())) if len(seen) else ENOUGH
+        return np.asarray(np.clip(covers / enough, UNSEEN, 1))
 
 
-def _is_inside(points: F64, camera: Camera, margin: F64 | float = 0.0) -> npt.NDArray[np.bool_]:
-    """(...) whether points (..., 3) are at most `margin` (...) out of what the camera sees."""
+# (8, 3) whether a corner of a box is its high end along each axis.
+_CORNERS = np.arange(8)[:, None] >> np.arange(3) & 1 == 1
+
+
+def _sides(points: F64, camera: Camera) -> F64:
+    """(..., 4) how far points (..., 3) are inside each side of what the camera sees."""
     at = points @ camera.rotation.T + camera.translation
     sides = np.array(
         [
@@ -66,8 +90,8 @@ def _is_inside(points: F64, camera: Camera, margin: F64 | float = 0.0) -> npt.ND
         ]
     )
     sides /= np.linalg.norm(sides, axis=1, keepdims=True)
-    inside: npt.NDArray[np.bool_] = (at @ sides.T >= -np.asarray(margin)[..., None]).all(axis=-1)
-    return inside
+    found: F64 = at @ sides.T
+    return found
 
 
 def view_order(directory: Directory, weights: F64) -> I64:

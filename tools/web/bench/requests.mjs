@@ -6,6 +6,13 @@ import { SceneFetch, fileOrder, viewOrder } from "evogs-fetch";
 import { serve } from "../evogs-fetch/test/server.mjs";
 
 const BYTES_PER_SECOND = 1.25e6;
+/** What is seen from the middle along x, 90 degrees wide. */
+const AHEAD = [
+  [1, 1, 0, 0],
+  [1, -1, 0, 0],
+  [1, 0, 1, 0],
+  [1, 0, -1, 0],
+];
 
 export async function requests(scenes) {
   const { name, stream } = scenes[scenes.length - 1];
@@ -13,7 +20,7 @@ export async function requests(scenes) {
   const rows = [];
   for (const [order, of] of Object.entries({
     file: fileOrder(),
-    view: viewOrder({ eye: [0, 0, 0], planes: [] }),
+    view: viewOrder({ eye: [0, 0, 0], planes: AHEAD }),
   })) {
     const server = await serve(bytes, { bytesPerSecond: BYTES_PER_SECOND });
     const decoder = new Decoder({ verify: true });

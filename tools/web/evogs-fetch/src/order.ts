@@ -1,6 +1,7 @@
 /** Which packets are wanted, and in which order. */
 
 import { CORE, type Directory, HEADER_SIZE, PALETTE, PICKS } from "evogs";
+import { type View, tileWeights } from "./sight.js";
 
 /** The packets that are wanted, the most urgent first. Packets that are not named are not fetched. */
 export type Order = (directory: Directory) => ArrayLike<number>;
@@ -17,13 +18,6 @@ export interface Budget {
   level?: number;
 }
 
-/** What is looked at, in the coordinates of the scene. */
-export interface View {
-  eye: readonly [number, number, number];
-  /** Planes (a, b, c, d) with a x + b y + c z + d >= 0 inside what is seen. */
-  planes: readonly (readonly [number, number, number, number])[];
-}
-
 /** The order of the file, in which its encoder put what gains most first. */
 export function fileOrder(budget: Budget = {}): Order {
   return (directory) =>
@@ -35,8 +29,8 @@ export function fileOrder(budget: Budget = {}): Order {
 }
 
 /**
- * The order of the file, which is that of gain per byte, with tiles ahead that look large: a packet comes as early as
- * if the file had it at its place over the weight of its tile.
+ * The order of the file, which is that of gain per byte, with tiles ahead that cover much of the
+ * picture: a packet comes as early as if the file had it at its place over the weight of its tile.
  */
 export function viewOrder(view: View, budget: Budget = {}): Order {
   return (directory) => {
@@ -62,36 +56,6 @@ export function viewOrder(view: View, budget: Budget = {}): Order {
     const order = Array.from({ length: packets.length }, (_, i) => i).sort((a, b) => value[b] - value[a] || a - b);
     return withinBudget(directory, order, budget);
   };
-}
-
-/** Points of a box along an axis, which tell how much of it is in sight, and how near. */
-const POINTS = 5;
-/** The least weight: splats reach out of their boxes, and the view may turn. */
-const UNSEEN = 0.3;
-
-/** How large each tile looks: the root of the area of its part in sight, to that of the largest one. */
-function tileWeights(directory: Directory, { eye, planes }: View): Float64Array {
-  const { tiles, header } = directory;
-  const unit = 2 ** -header.gridExponents[0];
-  const weights = Float64Array.from({ length: header.nTiles }, (_, t) => {
-    const at = (axis: number, k: number) => {
-      const i = 3 * t + axis;
-      return (
-        (tiles.origin[i] + tiles.boxMin[i] + ((k + 0.5) / POINTS) * (tiles.boxMax[i] - tiles.boxMin[i])) * unit
-      );
-    };
-    let sum = 0;
-    for (let k = 0; k < POINTS ** 3; k++) {
-      const x = at(0, k % POINTS);
-      const y = at(1, Math.floor(k / POINTS) % POINTS);
-      const z = at(2, Math.floor(k / POINTS ** 2));
-      if (!planes.every(([a, b, c, d]) => a * x + b * y + c * z + d >= 0)) continue;
-      sum += 1 / Math.max((x - eye[0]) ** 2 + (y - eye[1]) ** 2 + (z - eye[2]) ** 2, unit ** 2);
-    }
-    return sum;
-  });
-  const largest = weights.reduce((a, b) => Math.max(a, b), Number.MIN_VALUE);
-  return weights.map((weight) => Math.max(UNSEEN, Math.sqrt(weight / largest)));
 }
 
 /** Takes packets in order while they fit. What needs a packet that does not fit is left out too. */

@@ -1,12 +1,12 @@
 /** Which tiles of a tileset are wanted for a view, and which are drawn until these have come. */
 
+import { type Planes, isInSight } from "./sight.js";
 import type { Point, Tile } from "./tileset.js";
 
 /** What is looked at, in the coordinates of the scene. */
 export interface TileView {
   eye: Point;
-  /** Planes (a, b, c, d) with a x + b y + c z + d >= 0 inside what is seen. */
-  planes: readonly (readonly [number, number, number, number])[];
+  planes: Planes;
   /** Pixels of something of size 1 at distance 1: the height of the picture over 2 tan(fovY / 2). */
   pixels: number;
 }
@@ -100,11 +100,7 @@ function distanceTo({ origin, low, high }: Tile, eye: Point): number {
 }
 
 function isSeen({ origin, low, high }: Tile, { planes }: TileView): boolean {
-  return planes.every(([a, b, c, d]) => {
-    // The corner of the box that is farthest inside.
-    const x = origin[0] + (a > 0 ? high[0] : low[0]);
-    const y = origin[1] + (b > 0 ? high[1] : low[1]);
-    const z = origin[2] + (c > 0 ? high[2] : low[2]);
-    return a * x + b * y + c * z + d >= 0;
-  });
+  const [x, y, z] = origin;
+  const at = (corner: Point): Point => [x + corner[0], y + corner[1], z + corner[2]];
+  return isInSight(at(low), at(high), planes);
 }

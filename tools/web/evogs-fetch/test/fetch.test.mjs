@@ -241,6 +241,53 @@ test("an order by view is that of the file with near tiles ahead, and nothing be
   assert.ok(ahead > packets.length, `${ahead} places`);
 });
 
+test("by view tiles come first that cover much of the picture, also one around the viewer", () => {
+  const { directory } = decode(FILE);
+  const { packets, tiles } = directory;
+  // At (0, 0, 0), looking along x: [low, high] of boxes.
+  const boxes = [
+    [
+      [-1000, -1000, -1000],
+      [1000, 1000, 1000],
+    ], // around the viewer, and far behind what is looked at
+    [
+      [100, -5, -5],
+      [110, 5, 5],
+    ], // a hundredth of the picture
+    [
+      [100, -50, -50],
+      [110, 50, 0],
+    ], // half of it
+    [
+      [-110, -50, -50],
+      [-100, 50, 50],
+    ], // behind the viewer
+  ];
+  for (const [t, [low, high]] of boxes.entries()) {
+    tiles.origin.set([0, 0, 0], 3 * t);
+    tiles.boxMin.set(low, 3 * t);
+    tiles.boxMax.set(high, 3 * t);
+  }
+  const planes = [
+    [0.5, 1, 0, 0],
+    [0.5, -1, 0, 0],
+    [0.5, 0, 1, 0],
+    [0.5, 0, -1, 0],
+  ];
+  const order = [...viewOrder({ eye: [0, 0, 0], planes })(directory)];
+  const of = (...some) => order.filter((i) => some.includes(packets.tile[i]));
+  // In the order of the file among each other.
+  for (const pair of [of(0, 2), of(1, 3)])
+    assert.deepEqual(
+      pair,
+      pair.toSorted((a, b) => a - b),
+    );
+  const place = (some) => some.reduce((sum, i) => sum + order.indexOf(i), 0) / some.length;
+  const inFile = (some) => some.reduce((sum, i) => sum + i, 0) / some.length;
+  assert.ok(place(of(0, 2)) < inFile(of(0, 2)) - 2, order.join());
+  assert.ok(place(of(1, 3)) > inFile(of(1, 3)) + 2, order.join());
+});
+
 test("what is on its way and not wanted any more is cancelled; what came of it is kept", () => {
   const file = scene(6000);
   return withServer(file, { bytesPerSecond: 600000 }, async ({ url, log }) => {
