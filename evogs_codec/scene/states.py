@@ -99,9 +99,10 @@ class Draft:
         """Of the stream."""
         return read_directory(self.data)
 
-    def ends(self) -> list[float]:
-        """PSNR of each level, of a few views, dB."""
-        cuts = [Cut.of_level(self.directory, level) for level in range(self.n_levels)]
+    def last_two(self) -> list[float]:
+        """PSNR of the last two levels, of a few views, dB."""
+        first = self.n_levels - 2
+        cuts = [Cut.of_level(self.directory, level) for level in (first, first + 1)]
         few, _ = self._few
         return [few.psnr(leaves) for leaves in self._shown(cuts)]
 

@@ -139,7 +139,7 @@ class _Mending:
         """With finer coarse splats, or with steps held back; None if there is nothing to mend."""
         tree = found.tree
         draft = Draft(found.draft(), found.n_coarse, tree.shown_degree, tree.n_leaves, self.views)
-        if self._could_be_late(found) and _gains_little(draft.ends()):
+        if self._could_be_late(found) and _gains_little(*draft.last_two()):
             self.layering = replace(self.layering, is_late=True)
             return found.holding((), self.layering)
         states = draft.states(self.progress)
@@ -161,9 +161,9 @@ class _Mending:
         return may and found.n_coarse > 1 and not self.layering.is_late
 
 
-def _gains_little(levels: Sequence[float]) -> bool:
-    """Whether the last of the coarse levels, of this PSNR, is hardly better than that before it."""
-    return levels[-1] < levels[-2] + LATE
+def _gains_little(before: float, last: float) -> bool:
+    """Whether the last of the coarse levels is hardly better than that before it, by their PSNR."""
+    return last < before + LATE
 
 
 def _falls_late(found: FoundStream, views: Views) -> bool:
