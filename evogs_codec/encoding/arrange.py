@@ -1,7 +1,8 @@
 """Arranging a tree for a stream: tiles, what mends most first, Morton order (spec 3.4, 3.5).
 
 The result is the same tree in other slots: every step of the input becomes, in every tile, one or
-a few steps, the records that mend most of the pictures first. Roots are in Morton order within a
+a few steps, the records that mend most of the pictures first; of a tree in integers, those that
+leave SH as they are last, where that saves bytes. Roots are in Morton order within a
 step, and so, since new slots are numbered in the order of their parents, are their descendants,
 roughly.
 
@@ -20,6 +21,7 @@ from evogs_codec.common.morton import morton_order
 from evogs_codec.encoding.mends import only_refines
 from evogs_codec.encoding.tiling import tiles_of_slots
 from evogs_codec.encoding.visibility import changes, ranks, visibility
+from evogs_codec.model.channels import N_CORE
 from evogs_codec.model.splats import F64, I32, I64
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
@@ -30,6 +32,8 @@ FIRST_BIN = 512  # adds of level 0 in a step at least: the first scene comes ear
 RECORD_BIN = 16_384  # records of later steps in a step at least; in small tiles fewer
 SHARE = 9  # of the slots of a small tile, one in so many
 MAX_BINS = 4
+ZERO_BITS = 0.75  # of a 0 among numbers that are not, about; a list of zeros takes none
+LIST_BITS = 320  # that a list of integers takes beside theirs, about
 RUN = 64  # records of neighbouring slots that rank as one: gathering fewer runs is quicker
 
 
@@ -77,10 +81,11 @@ def leaf_order(
 
 def _builders(tree: EvolutionTree, n_tiles: int) -> list[_TileBuilder]:
     """One per tile, with its steps."""
+    is_rounded = bool(tree.quanta)
     tree = replace(tree, steps=tuple(_adds_before_refines(tree.steps)), quanta=())
     tile_of_slot = tiles_of_slots(tree, n_tiles)
     n = int(tile_of_slot.max()) + 1 if len(tile_of_slot) else 1
-    builders = [_TileBuilder(tile_of_slot == tile) for tile in range(n)]
+    builders = [_TileBuilder(tile_of_slot == tile, is_rounded) for tile in range(n)]
     states = tree.states(slice(11))
     values = np.zeros((11, 0))
     for group in _groups(tree.steps):
@@ -193,11 +198,12 @@ class _TileBuilder(Renumbered):
 
     Attributes:
         own: (n_slots,) which slots of the tree are the tile's.
+        is_rounded: the numbers of the tree are multiples of quanta: zeros are stored as such.
     """
 
-    def __init__(self, own: npt.NDArray[np.bool_]) -> None:
+    def __init__(self, own: npt.NDArray[np.bool_], is_rounded: bool) -> None:
         super().__init__(len(own))
-        self.own = own
+        self.own, self.is_rounded = own, is_rounded
 
     def take(self, group: Sequence[Step], n_before: int, change: F64, shown: F64) -> None:
         """What the tile has of a group becomes steps.
@@ -217,10 +223,16 @@ class _TileBuilder(Renumbered):
         adds = np.flatnonzero(own[n_before + n_splits : n_before + main.n_new])
         adds = adds[morton_order(main.adds[0:3, adds])]
         seen = visibility(main.adds[:, adds])
-        row_bins = _joined(_bins(ranks(change[rows], shown[rows], RUN), least))
-        add_bins = _bins(ranks(seen, seen, 1), least)
+        n_bins = _n_bins(len(rows), least)
+        parts = _by_sh(main, rows, n_bins) if self.is_rounded else [(rows, n_bins)]
+        row_bins = [
+            part[found]
+            for part, n in parts
+            for found in _joined(_bins(ranks(change[part], shown[part], RUN), n))
+        ]
+        add_bins = _bins(ranks(seen, seen, 1), _n_bins(len(adds), least))
         for k in range(max(len(row_bins), len(add_bins))):
-            part = rows[row_bins[k]] if k < len(row_bins) else rows[:0]
+            part = row_bins[k] if k < len(row_bins) else rows[:0]
             some = adds[add_bins[k]] if k < len(add_bins) else adds[:0]
             written = self.add(main, n_before, part, some)
             for mend in group[1:]:
@@ -240,8 +252,30 @@ def _joined(bins: Sequence[I64]) -> Sequence[I64]:
     return [*bins[:-2], np.sort(np.concatenate(bins[-2:]))]
 
 
-def _bins(rank: F64, least: int) -> Sequence[I64]:
-    """Rows in falling order of rank, in up to `MAX_BINS` parts of at least `least` rows each."""
-    n_bins = min(MAX_BINS, max(1, len(rank) // least))
+def _by_sh(step: Step, rows: I64, n_bins: int) -> list[tuple[I64, int]]:
+    """Rows whose psi change SH above band 0, then those that leave them, each with its bins.
+
+    All as one where that saves little: a bit a record says which it is, and 1 bin becomes 2, which
+    take lists of their own.
+    """
+    bands, has_psi = step.psi[N_CORE:], step.kinds != Kind.DROP
+    changes_sh = np.zeros(len(step.slots), bool)
+    changes_sh[has_psi] = bands.any(axis=0)
+    first, then = rows[changes_sh[rows]], rows[~changes_sh[rows]]
+    saved = ZERO_BITS * len(then) * len(bands)
+    costs = len(rows) + (LIST_BITS * len(step.psi) if n_bins == 1 else 0)
+    if not len(first) or saved <= costs:
+        return [(rows, n_bins)]
+    n = min(max(round(n_bins * len(first) / len(rows)), 1), max(n_bins - 1, 1))
+    return [(first, n), (then, max(n_bins - n, 1))]
+
+
+def _n_bins(n_rows: int, least: int) -> int:
+    """In so many parts of at least `least` rows each."""
+    return min(MAX_BINS, max(1, n_rows // least))
+
+
+def _bins(rank: F64, n_bins: int) -> Sequence[I64]:
+    """Rows in falling order of rank, in parts."""
     order = np.argsort(-rank, kind="stable")
     return [np.sort(part) for part in np.array_split(order, n_bins)]
