@@ -124,7 +124,7 @@ class Integers:
 
     part: float = 0.0
     distortion: float = 0.07
-    thrift: float = 0.5
+    thrift: float = 1.0
     rate: float = 0.3
 
     def __post_init__(self) -> None:

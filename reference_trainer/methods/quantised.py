@@ -321,7 +321,7 @@ def _blocks(
                 n_slots += len(columns)
                 live = np.append(live, np.ones(len(columns), bool))
                 alpha = step.alpha.T[order]
-                block: Block = Collinear.of(rows, n, psi, alpha, False, device)
+                block: Block = Collinear.of(rows, n, psi, alpha, "fixed", device)
             else:
                 block = Refined(rows, n, splat_variables(SplatTensors.of(psi, device)))
             places.append(_BlockColumns(block, number, columns))

@@ -1,9 +1,10 @@
 """Blocks: leaves that were split, or refined, together, and what follows from them.
 
 A `Collinear` block is the paper's C1 = P + psi, C2 = P - alpha * psi, with alpha learned (option
-D) or one (option C). A `Free` block has two independent children: C1 = P + psi, C2 = P + psi'
-(option B), or without P (option A). C1 takes the slot of P, C2 the next free one. A `Refined`
-block has one child, C = P + psi. `evolve` makes the leaves of all blocks of a level.
+D), one (option C), or one but for sizes and opacities (mixed trees). A `Free` block has two
+independent children: C1 = P + psi, C2 = P + psi' (option B), or without P (option A). C1 takes the
+slot of P, C2 the next free one. A `Refined` block has one child, C = P + psi. `evolve` makes the
+leaves of all blocks of a level.
 """
 
 from __future__ import annotations
@@ -29,7 +30,10 @@ Array = npt.NDArray[Any]
 I64 = npt.NDArray[np.int64]
 Context: TypeAlias = Any  # torch gives it no type
 Argument: TypeAlias = Any
-KINDS = ("learned", "fixed", "residuals", "children", "refined")  # their places are in checkpoints
+# Their places are in checkpoints.
+KINDS = ("learned", "fixed", "residuals", "children", "refined", "shrinking")
+# Of collinear ones: groups whose alpha is trained.
+LEARNED = {"learned": GROUPS, "fixed": (), "shrinking": ("scale", "opacity")}
 
 
 class Block(Protocol):
@@ -82,14 +86,14 @@ class Collinear:
     Attributes:
         psi: a variable per group.
         alpha: (m, 5), one column per group.
-        learns_alpha: whether alpha is trained.
+        kind: of `LEARNED`.
     """
 
     slots: I64
     first: int
     psi: tuple[Variable, ...]
     alpha: Variable
-    learns_alpha: bool
+    kind: str
 
     @staticmethod
     def of(
@@ -97,14 +101,14 @@ class Collinear:
         first: int,
         psi: SplatParams,
         alpha: Array,
-        learns_alpha: bool,
+        kind: str,
         device: torch.device,
     ) -> Collinear:
         """A new block."""
         factors = Variable.of(torch.tensor(alpha, device=device), "alpha")
-        factors.value.requires_grad_(learns_alpha)
+        factors.value.requires_grad_(bool(LEARNED[kind]))
         psis = splat_variables(SplatTensors.of(psi, device))
-        return Collinear(slots, first, psis, factors, learns_alpha)
+        return Collinear(slots, first, psis, factors, kind)
 
     @property
     def n_new(self) -> int:
@@ -112,14 +116,9 @@ class Collinear:
         return len(self.slots)
 
     @property
-    def kind(self) -> str:
-        """With alpha learned, or fixed."""
-        return "learned" if self.learns_alpha else "fixed"
-
-    @property
     def variables(self) -> tuple[Variable, ...]:
         """psi, and alpha where it is learned."""
-        return (*self.psi, self.alpha) if self.learns_alpha else self.psi
+        return (*self.psi, self.alpha) if LEARNED[self.kind] else self.psi
 
     def tensors(self) -> list[Tensor]:
         """Psi of the five groups, alpha."""
@@ -135,13 +134,17 @@ class Collinear:
         psi, alpha = _array(self.psi[group]), _array(self.alpha)[:, group]
         to_psi, to_alpha = _flat(grads[group]), grads[5][:, group]
         kernels.evolve_gradient(g, self.slots, self.first, psi, alpha, to_psi, to_alpha)
+        if GROUPS[group] not in LEARNED[self.kind]:
+            to_alpha[:] = 0
 
     def evolve_plain(self, group: int, values: Tensor) -> Tensor:
         """`evolve` in torch's own operations."""
         slots = torch.from_numpy(self.slots).to(values.device)
         psi = self.psi[group].value.reshape(len(slots), -1)
         parents = values[slots]
-        children = parents - self.alpha.value[:, group, None] * psi
+        learns = GROUPS[group] in LEARNED[self.kind]
+        alpha = self.alpha.value if learns else self.alpha.value.detach()
+        children = parents - alpha[:, group, None] * psi
         return torch.cat([values.index_copy(0, slots, parents + psi), children])
 
     def changes(self, parents: Array) -> tuple[Array, Array]:
@@ -343,10 +346,10 @@ def restored(arrays: Arrays, prefix: str, base: SplatTensors, n_slots: int) -> B
             variable(i, group, *like.shape[1:]) for i, (group, like) in enumerate(groups, start)
         )
 
-    if kind in ("learned", "fixed"):
+    if kind in LEARNED:
         alpha = variable(5, "alpha", len(GROUPS))
-        alpha.value.requires_grad_(kind == "learned")
-        return Collinear(slots, first, psi(0), alpha, kind == "learned")
+        alpha.value.requires_grad_(bool(LEARNED[kind]))
+        return Collinear(slots, first, psi(0), alpha, kind)
     if kind == "refined":
         return Refined(slots, first, psi(0))
     return Free(slots, first, (*psi(0), *psi(5)), kind == "residuals")

@@ -38,9 +38,9 @@ OPTIONS = {
     "B": "residuals",
     "C": "symmetric",
     "D": "asymmetric",
-    "M": "asymmetric, of parents that are refined before",
+    "M": "symmetric but for size and opacity, of parents that are refined before",
 }
-KINDS = {"A": "children", "B": "residuals", "C": "fixed", "D": "learned", "M": "learned"}
+KINDS = {"A": "children", "B": "residuals", "C": "fixed", "D": "learned", "M": "shrinking"}
 
 
 class Frontier:
@@ -143,7 +143,7 @@ class Frontier:
         if self.option in "CDM":
             rule = symmetric if self.option == "C" else moment_matched
             psi, alpha = rule(parents, distance)
-            block: Block = Collinear.of(slots, first, psi, alpha, self.option != "C", device)
+            block: Block = Collinear.of(slots, first, psi, alpha, KINDS[self.option], device)
         else:
             block = Free.of(slots, first, *_children(parents, distance, self.option), device)
         self.blocks.append(block)
