@@ -8,11 +8,13 @@ from typing import ClassVar
 import numpy as np
 
 from evogs_codec.model.channels import channel_class, n_channels
+from evogs_codec.model.tree import Step
 from reference_trainer.config import Config
 from reference_trainer.export import frontier_steps, roots
 from reference_trainer.methods.base import Done, Plan, Setting, a_plan_per_level
 from reference_trainer.methods.plain import plain_cloud
 from reference_trainer.methods.quantised import IntegerLevel
+from reference_trainer.models.axes import with_least_rotations
 from reference_trainer.models.cloud import Cloud
 from reference_trainer.models.frontier import Frontier
 from reference_trainer.models.tensors import SplatTensors
@@ -48,7 +50,7 @@ class Evogs:
         if not done.steps:
             return plain_cloud(setting)
         if setting.plan.in_integers:
-            return IntegerLevel.begin(setting, done)
+            return IntegerLevel.begin(setting, self._turned(done))
         leaves = SplatTensors.of(done.tree.leaves(), setting.device)
         quanta = None
         if done.quanta and self.option == "M":  # those of the level before are near enough
@@ -63,6 +65,13 @@ class Evogs:
             before = (step for step in done.steps if step.level < level)
             return replace(done, steps=(*before, *model.finished()), quanta=model.quanta)
         if isinstance(model, Cloud):
-            return done.with_steps(roots(model.layer_splats()))
+            return self._turned(done.with_steps(roots(model.layer_splats())))
         assert isinstance(model, Frontier)
         return done.with_steps(*frontier_steps(done.tree, model, level))
+
+    def _turned(self, done: Done) -> Done:
+        """The roots of a mixed tree, as long as they are in floats, with least rotations."""
+        if self.option != "M" or done.quanta:
+            return done
+        leaves = with_least_rotations(done.tree.leaves().channels())
+        return replace(done, steps=(Step.of_adds(0, leaves),))

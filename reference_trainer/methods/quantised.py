@@ -34,6 +34,7 @@ from evogs_codec.model.tree import Kind, Step
 from evogs_codec.render.views import DRAWN, Views
 from reference_trainer.methods.base import Done, Setting
 from reference_trainer.models.adam import Variable, splat_variables
+from reference_trainer.models.axes import one_w
 from reference_trainer.models.blocks import Block, Collinear, Refined, evolve, evolve_plain
 from reference_trainer.models.densify import ScreenGradients
 from reference_trainer.models.saved import Arrays, taken_number
@@ -65,8 +66,10 @@ class IntegerLevel:
             self._base, self._columns, self._live = _roots(steps[0], device)
         kinds = [channel_class(c) for c in range(n_channels(before.sh_degree))]
         row = SplatParams.from_channels(np.array(quanta[-1], np.float32)[kinds][:, None])
+        # Of roots all numbers move, but for w where it is that of all.
+        n_still = None if before.steps else int(one_w(self._base))
         self._numbers = [
-            _Rounded.of(variable, quantum, all_move=not before.steps)
+            _Rounded.of(variable, quantum, n_still)
             for place in self._columns
             for variable, quantum in zip(
                 _psi_of(place.block), SplatTensors.of(row, device), strict=True
@@ -159,12 +162,16 @@ class _Rounded:
     moves: Tensor
 
     @staticmethod
-    def of(shown: Variable, quanta: Tensor, *, all_move: bool) -> _Rounded:
+    def of(shown: Variable, quanta: Tensor, n_still: int | None) -> _Rounded:
+        """Numbers that are 0 stay so; with `n_still` all move, but as many of a rotation's."""
         value = shown.value.detach()
         latent = Variable.of(value.clone(), shown.group)
-        return _Rounded(
-            shown, latent, quanta, torch.ones_like(value) > 0 if all_move else value != 0
-        )
+        moves = value != 0
+        if n_still is not None:
+            moves[:] = True
+            if shown.group == "rotation":
+                moves[:, :n_still] = False
+        return _Rounded(shown, latent, quanta, moves)
 
     def show(self) -> None:
         with torch.no_grad():

@@ -40,6 +40,7 @@ class Variable:
         m, v: first and second moments, shaped like `value`.
         t: steps made.
         quanta: (d,) of the numbers of a row, which cost bits where they are not 0; or None.
+        n_still: so many numbers of a row, the first, stay as they are.
     """
 
     value: Tensor
@@ -48,6 +49,7 @@ class Variable:
     v: Tensor
     t: int = 0
     quanta: npt.NDArray[np.float32] | None = None
+    n_still: int = 0
 
     @staticmethod
     def of(value: Tensor, group: str) -> Variable:
@@ -64,6 +66,7 @@ class Variable:
         tensors = (self.value.detach(), self.value.grad, self.m, self.v)
         x, g, m, v = (tensor.reshape(n, -1) for tensor in tensors)
         columns = rates.columns(self.group, x.shape[1])
+        columns[: self.n_still] = 0
         if x.is_cpu:
             adam(x.numpy(), g.numpy(), m.numpy(), v.numpy(), columns, BETA1, BETA2, EPS, self.t)
         else:

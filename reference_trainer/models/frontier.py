@@ -16,6 +16,7 @@ import torch
 from evogs_codec import InputError, SplatParams
 from reference_trainer.config import FrontierGrowth
 from reference_trainer.models.adam import GROUPS, Variable
+from reference_trainer.models.axes import one_w
 from reference_trainer.models.blocks import (
     Block,
     Collinear,
@@ -54,6 +55,7 @@ class Frontier:
         quanta: (D,) in which bits of psi are counted while it trains; None: they cost nothing.
         blocks: in the order in which they change the leaves.
         live: (S,) bool, slots that have a leaf.
+        has_one_w: of a mixed tree, w of all quaternions is the same, and stays so.
     """
 
     def __init__(
@@ -69,6 +71,7 @@ class Frontier:
         self.quanta = quanta
         self.blocks: list[Block] = []
         self.live = np.ones(len(base.means), bool)
+        self.has_one_w = option == "M" and one_w(base)
 
     @property
     def n_splats(self) -> int:
@@ -88,6 +91,8 @@ class Frontier:
             parts = dict(zip(GROUPS, np.split(self.quanta, np.cumsum(widths)[:-1]), strict=True))
             for variable in found:
                 variable.quanta = parts.get(variable.group)
+        for variable in found:
+            variable.n_still = int(self.has_one_w and variable.group == "rotation")
         return found
 
     def densify(self, iteration: int, n_iterations: int, scores: ScreenGradients, cap: int) -> bool:
