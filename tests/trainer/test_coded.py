@@ -8,8 +8,10 @@ import pytest
 from reference_trainer.config import Integers
 from reference_trainer.queue import run_job
 from tests.trainer import tiny
+from tools.bench.coded.bd_rate import psnr_at
 from tools.bench.coded.cli import parse
 from tools.bench.coded.curves import coded_levels, curve_jobs, distances
+from tools.bench.coded.removals import removals, worth
 from tools.bench.paper.runs import Views, read_run
 
 pytest.importorskip("matplotlib")
@@ -57,13 +59,48 @@ def test_distances_are_of_levels_above_the_first(rows):
 def test_the_page_has_all_points_and_distances(rows, tmp_path):
     from tools.bench.coded.page import write_page
 
-    write_page(tmp_path / "coded.md", rows, "tiny", "evogs-mixed")
+    needed = [{"without": "psi of sh 1", "kB less": 1.0, "dB less": 0.5}]
+    write_page(tmp_path / "coded.md", rows, "tiny", "evogs-mixed", needed)
     with (tmp_path / "coded" / "points.csv").open() as file:
         assert len(list(csv.DictReader(file))) == len(rows)
     text = (tmp_path / "coded.md").read_text()
     assert "| EvoGS mixed | 0.01 |" in text
+    assert "| psi of sh 1 | 1 | 0.5 |" in text
     assert "LapisGS" in text.split("BD-rate: negative")[1]
     assert (tmp_path / "coded" / "curves.png").stat().st_size > 1000
+
+
+def test_a_tree_without_a_class_of_numbers_is_smaller_and_worse():
+    tree = tiny.trained(method="evogs-mixed", integers=Integers(0.3, distortion=0.01))
+    views = Views(tiny.pyramid(), 1)
+    found = {row["without"]: row for row in removals(tree, views)}
+    kinds = ["position", "rotation", "scale", "opacity", "sh 0", "sh 1"]
+    groups = ["position", "rotation", "scale", "opacity", "sh"]
+    names = [f"psi of {k}" for k in kinds] + [f"alpha of {g}" for g in groups] + ["refines"]
+    assert list(found) == names
+    assert found["psi of position"]["bytes"] > 0
+    assert found["refines"]["bytes"] > 0
+    for group in ("position", "rotation", "sh"):  # of mixed trees they are 1
+        assert found[f"alpha of {group}"]["bytes"] == found[f"alpha of {group}"]["lost"] == 0
+    assert any(row["lost"] != 0 for row in found.values())
+
+
+def test_numbers_are_worth_what_their_bytes_are_on_the_curve():
+    rows = [{"without": "x", "bytes": 50, "lost": 0.7, "whole": 100}]
+    (found,) = worth(rows, [(50, 30.0), (100, 31.5)])
+    assert found == {
+        "without": "x", "kB less": 0.05, "dB less": 0.7, "dB less by distortion": 1.5
+    }  # fmt: skip
+    (found,) = worth(rows, [(50, 30.0), (100, 29.0)])
+    assert found["dB less by distortion"] is None
+
+
+def test_curves_go_on_beyond_their_ends():
+    curve = [(100.0, 30.0), (200.0, 31.0), (400.0, 31.5)]
+    assert psnr_at(curve, 200) == pytest.approx(31)
+    assert psnr_at(curve, 50) == pytest.approx(29)
+    assert psnr_at(curve, 800) == pytest.approx(32)
+    assert 30 < psnr_at(curve, 150) < 31
 
 
 def test_the_command_has_the_defaults_of_the_comparison():

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
-__all__ = ["Curve", "bd_rate", "log_bytes"]
+__all__ = ["Curve", "bd_rate", "log_bytes", "psnr_at"]
 
 Curve: TypeAlias = Sequence[tuple[float, float]]  # bytes and PSNR in dB of each point
 F64: TypeAlias = npt.NDArray[np.float64]
@@ -51,6 +51,20 @@ def log_bytes(curve: Curve, at: F64) -> F64:
     n_bytes, psnr = _in_order(curve)
     found: F64 = PchipInterpolator(psnr, np.log(n_bytes), extrapolate=False)(at)
     return found
+
+
+def psnr_at(curve: Curve, n_bytes: float) -> float:
+    """The PSNR for so many bytes; beyond its ends a curve goes on as between its last two points.
+
+    Raises:
+        ValueError: as `bd_rate`.
+    """
+    sizes, psnr = _in_order(curve)
+    x, sizes = float(np.log(n_bytes)), np.log(sizes)
+    if sizes[0] <= x <= sizes[-1]:
+        return float(PchipInterpolator(sizes, psnr)(x))
+    a, b = (0, 1) if x < sizes[0] else (-2, -1)
+    return float(psnr[a] + (x - sizes[a]) * (psnr[b] - psnr[a]) / (sizes[b] - sizes[a]))
 
 
 def _in_order(curve: Curve) -> tuple[F64, F64]:

@@ -82,8 +82,9 @@ def run_coded(args: argparse.Namespace) -> None:
             raise InputError(f"the benchmark needs {library}: pip install -e '.[train,bench]'")
     from reference_trainer.data import load_views
     from reference_trainer.queue import run_job
-    from tools.bench.coded.curves import coded_levels, curve_jobs
+    from tools.bench.coded.curves import coded_levels, curve_jobs, curve_of
     from tools.bench.coded.page import write_page
+    from tools.bench.coded.removals import removals, worth
     from tools.bench.paper.measured import Bench
     from tools.bench.paper.runs import Views, read_run
 
@@ -94,7 +95,10 @@ def run_coded(args: argparse.Namespace) -> None:
     views = Views(pyramid_of(data, config.n_levels), 8)
     folder: Path = args.out / "runs"
     bench = Bench([], views, args.out / "measurements", lambda text: print(text, file=sys.stderr))
+    of = OWN if OWN in args.methods else args.methods[0]
+    middle = sorted(args.distortions)[len(args.distortions) // 2]
     rows: list[dict[str, Any]] = []
+    needed: list[dict[str, Any]] = []
     for job in curve_jobs(config, args.methods, args.distortions):
         print(job.name, file=sys.stderr)
         run_job(job, data, folder, args.device)
@@ -106,6 +110,9 @@ def run_coded(args: argparse.Namespace) -> None:
         distortion = job.config.integers.distortion if job.config.integers.part else None
         own = {"method": run.method, "distortion": distortion, "seconds": run.seconds}
         rows += [own | row for row in found]
+        if (run.method, distortion) == (of, middle):
+            needed = bench.measure(run, "numbers", lambda run: removals(run.tree(), views))
+    needed = worth(needed, curve_of(rows, of, config.n_levels - 1))
     page = args.out / "coded.md"
-    write_page(page, rows, data.name, OWN if OWN in args.methods else args.methods[0])
+    write_page(page, rows, data.name, of, needed)
     print(f"{page}: {len(args.methods)} methods")

@@ -24,7 +24,7 @@ from reference_trainer.queue import Job
 from tools.bench.coded.bd_rate import Curve, bd_rate
 from tools.bench.paper.runs import TITLES, Run, Views
 
-__all__ = ["coded_levels", "curve_jobs", "distances", "streams"]
+__all__ = ["coded_levels", "curve_jobs", "curve_of", "distances", "streams"]
 
 ERRORS = (36.0, 40.0, 44.0, 48.0)  # about the dB of a stream against its tree in floats
 Rows = list[dict[str, Any]]
@@ -95,7 +95,7 @@ def distances(rows: Rows, of: str, rivals: Iterable[Sequence[str]]) -> Rows:
             "against": " or ".join(TITLES[name] for name in names),
         }
         for level in levels:
-            curves = [_curve(rows, method, level) for method in (of, *names)]
+            curves = [curve_of(rows, method, level) for method in (of, *names)]
             try:
                 found[f"L{level} BD-rate, %"] = bd_rate(*curves)
             except ValueError:
@@ -104,7 +104,8 @@ def distances(rows: Rows, of: str, rivals: Iterable[Sequence[str]]) -> Rows:
     return out
 
 
-def _curve(rows: Rows, method: str, level: int) -> Curve:
+def curve_of(rows: Rows, method: str, level: int) -> Curve:
+    """Bytes and PSNR of a method at a level."""
     return [
         (row["bytes"], row["psnr"])
         for row in rows

@@ -17,7 +17,7 @@ Rows = list[dict[str, Any]]
 PAPER = ("evogs", "evogs-a")  # whose better one is a rival of its own
 
 
-def write_page(path: Path, rows: Rows, data: str, of: str) -> None:
+def write_page(path: Path, rows: Rows, data: str, of: str, needed: Rows) -> None:
     """The page and its files.
 
     Args:
@@ -26,6 +26,7 @@ def write_page(path: Path, rows: Rows, data: str, of: str) -> None:
             `psnr`, `splats` and `seconds`.
         data: name of the photographs.
         of: the method that the others are rivals of.
+        needed: what its numbers are worth, as `worth` says it; none without a run.
     """
     methods = list(dict.fromkeys(row["method"] for row in rows))
     head = (
@@ -53,7 +54,16 @@ def write_page(path: Path, rows: Rows, data: str, of: str) -> None:
         found = distances(rows, of, rivals)
         tables.append(Table("bd-rate", "BD-rate: negative is smaller", found))
     figures = [Figure("curves", "PSNR against coded bytes", partial(_figure, rows))]
-    write_report(path, head, [Section("Curves", "", tables, figures)])
+    sections = [Section("Curves", "", tables, figures)]
+    if needed:
+        text = (
+            "The tree of the middle distortion without one class of the numbers of its splits and"
+            " refines, not trained again: what the last level loses. As many bytes can go by a"
+            " larger distortion, which loses what the last column says."
+        )
+        table = Table("numbers", "Numbers that could go", needed)
+        sections.append(Section("What numbers are worth", text, [table], []))
+    write_report(path, head, sections)
 
 
 def _figure(rows: Rows) -> Canvas:
