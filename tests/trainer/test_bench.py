@@ -15,6 +15,7 @@ from evogs_codec import PRESETS, InputError
 from reference_trainer.cli import pyramid_of
 from reference_trainer.queue import jobs, run_job
 from tests.trainer import tiny
+from tools.bench.again import command_again
 from tools.bench.paper import cli, compression, lpips, paper, plots, streaming
 from tools.bench.paper.lpips import Lpips
 from tools.bench.paper.measured import Bench
@@ -223,7 +224,7 @@ def parsed(*flags):
 def test_the_command_says_what_changes_its_numbers(tmp_path):
     args = parsed("--data", tmp_path, "--out", "x", "--size", 64, "--seeds", 0, "--no-train")
     assert (
-        cli._command(args)
+        command_again(cli.COMMAND, args, cli.DEFAULTS)
         == f"python -m tools.bench.paper --data {tmp_path.name} --out OUT --size 64 --seeds 0"
     )
 

@@ -8,8 +8,9 @@ import pytest
 from reference_trainer.config import Integers
 from reference_trainer.queue import run_job
 from tests.trainer import tiny
+from tools.bench.again import command_again
 from tools.bench.coded.bd_rate import psnr_at
-from tools.bench.coded.cli import parse
+from tools.bench.coded.cli import DEFAULTS, parse
 from tools.bench.coded.curves import coded_levels, curve_jobs, distances
 from tools.bench.coded.removals import removals, worth
 from tools.bench.paper.runs import Views, read_run
@@ -60,10 +61,11 @@ def test_the_page_has_all_points_and_distances(rows, tmp_path):
     from tools.bench.coded.page import write_page
 
     needed = [{"without": "psi of sh 1", "kB less": 1.0, "dB less": 0.5}]
-    write_page(tmp_path / "coded.md", rows, "tiny", "evogs-mixed", needed)
+    write_page(tmp_path / "coded.md", rows, "python -m tools", "evogs-mixed", needed)
     with (tmp_path / "coded" / "points.csv").open() as file:
         assert len(list(csv.DictReader(file))) == len(rows)
     text = (tmp_path / "coded.md").read_text()
+    assert "Made by `python -m tools`." in text
     assert "| EvoGS mixed | 0.01 |" in text
     assert "| psi of sh 1 | 1 | 0.5 |" in text
     assert "LapisGS" in text.split("BD-rate: negative")[1]
@@ -101,6 +103,15 @@ def test_curves_go_on_beyond_their_ends():
     assert psnr_at(curve, 50) == pytest.approx(29)
     assert psnr_at(curve, 800) == pytest.approx(32)
     assert 30 < psnr_at(curve, 150) < 31
+
+
+def test_the_command_of_a_page_names_no_folder_of_this_machine():
+    args = parse(["--data", "a/lego/", "--out", "b", "--levels", "2", "--iterations", "9", "8"])
+    right = "python -m tools --data lego --out OUT --levels 2 --iterations 9 8"
+    assert command_again("python -m tools", args, DEFAULTS) == right
+    args = parse(["--data", "lego", "--out", "b", "--test-every", "4", "--distortions", "0.5"])
+    right = "python -m tools --data lego --out OUT --distortions 0.5 --test-every 4"
+    assert command_again("python -m tools", args, DEFAULTS) == right
 
 
 def test_the_command_has_the_defaults_of_the_comparison():

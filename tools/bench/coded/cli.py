@@ -13,12 +13,25 @@ from evogs_codec import InputError
 from evogs_codec.cli.commands import run as run_command
 from reference_trainer.cli import config_of, pyramid_of
 from reference_trainer.config import METHODS, PRESETS
+from tools.bench.again import command_again
 
-__all__ = ["main", "parse", "run_coded"]
+__all__ = ["DEFAULTS", "main", "parse", "run_coded"]
 
 COMMAND = "python -m tools.bench.coded"
 OWN = "evogs-mixed"
 TREES = ("evogs-mixed", "evogs", "evogs-a")
+DEFAULTS: dict[str, Any] = {
+    "size": 200,
+    "preset": "two-cores",
+    "levels": None,
+    "iterations": None,
+    "max_splats": None,
+    "methods": [*TREES, "lapis"],
+    "distortions": [0.02, 0.07, 0.25],
+    "seed": 0,
+    "background": "white",
+    "test_every": 8,
+}
 EXAMPLES = f"""examples:
   {COMMAND} --data lego --out build/coded --size 200 --levels 3
   {COMMAND} --data photos --out build/coded --preset quick --size 200 --methods evogs-mixed evogs
@@ -46,32 +59,29 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(
-        run=run_coded, method="evogs", integers=None, distortion=None, sh_degree=None
+        run=run_coded, method="evogs", integers=None, distortion=None, sh_degree=None, **DEFAULTS
     )
     parser.add_argument(
         "--data", dest="input", type=Path, required=True, metavar="D", help="photographs"
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="for all it makes")
-    parser.add_argument(
-        "--methods", nargs="+", choices=METHODS, default=[*TREES, "lapis"], help="what is compared"
-    )
+    parser.add_argument("--methods", nargs="+", choices=METHODS, help="what is compared")
     parser.add_argument(
         "--distortions",
         nargs="+",
         type=float,
         metavar="PART",
-        default=[0.02, 0.07, 0.25],
         help="points of the curves of trees (default: 0.02 0.07 0.25)",
     )
-    parser.add_argument("--size", type=int, default=200, help="longer side at the last level")
-    parser.add_argument("--preset", choices=list(PRESETS), default="two-cores")
+    parser.add_argument("--size", type=int, help="longer side at the last level")
+    parser.add_argument("--preset", choices=list(PRESETS))
     parser.add_argument("--levels", type=int, metavar="N")
     parser.add_argument("--iterations", type=int, nargs="+", metavar="N", help="of each level")
     parser.add_argument("--max-splats", type=int, nargs="+", metavar="N", help="of each level")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=int)
     parser.add_argument("--device", default="cpu")
-    parser.add_argument("--background", choices=["white", "black"], default="white")
-    parser.add_argument("--test-every", type=int, default=8, metavar="N")
+    parser.add_argument("--background", choices=["white", "black"])
+    parser.add_argument("--test-every", type=int, metavar="N")
     return parser.parse_args(arguments)
 
 
@@ -114,5 +124,5 @@ def run_coded(args: argparse.Namespace) -> None:
             needed = bench.measure(run, "numbers", lambda run: removals(run.tree(), views))
     needed = worth(needed, curve_of(rows, of, config.n_levels - 1))
     page = args.out / "coded.md"
-    write_page(page, rows, data.name, of, needed)
+    write_page(page, rows, command_again(COMMAND, args, DEFAULTS), of, needed)
     print(f"{page}: {len(args.methods)} methods")

@@ -17,22 +17,23 @@ Rows = list[dict[str, Any]]
 PAPER = ("evogs", "evogs-a")  # whose better one is a rival of its own
 
 
-def write_page(path: Path, rows: Rows, data: str, of: str, needed: Rows) -> None:
+def write_page(path: Path, rows: Rows, command: str, of: str, needed: Rows) -> None:
     """The page and its files.
 
     Args:
         path: of the page.
         rows: a point and level each, with `method`, `distortion`, `point`, `level`, `bytes`,
             `psnr`, `splats` and `seconds`.
-        data: name of the photographs.
+        command: that makes the same again.
         of: the method that the others are rivals of.
         needed: what its numbers are worth, as `worth` says it; none without a run.
     """
     methods = list(dict.fromkeys(row["method"] for row in rows))
     head = (
-        f"# Coded bytes, {data}\n\nPSNR on the held-out views of each level against the bytes of a"
-        " stream up to that level. Trees are trained in integers, at several distortions. Others"
-        " are trained in floats and encoded at several PSNR against themselves."
+        f"# PSNR against coded bytes\n\nMade by `{command}`. PSNR is on the held-out views of each"
+        " level, bytes are those of a stream up to that level. Trees are trained in integers, at"
+        " several distortions. Others are trained in floats and encoded at several PSNR against"
+        " themselves."
     )
     points = [
         {

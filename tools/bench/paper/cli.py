@@ -18,6 +18,7 @@ from evogs_codec.cli.commands import run as run_command
 from evogs_codec.io.json_files import read_json
 from reference_trainer.cli import config_of, pyramid_of
 from reference_trainer.config import METHODS, PRESETS
+from tools.bench.again import command_again
 
 if TYPE_CHECKING:
     from reference_trainer.data import Dataset
@@ -134,7 +135,7 @@ def run_paper(args: argparse.Namespace) -> None:
         if job.name in wanted and job.name not in {run.folder.name for run in runs}
     ]
     bench = Bench(runs, views, args.out / "measurements", lambda text: print(text, file=sys.stderr))
-    write_paper(bench, report, _command(args), missing)
+    write_paper(bench, report, command_again(COMMAND, args, DEFAULTS), missing)
     print(f"{report}: {len(runs)} of {len(wanted)} runs")
 
 
@@ -159,15 +160,3 @@ def _train(queue: list[Job], data: Dataset, folder: Path, device: str) -> None:
             run_job(job, data, folder, device)
         except NotFiniteError as error:
             raise InputError(f"{job.name}: {error}") from error
-
-
-def _command(args: argparse.Namespace) -> str:
-    """The command that makes the same again, without this machine's folders."""
-    parts = [COMMAND, "--data", args.input.resolve().name, "--out OUT"]
-    for flag, default in DEFAULTS.items():
-        value = getattr(args, flag)
-        if value != default:
-            values = value if isinstance(value, list) else [value]
-            words = [f"{v:g}" if isinstance(v, float) else str(v) for v in values]
-            parts += [f"--{flag.replace('_', '-')}", *words]
-    return " ".join(parts)
