@@ -92,6 +92,8 @@ class FrontierGrowth:
             split do not learn.
         refines_rest: after the last round, leaves that were not split get a psi of their own: a
             refine each. The paper leaves them as they are.
+        all_alphas: splits of mixed trees learn alpha of every group, not of sizes and opacities
+            alone: more bytes, but short levels learn faster.
         threshold: least mean gradient to the centre on the screen, in NDC.
         distance: children sit this many standard deviations from their parent.
         prune_opacity, prune_scale: as in `CloudGrowth`.
@@ -102,6 +104,7 @@ class FrontierGrowth:
     rounds: int = 5
     haste: float = 1.0
     refines_rest: bool = False
+    all_alphas: bool = False
     threshold: float = 2e-4
     distance: float = 0.3
     prune_opacity: float = 0.005
@@ -257,7 +260,13 @@ PRESETS = {
         max_splats=(500, 1_500, 4_000, 10_000),
         cloud=CloudGrowth(start=100, every=50, n_random=1000, sh_every=200, prune_scale=1.0),
         frontier=FrontierGrowth(
-            start=50, rounds=3, stop=0.3, threshold=0.0, haste=0.25, prune_scale=1.0
+            start=50,
+            rounds=3,
+            stop=0.3,
+            all_alphas=True,
+            threshold=0.0,
+            haste=0.25,
+            prune_scale=1.0,
         ),
         checkpoint_every=100,
     ),

@@ -74,6 +74,12 @@ class Frontier:
         self.has_one_w = option == "M" and one_w(base)
 
     @property
+    def kind(self) -> str:
+        """Of the blocks of splits."""
+        all_alphas = self.option == "M" and self.growth.all_alphas
+        return "learned" if all_alphas else KINDS[self.option]
+
+    @property
     def n_splats(self) -> int:
         """N."""
         return int(np.count_nonzero(self.live))
@@ -148,7 +154,7 @@ class Frontier:
         if self.option in "CDM":
             rule = symmetric if self.option == "C" else moment_matched
             psi, alpha = rule(parents, distance)
-            block: Block = Collinear.of(slots, first, psi, alpha, KINDS[self.option], device)
+            block: Block = Collinear.of(slots, first, psi, alpha, self.kind, device)
         else:
             block = Free.of(slots, first, *_children(parents, distance, self.option), device)
         self.blocks.append(block)
@@ -170,8 +176,8 @@ class Frontier:
         n_slots, blocks = len(self.base.means), []
         for i in range(taken_number(arrays, "n_blocks", 0, self.growth.rounds + 2)):
             block = restored(arrays, f"block{i}", self.base, n_slots)
-            if block.kind not in (KINDS[self.option], "refined"):
-                raise InputError(f"block{i} is {block.kind}, expected {KINDS[self.option]}")
+            if block.kind not in (self.kind, "refined"):
+                raise InputError(f"block{i} is {block.kind}, expected {self.kind}")
             n_slots += block.n_new
             blocks.append(block)
         self.live, self.blocks = taken(arrays, "live", bool, n_slots), blocks

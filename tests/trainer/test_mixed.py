@@ -104,10 +104,13 @@ def test_every_leaf_of_the_level_before_is_refined_before_it_is_split():
     assert first.psi.any()
 
 
-def test_only_sizes_and_opacities_have_a_factor_of_their_own():
-    tree = trained()
+@pytest.mark.parametrize("all_alphas", [False, True])
+def test_only_sizes_and_opacities_have_a_factor_of_their_own_unless_all_have(all_alphas):
+    growth = replace(tiny.config().frontier, all_alphas=all_alphas)
+    tree = tiny.trained(method="evogs-mixed", frontier=growth)
     alpha = np.concatenate([step.alpha for step in tree.steps], axis=1)
-    assert (alpha[[0, 1, 4]] == 1).all()
+    assert (alpha[[0, 1, 4]] != 1).any(axis=1).all() == all_alphas
+    assert (alpha[[0, 1, 4]] == 1).all() != all_alphas
     assert (alpha[2:4] != -1).any(axis=1).all()
 
 
