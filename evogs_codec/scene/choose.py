@@ -275,17 +275,19 @@ def _aimed(
     worth: Callable[[TargetEncoder, bytes], float] | None = None,
 ) -> FoundStream:
     """`_best`; of two trees one alone where an estimate is sure, at the price of the first."""
-    first = FoundStream.of(aims[0], make, near)
+    streams = [FoundStream.of(aim, make, near) for aim in aims]
     if len(aims) == 1 or near is None:
-        return _best([FoundStream.of(aim, make, near) for aim in aims], worth)
+        return _best(streams, worth)
     try:
-        first = first.made()
-    except TargetMissedError:
-        return _best([FoundStream.of(aim, make, near) for aim in aims], worth)
+        first = streams[0].made()
+    except TargetMissedError as error:
+        try:
+            return streams[1].made()
+        except TargetMissedError as other:
+            raise min(error, other, key=lambda one: one.by) from None
     assert first.price is not None, "views decide"
-    paying = _that_pay(aims, first.price)
-    others = [FoundStream.of(aim, make, first.price) for aim in paying if aim is not aims[0]]
-    return _best([first, *others] if paying[0] is aims[0] else others, worth)
+    others = [aim for aim in _that_pay(aims, first.price) if aim is not aims[0]]
+    return _best([first, *(FoundStream.of(aim, make, first.price) for aim in others)], worth)
 
 
 def _best(

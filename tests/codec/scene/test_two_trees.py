@@ -1,0 +1,64 @@
+"""A target, for a scene that may be encoded with a palette or without."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("numba", reason="the rasterizer is compiled")
+
+from evogs_codec import TargetMissedError, encode_scene, read_directory
+from evogs_codec.render.demo_scene import make_scene
+from evogs_codec.scene import choose
+
+N = 400
+
+
+def shared():
+    """Splats of which many share their SH."""
+    splats = make_scene(N)
+    sh = splats.sh.copy()
+    sh[:, 1:] = np.random.default_rng(0).normal(size=(8, 15, 3))[np.arange(N) % 8]
+    return replace(splats, sh=sh)
+
+
+def made(monkeypatch, sure):
+    """Whether each tree that is encoded has a palette."""
+    trees = []
+    plainly = choose.FoundStream.made
+
+    def counted(one):
+        if one.stream is None:
+            trees.append(one.tree.palette is not None)
+        return plainly(one)
+
+    monkeypatch.setattr(choose, "SURE", sure)
+    monkeypatch.setattr(choose, "SURE_OF_PICKS", 1e9)
+    monkeypatch.setattr(choose.FoundStream, "made", counted)
+    return trees
+
+
+@pytest.mark.parametrize("target", [{"target_psnr": 36.0}, {"target_bytes": 9000}])
+@pytest.mark.parametrize(("sure", "expected"), [(0.0, {True}), (1e9, {True, False})])
+def test_both_are_tried_unless_an_estimate_is_sure(monkeypatch, target, sure, expected):
+    trees = made(monkeypatch, sure)
+    data = encode_scene(shared(), levels=2, up="z", effort=1, **target)
+    assert set(trees) == expected
+    assert len(data) <= target.get("target_bytes", 1e9)
+
+
+def test_a_target_that_both_miss_is_refused_with_what_the_nearer_reaches(monkeypatch):
+    trees = made(monkeypatch, 1e9)
+    with pytest.raises(TargetMissedError) as with_either:
+        encode_scene(shared(), levels=2, up="z", effort=1, target_bytes=700)
+    assert trees == [True, False]
+    with pytest.raises(TargetMissedError) as without:
+        encode_scene(shared(), levels=2, up="z", effort=1, target_bytes=700, palette="never")
+    assert with_either.value.by <= without.value.by
+
+
+def test_the_stream_of_a_target_has_a_palette_where_that_pays():
+    data = encode_scene(shared(), levels=2, up="z", effort=1, target_psnr=36.0)
+    assert read_directory(data).has_palette
