@@ -58,6 +58,11 @@ class State:
         """Whether it looks the same."""
         return _is_like(self.few - other.few) and _is_like(self.decibels - other.decibels)
 
+    def seems_to_fall_after(self, other: State) -> bool:
+        """Whether it is a fall after another one, by the few views alone."""
+        by = self.few - other.few
+        return not _is_like(by) and _lead(by) < 0
+
     def keeps_up_with(self, other: State) -> bool:
         """Whether it is no fall after another one, also on `JUDGES` other views."""
         by = self.few - other.few

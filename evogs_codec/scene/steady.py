@@ -194,14 +194,18 @@ def _places_of_mends(tiles: Sequence[EvolutionTree]) -> set[tuple[int, int]]:
 def _runs(states: Sequence[State], some_mends: set[tuple[int, int]]) -> tuple[list[Run], bool]:
     """Which steps are to be held back, and whether coarse splats are too coarse for that to do.
 
-    These mends are if they look worse at all: several would add up to a fall.
+    Once one of these mends is, later ones are if they look worse at all: with it they would add up
+    to a fall.
     """
     if len(states) < 2:
         return [], False
     last = states[-1]
-    good, best = [0], states[0]
+    good, best, is_one_held = [0], states[0], False
     for k, state in enumerate(states[1:-1], start=1):
-        if state.place in some_mends and state.mean < best.mean - SAME:
+        if state.place in some_mends and (
+            state.mean < best.mean - SAME if is_one_held else state.seems_to_fall_after(best)
+        ):
+            is_one_held = True
             continue
         if state.keeps_up_with(best) and last.keeps_up_with(state):
             good.append(k)

@@ -136,11 +136,22 @@ def test_a_step_that_falls_is_held_back_with_what_follows_until_pictures_are_bet
     assert not is_coarse
 
 
+@pytest.mark.parametrize(("fall", "is_held"), [(0.2, True), (0.0, False)])
 @pytest.mark.parametrize("is_mend", [False, True])
-def test_a_mend_that_looks_a_little_worse_is_held_back(is_mend):
-    states = [state((0, 0), 20.0), state((1, 0), 21.0), state((1, 1), 20.96), state((2, 0), 22.0)]
-    runs, _ = steady._runs(states, {(1, 1)} if is_mend else set())
-    assert runs == ([Run((1, 1), (2, 0))] if is_mend else [])
+def test_after_a_mend_that_falls_those_that_look_a_little_worse_are_held_too(
+    is_mend, fall, is_held
+):
+    states = [
+        state((0, 0), 20.0),
+        state((1, 0), 21.0),
+        state((1, 1), 21.0 - fall),
+        state((2, 0), 22.0),
+        state((2, 1), 21.96),
+        state((3, 0), 23.0),
+    ]
+    runs, _ = steady._runs(states, {(1, 1), (2, 1)} if is_mend else set())
+    first, later = Run((1, 1), (2, 0)), Run((2, 1), (3, 0))
+    assert runs == [first] * is_held + [later] * (is_held and is_mend)
 
 
 def test_coarse_splats_that_look_worse_than_some_of_them_are_too_coarse():
