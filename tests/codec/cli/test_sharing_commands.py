@@ -68,7 +68,7 @@ def test_a_target_that_is_missed_is_said_with_the_nearest(tmp_path, capsys):
     for more in ([], ["--no-palette"]):
         names = [str(tmp_path / "a.ply"), "x"]
         assert main(["encode", *names, "--target-psnr", "119", "--effort", "1", *more]) == 1
-        said.append(float(capsys.readouterr().err.split("reached is ")[1].split(" dB")[0]))
+        said.append(float(capsys.readouterr().err.split("be reached, ")[1].split(" dB")[0]))
     assert said[0] >= said[1]
 
 
