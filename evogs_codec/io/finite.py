@@ -10,7 +10,7 @@ import numpy as np
 
 from evogs_codec.model.splats import SplatParams
 
-__all__ = ["OPAQUE", "drop_non_finite", "finite_opacities", "with_finite_opacities"]
+__all__ = ["OPAQUE", "bounded_opacities", "drop_non_finite", "finite_opacities", "with_finite_opacities"]
 
 # The logit for an opacity of 1, which some trainers write as infinity. From 17.4 on the opacity is
 # exactly 1 in float32: this renders the same, also where a quantiser rounds it by up to 2.6, and is
@@ -29,6 +29,14 @@ def finite_opacities(splats: SplatParams) -> tuple[SplatParams, int]:
         return splats, 0
     finite = np.where(infinite, np.copysign(OPAQUE, splats.opacity_logits), splats.opacity_logits)
     return replace(splats, opacity_logits=finite), n_infinite
+
+
+def bounded_opacities(splats: SplatParams) -> SplatParams:
+    """`splats` with no opacity logit beyond `OPAQUE` or its negative: they render the same."""
+    logits = splats.opacity_logits
+    if not len(logits) or np.abs(logits).max() <= OPAQUE:
+        return splats
+    return replace(splats, opacity_logits=np.clip(logits, -OPAQUE, OPAQUE))
 
 
 def with_finite_opacities(path: str | os.PathLike[str], splats: SplatParams) -> SplatParams:

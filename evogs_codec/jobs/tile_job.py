@@ -24,6 +24,7 @@ from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, Settings, StepTab
 from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.encoding.write import write
 from evogs_codec.io.files import write_atomic
+from evogs_codec.io.finite import bounded_opacities
 from evogs_codec.jobs.partition import STAND_IN
 from evogs_codec.jobs.plan import Plan, Survey
 from evogs_codec.jobs.surroundings import Neighbourhood, enlarged, price_of
@@ -147,7 +148,8 @@ def _prepared(job: TileJob) -> tuple[Prepared, int]:
 
 def _splats(job: TileJob) -> SplatParams:
     """In an order that does not depend on that of the rows."""
-    return SplatParams.from_channels(sorted_rows(job.rows, job.sh_degree).T)
+    splats = SplatParams.from_channels(sorted_rows(job.rows, job.sh_degree).T)
+    return bounded_opacities(splats)
 
 
 def _stand_ins(

@@ -17,6 +17,7 @@ from evogs_codec.encoding.arrange import leaf_order
 from evogs_codec.encoding.encode import expect_tree
 from evogs_codec.encoding.grids import expect_near
 from evogs_codec.encoding.settings import SCENE_PRESET, TREE_PRESET, Settings
+from evogs_codec.io.finite import bounded_opacities
 from evogs_codec.lifting.lift import N_LEVELS, Lifted, largest_leaf_errors, lift_with_order
 from evogs_codec.lifting.shared_sh import with_palette
 from evogs_codec.model.channels import GROUPS
@@ -162,6 +163,8 @@ def encode_scene_with_order(splats: SplatParams, **options: Unpack[SceneOptions]
         raise ValueError(f"palette is {palette!r}, expected 'auto' or 'never'")
     expect_near(float(np.abs(splats.means).max(initial=0)))
     request = Request.of(SCENE_PRESET, options).looking_at(splats)
+    if request.is_by_views:
+        splats = bounded_opacities(splats)
     lifted = lift_with_order(
         splats, levels, n_neighbours=request.effort.n_neighbours, progress=request.progress
     )

@@ -127,6 +127,11 @@ class Request:
         return self.target_psnr is None and self.target_bytes is None and not self.errors
 
     @property
+    def is_by_views(self) -> bool:
+        """Whether rendered views decide how exact numbers are."""
+        return not (self.has_preset or self.errors or self.why_no_views)
+
+    @property
     def why_no_views(self) -> str:
         """Why `views` has none; empty if it has some."""
         if self.cameras is not None and not len(self.cameras):
