@@ -10,7 +10,13 @@ import numpy as np
 
 from evogs_codec.model.splats import SplatParams
 
-__all__ = ["OPAQUE", "bounded_opacities", "drop_non_finite", "finite_opacities", "with_finite_opacities"]
+__all__ = [
+    "OPAQUE",
+    "bounded_opacities",
+    "drop_non_finite",
+    "finite_opacities",
+    "with_finite_opacities",
+]
 
 # The logit for an opacity of 1, which some trainers write as infinity. From 17.4 on the opacity is
 # exactly 1 in float32: this renders the same, also where a quantiser rounds it by up to 2.6, and is
@@ -32,11 +38,16 @@ def finite_opacities(splats: SplatParams) -> tuple[SplatParams, int]:
 
 
 def bounded_opacities(splats: SplatParams) -> SplatParams:
-    """`splats` with no opacity logit beyond `OPAQUE` or its negative: they render the same."""
+    """`splats` with no finite opacity logit beyond `OPAQUE` or its negative: they render the same.
+
+    Logits that are not finite stay, for those who refuse them.
+    """
     logits = splats.opacity_logits
-    if not len(logits) or np.abs(logits).max() <= OPAQUE:
+    beyond = np.isfinite(logits) & (np.abs(logits) > OPAQUE)
+    if not beyond.any():
         return splats
-    return replace(splats, opacity_logits=np.clip(logits, -OPAQUE, OPAQUE))
+    bounded = np.where(beyond, np.copysign(OPAQUE, logits), logits)
+    return replace(splats, opacity_logits=bounded.astype(logits.dtype))
 
 
 def with_finite_opacities(path: str | os.PathLike[str], splats: SplatParams) -> SplatParams:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from evogs_codec import decode, lift, read_ply, read_tree, write_ply
+from evogs_codec import decode, encode_scene, lift, read_ply, read_tree, write_ply
 from evogs_codec.io.finite import OPAQUE, finite_opacities
 from evogs_codec.render.demo_scene import make_scene
 
@@ -112,6 +112,20 @@ def test_a_scene_with_infinite_opacities_looks_as_well_as_one_with_clamped_logit
     for other_db, other_bytes in found.values():
         assert db >= other_db - 0.1, found
         assert n_bytes <= 1.01 * other_bytes, found
+
+
+def test_logits_that_render_the_same_give_the_same_stream():
+    large, bounded = with_opacities(60, -60), with_opacities(OPAQUE, -OPAQUE)
+    assert encode_scene(large) == encode_scene(bounded)
+    assert encode_scene(large, preset="scene") != encode_scene(bounded, preset="scene")
+    found = decode(encode_scene(large, max_error=0.1)).leaves().opacity_logits
+    assert np.count_nonzero(found > 59) == 20  # who asks for numbers gets them
+
+
+@pytest.mark.parametrize("odd", [np.inf, -np.inf, np.nan])
+def test_the_library_refuses_opacities_that_are_not_finite(odd):
+    with pytest.raises(ValueError, match="20 of 400 splats have a number that is not finite"):
+        encode_scene(with_opacities(odd, 0))
 
 
 @pytest.mark.thorough
