@@ -48,6 +48,7 @@ before(async () => {
     browser: "firefox",
     executablePath: findFirefox(),
     headless: false,
+    defaultViewport: null,
     env,
     extraPrefsFirefox: { "webgl.force-enabled": true },
   });
@@ -58,6 +59,14 @@ after(async () => {
   screen?.kill();
   await server?.stop();
 });
+
+/** Gives a page its size. Firefox 140 refuses to turn the screen, which Puppeteer asks for beside it. */
+async function resize(page) {
+  await page.setViewport(SIZE).catch((error) => {
+    if (!/unknown command emulation.setScreenOrientationOverride/.test(error.message)) throw error;
+  });
+  await page.waitForFunction(({ width, height }) => innerWidth === width && innerHeight === height, {}, SIZE);
+}
 
 /** Opens a scene, and waits until all of it is there; what is seen then from a pose. */
 async function seen(page, pose) {
@@ -75,7 +84,7 @@ test(
   async (context) => {
     const { pose, pictures } = references("sh3", [scenes.sh3.length]);
     const page = await firefox.newPage();
-    await page.setViewport(SIZE);
+    await resize(page);
     const errors = [];
     page.on("pageerror", (error) => errors.push(String(error)));
     server.bytesPerSecond = 60000;
