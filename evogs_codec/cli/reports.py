@@ -119,12 +119,12 @@ def print_info(directory: Directory, info: dict[str, Any], groups: dict[str, Gro
     if not groups:
         return
     n = max(info["levels"][-1]["n_leaves"], 1)
-    print(f"\n{'part':>15} {'bytes':>12} {'a splat':>8} {'share':>7} {'over order-0':>13}")
+    print(f"\n{'part':>17} {'bytes':>12} {'a splat':>8} {'share':>7} {'over order-0':>13}")
     for name, part in groups.items():
         over = f"{100 * (part.n_bytes / part.entropy - 1):+.1f} %" if part.entropy else ""
         share = 100 * part.n_bytes / directory.size
         print(
-            f"{name:>15} {part.n_bytes:>12,.0f} {part.n_bytes / n:>8.3f} {share:>5.1f} % {over:>13}"
+            f"{name:>17} {part.n_bytes:>12,.0f} {part.n_bytes / n:>8.3f} {share:>5.1f} % {over:>13}"
         )
     print_omissions(info["left_out"])
 

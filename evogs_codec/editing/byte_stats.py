@@ -16,11 +16,14 @@ from evogs_codec.format.directory import UNKNOWN_ERROR, Directory
 from evogs_codec.format.packet_header import Counts, PacketHeader, read_packet_header
 from evogs_codec.format.planes import entropies
 from evogs_codec.format.unpack import read_planes
-from evogs_codec.model.channels import CLASS_NAMES, N_GROUPS, channel_class
+from evogs_codec.model.channels import CLASS_NAMES, GROUPS, channel_class
 from evogs_codec.model.components import PALETTE, PICKS, component_slice
 from evogs_codec.model.splats import I64
 
-__all__ = ["LevelStats", "bytes_by_group", "levels"]
+__all__ = ["ALPHA_NAMES", "GroupBytes", "LevelStats", "bytes_by_group", "levels"]
+
+ALPHA_NAMES = tuple(f"alpha of {name}" for name in GROUPS)
+PARTS = ("directory", "packet headers", "slots", "kinds", *ALPHA_NAMES, *CLASS_NAMES, "picks")
 
 
 @dataclass(frozen=True)
@@ -109,7 +112,8 @@ class GroupBytes:
 def bytes_by_group(directory: Directory, data: memoryview) -> dict[str, GroupBytes]:
     """Bytes per class of channel, and of slots, kinds, alpha, picks, headers and directory.
 
-    A frame with planes of several classes is shared out by the order-0 entropy of its planes.
+    All are named, in this order; those that the stream stores nothing of have 0 bytes. A frame with
+    planes of several classes is shared out by the order-0 entropy of its planes.
 
     Raises:
         StreamError: a packet is not legal.
@@ -149,14 +153,13 @@ def bytes_by_group(directory: Directory, data: memoryview) -> dict[str, GroupByt
                 stored[names[k]] += n_bytes * share
                 ideal[names[k]] += bits[k]
             at += n_planes
-    order = ("directory", "packet headers", "slots", "kinds", "alpha", *CLASS_NAMES, "picks")
-    return {name: GroupBytes(stored[name], ideal[name]) for name in order if stored[name]}
+    return {name: GroupBytes(stored[name], ideal[name]) for name in PARTS}
 
 
 def _plane_names(head: PacketHeader, component: int) -> list[str]:
     """What each plane of a packet holds."""
     channels = _class_names(component_slice(component))
-    sides = ["slots", "kinds", *["alpha"] * N_GROUPS] if component == 0 else []
+    sides = ["slots", "kinds", *ALPHA_NAMES] if component == 0 else []
     return _named(head, sides + channels + channels)
 
 

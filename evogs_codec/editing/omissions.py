@@ -16,6 +16,7 @@ from evogs_codec.decoding.replay import packet_body
 from evogs_codec.format.directory import UNKNOWN_ERROR, Directory
 from evogs_codec.format.packet_header import Counts, read_packet_header
 from evogs_codec.format.unpack import unpack
+from evogs_codec.model.arithmetic import SYMMETRIC
 from evogs_codec.model.channels import CLASS_NAMES, GROUPS, N_GROUPS, channel_class
 from evogs_codec.model.components import CORE, PALETTE, PICKS, component_channels, component_slice
 from evogs_codec.model.splats import I64
@@ -23,6 +24,7 @@ from evogs_codec.model.splats import I64
 __all__ = ["Omission", "omissions"]
 
 CUT_OFF, NOTHING, UNUSED = "cut off", "no refinement is stored", "entries are not used"
+ALL_ONE = "all are 1"
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,12 @@ def omissions(directory: Directory, data: memoryview) -> list[Omission]:
     Raises:
         StreamError: a packet is not legal.
     """
-    return [*_cut_off(directory), *_not_stored(directory, data), *_unused(directory, data)]
+    return [
+        *_cut_off(directory),
+        *_not_stored(directory, data),
+        *_all_one(directory),
+        *_unused(directory, data),
+    ]
 
 
 def _cut_off(directory: Directory) -> Iterator[Omission]:
@@ -99,6 +106,17 @@ def _not_stored(directory: Directory, data: memoryview) -> Iterator[Omission]:
         levels = tuple(sorted(k for (one, k), some in refined.items() if one == name and not some))
         if levels:
             yield Omission(name, NOTHING, levels, 0.0)
+
+
+def _all_one(directory: Directory) -> Iterator[Omission]:
+    """Alphas that are 1 at every split of a level, without an index or an entry."""
+    rows = directory.packets
+    split = np.unique(rows["level"][(rows["component"] == CORE) & (rows["n_splits"] > 0)])
+    for group, name in enumerate(GROUPS):
+        tables = {k: directory.alpha.get((k, group), SYMMETRIC).values for k in split.tolist()}
+        levels = tuple(k for k, values in tables.items() if (values == 1).all())
+        if levels:
+            yield Omission(f"alpha of {name}", ALL_ONE, levels, 0.0)
 
 
 def _unused(directory: Directory, data: memoryview) -> Iterator[Omission]:

@@ -99,6 +99,7 @@ def groups(splats: SplatParams, folder: Path) -> Rows:
             "over": f"{100 * (part.n_bytes / part.entropy - 1):+.1f} %" if part.entropy else "",
         }
         for name, part in found.items()
+        if part.n_bytes
     ]
 
 

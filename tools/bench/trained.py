@@ -8,26 +8,19 @@ import numpy as np
 
 from evogs_codec import PRESETS, EvolutionTree, decode, encode, read_directory
 from evogs_codec.decoding.cut import Cut
-from evogs_codec.editing.byte_stats import bytes_by_group
+from evogs_codec.editing.byte_stats import ALPHA_NAMES, bytes_by_group
 from evogs_codec.encoding.arrange import arrange, default_tiles
-from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS
+from evogs_codec.model.channels import CLASS_NAMES, GROUP_CHANNELS, GROUPS
 
 __all__ = ["TABLES"]
 
 Rows = list[dict[str, object]]
-PARTS = (
-    "slots",
-    "kinds",
-    "alpha",
-    "position",
-    "rotation",
-    "scale",
-    "opacity",
-    "sh 0",
-    "sh 1",
-    "sh 2",
-    "sh 3",
-)
+PARTS = {
+    "slots": ("slots",),
+    "kinds": ("kinds",),
+    "alpha": ALPHA_NAMES,
+    **{name: (name,) for name in CLASS_NAMES},
+}
 
 
 def presets(tree: EvolutionTree) -> Rows:
@@ -38,12 +31,13 @@ def presets(tree: EvolutionTree) -> Rows:
         data = memoryview(encode(tree, PRESETS[name]))
         found = bytes_by_group(read_directory(data), data)
         n = tree.n_leaves
+        parts = {part: sum(found[name].n_bytes for name in of) for part, of in PARTS.items()}
         rows.append(
             {
                 "preset": name,
                 "bytes a leaf": f"{len(data) / n:.2f}",
                 "raw float32 to it": f"{raw / len(data):.1f}",
-                **{key: f"{found[key].n_bytes / n:.2f}" for key in PARTS if key in found},
+                **{part: f"{n_bytes / n:.2f}" for part, n_bytes in parts.items() if n_bytes},
             }
         )
     return rows

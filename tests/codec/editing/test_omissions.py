@@ -7,7 +7,7 @@ import pytest
 
 from evogs_codec import PRESETS, Cut, EvolutionTree, encode, extract, lift, read_directory
 from evogs_codec.cli.commands import main
-from evogs_codec.editing.omissions import CUT_OFF, NOTHING, omissions
+from evogs_codec.editing.omissions import CUT_OFF, NOTHING, UNUSED, omissions
 from evogs_codec.render.demo_scene import make_scene
 
 
@@ -93,7 +93,7 @@ def test_entries_of_alpha_tables_that_no_split_names_are_counted():
     data = encode(tree, PRESETS["scene"])
     directory = read_directory(data)
     n = sum(len(table.entries) for table in directory.alpha.values())
-    unused = [row for row in found(data) if row.part.startswith("alpha")]
+    unused = [row for row in found(data) if row.reason.endswith(UNUSED)]
     assert all(row.change == 0 for row in unused)
     assert sum(int(row.reason.split()[0]) for row in unused) < n
     assert np.all([row.levels for row in unused])
