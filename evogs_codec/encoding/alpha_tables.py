@@ -6,6 +6,7 @@ Letters: S splits, C channels of a group.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,7 @@ import numpy.typing as npt
 from evogs_codec.encoding.settings import Settings
 from evogs_codec.model.arithmetic import AlphaTable
 from evogs_codec.model.channels import GROUP_CHANNELS
+from evogs_codec.model.coded_tree import CodedStep, CodedTree
 from evogs_codec.model.splats import F64, U8
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
@@ -21,6 +23,7 @@ __all__ = [
     "cheapest_alphas",
     "joint_delta",
     "nearest",
+    "only_used",
     "serving_both",
     "serving_second",
     "tables_of",
@@ -29,6 +32,7 @@ __all__ = [
 
 FEW_ALPHAS = 64  # of which each has an entry, if there are shifts that hold them
 FEW_ALPHA_BITS = 9  # K of a table that has an entry for every alpha of the tree
+N_INDICES = 256  # an index is a byte
 ALPHA_RATE = 0.2  # error, in squared steps, that a bit of an alpha index is worth
 
 
@@ -187,3 +191,46 @@ def cheapest_alphas(
         counts = np.bincount(index, minlength=len(values))
         bits = -np.log2((counts + 0.5) / (counts.sum() + 0.5 * len(values)))
     return index
+
+
+def only_used(tree: CodedTree) -> CodedTree:
+    """The same alphas, in tables of the entries that a split has: the frequent ones first.
+
+    An entry that none has takes two bytes, and may make all indices wider.
+    """
+    steps = [step for tile in tree.tiles for step in tile.steps]
+    order = {place: _frequent_first(steps, place) for place in tree.alpha}
+    tables = {
+        place: AlphaTable(
+            tree.alpha[place].shift, tuple(tree.alpha[place].entries[k] for k in kept)
+        )
+        for place, kept in order.items()
+    }
+    tables = {k: t for k, t in tables.items() if t.values.tolist() not in ([], [1.0])}
+    tiles = [
+        replace(tile, steps=tuple(_with_indices(step, order) for step in tile.steps))
+        for tile in tree.tiles
+    ]
+    return replace(tree, alpha=tables, tiles=tuple(tiles))
+
+
+def _frequent_first(steps: Sequence[CodedStep], place: tuple[int, int]) -> list[int]:
+    """The entries of a table that splits have."""
+    level, group = place
+    counts = np.zeros(N_INDICES, np.int64)
+    for step in steps:
+        if step.level == level:
+            counts += np.bincount(step.alpha[group], minlength=N_INDICES)
+    order = np.argsort(-counts, kind="stable")
+    return order[: np.count_nonzero(counts)].tolist()  # type: ignore[no-any-return]
+
+
+def _with_indices(step: CodedStep, order: Mapping[tuple[int, int], list[int]]) -> CodedStep:
+    """The step with the places that its entries have in the new order."""
+    alpha = step.alpha.copy()
+    for group, row in enumerate(alpha):
+        kept = order.get((step.level, group), [])
+        places = np.zeros(N_INDICES, np.uint8)
+        places[kept] = np.arange(len(kept))
+        row[:] = places[row]
+    return replace(step, alpha=alpha)

@@ -21,6 +21,7 @@ from evogs_codec.encoding.alpha_tables import (
     alpha_tables,
     joint_delta,
     nearest,
+    only_used,
     serving_both,
     serving_second,
 )
@@ -117,7 +118,7 @@ def quantise(
             exponents = tuple(e - (g == error.group) for g, e in enumerate(exponents))
             continue
         warn_if_coarser(grid, steps, settings)
-        return coded
+        return only_used(coded)
 
 
 def quantise_on(

@@ -2,9 +2,9 @@
 
 import json
 
-import numpy as np
 import pytest
 
+from conformance.generator.builder import SPLIT, Packet, Stream, X, build
 from evogs_codec import PRESETS, Cut, EvolutionTree, encode, extract, lift, read_directory
 from evogs_codec.cli.commands import main
 from evogs_codec.editing.omissions import CUT_OFF, NOTHING, UNUSED, omissions
@@ -89,11 +89,12 @@ def test_info_prints_it(stream, tmp_path, capsys):
 
 
 def test_entries_of_alpha_tables_that_no_split_names_are_counted():
-    tree = lift(make_scene(200), 2)
-    data = encode(tree, PRESETS["scene"])
-    directory = read_directory(data)
-    n = sum(len(table.entries) for table in directory.alpha.values())
-    unused = [row for row in found(data) if row.reason.endswith(UNUSED)]
-    assert all(row.change == 0 for row in unused)
-    assert sum(int(row.reason.split()[0]) for row in unused) < n
-    assert np.all([row.levels for row in unused])
+    roots = Packet(n_adds=4, adds={X: [0, 1, 2, 3]})
+    split = Packet(
+        level=1, records=dict.fromkeys(range(4), SPLIT), psi={X: [1] * 4}, alpha={2: [0, 4, 4, 0]}
+    )
+    tables = {(1, 2): (3, range(1, 9)), (1, 3): (0, [2])}
+    data = build(Stream([roots, split], n_levels=2, alphas=tables))
+    rows = [row for row in found(data) if row.reason.endswith(UNUSED)]
+    assert [(row.part, row.levels, row.change) for row in rows] == [("alpha of scale", (1,), 0.0)]
+    assert rows[0].reason == f"6 of 8 {UNUSED}"
