@@ -3,16 +3,22 @@
 import csv
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from evogs_codec import encode
+from evogs_codec.model.tree import Kind
 from reference_trainer.config import Integers
+from reference_trainer.models.backends import backend_for
 from reference_trainer.queue import run_job
 from tests.trainer import tiny
 from tools.bench.again import command_again
-from tools.bench.coded.bd_rate import psnr_at
+from tools.bench.coded.bd_rate import bytes_at, psnr_at
 from tools.bench.coded.cli import DEFAULTS, parse
 from tools.bench.coded.curves import coded_levels, curve_jobs, distances
-from tools.bench.coded.removals import removals, worth
+from tools.bench.coded.removals import removals, without, worth
+from tools.bench.coded.trained_again import trained_again
+from tools.bench.paper.measured import Bench
 from tools.bench.paper.runs import Views, read_run
 
 pytest.importorskip("matplotlib")
@@ -21,16 +27,23 @@ DISTORTIONS = [0.01, 1.0]
 
 
 @pytest.fixture(scope="module")
-def rows(tmp_path_factory):
+def runs(tmp_path_factory):
+    """Each with the job that it was."""
     folder = tmp_path_factory.mktemp("runs")
     config = replace(tiny.config(), integers=Integers(0.3))
-    views = Views(tiny.pyramid(), 1)
     found = []
     for job in curve_jobs(config, METHODS, DISTORTIONS):
         run_job(job, tiny.dataset(), folder, "cpu")
-        if job.name == "level0":
-            continue
-        run = read_run(folder / job.name / "result.json", "coded")
+        if job.name != "level0":
+            found.append((job, read_run(folder / job.name / "result.json", "coded")))
+    return found
+
+
+@pytest.fixture(scope="module")
+def rows(runs):
+    views = Views(tiny.pyramid(), 1)
+    found = []
+    for job, run in runs:
         distortion = job.config.integers.distortion if job.config.integers.part else None
         own = {"method": run.method, "distortion": distortion, "seconds": run.seconds}
         found += [own | row for row in coded_levels(views, run)]
@@ -72,28 +85,84 @@ def test_the_page_has_all_points_and_distances(rows, tmp_path):
     assert (tmp_path / "coded" / "curves.png").stat().st_size > 1000
 
 
-def test_a_tree_without_a_class_of_numbers_is_smaller_and_worse():
-    tree = tiny.trained(method="evogs-mixed", integers=Integers(0.3, distortion=0.01))
-    views = Views(tiny.pyramid(), 1)
-    found = {row["without"]: row for row in removals(tree, views)}
-    kinds = ["position", "rotation", "scale", "opacity", "sh 0", "sh 1"]
-    groups = ["position", "rotation", "scale", "opacity", "sh"]
-    names = [f"psi of {k}" for k in kinds] + [f"alpha of {g}" for g in groups] + ["refines"]
-    assert list(found) == names
-    assert found["psi of position"]["bytes"] > 0
-    assert found["refines"]["bytes"] > 0
-    for group in ("position", "rotation", "sh"):  # of mixed trees they are 1
-        assert found[f"alpha of {group}"]["bytes"] == found[f"alpha of {group}"]["lost"] == 0
-    assert any(row["lost"] != 0 for row in found.values())
+def both(tree, other):
+    """The steps of two trees, side by side."""
+    return zip(tree.steps, other.steps, strict=True)
+
+
+def test_a_tree_without_a_class_of_numbers_has_all_others(runs):
+    tree = runs[0][1].tree()
+    found = dict(without(tree))
+    assert next(iter(found)) == "nothing"
+    assert found["nothing"] is tree
+    assert {"psi of position in splits", "psi of opacity in refines", "refines"} <= set(found)
+    # Of mixed trees the other alphas are 1, so that nothing goes with them.
+    alphas = [name for name in found if name.startswith("alpha")]
+    assert alphas == ["alpha of scale", "alpha of opacity"]
+    for name, rest in found.items():
+        is_other = [
+            a.psi.shape != b.psi.shape or (a.psi != b.psi).any() for a, b in both(rest, tree)
+        ]
+        assert any(is_other) == name.startswith(("psi", "refines"))
+    for one, other in both(tree, found["psi of scale in splits"]):
+        splits = one.kinds[one.kinds != Kind.DROP] == Kind.SPLIT
+        right = one.psi.copy()
+        right[7:10, splits] = 0
+        np.testing.assert_array_equal(other.psi, right)
+    for one, other in both(tree, found["alpha of scale"]):
+        of_level = np.concatenate([s.alpha[2] for s in tree.steps if s.level == one.level])
+        assert set(other.alpha[2]) <= {np.sort(of_level)[len(of_level) // 2]} if one.level else True
+        np.testing.assert_array_equal(np.delete(other.alpha, 2, 0), np.delete(one.alpha, 2, 0))
+    assert not any((step.kinds == Kind.REFINE).any() for step in found["refines"].steps)
+
+
+def test_a_tree_is_trained_again_without_the_numbers_that_are_gone(runs):
+    job, run = runs[0]
+    backend, views = backend_for("cpu"), Views(tiny.pyramid(), 1)
+    rest = dict(without(run.tree()))["psi of opacity"]
+    found = trained_again(rest, job.config, views, 5, backend)
+    assert found.quanta == rest.quanta
+    np.testing.assert_array_equal(found.steps[0].adds, rest.steps[0].adds)
+    assert not any(step.psi[10].any() for step in found.steps)
+    assert any(not np.array_equal(a.psi, b.psi) for a, b in both(found, rest))
+    assert len(found.leaves()) == len(rest.leaves())
+    encode(found)  # whole multiples of its quanta, or this refuses
+
+
+def test_removals_are_measured_once_and_what_is_smaller_is_worse(runs, tmp_path):
+    _, run = runs[0]
+    bench = Bench([], Views(tiny.pyramid(), 1), tmp_path, lambda text: None)
+    called = []
+
+    def again(tree):
+        called.append(tree)
+        return tree
+
+    found = {row["without"]: row for row in removals(bench, run, again, 5)}
+    assert removals(bench, run, again, 5) == list(found.values())
+    assert len(called) == len(found)
+    assert found["psi of position"]["bytes"] < found["nothing"]["bytes"]
+    assert found["refines"]["bytes"] < found["psi of opacity in refines"]["bytes"]
+    assert found["psi of position"]["psnr"] < found["nothing"]["psnr"]
+    assert all(row["psnr"] == row["psnr_again"] for row in found.values())
 
 
 def test_numbers_are_worth_what_their_bytes_are_on_the_curve():
-    rows = [{"without": "x", "bytes": 50, "lost": 0.7, "whole": 100}]
-    (found,) = worth(rows, [(50, 30.0), (100, 31.5)])
-    assert found == {
-        "without": "x", "kB less": 0.05, "dB less": 0.7, "dB less by distortion": 1.5
+    whole = {
+        "without": "nothing", "bytes": 100, "bytes_again": 100, "psnr": 31.5, "psnr_again": 31.5
     }  # fmt: skip
-    (found,) = worth(rows, [(50, 30.0), (100, 29.0)])
+    less = {"without": "x", "bytes": 60, "bytes_again": 50, "psnr": 29.0, "psnr_again": 31.0}
+    (found,) = worth([whole, less], [(25, 30.0), (50, 30.5), (100, 31.5)])
+    assert found["trained again: kB less"] == 0.05
+    assert found["dB less by distortion"] == pytest.approx(1.0)
+    assert -50 < found.pop("more bytes at equal PSNR, %") < 0  # 31 dB take more than 50 bytes
+    worse = less | {"psnr_again": 30.5 - 1e-9}
+    (found,) = worth([whole, worse], [(25, 30.0), (50, 30.5), (100, 31.5)])
+    assert found["more bytes at equal PSNR, %"] == pytest.approx(0, abs=1e-4)
+    lost = less | {"psnr_again": 29.9}
+    (found,) = worth([whole, lost], [(25, 30.0), (50, 30.5), (100, 31.5)])
+    assert found["more bytes at equal PSNR, %"] is None
+    (found,) = worth([whole, less], [(50, 31.5), (100, 29.0)])
     assert found["dB less by distortion"] is None
 
 
@@ -103,6 +172,10 @@ def test_curves_go_on_beyond_their_ends():
     assert psnr_at(curve, 50) == pytest.approx(29)
     assert psnr_at(curve, 800) == pytest.approx(32)
     assert 30 < psnr_at(curve, 150) < 31
+    for n_bytes in (100, 200, 400, 800):
+        assert bytes_at(curve, psnr_at(curve, n_bytes)) == pytest.approx(n_bytes)
+    assert 100 < bytes_at(curve, 30.5) < 200
+    assert bytes_at(curve, 29.9) is None
 
 
 def test_the_command_of_a_page_names_no_folder_of_this_machine():

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
-__all__ = ["Curve", "bd_rate", "log_bytes", "psnr_at"]
+__all__ = ["Curve", "bd_rate", "bytes_at", "log_bytes", "psnr_at"]
 
 Curve: TypeAlias = Sequence[tuple[float, float]]  # bytes and PSNR in dB of each point
 F64: TypeAlias = npt.NDArray[np.float64]
@@ -65,6 +65,21 @@ def psnr_at(curve: Curve, n_bytes: float) -> float:
         return float(PchipInterpolator(sizes, psnr)(x))
     a, b = (0, 1) if x < sizes[0] else (-2, -1)
     return float(psnr[a] + (x - sizes[a]) * (psnr[b] - psnr[a]) / (sizes[b] - sizes[a]))
+
+
+def bytes_at(curve: Curve, psnr: float) -> float | None:
+    """The bytes for so many dB; above its end a curve goes on as `psnr_at`, below it has none.
+
+    Raises:
+        ValueError: as `bd_rate`.
+    """
+    sizes, decibels = _in_order(curve)
+    if psnr < decibels[0]:
+        return None
+    if psnr <= decibels[-1]:
+        return float(np.exp(log_bytes(curve, np.array([psnr]))[0]))
+    slope = np.log(sizes[-1] / sizes[-2]) / (decibels[-1] - decibels[-2])
+    return float(sizes[-1] * np.exp(slope * (psnr - decibels[-1])))
 
 
 def _in_order(curve: Curve) -> tuple[F64, F64]:

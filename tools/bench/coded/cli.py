@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,7 @@ DEFAULTS: dict[str, Any] = {
     "seed": 0,
     "background": "white",
     "test_every": 8,
+    "again": 300,
 }
 EXAMPLES = f"""examples:
   {COMMAND} --data lego --out build/coded --size 200 --levels 3
@@ -78,6 +80,12 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--levels", type=int, metavar="N")
     parser.add_argument("--iterations", type=int, nargs="+", metavar="N", help="of each level")
     parser.add_argument("--max-splats", type=int, nargs="+", metavar="N", help="of each level")
+    parser.add_argument(
+        "--again",
+        type=int,
+        metavar="N",
+        help="iterations of each level after a class of numbers was taken away (default: 300)",
+    )
     parser.add_argument("--seed", type=int)
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--background", choices=["white", "black"])
@@ -91,10 +99,12 @@ def run_coded(args: argparse.Namespace) -> None:
         if find_spec(library) is None:
             raise InputError(f"the benchmark needs {library}: pip install -e '.[train,bench]'")
     from reference_trainer.data import load_views
+    from reference_trainer.models.backends import backend_for
     from reference_trainer.queue import run_job
     from tools.bench.coded.curves import coded_levels, curve_jobs, curve_of
     from tools.bench.coded.page import write_page
     from tools.bench.coded.removals import removals, worth
+    from tools.bench.coded.trained_again import trained_again
     from tools.bench.paper.measured import Bench
     from tools.bench.paper.runs import Views, read_run
 
@@ -121,7 +131,14 @@ def run_coded(args: argparse.Namespace) -> None:
         own = {"method": run.method, "distortion": distortion, "seconds": run.seconds}
         rows += [own | row for row in found]
         if (run.method, distortion) == (of, middle):
-            needed = bench.measure(run, "numbers", lambda run: removals(run.tree(), views))
+            again = partial(
+                trained_again,
+                config=job.config,
+                views=views,
+                iterations=args.again,
+                backend=backend_for(args.device),
+            )
+            needed = removals(bench, run, again, args.again)
     needed = worth(needed, curve_of(rows, of, config.n_levels - 1))
     page = args.out / "coded.md"
     write_page(page, rows, command_again(COMMAND, args, DEFAULTS), of, needed)

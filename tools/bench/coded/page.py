@@ -59,8 +59,12 @@ def write_page(path: Path, rows: Rows, command: str, of: str, needed: Rows) -> N
     if needed:
         text = (
             "The tree of the middle distortion without one class of the numbers of its splits and"
-            " refines, not trained again: what the last level loses. As many bytes can go by a"
-            " larger distortion, which loses what the last column says."
+            " refines, at the last level: as it is, then trained further in integers, so that its"
+            " other numbers make up for them. The whole tree was trained as much further. Alphas"
+            " become one for a whole level, which takes no bytes. As many bytes can go by a larger"
+            " distortion, which loses what comes next; and the last column says how many bytes more"
+            " the tree without the class takes than a whole tree of the same PSNR: nothing where"
+            " the curve does not come as low."
         )
         table = Table("numbers", "Numbers that could go", needed)
         sections.append(Section("What numbers are worth", text, [table], []))

@@ -1,0 +1,49 @@
+"""A tree in integers, trained further: its other numbers make up for those that were taken away."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from evogs_codec import EvolutionTree
+from reference_trainer.config import Config
+from reference_trainer.data.seeding import extent
+from reference_trainer.methods.quantised import IntegerLevel
+from reference_trainer.models.backends import Backend
+from reference_trainer.models.densify import ScreenGradients
+from reference_trainer.train import Stage, Training, train
+from tools.bench.paper.runs import Views
+
+__all__ = ["trained_again"]
+
+AGAIN = 3  # purpose of random numbers: the order of views
+
+
+def trained_again(
+    tree: EvolutionTree, config: Config, views: Views, iterations: int, backend: Backend
+) -> EvolutionTree:
+    """The tree after as many iterations of each level above 0, as levels end in integers.
+
+    Numbers that are 0 stay so, and quanta and alphas are as they were.
+    """
+    steps = tuple(step for step in tree.steps if step.level == 0)
+    for level in range(1, tree.n_levels):
+        data = views.pyramid[level]
+        before = EvolutionTree(tree.sh_degree, steps)
+        own = tuple(step for step in tree.steps if step.level == level)
+        model = IntegerLevel(before, own, tree.quanta[: 2 + level], backend.device)
+        stage = Stage(
+            data.train,
+            data.background,
+            extent(data.train),
+            iterations,
+            model.n_splats,
+            (config.seed, level, AGAIN),
+            config.integers.rates(config.rates),
+        )
+        train(Training(model, ScreenGradients(model.n_splats)), stage, config, backend, _nothing)
+        steps += model.finished()
+    return replace(tree, steps=steps)
+
+
+def _nothing(training: Training) -> None:
+    """After an iteration."""
