@@ -8,6 +8,8 @@ import pytest
 
 from evogs_codec import encode
 from evogs_codec.model.tree import Kind
+from evogs_codec.render import psnr, render
+from evogs_codec.render.options import Options
 from reference_trainer.config import Integers
 from reference_trainer.models.backends import backend_for
 from reference_trainer.queue import run_job
@@ -17,6 +19,7 @@ from tools.bench.coded.bd_rate import bytes_at, psnr_at
 from tools.bench.coded.cli import DEFAULTS, parse
 from tools.bench.coded.curves import coded_levels, curve_jobs, distances
 from tools.bench.coded.removals import removals, without, worth
+from tools.bench.coded.sizes import at_the_next_size
 from tools.bench.coded.trained_again import trained_again
 from tools.bench.paper.measured import Bench
 from tools.bench.paper.runs import Views, read_run
@@ -74,13 +77,17 @@ def test_the_page_has_all_points_and_distances(rows, tmp_path):
     from tools.bench.coded.page import write_page
 
     needed = [{"without": "psi of sh 1", "kB less": 1.0, "dB less": 0.5}]
-    write_page(tmp_path / "coded.md", rows, "python -m tools", "evogs-mixed", needed)
+    at_next = {"own": 33.0, "next": 20.0, "wide": 27.0, "above": 33.5, "enlarged": 26.0}
+    sizes = [{"method": "evogs", "level": 0} | at_next]
+    write_page(tmp_path / "coded.md", rows, "python -m tools", "evogs-mixed", needed, sizes)
     with (tmp_path / "coded" / "points.csv").open() as file:
         assert len(list(csv.DictReader(file))) == len(rows)
     text = (tmp_path / "coded.md").read_text()
     assert "Made by `python -m tools`." in text
     assert "| EvoGS mixed | 0.01 |" in text
     assert "| psi of sh 1 | 1 | 0.5 |" in text
+    right = "| EvoGS | 0 | 33.00 | 20.00 | 33.50 | 13.50 | 27.00 | 6.50 | 26.00 |"
+    assert right in text
     assert "LapisGS" in text.split("BD-rate: negative")[1]
     assert (tmp_path / "coded" / "curves.png").stat().st_size > 1000
 
@@ -191,3 +198,17 @@ def test_the_command_has_the_defaults_of_the_comparison():
     args = parse(["--data", "lego", "--out", "out"])
     assert args.methods == ["evogs-mixed", "evogs", "evogs-a", "lapis"]
     assert (args.size, args.distortions) == (200, [0.02, 0.07, 0.25])
+
+
+def test_a_level_at_the_next_size_is_drawn_as_it_is_and_dilated_as_at_its_own(runs):
+    tree, views = runs[0][1].tree(), Views(tiny.pyramid(), 1)
+    (found,) = at_the_next_size(tree, views)
+    coarse, fine = tree.leaves(0), tree.leaves(1)
+    assert found["own"] == views.psnr(coarse, 0)
+    assert found["next"] == views.psnr(coarse, 1)
+    assert found["above"] == views.psnr(fine, 1)
+    (small,), (large,) = views.held_out(0), views.held_out(1)
+    assert large.camera.width == 2 * small.camera.width
+    wide = render(coarse, large.camera, views.background, options=Options(dilation=1.2))
+    assert found["wide"] == pytest.approx(psnr(wide.clip(0, 1), large.image))
+    assert 10 < found["enlarged"] < 60

@@ -104,6 +104,7 @@ def run_coded(args: argparse.Namespace) -> None:
     from tools.bench.coded.curves import coded_levels, curve_jobs, curve_of
     from tools.bench.coded.page import write_page
     from tools.bench.coded.removals import removals, worth
+    from tools.bench.coded.sizes import at_the_next_size
     from tools.bench.coded.trained_again import trained_again
     from tools.bench.paper.measured import Bench
     from tools.bench.paper.runs import Views, read_run
@@ -119,6 +120,7 @@ def run_coded(args: argparse.Namespace) -> None:
     middle = sorted(args.distortions)[len(args.distortions) // 2]
     rows: list[dict[str, Any]] = []
     needed: list[dict[str, Any]] = []
+    sizes: list[dict[str, Any]] = []
     for job in curve_jobs(config, args.methods, args.distortions):
         print(job.name, file=sys.stderr)
         run_job(job, data, folder, args.device)
@@ -130,6 +132,9 @@ def run_coded(args: argparse.Namespace) -> None:
         distortion = job.config.integers.distortion if job.config.integers.part else None
         own = {"method": run.method, "distortion": distortion, "seconds": run.seconds}
         rows += [own | row for row in found]
+        if distortion == middle:
+            found = bench.measure(run, "sizes", lambda run: at_the_next_size(run.tree(), views))
+            sizes += [{"method": run.method} | row for row in found]
         if (run.method, distortion) == (of, middle):
             again = partial(
                 trained_again,
@@ -141,5 +146,5 @@ def run_coded(args: argparse.Namespace) -> None:
             needed = removals(bench, run, again, args.again)
     needed = worth(needed, curve_of(rows, of, config.n_levels - 1))
     page = args.out / "coded.md"
-    write_page(page, rows, command_again(COMMAND, args, DEFAULTS), of, needed)
+    write_page(page, rows, command_again(COMMAND, args, DEFAULTS), of, needed, sizes)
     print(f"{page}: {len(args.methods)} methods")

@@ -17,7 +17,7 @@ Rows = list[dict[str, Any]]
 PAPER = ("evogs", "evogs-a")  # whose better one is a rival of its own
 
 
-def write_page(path: Path, rows: Rows, command: str, of: str, needed: Rows) -> None:
+def write_page(path: Path, rows: Rows, command: str, of: str, needed: Rows, sizes: Rows) -> None:
     """The page and its files.
 
     Args:
@@ -27,6 +27,7 @@ def write_page(path: Path, rows: Rows, command: str, of: str, needed: Rows) -> N
         command: that makes the same again.
         of: the method that the others are rivals of.
         needed: what its numbers are worth, as `worth` says it; none without a run.
+        sizes: levels of trees as `at_the_next_size` has them, each with `method`.
     """
     methods = list(dict.fromkeys(row["method"] for row in rows))
     head = (
@@ -68,7 +69,31 @@ def write_page(path: Path, rows: Rows, command: str, of: str, needed: Rows) -> N
         )
         table = Table("numbers", "Numbers that could go", needed)
         sections.append(Section("What numbers are worth", text, [table], []))
+    if sizes:
+        text = (
+            "What a level of the middle distortion shows at the size of the next one, before that"
+            " is there. Every picture is drawn with footprints dilated by 0.3 square pixels, which"
+            " are smaller in the scene the larger the picture is. So the level is drawn once more"
+            " with what it was trained with, dilated as much of the scene as at its own size. The"
+            " last column enlarges photographs of its own size (bicubic)."
+        )
+        table = Table("sizes", "Levels at the next size", [_at_next(row) for row in sizes])
+        sections.append(Section("Levels at the next size", text, [table], []))
     write_report(path, head, sections)
+
+
+def _at_next(row: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "method": TITLES[row["method"]],
+        "level": row["level"],
+        "own size, dB": row["own"],
+        "next size, dB": row["next"],
+        "next level there, dB": row["above"],
+        "less than the next level, dB": row["above"] - row["next"],
+        "dilated as at its own size, dB": row["wide"],
+        "then less, dB": row["above"] - row["wide"],
+        "its photographs enlarged, dB": row["enlarged"],
+    }
 
 
 def _figure(rows: Rows) -> Canvas:

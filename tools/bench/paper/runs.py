@@ -19,6 +19,7 @@ from evogs_codec.common.printable import shown
 from evogs_codec.io.json_files import read_json
 from evogs_codec.io.tree_npz import read_tree
 from evogs_codec.render import psnr, render
+from evogs_codec.render.options import DEFAULT, Options
 
 if TYPE_CHECKING:
     from reference_trainer.data import Dataset, View
@@ -142,10 +143,20 @@ class Views:
             return views
         return [views[int(i)] for i in np.linspace(0, len(views) - 1, most)]
 
-    def psnr(self, splats: SplatParams, level: int, most: int | None = None) -> float:
+    def psnr(
+        self,
+        splats: SplatParams,
+        level: int,
+        most: int | None = None,
+        *,
+        options: Options = DEFAULT,
+    ) -> float:
         """Mean PSNR in dB on the views of a level."""
         found = [
-            psnr(render(splats, view.camera, self.background).clip(0.0, 1.0), view.image)
+            psnr(
+                render(splats, view.camera, self.background, options=options).clip(0.0, 1.0),
+                view.image,
+            )
             for view in self.held_out(level, most)
         ]
         return float(np.mean(found))
