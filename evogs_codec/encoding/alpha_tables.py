@@ -194,43 +194,49 @@ def cheapest_alphas(
 
 
 def only_used(tree: CodedTree) -> CodedTree:
-    """The same alphas, in tables of the entries that a split has: the frequent ones first.
+    """The same splats, with tables of the entries that they need, in the same order.
 
-    An entry that none has takes two bytes, and may make all indices wider.
+    An entry that no split needs takes two bytes, and may make all indices wider. A split whose psi
+    of a group are 0 needs none, and has the most frequent one of its step.
     """
     steps = [step for tile in tree.tiles for step in tile.steps]
-    order = {place: _frequent_first(steps, place) for place in tree.alpha}
+    needed = {place: _needed(steps, place) for place in tree.alpha}
     tables = {
         place: AlphaTable(
             tree.alpha[place].shift, tuple(tree.alpha[place].entries[k] for k in kept)
         )
-        for place, kept in order.items()
+        for place, kept in needed.items()
     }
     tables = {k: t for k, t in tables.items() if t.values.tolist() not in ([], [1.0])}
     tiles = [
-        replace(tile, steps=tuple(_with_indices(step, order) for step in tile.steps))
+        replace(tile, steps=tuple(_with_indices(step, needed) for step in tile.steps))
         for tile in tree.tiles
     ]
     return replace(tree, alpha=tables, tiles=tuple(tiles))
 
 
-def _frequent_first(steps: Sequence[CodedStep], place: tuple[int, int]) -> list[int]:
-    """The entries of a table that splits have."""
+def _needed(steps: Sequence[CodedStep], place: tuple[int, int]) -> list[int]:
+    """The entries of a table that splits need."""
     level, group = place
-    counts = np.zeros(N_INDICES, np.int64)
-    for step in steps:
-        if step.level == level:
-            counts += np.bincount(step.alpha[group], minlength=N_INDICES)
-    order = np.argsort(-counts, kind="stable")
-    return order[: np.count_nonzero(counts)].tolist()  # type: ignore[no-any-return]
+    of_level = [step for step in steps if step.level == level]
+    rows = [step.alpha[group][_moves(step, group)] for step in of_level]
+    return sorted(set(np.concatenate([np.empty(0, np.uint8), *rows]).tolist()))
 
 
-def _with_indices(step: CodedStep, order: Mapping[tuple[int, int], list[int]]) -> CodedStep:
-    """The step with the places that its entries have in the new order."""
+def _with_indices(step: CodedStep, needed: Mapping[tuple[int, int], list[int]]) -> CodedStep:
+    """The step with the places that its entries have in tables of those that are needed."""
     alpha = step.alpha.copy()
     for group, row in enumerate(alpha):
-        kept = order.get((step.level, group), [])
+        kept, moves = needed.get((step.level, group), []), _moves(step, group)
         places = np.zeros(N_INDICES, np.uint8)
         places[kept] = np.arange(len(kept))
-        row[:] = places[row]
+        frequent = np.bincount(places[row[moves]], minlength=1).argmax()
+        row[:] = np.where(moves, places[row], frequent)
     return replace(step, alpha=alpha)
+
+
+def _moves(step: CodedStep, group: int) -> npt.NDArray[np.bool_]:
+    """(S,) splits that have a psi of a group other than 0."""
+    is_split = step.kinds[step.kinds != Kind.DROP] == Kind.SPLIT
+    moves: npt.NDArray[np.bool_] = np.any(step.psi[GROUP_CHANNELS[group]][:, is_split], axis=0)
+    return moves
