@@ -170,6 +170,8 @@ class Config:
         ssim_weight: part of D-SSIM in the loss.
         rates, cloud, frontier, integers: see there.
         equal_buckets: of L3GS, as published; else in proportion to `max_splats`.
+        next_size: after so many photographs of its own size, in the mean, a level is trained on one
+            of the size of the next level, for when it is drawn there; 0 for none.
         checkpoint_every: iterations.
     """
 
@@ -184,6 +186,7 @@ class Config:
     frontier: FrontierGrowth = field(default_factory=FrontierGrowth)
     integers: Integers = field(default_factory=Integers)
     equal_buckets: bool = False
+    next_size: int = 0
     checkpoint_every: int = 500
 
     def __post_init__(self) -> None:
@@ -195,6 +198,8 @@ class Config:
             )
         if min(self.iterations) < 1 or min(self.max_splats) < 1:
             raise ValueError("iterations and max_splats are at least 1")
+        if not 0 <= self.next_size <= 1000:
+            raise ValueError(f"next_size is {self.next_size}, expected 0 to 1,000")
         if not 0 <= self.sh_degree <= 3:
             raise ValueError(f"sh_degree is {self.sh_degree}, expected 0..3")
 

@@ -102,7 +102,7 @@ def _run_stage(
 ) -> Checkpoint:
     """Train the stage of a checkpoint; the checkpoint at its end."""
     plan = plans[saved.stage]
-    data = pyramid[plan.scale]
+    data = _photographs(pyramid, plan.scale, config.next_size)
     setting = Setting(config, plan, data, extent(data.train), backend.device)
     model = method.begin(setting, saved.done)
     training = _restored(model, saved, folder)
@@ -140,6 +140,14 @@ def _run_stage(
     if folder is not None:
         after.write(folder)
     return after
+
+
+def _photographs(pyramid: tuple[Dataset, ...], scale: int, next_size: int) -> Dataset:
+    """The data of a scale, with photographs of the next one among those to train on, if any."""
+    data = pyramid[scale]
+    if not next_size or scale + 1 == len(pyramid):
+        return data
+    return replace(data, train=data.train * next_size + pyramid[scale + 1].train)
 
 
 def _restored(model: Model, saved: Checkpoint, folder: Path | None) -> Training:

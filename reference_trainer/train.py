@@ -102,20 +102,20 @@ def train(
         NotFiniteError: the loss is not finite.
     """
     model = training.model
-    photographs = [backend.photograph(view.image) for view in stage.views]
+    # A view may be there several times.
+    photographs = {id(view): backend.photograph(view.image) for view in stage.views}
     while training.iteration < stage.iterations:
-        index = view_of(training.iteration, len(stage.views), stage.seed)
-        camera = stage.views[index].camera
+        view = stage.views[view_of(training.iteration, len(stage.views), stage.seed)]
         splats = model.splats(training.iteration)
         screen = backend.screen(splats)
-        image = backend.render(splats, camera, stage.background, screen)
-        loss = backend.loss(image, photographs[index], config.ssim_weight)
+        image = backend.render(splats, view.camera, stage.background, screen)
+        loss = backend.loss(image, photographs[id(view)], config.ssim_weight)
         loss.backward()  # type: ignore[no-untyped-call]
         training.loss = float(loss.detach())
         if not np.isfinite(training.loss):
             raise NotFiniteError(f"the loss is {training.loss} at iteration {training.iteration}")
         if screen.grad is not None:
-            training.scores.add(screen.grad.cpu().numpy(), camera.width, camera.height)
+            training.scores.add(screen.grad.cpu().numpy(), view.camera.width, view.camera.height)
         progress = training.iteration / stage.iterations
         variables = model.variables()
         price = stage.rate_weight * training.loss / max(_priced(variables), 1)

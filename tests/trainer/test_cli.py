@@ -112,7 +112,8 @@ def test_flags_that_do_not_fit_are_refused(flags, message, tmp_path):
 
 def test_a_preset_is_changed_by_flags():
     config = config_of(parsed("x", "y", "--preset", "paper", "--levels", "3", "--seed", "4"))
-    assert (config.n_levels, config.seed) == (3, 4)
+    assert (config.n_levels, config.seed, config.next_size) == (3, 4, 0)
+    assert config_of(parsed("x", "y", "--next-size", "4")).next_size == 4
     assert config.iterations == PRESETS["paper"].iterations[:3]
 
 
@@ -124,7 +125,13 @@ def test_a_configuration_survives_json(name):
 
 @pytest.mark.parametrize(
     "changes",
-    [{"method": "x"}, {"iterations": (1,)}, {"sh_degree": 4}, {"max_splats": (0, 1, 2, 3)}],
+    [
+        {"method": "x"},
+        {"iterations": (1,)},
+        {"sh_degree": 4},
+        {"max_splats": (0, 1, 2, 3)},
+        {"next_size": -1},
+    ],
 )
 def test_an_impossible_configuration_is_refused(changes):
     with pytest.raises(ValueError, match=r"."):

@@ -16,6 +16,7 @@ from evogs_codec import InputError
 from evogs_codec.io.tree_npz import write_tree
 from reference_trainer.config import Integers
 from reference_trainer.models.backends import backend_for
+from reference_trainer.models.backends.cpu import Cpu
 from reference_trainer.run import run
 from reference_trainer.runtime.checkpoint import FILE, Checkpoint
 from reference_trainer.runtime.progress import Progress
@@ -192,3 +193,20 @@ def test_a_trained_tree_is_a_file_of_the_same_bytes_twice(tmp_path):
     for name in "ab":
         write_tree(tmp_path / f"{name}.tree.npz", trained())
     assert (tmp_path / "a.tree.npz").read_bytes() == (tmp_path / "b.tree.npz").read_bytes()
+
+
+def test_levels_but_the_last_are_trained_on_photographs_of_the_next_size_too():
+    seen = []
+
+    class Seeing(Cpu):
+        def render(self, splats, camera, background, screen):
+            seen.append(camera.width)
+            return super().render(splats, camera, background, screen)
+
+    config = tiny.config(next_size=2)
+    n = len(tiny.dataset().train)
+    config = replace(config, iterations=(3 * n, n), method="evogs")
+    run(config, tiny.pyramid(), Seeing())
+    first, last = seen[: 3 * n], seen[3 * n :]
+    assert (first.count(16), first.count(32)) == (2 * n, n)
+    assert set(last) == {32}

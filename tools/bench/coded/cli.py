@@ -33,6 +33,7 @@ DEFAULTS: dict[str, Any] = {
     "background": "white",
     "test_every": 8,
     "again": 300,
+    "next_size": 0,
 }
 EXAMPLES = f"""examples:
   {COMMAND} --data lego --out build/coded --size 200 --levels 3
@@ -86,6 +87,7 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
         metavar="N",
         help="iterations of each level after a class of numbers was taken away (default: 300)",
     )
+    parser.add_argument("--next-size", type=int, metavar="N", help="as of `evogs train`")
     parser.add_argument("--seed", type=int)
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--background", choices=["white", "black"])
