@@ -21,7 +21,6 @@ from evogs_codec.encoding.alpha_tables import (
     alpha_tables,
     joint_delta,
     nearest,
-    only_used,
     serving_both,
     serving_second,
 )
@@ -118,7 +117,7 @@ def quantise(
             exponents = tuple(e - (g == error.group) for g, e in enumerate(exponents))
             continue
         warn_if_coarser(grid, steps, settings)
-        return only_used(coded)
+        return coded
 
 
 def quantise_on(

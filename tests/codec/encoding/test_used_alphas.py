@@ -52,7 +52,7 @@ def test_a_split_that_needs_no_alpha_has_the_most_frequent_one_of_its_step():
     alpha[3] = [0.25, 0.5, 0.5, 0.75, 0.75, 0.5, 0.25, 0.5]
     roots = Step.of_adds(0, np.random.default_rng(2).normal(size=(14, n)).astype(np.float32))
     tree = EvolutionTree(0, (roots, Step.of_splits(1, np.arange(n), psi, alpha)))
-    coded = quantise([tree], 2, PRESETS["near-lossless"])
+    coded = only_used(quantise([tree], 2, PRESETS["near-lossless"]))
     table = coded.alpha_table(1, 3)
     assert sorted(table.values) == [0.5, 0.75]
     found = table.values[coded.tiles[0].steps[1].alpha[3]].tolist()
@@ -84,7 +84,7 @@ def test_streams_have_no_entry_that_no_split_names(preset):
 def test_without_them_a_stream_is_smaller(monkeypatch):
     tree, settings = tree_with_alphas(np.random.default_rng(1)), PRESETS["trained"]
     small = encode(tree, settings)
-    monkeypatch.setattr("evogs_codec.encoding.quantise.only_used", lambda coded: coded)
+    monkeypatch.setattr("evogs_codec.encoding.encode.only_used", lambda coded: coded)
     large = encode(tree, settings)
     assert len(small) < len(large)
     one, other = (decode(data).leaves().channels() for data in (small, large))
