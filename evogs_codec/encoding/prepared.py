@@ -8,6 +8,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 
 from evogs_codec.common.progress import Progress, no_progress
+from evogs_codec.encoding.alpha_tables import only_used
 from evogs_codec.encoding.arrange import arrange, default_tiles
 from evogs_codec.encoding.grids import AccuracyWarning
 from evogs_codec.encoding.held_steps import Run, held
@@ -162,7 +163,7 @@ class Prepared:
         with warnings.catch_warnings():
             # Of a search: whoever asks for a target is told whether it was met.
             warnings.simplefilter("ignore", AccuracyWarning)
-            return quantise(
+            coded = quantise(
                 tiles,
                 self.layered.n_levels if self.layered else self.n_levels,
                 settings,
@@ -172,6 +173,7 @@ class Prepared:
                 ranges=self.ranges,  # layers move nothing
                 info=self.aim.info,
             )
+        return only_used(coded)
 
     def first_table(self) -> F64:
         """(1 + n_levels, K) steps of the settings."""

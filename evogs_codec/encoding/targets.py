@@ -14,7 +14,6 @@ from functools import cached_property
 import numpy as np
 
 from evogs_codec.decoding.decode import decode
-from evogs_codec.encoding.alpha_tables import only_used
 from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.layers import Layering
 from evogs_codec.encoding.prepared import Aim, Prepared
@@ -269,7 +268,7 @@ class TargetEncoder(Aim):
 
     def written(self, coded: CodedTree) -> bytes:
         """The stream of a coded tree, with digests."""
-        return write(only_used(coded), effort=self.settings.effort, progress=self.progress)
+        return write(coded, effort=self.settings.effort, progress=self.progress)
 
 
 def _errors(tiles: Sequence[EvolutionTree], data: bytes, sh_degree: int) -> F64:
