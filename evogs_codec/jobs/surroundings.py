@@ -68,7 +68,7 @@ class Neighbourhood:
             around: the same of the other tiles.
             n_around: splats of all tiles.
             up: axis or vector that is up.
-            n_views: about so many.
+            n_views: so many.
             all_round: some of them stand below and far above.
             keep: times a price of a bit, that of the splats for which the views are.
         """

@@ -88,15 +88,14 @@ def camera_rings(scene: SplatParams, up: Direction | None = None, times: int = 1
 
 
 def weighing_cameras(scene: SplatParams, up: Direction | None = None, n: int = 12) -> list[Camera]:
-    """About n cameras by which errors are weighed: most on the circle of `cameras_around`.
+    """n cameras by which errors are weighed: most on the circle of `cameras_around`.
 
     Of six, one stands below the scene and one far above it. A splat that the circle does not show
     is seen from there, or it is worth nothing.
     """
     above = up_of(scene).vector if up is None else direction(up)
     n_each = n // ONE_OF
-    n_circle = max(n - 2 * n_each, 1)
-    circle = cameras_around(scene, above)[:: max(1, -(-N_ORBIT // n_circle))]
+    circle = cameras_around(scene, above, n=n - 2 * n_each)
     others = [
         camera
         for elevation, distance in (BELOW, ABOVE)
