@@ -88,7 +88,7 @@ def camera_rings(scene: SplatParams, up: Direction | None = None, times: int = 1
 
 
 def weighing_cameras(scene: SplatParams, up: Direction | None = None, n: int = 12) -> list[Camera]:
-    """n cameras by which errors are weighed: most on the circle of `cameras_around`.
+    """Cameras by which errors are weighed, n of them: most on the circle of `cameras_around`.
 
     Of six, one stands below the scene and one far above it. A splat that the circle does not show
     is seen from there, or it is worth nothing.
