@@ -97,7 +97,8 @@ class Prepared:
         other.tiles, other.importance = list(tiles), replace(self.importance, weights=weights)
         if self.layered is not None:
             other.layered = Layered.of(other.tiles, self.n_levels, other.importance, layering)
-        other.ranges = Ranges.of(other.tiles, self.n_levels)
+        if any(tile is not own for tile, own in zip(tiles, self.tiles, strict=True)):
+            other.ranges = Ranges.of(other.tiles, self.n_levels)
         return other
 
     def coded(self, at: float) -> CodedTree:

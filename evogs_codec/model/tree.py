@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from itertools import islice
 from typing import Protocol
+from weakref import WeakKeyDictionary, ref
 
 import numpy as np
 import numpy.typing as npt
@@ -274,6 +275,8 @@ class EvolutionTree:
     def leaves(self, level: int | None = None) -> SplatParams:
         """Splats a renderer draws at `level` (the last one by default), in slot order.
 
+        Those of the last level are the same object as long as somebody has it: do not change it.
+
         Raises:
             ValueError: the tree has no such level.
         """
@@ -281,10 +284,17 @@ class EvolutionTree:
         level = last if level is None else level
         if not 0 <= level <= last:
             raise ValueError(f"level {level} is not one of 0..{last}")
+        known = _leaves.get(self) if level == last else None
+        found = known() if known else None
+        if found is not None:
+            return found
         n_steps = sum(step.level <= level for step in self.steps)
         if not n_steps:
             return SplatParams.from_channels(np.zeros((n_channels(self.shown_degree), 0)))
-        return next(islice(self.states(), n_steps - 1, None)).splats()
+        found = next(islice(self.states(), n_steps - 1, None)).splats()
+        if level == last:
+            _leaves[self] = ref(found)
+        return found
 
     def levels(self, first: int = 0) -> Iterator[SplatParams]:
         """`leaves` of each level, from `first` on."""
@@ -301,6 +311,10 @@ class EvolutionTree:
     def of_splats(splats: SplatParams) -> EvolutionTree:
         """The tree with one level whose roots are `splats`."""
         return EvolutionTree(splats.sh_degree, (Step.of_adds(0, splats.channels()),))
+
+
+# Of trees, those of their last levels that somebody still has: many ask for them.
+_leaves: WeakKeyDictionary[EvolutionTree, ref[SplatParams]] = WeakKeyDictionary()
 
 
 def take_picks(step: Picking, picks: I32, n: int) -> None:

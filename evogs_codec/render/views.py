@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
@@ -18,6 +18,7 @@ from evogs_codec.render.gradients import add_squared_gradients, gradients
 from evogs_codec.render.metrics import psnr
 from evogs_codec.render.options import DEFAULT, Options
 from evogs_codec.render.splats import Real, Splats
+from evogs_codec.render.stills import Still
 from evogs_codec.render.up import Direction, up_of
 from evogs_codec.render.viewpoints import camera_rings, cameras_around
 
@@ -108,6 +109,21 @@ class Views:
         """(n,) dB of each view of which `psnr` is the mean."""
         ready = Activated.of(splats)
         return self._psnr_of_each(lambda camera: self._render(ready, camera))
+
+    def psnr_of_sh(self, splats: SplatParams, each: Iterable[F32]) -> Iterator[float]:
+        """`psnr` of the splats with each SH (N, K, 3) in place of theirs, quicker than on its own.
+
+        Args:
+            splats: N splats.
+            each: SH, of which one is needed at a time.
+        """
+        ready = Activated.of(splats)
+        stills = {
+            camera: Still.of(ready, camera, self.background, self.options)
+            for camera in self.cameras
+        }
+        for sh in each:
+            yield self._psnr(lambda camera, sh=sh: stills[camera].with_sh(sh))  # type: ignore[misc]
 
     def sensitivity(self, splats: SplatParams) -> F32:
         """(D, N) mean squared change of the pictures to the squared change of each number.
