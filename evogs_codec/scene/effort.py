@@ -26,7 +26,7 @@ class Effort:
         looks: look at prefixes: their PSNR is stored, and none looks worse than a shorter one.
     """
 
-    level: int = 19
+    level: int = 18
     n_neighbours: int = N_NEIGHBOURS
     n_views: int = 12
     pixels: int | None = None
