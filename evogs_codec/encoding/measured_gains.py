@@ -120,9 +120,7 @@ class MeasuredGains:
         return replace(tree, tiles=tuple(tiles))
 
 
-def _psnr_of_sh(
-    pictures: Pictures, splats: SplatParams, each: Iterable[F32]
-) -> Iterator[float]:
+def _psnr_of_sh(pictures: Pictures, splats: SplatParams, each: Iterable[F32]) -> Iterator[float]:
     """PSNR of splats with each SH in place of theirs."""
     if isinstance(pictures, Recolouring):
         return pictures.psnr_of_sh(splats, each)

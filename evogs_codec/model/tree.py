@@ -53,8 +53,12 @@ class Palette:
 
     def sh_of(self, picks: npt.NDArray[np.integer]) -> F32:
         """(C, N) the SH of picks (N,): 0 for the pick 0."""
-        nothing = np.zeros((len(self.entries), 1), np.float32)
-        return np.concatenate([nothing, self.entries], axis=1)[:, picks]
+        n = self.entries.shape[1]
+        if not n:
+            return np.zeros((len(self.entries), len(picks)), np.float32)
+        found: F32 = self.entries.take(np.asarray(picks, np.int64) - 1, axis=1, mode="wrap")
+        found[:, picks == 0] = 0
+        return found
 
 
 def _no_picks() -> I32:
