@@ -121,7 +121,7 @@ def add_effort(parser: argparse.ArgumentParser, default: str | None = None) -> N
         default: the effort where neither is given; None is that of `evogs encode`.
     """
     work = parser.add_mutually_exclusive_group()
-    named = default or "default, level 19"
+    named = default or "default, level 18"
     work.add_argument(
         "--effort",
         type=effort,

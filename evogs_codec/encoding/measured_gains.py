@@ -6,9 +6,9 @@ beside what: estimates (`packet_gains`) are right within a level, but five times
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
+from itertools import chain, islice
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -45,6 +45,14 @@ class Telling(Pictures, Protocol):
         """`sensitivity`, and the PSNR of some of the pictures that are drawn for it, dB."""
 
 
+@runtime_checkable
+class Recolouring(Pictures, Protocol):
+    """Pictures that are quickly drawn with other SH."""
+
+    def psnr_of_sh(self, splats: SplatParams, each: Iterable[F32]) -> Iterator[float]:
+        """`psnr` of the splats with each SH (N, K, 3) in place of theirs."""
+
+
 @dataclass(frozen=True, eq=False)
 class MeasuredGains:
     """What pictures of a tree gain, in mean squared error.
@@ -77,9 +85,9 @@ class MeasuredGains:
             coarse = islice(tree.levels(), max(tree.n_levels - 1, 0))
             shown = [pictures.psnr(cut) for cut in (nothing_of(leaves), *coarse)]
         degrees = range(tree.sh_degree if tree.palette is None else 1)
-        plain = [replace(leaves, sh=leaves.sh[:, : (k + 1) ** 2]) for k in degrees]
-        bands = [pictures.psnr(cut) for cut in plain]
-        early = [pictures.psnr(replace(leaves, sh=sh)) for sh in _early_sh(tree)] if bands else []
+        plain = (leaves.sh[:, : (k + 1) ** 2] for k in degrees)
+        found = _psnr_of_sh(pictures, leaves, chain(plain, _early_sh(tree) if degrees else ()))
+        bands, early = [*islice(found, len(degrees))], [*found]
         return MeasuredGains(
             -np.diff(_errors(shown)),
             -np.diff(_errors(bands)),
@@ -110,6 +118,13 @@ class MeasuredGains:
             ]
             tiles.append(replace(tile, steps=tuple(steps)))
         return replace(tree, tiles=tuple(tiles))
+
+
+def _psnr_of_sh(pictures: Pictures, splats: SplatParams, each: Iterable[F32]) -> Iterator[float]:
+    """PSNR of splats with each SH in place of theirs."""
+    if isinstance(pictures, Recolouring):
+        return pictures.psnr_of_sh(splats, each)
+    return (pictures.psnr(replace(splats, sh=sh)) for sh in each)
 
 
 def nothing_of(splats: SplatParams) -> SplatParams:

@@ -97,7 +97,8 @@ class Prepared:
         other.tiles, other.importance = list(tiles), replace(self.importance, weights=weights)
         if self.layered is not None:
             other.layered = Layered.of(other.tiles, self.n_levels, other.importance, layering)
-        other.ranges = Ranges.of(other.tiles, self.n_levels)
+        if any(tile is not own for tile, own in zip(tiles, self.tiles, strict=True)):
+            other.ranges = Ranges.of(other.tiles, self.n_levels)
         return other
 
     def coded(self, at: float) -> CodedTree:
@@ -109,7 +110,7 @@ class Prepared:
         return self.quantised(self._settings(at), weights, at)
 
     def coarse(self, price: float) -> CodedTree:
-        """What `coded` has of the first layer, with the same integers and no gains of layers.
+        """What `coded` has of the first layer, with the same integers and no gains.
 
         Raises:
             ValueError: there is one layer.
@@ -118,7 +119,7 @@ class Prepared:
             raise ValueError("one layer has no coarse part")
         weights = self.layered.coarse_weights(price, self.ranges.extent)
         tiles = self.layered.coarse_tiles
-        return self._quantised(tiles, self._settings(price), weights, price)
+        return self._quantised(tiles, self._settings(price), weights, price, estimates=False)
 
     def _settings(self, price: float) -> Settings:
         """The settings, with steps by a price of a bit."""
@@ -158,6 +159,8 @@ class Prepared:
         settings: Settings,
         weights: Sequence[Sequence[StepWeights | None]] | None,
         price: float,
+        *,
+        estimates: bool = True,
     ) -> CodedTree:
         """Steps of the tiles, all or the first."""
         with warnings.catch_warnings():
@@ -172,8 +175,9 @@ class Prepared:
                 price=price,
                 ranges=self.ranges,  # layers move nothing
                 info=self.aim.info,
+                estimates=estimates,
             )
-        return only_used(coded)
+        return only_used(coded) if estimates else coded
 
     def first_table(self) -> F64:
         """(1 + n_levels, K) steps of the settings."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import ModuleType
 
 import numpy as np
 import numpy.typing as npt
@@ -71,6 +72,7 @@ def quantise(
     price: float = 1.0,
     ranges: Ranges | None = None,
     info: SceneInfo | None = None,
+    estimates: bool = True,
     progress: Progress | None = None,
 ) -> CodedTree:
     """The coded tree of arranged tiles.
@@ -85,6 +87,7 @@ def quantise(
         price: mean squared error that a bit is worth.
         ranges: of the tiles, if they are known.
         info: metadata.
+        estimates: steps have errors and gains; without, their packets have no order.
         progress: called with the stage "quantise" and the part of it that is done.
 
     Raises:
@@ -107,6 +110,7 @@ def quantise(
                 entry_weights=entry_weights,
                 price=price,
                 info=info,
+                estimates=estimates,
                 progress=progress,
             )
         except TooFineError as error:
@@ -130,6 +134,7 @@ def quantise_on(
     entry_weights: F32 | None = None,
     price: float = 1.0,
     info: SceneInfo | None = None,
+    estimates: bool = True,
     progress: Progress | None = None,
 ) -> CodedTree:
     """`quantise` on a grid that is known, with these tables of alphas.
@@ -143,7 +148,8 @@ def quantise_on(
 
     def code(number: int) -> CodedTile:
         own = None if weights is None else weights[number]
-        return _TileCoder(tiles[number], grid, alpha, settings, own, price).code()
+        tracker = LeafTracker(tiles[number], grid) if estimates else None
+        return _TileCoder(tiles[number], grid, alpha, settings, own, price, tracker).code()
 
     coded = []
     for one in parallel_map(code, range(len(tiles))):
@@ -176,6 +182,7 @@ class _TileCoder:
         settings: Settings,
         weights: Sequence[StepWeights | None] | None,
         price: float,
+        tracker: LeafTracker | None,
     ) -> None:
         self.weights, self.price = weights, price
         self.tile = tile
@@ -190,7 +197,7 @@ class _TileCoder:
         self.x = np.zeros((d, total), np.int32)
         self.n = 0
         self.box = [np.full(3, MAX_X), np.full(3, -MAX_X)]
-        self.tracker = LeafTracker(tile, grid)
+        self.tracker = tracker
 
     def code(self) -> CodedTile:
         steps: list[CodedStep] = []
@@ -202,8 +209,9 @@ class _TileCoder:
                 if mend is not None:
                     steps.append(mend)
         box = self.box if self.n else [np.zeros(3), np.zeros(3)]
-        found = self.tracker.estimates(self.x[:, : self.n])
-        steps = [replace(s, error=e, gain=g) for s, (e, g) in zip(steps, found, strict=True)]
+        if self.tracker is not None:
+            found = self.tracker.estimates(self.x[:, : self.n])
+            steps = [replace(s, error=e, gain=g) for s, (e, g) in zip(steps, found, strict=True)]
         return CodedTile(
             origin=_triple(self.origin),
             box_min=_triple(box[0]),
@@ -214,7 +222,6 @@ class _TileCoder:
     def _code_step(self, number: int, step: Step) -> tuple[CodedStep, StepPlan]:
         grid, n = self.grid, self.n
         plan = StepPlan.of(step.slots, step.kinds, n, step.n_adds)
-        new_splits = slice(n, n + plan.n_splits)
         new_adds = slice(n + plan.n_splits, plan.n_after)
         inherited = np.abs(self.target[:, plan.split_slots] - self.x[:, plan.split_slots])
         self._advance_target(step, plan)
@@ -232,15 +239,13 @@ class _TileCoder:
             step_sizes = np.array([[q.step] for q in quantisers[part]], np.float64)
             if not plan.n_splits and not step.psi.shape[1]:
                 break
-            parents = self.x[part][:, plan.targets].astype(np.float64)
             if aim is None:
                 u = step.psi[part] * grid.scale[part]
                 indices[group] = nearest(table, step.alpha[group].astype(np.float64))
                 q = np.rint(u / step_sizes)
             else:
-                u = (aim[part][:, plan.targets] - parents) / step_sizes
                 s = slice(None) if plan.splits is None else plan.splits
-                v = (aim[part][:, new_splits] - parents[:, s]) / step_sizes
+                u, v = self._differences(aim, part, plan, step_sizes)
                 weights = self._weights(number, part, step_sizes)
                 if weights is None:
                     far = np.any(inherited[part] > step_sizes, axis=0) | (group == 0)
@@ -257,7 +262,8 @@ class _TileCoder:
                 else:
                     q = weights.integers(u, table, indices[group], s)
             limit = np.array([min(k.max_q, MAX_STORED // 2 - 1) for k in quantisers[part]])
-            if any(np.any(largest_of_rows(of) > limit) for of in (q, stored[part])):
+            of_both = (q,) if stored is psi else (q, stored[part])
+            if any(np.any(largest_of_rows(of) > limit) for of in of_both):
                 raise TooFineError(group)
             psi[part] = q
             self._keep_products(group, part, psi, indices, plan, table, quantisers)
@@ -274,8 +280,27 @@ class _TileCoder:
             changed_picks=step.changed_picks,
             siblings=() if stored is psi else tuple(range(len(psi))),
         )
-        self.tracker.note(self.x, self.n, step)
+        if self.tracker is not None:
+            self.tracker.note(self.x, self.n, step)
         return coded, plan
+
+    def _differences(
+        self, aim: F64, part: slice, plan: StepPlan, step_sizes: F64
+    ) -> tuple[F64, F64]:
+        """(C, P) and (C, S) of C1s and refined splats, and of C2s, from their parents, in steps."""
+        compiled = _loops()
+        new = slice(plan.n_before, plan.n_before + plan.n_splits)
+        if compiled is None:
+            s = slice(None) if plan.splits is None else plan.splits
+            parents = self.x[part][:, plan.targets].astype(np.float64)
+            u = (aim[part][:, plan.targets] - parents) / step_sizes
+            return u, (aim[part][:, new] - parents[:, s]) / step_sizes
+        slots, splits = plan.target_slots, _rows_of_splits(plan)
+        u, v = (np.empty((len(step_sizes), n)) for n in (len(slots), plan.n_splits))
+        compiled.differences(
+            aim[part], self.x[part], slots, splits, step_sizes[:, 0], new.start, u, v
+        )
+        return u, v
 
     def _serve(
         self, u: F64, v: F64, table: AlphaTable, bounded: npt.NDArray[np.bool_]
@@ -298,13 +323,19 @@ class _TileCoder:
     def _advance_target(self, step: Step, plan: StepPlan) -> None:
         """The float tree's state after the step, in grid units from the origin."""
         target, scale, n = self.target, self.grid.scale, self.n
-        parents = target[:, plan.targets]
-        psi = step.psi * scale
-        s = slice(None) if plan.splits is None else plan.splits
-        for group, part in enumerate(GROUP_CHANNELS):
-            second = parents[part][:, s] - step.alpha[group].astype(np.float64) * psi[part][:, s]
-            target[part, n : n + plan.n_splits] = second
-        target[:, plan.targets] = parents + psi
+        compiled = _loops()
+        if compiled is not None:
+            groups = np.array([group_of_class(kind) for kind in self.grid.classes])
+            slots, splits = plan.target_slots, _rows_of_splits(plan)
+            compiled.advance(target, slots, splits, step.psi, step.alpha, groups, scale[:, 0], n)
+        else:
+            parents = target[:, plan.targets]
+            psi = step.psi * scale
+            s = slice(None) if plan.splits is None else plan.splits
+            for group, part in enumerate(GROUP_CHANNELS):
+                alpha = step.alpha[group].astype(np.float64)
+                target[part, n : n + plan.n_splits] = parents[part][:, s] - alpha * psi[part][:, s]
+            target[:, plan.targets] = parents + psi
         added = step.adds * scale
         added[0:3] -= self.origin[:, None]
         target[:, n + plan.n_splits : plan.n_after] = added
@@ -387,8 +418,23 @@ class _TileCoder:
         adds = np.zeros((len(self.x), 0), np.int32)
         indices = np.zeros((N_GROUPS, 0), np.uint8)
         self._apply(StepPlan.of(slots, kinds, self.n, 0), step.level, psi, indices, adds)
-        self.tracker.note(self.x, self.n)
+        if self.tracker is not None:
+            self.tracker.note(self.x, self.n)
         return CodedStep(step.level, slots, kinds, indices, psi, adds)
+
+
+def _loops() -> ModuleType | None:
+    """The compiled loops; None where numba, which is an extra, is missing."""
+    try:
+        from evogs_codec.encoding import step_loops
+    except ImportError:
+        return None
+    return step_loops
+
+
+def _rows_of_splits(plan: StepPlan) -> I64:
+    """(S,) rows of its targets."""
+    return np.arange(plan.n_splits) if plan.splits is None else plan.splits
 
 
 def _triple(values: F64 | I64) -> tuple[int, int, int]:

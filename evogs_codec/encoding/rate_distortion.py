@@ -13,7 +13,7 @@ from evogs_codec.encoding.alpha_tables import cheapest_alphas
 from evogs_codec.model.arithmetic import AlphaTable
 from evogs_codec.model.splats import F64, I64, U8
 
-__all__ = ["ErrorWeights", "cheapest"]
+__all__ = ["ErrorWeights", "cheapest", "loops"]
 
 MULTIPLES = (2, 4, 8, 16)  # tried beside the two nearest integers and 0, where errors matter little
 PASSES = 3
@@ -85,16 +85,16 @@ def cheapest(u: F64, weights: F64) -> F64:
         u: (C, n) numbers in steps.
         weights: (C, n) bits that a squared error of one step is worth.
     """
-    out = np.rint(u)
+    out = np.empty_like(u)
     if not out.size:
         return out
-    sizes = np.abs(out)
-    sizes[sizes >= SPAN] = 0
-    most = sizes.max(axis=1).astype(np.int64) + BEYOND
+    found = loops()
+    choose, count = (_choose, _count) if found is None else (found.choose, found.count)
+    most = np.empty(len(u), np.int64)
+    (_extents if found is None else found.extents)(u, SPAN, out, most)
+    most += BEYOND
     ends = np.cumsum(2 * most + 1)
     middles = ends - most - 1  # the bin of 0 of each row
-    loops = _loops()
-    choose, count = (_choose, _count) if loops is None else (loops.choose, loops.count)
     counts = np.zeros(ends[-1], np.int64)
     count(u, SPAN, middles, counts)
     for _ in range(PASSES):
@@ -104,8 +104,8 @@ def cheapest(u: F64, weights: F64) -> F64:
     return out
 
 
-def _loops() -> ModuleType | None:
-    """`_count` and `_choose`, compiled; None where numba, which is an extra, is missing."""
+def loops() -> ModuleType | None:
+    """The loops, compiled; None where numba, which is an extra, is missing."""
     try:
         from evogs_codec.encoding import rate_loops
     except ImportError:
@@ -119,6 +119,14 @@ def _bits(counts: I64, ends: I64) -> F64:
     totals = np.add.reduceat(counts, begins) + UNSEEN * BINS
     bits: F64 = -np.log2((counts + UNSEEN) / np.repeat(totals, ends - begins))
     return bits
+
+
+def _extents(u: F64, span: float, out: F64, most: I64) -> None:
+    """`rate_loops.extents` in numpy."""
+    np.rint(u, out=out)
+    sizes = np.abs(out)
+    sizes[sizes >= span] = 0
+    most[:] = sizes.max(axis=1)
 
 
 def _options(u: F64) -> list[F64]:

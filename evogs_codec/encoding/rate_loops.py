@@ -15,9 +15,85 @@ import numpy as np
 
 from evogs_codec.model.splats import F64, I64
 
-__all__ = ["choose", "count"]
+__all__ = ["apart", "choose", "count", "extents", "go_down", "go_up"]
 
 _jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
+
+
+@_jit
+def extents(u: F64, span: float, out: F64, most: I64) -> None:
+    """Round numbers, and tell how large those below `span` become.
+
+    Arguments, several to a line:
+        u: (C, n) numbers in steps.
+        out: (C, n) the nearest integers, out.
+        most: (C,) the largest magnitude of each row, out.
+    """
+    for row in range(len(u)):
+        largest = 0.0
+        for i in range(u.shape[1]):
+            nearest = np.rint(u[row, i])
+            out[row, i] = nearest
+            size = abs(nearest)
+            if size < span and size > largest:
+                largest = size
+        most[row] = np.int64(largest)
+
+
+@_jit
+def go_up(means: F64, worth: F64, first: I64, second: I64, pair: F64) -> None:
+    """What two siblings are, and in the place of the first what they are together.
+
+    Arguments, several to a line:
+        means, worth: (C, P), in and out.
+        first, second: (n,) records.
+        pair: (4, C, n) means and worths of both, out.
+    """
+    for row in range(len(means)):
+        for i in range(len(first)):
+            a, b = first[i], second[i]
+            pair[0, row, i], pair[1, row, i] = means[row, a], means[row, b]
+            pair[2, row, i], pair[3, row, i] = worth[row, a], worth[row, b]
+            means[row, a] = (means[row, a] + means[row, b]) / 2
+            worth[row, a] = worth[row, a] + worth[row, b]
+
+
+@_jit
+def apart(pair: F64, psi: F64, first: I64, wanted: F64, both: F64) -> None:
+    """What siblings should differ by, once it is known what they have in common.
+
+    Arguments, several to a line:
+        pair: (4, C, n) as of `go_up`.
+        psi: (C, P) what the first ones hold so far.
+        first: (n,) records.
+        wanted, both: (C, n) the difference and its worth, out.
+    """
+    for row in range(len(psi)):
+        for i in range(len(first)):
+            common = psi[row, first[i]]
+            sum_of = max(pair[2, row, i] + pair[3, row, i], 1e-300)
+            both[row, i] = sum_of
+            wanted[row, i] = (
+                pair[2, row, i] * (pair[0, row, i] - common)
+                - pair[3, row, i] * (pair[1, row, i] - common)
+            ) / sum_of
+
+
+@_jit
+def go_down(psi: F64, differences: F64, first: I64, second: I64, d: F64) -> None:
+    """Two siblings of what they have in common, in the place of the first, and of a difference.
+
+    Arguments, several to a line:
+        psi, differences: (C, P), in and out.
+        first, second: (n,) records.
+        d: (C, n).
+    """
+    for row in range(len(psi)):
+        for i in range(len(first)):
+            a, b = first[i], second[i]
+            common = psi[row, a]
+            psi[row, a], psi[row, b] = common + d[row, i], common - d[row, i]
+            differences[row, b] = d[row, i]
 
 
 @_jit

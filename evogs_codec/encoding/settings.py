@@ -151,7 +151,7 @@ class Settings:
     n_alpha: int = 32
     alpha_bits: int = 5
     closed_loop: bool = True
-    effort: int = 19
+    effort: int = 18
     whole_origins: bool = False
 
     @staticmethod

@@ -12,6 +12,7 @@ Letters: n bytes of a part.
 from __future__ import annotations
 
 import sys
+from types import ModuleType
 
 import numpy as np
 
@@ -46,8 +47,8 @@ def block_ends(content: bytes) -> list[int]:
 
 def _divided(part: U8, depth: int) -> tuple[float, list[int]]:
     """Bits of a part (n,) with its codes, and where it is divided."""
-    kinds = np.count_nonzero(np.bincount(part))
-    whole = huffman_bits(part) + 8 * (BLOCK + SYMBOL * kinds)
+    bits, kinds = _bits_and_kinds(part)
+    whole = bits + 8 * (BLOCK + SYMBOL * kinds)
     end = _best_end(part) if depth and len(part) >= 2 * LEAST else 0
     if not end:
         return whole, []
@@ -57,13 +58,30 @@ def _divided(part: U8, depth: int) -> tuple[float, list[int]]:
     return first + second, [*before, end, *(end + other for other in after)]
 
 
+def _compiled() -> ModuleType | None:
+    """The compiled loops where numba is loaded."""
+    if not MAY_COMPILE or sys.modules.get("numba") is None:
+        return None
+    from evogs_codec.format import compiled_blocks
+
+    return compiled_blocks
+
+
+def _bits_and_kinds(part: U8) -> tuple[float, int]:
+    """Bits of a part (n,) with a code of its own, and how many kinds of bytes it has."""
+    compiled = _compiled()
+    if compiled is not None:
+        bits, kinds = compiled.huffman_bits_and_kinds(part)
+        return float(bits), int(kinds)
+    return huffman_bits(part), int(np.count_nonzero(np.bincount(part)))
+
+
 def _best_end(part: U8) -> int:
     """Bytes of the first of two blocks by their entropies; 0 if one is better, by this estimate."""
     each, fixed = round(8 * UNIT * SYMBOL), round(8 * UNIT * BLOCK)
-    if MAY_COMPILE and sys.modules.get("numba") is not None:
-        from evogs_codec.format import compiled_blocks
-
-        return int(compiled_blocks.best_end(part, _ENTROPY, each, fixed, LEAST))
+    compiled = _compiled()
+    if compiled is not None:
+        return int(compiled.best_end(part, _ENTROPY, each, fixed, LEAST))
     return _best_end_by_numpy(part, each, fixed)
 
 

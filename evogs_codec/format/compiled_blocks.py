@@ -1,4 +1,4 @@
-"""`blocks._best_end`, compiled: one pass over the bytes."""
+"""What `blocks` asks of a part, compiled: one pass over the bytes, and one over their counts."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from typing import Any
 import numba
 import numpy as np
 
+from evogs_codec.format.compiled_costs import bits_of_counts
 from evogs_codec.model.splats import I64, U8
 
-__all__ = ["best_end"]
+__all__ = ["best_end", "huffman_bits_and_kinds"]
 
 _jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
 
@@ -47,3 +48,15 @@ def best_end(part: U8, entropy: I64, each: int, fixed: int, least: int) -> int:
             if cost < lowest:
                 lowest, best = cost, i + 1
     return best
+
+
+@_jit
+def huffman_bits_and_kinds(part: U8) -> tuple[int, int]:
+    """`planes.huffman_bits` of bytes (n,), and how many kinds of them there are."""
+    counts = np.zeros(256, np.int64)
+    for byte in part:
+        counts[byte] += 1
+    kinds = 0
+    for count in counts:
+        kinds += count > 0
+    return bits_of_counts(counts), kinds

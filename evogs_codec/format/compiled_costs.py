@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from evogs_codec.model.splats import F64, I64
 
-__all__ = ["huffman_costs"]
+__all__ = ["bits_of_counts", "huffman_costs"]
 
 Stored = npt.NDArray[np.uint32]
 _jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
@@ -38,17 +38,17 @@ def huffman_costs(z: Stored, bits: int) -> F64:
         total = 0
         if low == 1 or low == 2 or low == 4:
             _count_packed(z, low, symbols)
-            total += _huffman_bits(symbols)
+            total += bits_of_counts(symbols)
         elif low:
             symbols[:] = 0
             for k in range(len(values)):
                 symbols[values[k] & ((1 << low) - 1)] += counts[k]
-            total += _huffman_bits(symbols)
+            total += bits_of_counts(symbols)
         for plane in range(high):
             symbols[:] = 0
             for k in range(len(values)):
                 symbols[values[k] >> (low + 8 * plane) & 255] += counts[k]
-            total += _huffman_bits(symbols)
+            total += bits_of_counts(symbols)
         costs[low] = total
     return costs
 
@@ -76,7 +76,7 @@ def _count_packed(z: Stored, low: int, symbols: I64) -> None:
 
 
 @_jit
-def _huffman_bits(symbols: I64) -> int:
+def bits_of_counts(symbols: I64) -> int:
     """Bits of all symbols that occur so often, as `planes.huffman_bits`."""
     leaves = np.sort(symbols[symbols > 0])
     n = len(leaves)

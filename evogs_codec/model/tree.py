@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from itertools import islice
 from typing import Protocol
+from weakref import WeakKeyDictionary, ref
 
 import numpy as np
 import numpy.typing as npt
@@ -52,8 +53,12 @@ class Palette:
 
     def sh_of(self, picks: npt.NDArray[np.integer]) -> F32:
         """(C, N) the SH of picks (N,): 0 for the pick 0."""
-        nothing = np.zeros((len(self.entries), 1), np.float32)
-        return np.concatenate([nothing, self.entries], axis=1)[:, picks]
+        n = self.entries.shape[1]
+        if not n:
+            return np.zeros((len(self.entries), len(picks)), np.float32)
+        found: F32 = self.entries.take(np.asarray(picks, np.int64) - 1, axis=1, mode="wrap")
+        found[:, picks == 0] = 0
+        return found
 
 
 def _no_picks() -> I32:
@@ -274,6 +279,8 @@ class EvolutionTree:
     def leaves(self, level: int | None = None) -> SplatParams:
         """Splats a renderer draws at `level` (the last one by default), in slot order.
 
+        Those of the last level are the same object as long as somebody has it: do not change it.
+
         Raises:
             ValueError: the tree has no such level.
         """
@@ -281,10 +288,17 @@ class EvolutionTree:
         level = last if level is None else level
         if not 0 <= level <= last:
             raise ValueError(f"level {level} is not one of 0..{last}")
+        known = _leaves.get(self) if level == last else None
+        found = known() if known else None
+        if found is not None:
+            return found
         n_steps = sum(step.level <= level for step in self.steps)
         if not n_steps:
             return SplatParams.from_channels(np.zeros((n_channels(self.shown_degree), 0)))
-        return next(islice(self.states(), n_steps - 1, None)).splats()
+        found = next(islice(self.states(), n_steps - 1, None)).splats()
+        if level == last:
+            _leaves[self] = ref(found)
+        return found
 
     def levels(self, first: int = 0) -> Iterator[SplatParams]:
         """`leaves` of each level, from `first` on."""
@@ -301,6 +315,10 @@ class EvolutionTree:
     def of_splats(splats: SplatParams) -> EvolutionTree:
         """The tree with one level whose roots are `splats`."""
         return EvolutionTree(splats.sh_degree, (Step.of_adds(0, splats.channels()),))
+
+
+# Of trees, those of their last levels that somebody still has: many ask for them.
+_leaves: WeakKeyDictionary[EvolutionTree, ref[SplatParams]] = WeakKeyDictionary()
 
 
 def take_picks(step: Picking, picks: I32, n: int) -> None:

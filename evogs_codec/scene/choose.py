@@ -6,7 +6,7 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from evogs_codec.encoding.encode import encode
 from evogs_codec.encoding.held_steps import Run
@@ -17,12 +17,12 @@ from evogs_codec.encoding.palette_worth import bits_of_palette, bits_of_psi
 from evogs_codec.encoding.search import Found
 from evogs_codec.encoding.settings import SCENE_PRESET, SCENE_PRICE, TREE_PRESET, TREE_PSNR
 from evogs_codec.encoding.targets import TargetEncoder, TargetMissedError
-from evogs_codec.encoding.write import write
 from evogs_codec.errors import InputError
 from evogs_codec.format.write_directory import MAX_LEVELS
 from evogs_codec.model.splats import I64
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.measure import with_room
+from evogs_codec.scene.prefixes import Prefixes, StreamPrefixes, TreePrefixes
 from evogs_codec.scene.request import Request
 
 __all__ = ["FoundStream", "at_tree_psnr", "best_stream"]
@@ -30,7 +30,6 @@ __all__ = ["FoundStream", "at_tree_psnr", "best_stream"]
 # So many times the bits, by an estimate, are more: of psi, and of picks, of which the estimate does
 # not see that neighbours have the same.
 SURE, SURE_OF_PICKS = 1.05, 2.0
-DRAFT = 1  # level of Zstandard of what is written to be looked at
 # The stream of an aim, at its price of a bit: looked for from another one on, if there is one.
 Make: TypeAlias = Callable[[TargetEncoder, "float | None"], Found[bytes]]
 SEEN = 0.9  # of the worth of a number, where no view stands below or far above
@@ -109,19 +108,18 @@ class FoundStream:
             return False
         return can_be_late(self.aim.prepared.tiles, self.tree.n_levels)
 
-    def draft(self, *, is_whole: bool = False) -> bytes:
-        """A stream with the same integers, in more bytes, to be looked at: its coarse levels.
+    def draft(self, *, is_whole: bool = False) -> Prefixes[Any]:
+        """What is to be looked at: the coarse levels of the stream, with the same integers.
 
         `is_whole`: all levels. It must be by views.
         """
         if self.stream is not None:
-            return self.stream
+            return StreamPrefixes(self.stream)
         assert self.aim is not None, "it is by views"
         assert self.price is not None, "it is by views"
         prepared = self.aim.prepared
         has_more = prepared.layered is not None and not is_whole
-        coded = (prepared.coarse if has_more else prepared.coded)(self.price)
-        return write(coded, effort=DRAFT, digests=False)
+        return TreePrefixes((prepared.coarse if has_more else prepared.coded)(self.price))
 
     def holding(self, runs: Sequence[Run], layering: Layering) -> FoundStream:
         """That of the same tree with runs of steps held back (`TargetEncoder.holding`)."""
@@ -133,7 +131,7 @@ def best_stream(
     trees: Sequence[EvolutionTree], request: Request, leaf_error: tuple[float, ...]
 ) -> FoundStream:
     """The best stream of trees with the same leaves, at the target if there is one."""
-    tree = trees[-1]
+    tree = trees[0]
     whole = TargetEncoder(
         tree,
         request.settings,
@@ -151,7 +149,7 @@ def best_stream(
         aim = replace(aim, by_leaves=request.effort.by_leaves)
         if request.cameras is None and not request.effort.all_round:
             aim = replace(aim, seen=SEEN)
-        price = SCENE_PRICE / tree.n_leaves
+        price = request.effort.price * SCENE_PRICE / tree.n_leaves
         aims = _that_pay(_each(aim, trees), price, is_sure=not request.effort.looks)
         return _at_price(aims, price)
     if request.is_plain:

@@ -21,17 +21,19 @@ class Effort:
         n_views: views by which errors are weighed, at most, where there is no target.
         pixels: of the longer side of these views, at most; None: as they are.
         all_round: of these views some stand below the scene and far above it.
+        price: factor of `SCENE_PRICE`: smaller views show less of an error of small splats.
         n_band_views: views by which the SH bands are put in order, at most.
         by_leaves: only the last level is drawn: what numbers of the others are worth follows from
             it, and estimates put packets in order.
         looks: look at prefixes: their PSNR is stored, and none looks worse than a shorter one.
     """
 
-    level: int = 19
+    level: int = 18
     n_neighbours: int = N_NEIGHBOURS
     n_views: int = 12
-    pixels: int | None = None
+    pixels: int | None = 320
     all_round: bool = True
+    price: float = 0.78
     n_band_views: int = 3
     by_leaves: bool = False
     looks: bool = True
@@ -61,9 +63,10 @@ EFFORTS = {
         n_views=6,
         pixels=300,
         all_round=False,
+        price=1.0,
         by_leaves=True,
         looks=False,
     ),
     "default": Effort(),
-    "best": Effort(level=22, n_views=24),
+    "best": Effort(level=22, n_views=24, pixels=None, price=1.0),
 }

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from evogs_codec.common.progress import Progress, no_progress
-from evogs_codec.decoding.cut import Cut
-from evogs_codec.decoding.progressive import Decoder
-from evogs_codec.format.directory import Directory, read_directory
-from evogs_codec.model.splats import F64, SplatParams
+from evogs_codec.model.splats import F64
+from evogs_codec.scene.prefixes import Prefixes
 
 if TYPE_CHECKING:
     from evogs_codec.render import Views
 
-__all__ = ["SAME", "Draft", "State", "shown", "steps_of"]
+__all__ = ["SAME", "Draft", "State"]
 
 SAME = 0.03  # dB; two states look the same if no view differs by more
 # A state is a fall if its lead over one before it, in the mean over views and less DOUBT standard
@@ -86,30 +84,24 @@ class Draft:
     """A stream to be looked at.
 
     Attributes:
-        data: its bytes.
+        prefixes: of it.
         n_levels: of it, that are looked at.
         sh_degree: of its splats.
         n_splats: that it has at last.
         views: that judge.
     """
 
-    data: bytes
+    prefixes: Prefixes[Any]
     n_levels: int
     sh_degree: int
     n_splats: int
     views: Views
 
-    @cached_property
-    def directory(self) -> Directory:
-        """Of the stream."""
-        return read_directory(self.data)
-
     def last_two(self) -> list[float]:
         """PSNR of the last two levels, of a few views, dB."""
-        first = self.n_levels - 2
-        cuts = [Cut.of_level(self.directory, level) for level in (first, first + 1)]
+        cuts = [self.prefixes.of_level(self.n_levels - k) for k in (2, 1)]
         few, _ = self._few
-        return [few.psnr(leaves) for leaves in self._shown(cuts)]
+        return [few.psnr(leaves) for leaves in self.prefixes.shown(cuts, self.sh_degree)]
 
     def states(self, progress: Progress = no_progress) -> list[State]:
         """Those after each step of the levels, but of level 0 only the last: what it adds helps."""
@@ -117,25 +109,22 @@ class Draft:
         cuts = [
             ((level, number), cut)
             for level in range(self.n_levels)
-            for number, cut in enumerate(steps_of(self.directory, level))
+            for number, cut in enumerate(self.prefixes.steps_of(level))
         ]
         n_first = sum(level == 0 for (level, _), _ in cuts)
         cuts = cuts[max(n_first - 1, 0) :]
         found = []
 
-        def drawn(cut: Cut) -> F64:
+        def drawn(cut: Any) -> F64:  # noqa: ANN401
             if not others.cameras:
                 return np.empty(0)
-            return others.psnr_of_each(next(self._shown([cut])))
+            return others.psnr_of_each(next(self.prefixes.shown([cut], self.sh_degree)))
 
-        leaves = self._shown([cut for _, cut in cuts])
+        leaves = self.prefixes.shown([cut for _, cut in cuts], self.sh_degree)
         for (place, cut), splats in zip(cuts, leaves, strict=True):
             found.append(State(place, few.psnr_of_each(splats), partial(drawn, cut)))
             progress("look at prefixes", len(found) / len(cuts))
         return found
-
-    def _shown(self, cuts: Sequence[Cut]) -> Iterator[SplatParams]:
-        return shown(self.data, self.directory, cuts, self.sh_degree)
 
     @cached_property
     def _few(self) -> tuple[Views, Views]:
@@ -143,39 +132,3 @@ class Draft:
         few = self.views.fewer(FEW) if self.n_splats > MANY else self.views
         others = [camera for camera in self.views.cameras if camera not in few.cameras]
         return few, replace(self.views, cameras=others, drawn=self.views.drawn)
-
-
-def shown(
-    data: bytes, directory: Directory, cuts: Sequence[Cut], sh_degree: int
-) -> Iterator[SplatParams]:
-    """The leaves of cuts of which each contains the one before; no packet is decoded twice."""
-    decoder, stream = Decoder(), memoryview(data)
-    decoder.feed(stream[: directory.data_offset])
-    done = np.zeros(len(directory.packets), bool)
-    sizes = directory.packets["size"].astype(np.int64)
-    for cut in cuts:
-        selected = cut.packets(directory)
-        for packet in np.flatnonzero(selected & ~done).tolist():
-            at = int(directory.offsets[packet])
-            decoder.feed(stream[at : at + int(sizes[packet])], at)
-        done |= selected
-        yield decoder.leaves(sh_degree=sh_degree)
-
-
-def steps_of(directory: Directory, level: int, *, rooms: bool = True) -> Iterator[Cut]:
-    """After each of the steps of a level, of all tiles that have so many.
-
-    Without `rooms` only after those that refine in some tile: others of late levels show nothing.
-    """
-    whole = Cut.of_level(directory, level)
-    core = directory.columns == 0
-    before = np.bincount(
-        directory.packets["tile"][core & (directory.labels < level)], minlength=len(whole.steps)
-    )
-    own = np.flatnonzero(core & (directory.labels == level))
-    numbers = directory.steps[own] - before[directory.packets["tile"][own]] + 1
-    shows = rooms | (directory.packets["n_refines"][own] > 0)
-    for number in np.unique(numbers[shows & (numbers < numbers.max(initial=0))]).tolist():
-        n_steps = np.minimum(before + number, whole.steps[:, 0])
-        yield Cut(np.minimum(whole.steps, n_steps[:, None]), whole.palette)
-    yield whole

@@ -21,18 +21,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from evogs_codec.common.progress import Progress
-from evogs_codec.decoding.cut import Cut
 from evogs_codec.editing.level_psnr import LevelPsnr, with_level_psnr
 from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.layers import BETWEEN, N_LAYERS, Layering
 from evogs_codec.encoding.mends import mends
 from evogs_codec.encoding.targets import TargetMissedError
-from evogs_codec.format.directory import read_directory
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.choose import FoundStream
 from evogs_codec.scene.measure import Gauge
+from evogs_codec.scene.prefixes import StreamPrefixes
 from evogs_codec.scene.request import Request
-from evogs_codec.scene.states import FALL, FEW, SAME, Draft, State, shown, steps_of
+from evogs_codec.scene.states import FALL, FEW, SAME, Draft, State
 
 if TYPE_CHECKING:
     from evogs_codec.render import Views
@@ -56,11 +55,11 @@ def steady(found: FoundStream, request: Request) -> FoundStream:
         return found.made()
     steadied = _steadied(found, gauge.many, request) if found.is_by_views else found.made()
     data = steadied.data
-    directory = read_directory(data)
-    cuts = [Cut.of_level(directory, level) for level in range(directory.n_levels)]
+    prefixes = StreamPrefixes(data)
+    cuts = [prefixes.of_level(level) for level in range(prefixes.n_levels)]
     levels: list[float] = []
-    for leaves in shown(data, directory, cuts, found.tree.shown_degree):
-        request.progress("measure", len(levels) / directory.n_levels)
+    for leaves in prefixes.shown(cuts, found.tree.shown_degree):
+        request.progress("measure", len(levels) / len(cuts))
         levels.append(gauge.views.psnr(leaves))
     request.progress("measure", 1.0)
     return replace(steadied, stream=with_level_psnr(data, LevelPsnr(tuple(levels), gauge.said)))
@@ -122,10 +121,9 @@ class _Mending:
         """
         if not (self.may_be_late and found.can_be_late) or found.tree.palette is not None:
             return None
-        views, data = self.views.fewer(FEW), found.draft(is_whole=True)
-        directory = read_directory(data)
-        cuts = [Cut.of_level(directory, found.n_coarse - 1), Cut.full(directory)]
-        coarse, whole = map(views.psnr, shown(data, directory, cuts, found.tree.shown_degree))
+        views, draft = self.views.fewer(FEW), found.draft(is_whole=True)
+        cuts = [draft.of_level(level) for level in (found.n_coarse - 1, draft.n_levels - 1)]
+        coarse, whole = map(views.psnr, draft.shown(cuts, found.tree.shown_degree))
         if whole < coarse + WIDE:
             return None
         layering = Layering(N_LAYERS + 1, is_late=True, between=BETWEEN)
@@ -168,12 +166,11 @@ def _gains_little(before: float, last: float) -> bool:
 
 def _falls_late(found: FoundStream, views: Views) -> bool:
     """Whether a state after the coarse levels looks worse than one before it."""
-    data = found.draft(is_whole=True)
-    directory = read_directory(data)
-    levels = range(found.n_coarse - 1, directory.n_levels)
-    first = list(steps_of(directory, levels.start))
-    cuts = first + [cut for level in levels[1:] for cut in steps_of(directory, level, rooms=False)]
-    each = shown(data, directory, cuts, found.tree.shown_degree)
+    draft = found.draft(is_whole=True)
+    levels = range(found.n_coarse - 1, draft.n_levels)
+    first = list(draft.steps_of(levels.start))
+    cuts = first + [cut for level in levels[1:] for cut in draft.steps_of(level, rooms=False)]
+    each = draft.shown(cuts, found.tree.shown_degree)
     decibels = np.array([views.psnr(leaves) for leaves in each])
     return bool(np.any(decibels < np.maximum.accumulate(decibels) - FALL))
 

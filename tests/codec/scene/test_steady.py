@@ -21,11 +21,14 @@ from evogs_codec import (
 from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.layers import Layering
 from evogs_codec.encoding.targets import TargetMissedError
+from evogs_codec.lifting.lift import lift_with_order
+from evogs_codec.lifting.shared_sh import with_palette
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.scene import choose, steady
+from evogs_codec.scene.prefixes import StreamPrefixes, TreePrefixes
 from evogs_codec.scene.request import Request
-from evogs_codec.scene.states import State, shown, steps_of
+from evogs_codec.scene.states import State
 
 N = 600
 WORST = 0.05  # dB
@@ -90,38 +93,64 @@ def found_of(aim):
     return choose._at_price([aim], 4e-6 / N)
 
 
+def all_steps(prefixes, n_levels, **options):
+    return [cut for level in range(n_levels) for cut in prefixes.steps_of(level, **options)]
+
+
 def test_what_is_looked_at_is_what_a_decoder_shows():
     splats = make_scene(N)
     data = found_of(aim_of(lift(splats, 3), splats, layers=2, n_tiles=2)).made().data
-    directory = read_directory(data)
-    cuts = [cut for level in range(directory.n_levels) for cut in steps_of(directory, level)]
-    assert len(cuts) > directory.n_levels
-    for cut, leaves in zip(cuts, shown(data, directory, cuts, 3), strict=True):
+    prefixes = StreamPrefixes(data)
+    cuts = all_steps(prefixes, prefixes.n_levels)
+    assert len(cuts) > prefixes.n_levels
+    for cut, leaves in zip(cuts, prefixes.shown(cuts, 3), strict=True):
         expected = decode(data, cut).leaves(sh_degree=3)
         assert np.array_equal(leaves.channels(), expected.channels())
 
 
+def assert_shows_the_same(draft, stream, n_levels):
+    """Of levels, what a coded tree shows after each step is what its stream does."""
+    for rooms in (True, False):
+        of_draft = all_steps(draft, n_levels, rooms=rooms)
+        of_stream = all_steps(stream, n_levels, rooms=rooms)
+        assert len(of_draft) == len(of_stream) >= n_levels
+        pairs = zip(draft.shown(of_draft, 3), stream.shown(of_stream, 3), strict=True)
+        for leaves, expected in pairs:
+            assert np.array_equal(leaves.channels(), expected.channels())
+    for level in range(n_levels):
+        (leaves,) = draft.shown([draft.of_level(level)], 3)
+        (expected,) = stream.shown([stream.of_level(level)], 3)
+        assert np.array_equal(leaves.channels(), expected.channels())
+
+
+@pytest.mark.parametrize("runs", [[], [Run((1, 0), (1, 9))]])
 @pytest.mark.parametrize("is_late", [False, True])
-def test_a_draft_has_the_coarse_levels_of_the_stream(is_late):
+@pytest.mark.parametrize("n_tiles", [1, 2])
+def test_a_draft_has_the_coarse_levels_of_the_stream(is_late, n_tiles, runs):
     splats = make_scene(N)
-    found = found_of(aim_of(lift(splats, 3), splats, layers=2, n_tiles=2))
-    found = found.holding([], Layering(2, is_late=is_late))
-    draft, whole = found.draft(), found.made().data
-    assert not read_directory(draft).digests
+    found = found_of(aim_of(lift(splats, 3), splats, layers=2, n_tiles=n_tiles))
+    found = found.holding(runs, Layering(2, is_late=is_late))
     assert found.n_coarse == 3 - is_late
-    for level in range(found.n_coarse):
-        expected = decode(whole, level=level).leaves(sh_degree=3)
-        assert np.array_equal(
-            decode(draft, level=level).leaves(sh_degree=3).channels(), expected.channels()
-        )
+    stream = StreamPrefixes(found.made().data)
+    assert_shows_the_same(found.draft(), stream, found.n_coarse)
 
 
-def test_a_whole_draft_has_the_integers_of_the_stream():
+@pytest.mark.parametrize("shares_sh", [False, True])
+@pytest.mark.parametrize("is_late", [False, True])
+def test_a_whole_draft_shows_what_the_stream_does(is_late, shares_sh):
     splats = make_scene(N)
-    found = found_of(aim_of(lift(splats, 2), splats, layers=2))
-    whole, draft = found.made().data, found.draft(is_whole=True)
-    assert len(whole) < len(draft)
-    assert decode(whole, verify=True).dump() == decode(draft).dump()
+    if shares_sh:
+        of_some = splats.sh[np.arange(N) % 7, 1:]
+        splats = replace(splats, sh=np.concatenate([splats.sh[:, :1], of_some], axis=1))
+    lifted = lift_with_order(splats, 3)
+    tree = with_palette(lifted, splats) or lifted.tree
+    assert (tree.palette is not None) == shares_sh
+    found = found_of(aim_of(tree, splats, layers=2, n_tiles=2))
+    found = found.holding([], Layering(2, is_late=is_late))
+    draft, stream = found.draft(is_whole=True), StreamPrefixes(found.made().data)
+    assert isinstance(draft, TreePrefixes)
+    assert draft.n_levels == stream.n_levels
+    assert_shows_the_same(draft, stream, stream.n_levels)
 
 
 def state(place, *decibels):
