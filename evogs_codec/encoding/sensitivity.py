@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.common.progress import Progress, no_progress
-from evogs_codec.model.channels import channel_class, n_channels
+from evogs_codec.model.channels import GROUP_CHANNELS, channel_class, n_channels
 from evogs_codec.model.siblings import Siblings
 from evogs_codec.model.splats import F32, F64, SplatParams
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
@@ -34,11 +34,14 @@ Sensitivity: TypeAlias = Callable[[SplatParams], F32]
 MISSED = (4.0, 2.0, 2.0, 1.4, 1.0, 1.0, 1.0, 1.0)
 SEEN = 0.98  # the rest of a weight is the mean of the class: the views do not show everything
 LEAST = 0.1  # of what asks for the largest step is in every weight: views do not say more
+# Beyond this logit, or its negative, a splat is opaque or not there, and pictures show no error
+# that leaves it so. It weighs `LEAST` of the mean all the same, so that it stays what it is.
+OPAQUE = 7.0
 PER_BIT = 6.0 / math.log(2)  # of the price of a bit is what a squared step is worth
 MENDED = 0.05  # of an error that psi of the children can mend, because that costs bits
 # Beyond these a step has nothing to do with the linear estimate; position: part of the extent.
 LARGEST_STEPS = (0.02, 0.3, 0.5, 1.0, 0.5, 0.7, 0.7, 0.7)
-_ROTATION = 1
+_ROTATION, _OPACITY = 1, 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +217,10 @@ def _cut(parts: Sequence[SplatParams], sensitivity: Sensitivity, seen: float) ->
     weights = np.stack(
         [MISSED[k] * found[kinds == k].mean(0) for k in range(kinds.max() + 1)]
     ).astype(np.float32)
-    weights = seen * weights + (1 - seen) * weights.mean(1, keepdims=True)
+    means = weights.mean(1, keepdims=True)
+    weights = seen * weights + (1 - seen) * means
+    is_decided = np.abs(channels[GROUP_CHANNELS[_OPACITY]][0]) >= OPAQUE
+    weights[_OPACITY] = np.maximum(weights[_OPACITY], LEAST * means[_OPACITY] * is_decided)
     ends = np.cumsum([len(part) for part in parts])
     return np.split(weights, ends[:-1], axis=1)
 
