@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.common.buffers import Scratch
+from evogs_codec.errors import StreamError
 from evogs_codec.format.crc import crc32
 from evogs_codec.format.frames import decompress_all
 from evogs_codec.format.packet_header import N_SIDES
@@ -151,15 +152,14 @@ def _headers(
     if (5 * n_frames > sizes[sizes > 1]).any():
         return None
     places = np.empty((int(n_frames.sum()), 3), np.int64)
-    n_bytes = channels.read_headers(
+    if not channels.read_headers(
         raw, offsets, sizes, components, counts, codes, starts, flags, places
-    )
-    if n_bytes < 0:
+    ):
         return None
-    planes = decompress_all(data, places)
-    if planes is None or len(planes) != n_bytes:
+    try:
+        planes = decompress_all(data, places)
+    except StreamError:
         return None
-    planes.flags.writeable = False  # as those of one frame are: loops are compiled for one kind
     return codes, starts, flags, planes
 
 
