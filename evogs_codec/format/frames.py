@@ -37,7 +37,7 @@ MAX_BLOCK = 128 << 10  # R-5.10-5
 WEIGHING, LARGE = 16, 4096  # the first such level, and bytes of a plane
 FOUND = 0.95  # of the bytes: where a quick search takes less, there is more to be found
 NARROW = {"hash_log": 6, "chain_log": 6, "search_log": 1, "min_match": 7}
-MAY_COMPILE = True  # False: literals are checked as without numba
+MAY_COMPILE = True  # False: frames are read as without numba
 _local = threading.local()
 
 
