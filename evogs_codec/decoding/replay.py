@@ -127,32 +127,36 @@ class _Job:
 
     def run(self, kernels: ModuleType | None, *, keeps: bool) -> _Outcome:
         """Apply them, compiled where nothing stands against it; `keeps` the state, or lends it."""
-        rows = self.directory.packets[self.packets]
-        steps = self.directory.steps[self.packets].tolist()
-        keys: list[PacketId] = [
-            PacketId(self.tile, component, step)
-            for component, step in zip(rows["component"].tolist(), steps, strict=True)
-        ]
         capacity = _slots_there(self.directory, self.packets, len(self.data))
         memory = None if keeps else self.scratch
         palette = self.palette.state if self.palette else None
+        keys = self._keys() if self.digests else []
         last = {key.component: key for key in keys}
         on_the_way = self.digests.keys() & set(keys) - set(last.values())
         if kernels is not None and not on_the_way:
             state = TileState(self.directory, self.tile, capacity, palette, memory)
             if apply_compiled(kernels, state, self.data, self.packets, self.scratch):
-                for _ in keys:
+                for _ in self.packets:
                     self.tick()
                 wrong = tuple(key for key in last.values() if self._is_wrong(state, key))
                 return _Outcome(state, wrong=wrong)
             del state  # or there are two for a while
             self.scratch.rewind()
         state = TileState(self.directory, self.tile, capacity, palette, memory)
-        return self._one_by_one(state, keys)
+        return self._one_by_one(state)
 
-    def _one_by_one(self, state: TileState, keys: list[PacketId]) -> _Outcome:
+    def _keys(self) -> list[PacketId]:
+        """What each packet is called."""
+        components = self.directory.packets["component"][self.packets].tolist()
+        steps = self.directory.steps[self.packets].tolist()
+        return [
+            PacketId(self.tile, component, step)
+            for component, step in zip(components, steps, strict=True)
+        ]
+
+    def _one_by_one(self, state: TileState) -> _Outcome:
         wrong = []
-        for packet, key in zip(self.packets.tolist(), keys, strict=True):
+        for packet, key in zip(self.packets.tolist(), self._keys(), strict=True):
             try:
                 state.apply(packet, packet_body(self.directory, self.data, packet))
             except StreamError as fault:

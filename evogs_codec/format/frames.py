@@ -10,7 +10,6 @@ import sys
 import threading
 from collections.abc import Sequence
 from itertools import pairwise
-from types import ModuleType
 
 import numpy as np
 import zstandard
@@ -38,7 +37,7 @@ MAX_BLOCK = 128 << 10  # R-5.10-5
 WEIGHING, LARGE = 16, 4096  # the first such level, and bytes of a plane
 FOUND = 0.95  # of the bytes: where a quick search takes less, there is more to be found
 NARROW = {"hash_log": 6, "chain_log": 6, "search_log": 1, "min_match": 7}
-MAY_COMPILE = True  # False: literals are checked as without numba
+MAY_COMPILE = True  # False: frames are read as without numba
 _local = threading.local()
 
 
@@ -118,6 +117,12 @@ def decompress(frame: memoryview, size: int, offset: int) -> bytes:
     Raises:
         StreamError: E_FRAME or E_ZSTD at `offset`.
     """
+    content = _by_compiled(frame, np.array([[0, len(frame), size]]))
+    return content.tobytes() if content is not None else _by_library(frame, size, offset)
+
+
+def _by_library(frame: memoryview, size: int, offset: int) -> bytes:
+    """`decompress` by libzstd, which says what is wrong."""
     check_frame(frame, size, offset)
     try:
         if size > MAX_BLOCK:
@@ -129,27 +134,24 @@ def decompress(frame: memoryview, size: int, offset: int) -> bytes:
         raise StreamError(Fault.E_ZSTD, str(error), offset) from None
     if len(data) != size:
         raise StreamError(Fault.E_ZSTD, f"{len(data)} bytes came out, not {size}", offset)
-    if not _literals_are_exact(frame):
+    if not literals.are_exact(frame, _decompress_some):
         detail = "a Huffman tree or stream that R-5.10-12 to R-5.10-14 refuse"
         raise StreamError(Fault.E_ZSTD, detail, offset)
     return bytes(data)
 
 
-def _compiled() -> ModuleType | None:
-    """The compiled check where numba is loaded: to load it takes longer than most streams do."""
-    if not MAY_COMPILE or sys.modules.get("numba") is None:
+def _by_compiled(data: memoryview, places: I64) -> U8 | None:
+    """The contents of frames, one after the other; None if one is not plainly legal.
+
+    Where numba is loaded, that is: to load it takes longer than most streams do.
+    """
+    if not MAY_COMPILE or sys.modules.get("numba") is None or places[:, 2].max() > MAX_CONTENT:
         return None
-    from evogs_codec.format import compiled_literals
+    from evogs_codec.format import compiled_frames
 
-    return compiled_literals
-
-
-def _literals_are_exact(frame: memoryview) -> bool:
-    """R-5.10-12 to R-5.10-14 for a frame that libzstd took."""
-    compiled = _compiled()
-    if compiled is not None:
-        return bool(compiled.are_exact(np.frombuffer(frame, np.uint8)))
-    return literals.are_exact(frame, _decompress_some)
+    out = np.empty(int(places[:, 2].sum()), np.uint8)
+    is_good = compiled_frames.read_frames(np.frombuffer(data, np.uint8), places, out)
+    return out if is_good else None
 
 
 def _decompress_some(frame: bytes, n: int) -> bytes:
@@ -157,71 +159,30 @@ def _decompress_some(frame: bytes, n: int) -> bytes:
     return bytes(_decompressor().decompress(frame, max_output_size=n))
 
 
-def decompress_all(data: memoryview, places: I64) -> U8 | None:
-    """The contents of checked frames, one after the other; None if one has a fault.
-
-    One call of the library, which holds no lock, for the frames of up to a block, where it has such
-    a call.
+def decompress_all(data: memoryview, places: I64, offset: int = 0) -> U8:
+    """The contents of frames, one after the other.
 
     Args:
-        data: the file.
+        data: the file, or a packet.
         places: (F, 3) offset, size and content size of each frame.
+        offset: of the packet, for faults.
+
+    Raises:
+        StreamError: as `decompress`, of the first frame with a fault.
     """
-    if not len(places):
-        return np.empty(0, np.uint8)
-    if "multi_decompress_to_buffer" not in zstandard.backend_features:
-        try:
-            contents = [decompress(data[a : a + n], size, 0) for a, n, size in places.tolist()]
-        except StreamError:
-            return None
-        return np.frombuffer(b"".join(contents), np.uint8)
-    ends = np.cumsum(places[:, 2])
-    large = np.append(np.flatnonzero(places[:, 2] > MAX_BLOCK), len(places))
-    if ends[-1] <= MAX_CONTENT and len(large) == 1:
-        return _decompress_many(data, places)
-    # In parts, so that what comes out is not there twice.
-    joined = np.empty(int(ends[-1]), np.uint8)
-    first = at = 0
-    while first < len(places):
-        next_large = int(large[np.searchsorted(large, first)])
-        last = int(np.searchsorted(ends, at + MAX_CONTENT, side="right"))
-        last = max(first + 1, min(last, next_large))
-        found = _decompress_part(data, places[first:last])
-        if found is None or len(found) != ends[last - 1] - at:
-            return None
-        joined[at : at + len(found)] = found
-        first, at = last, int(ends[last - 1])
-    return joined
-
-
-def _decompress_part(data: memoryview, places: I64) -> U8 | None:
-    """`decompress_all` for frames of up to a block, or for a larger one."""
-    begin, n, size = places[0].tolist()
-    if size <= MAX_BLOCK:
-        return _decompress_many(data, places)
-    try:
-        return np.frombuffer(decompress(data[begin : begin + n], size, 0), np.uint8)
-    except StreamError:
-        return None
-
-
-def _decompress_many(data: memoryview, places: I64) -> U8 | None:
-    """`decompress_all` in one call of the library."""
-    frames = zstandard.BufferWithSegments(data, places[:, :2].astype(np.uint64).tobytes())
-    sizes = places[:, 2].astype(np.uint64).tobytes()
-    try:
-        found = _decompressor().multi_decompress_to_buffer(frames, decompressed_sizes=sizes)
-    except zstandard.ZstdError:
-        return None
-    compiled = _compiled()
-    if compiled is None:
-        whole = all(_literals_are_exact(data[a : a + n]) for a, n, _ in places.tolist())
-    else:
-        whole = compiled.all_are_exact(np.frombuffer(data, np.uint8), places)
-    if not whole:
-        return None
-    joined = b"".join(found)  # type: ignore[arg-type]  # segments are buffers, untold by the stubs
-    return np.frombuffer(joined, np.uint8)
+    out = _by_compiled(data, places) if len(places) else None
+    if out is None and len(places) == 1:
+        begin, n, size = places[0].tolist()
+        out = np.frombuffer(_by_library(data[begin : begin + n], size, offset), np.uint8)
+    elif out is None:
+        # Filled frame by frame, so that it is not there twice.
+        out, at = np.empty(int(places[:, 2].sum()), np.uint8), 0
+        for begin, n, size in places.tolist():
+            content = _by_library(data[begin : begin + n], size, offset)
+            out[at : at + size] = np.frombuffer(content, np.uint8)
+            at += size
+    out.flags.writeable = False  # loops are compiled for one kind
+    return out
 
 
 def _decompressor() -> zstandard.ZstdDecompressor:

@@ -3,7 +3,7 @@
 libzstd does not check everything here, so it is checked once more for frames that libzstd took:
 that the codes of each stream use up its bits (R-5.10-12), and the tree (R-5.10-13, R-5.10-14).
 
-Without numba the library gives the literals of a block, from a frame that has no sequences. The
+The library gives the literals of a block, from a frame that has no sequences. The
 lengths of their codes add up to the bits of each stream if, and only if, it is consumed exactly: as
 long as codes lie within the bits, they are what the library read.
 """

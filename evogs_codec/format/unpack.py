@@ -117,16 +117,11 @@ def read_planes(body: memoryview, head: PacketHeader, offset: int) -> U8:
         )
     if head.size + sum(size for _, size in head.frames) != len(body):  # R-5.9-8
         raise StreamError(Fault.E_PACKET, "the frames do not fill the packet", offset)
-    if len(head.frames) == 1:
-        return np.frombuffer(frames.decompress(body[head.size :], sum(sizes), offset), np.uint8)
-    data = np.empty(sum(sizes), np.uint8)  # filled frame by frame, so that it is not there twice
-    at, plane, begin = head.size, 0, 0
-    for n_planes, size in head.frames:
-        n = sum(sizes[plane : plane + n_planes])
-        content = frames.decompress(body[at : at + size], n, offset)
-        data[begin : begin + n] = np.frombuffer(content, np.uint8)
-        at, plane, begin = at + size, plane + n_planes, begin + n
-    return data
+    places, at, plane = np.empty((len(head.frames), 3), np.int64), head.size, 0
+    for k, (n_planes, size) in enumerate(head.frames):
+        places[k] = at, size, sum(sizes[plane : plane + n_planes])
+        at, plane = at + size, plane + n_planes
+    return frames.decompress_all(body, places, offset)
 
 
 def check_bits(data: U8, head: PacketHeader, offset: int) -> None:

@@ -56,14 +56,19 @@ class Code(NamedTuple):
         return run
 
 
-def take_turns_apart(contenders: Mapping[str, Code], turns: int) -> dict[str, float]:
-    """As `take_turns`, each in a process of its own: memory that one frees serves no other."""
+def take_turns_apart(
+    contenders: Mapping[str, Code], turns: int, clock: str = "perf_counter"
+) -> dict[str, float]:
+    """As `take_turns`, each in a process of its own: memory that one frees serves no other.
+
+    `clock` is one of `time`: "process_time" counts what all threads take, in the system too.
+    """
     seconds: dict[str, list[float]] = {name: [] for name in contenders}
     with ExitStack() as stack:
         workers = {
             name: stack.enter_context(
                 subprocess.Popen(
-                    [sys.executable, "-c", _WORKER, *code],
+                    [sys.executable, "-c", _WORKER, clock, *code],
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     text=True,
@@ -85,11 +90,12 @@ def take_turns_apart(contenders: Mapping[str, Code], turns: int) -> dict[str, fl
 _WORKER = """
 import sys, time
 from tools.bench.measure import Code
-run = Code(*sys.argv[1:]).runner()
+now = getattr(time, sys.argv[1])
+run = Code(*sys.argv[2:]).runner()
 for line in sys.stdin:
-    start = time.perf_counter()
+    start = now()
     result = run()
-    print(time.perf_counter() - start, flush=True)
+    print(now() - start, flush=True)
     del result
 """
 

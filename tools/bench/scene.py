@@ -22,6 +22,7 @@ from evogs_codec import (
     with_palette,
     write_ply,
 )
+from evogs_codec.cli.commands import main
 from evogs_codec.editing.byte_stats import bytes_by_group
 from evogs_codec.lifting.lift import Lifted
 from tools.bench.measure import (
@@ -172,11 +173,45 @@ def memory(splats: SplatParams, folder: Path) -> Rows:
     return rows
 
 
+def default_stream(splats: SplatParams, folder: Path) -> Rows:
+    """Processor time of decoding the stream that `evogs encode` writes, against SPZ version 4.
+
+    Of all threads, each in a process of its own, and the peak of one that decodes once.
+    """
+    stream = folder / "again.evogs"  # of `memory`
+    if not stream.exists():
+        write_ply(folder / "scene.ply", splats)
+        main(["encode", str(folder / "scene.ply"), str(stream)])
+    spz = write_spz(splats, folder / "scene.spz")
+    scene = (
+        "from pathlib import Path\nfrom evogs_codec import decode, decode_leaves\n"
+        "import evogs_codec.decoding.compiled.channels\n"
+        f"data = Path({str(stream)!r}).read_bytes()"
+    )
+    peer = "SPZ 4, gsply (numba)"
+    contenders = {
+        peer: Code("import gsply", f"gsply.read_spz({str(spz)!r})"),
+        "evogs decode(data).leaves()": Code(scene, "decode(data).leaves()"),
+        "evogs decode_leaves(data)": Code(scene, "decode_leaves(data)"),
+    }
+    found = take_turns_apart(contenders, TURNS, "process_time")
+    return [
+        {
+            "what": name,
+            "processor ms": f"{1000 * found[name]:.1f}",
+            "to SPZ 4": f"{found[name] / found[peer]:.2f}",
+            "peak MiB": f"{peak_memory(code.before + chr(10) + code.timed)[0] / 2**20:.0f}",
+        }
+        for name, code in contenders.items()
+    ]
+
+
 TABLES: dict[str, tuple[str, Callable[[SplatParams, Path], Rows]]] = {
     "size": ("Size and accuracy", size),
     "groups": ("Bytes per group, five levels", groups),
     "decoding": ("Time of decoding", decoding),
     "memory": ("Time and memory of whole runs", memory),
+    "default_stream": ("Processor time of decoding the default stream", default_stream),
 }
 
 

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.common.buffers import Scratch
+from evogs_codec.errors import StreamError
 from evogs_codec.format.crc import crc32
 from evogs_codec.format.frames import decompress_all
 from evogs_codec.format.packet_header import N_SIDES
@@ -27,10 +28,11 @@ if TYPE_CHECKING:
 
 __all__ = ["apply_compiled", "kernels_for", "loaded_kernels"]
 
-MIN_COMPILED = 50_000  # slots below which numpy is as fast as compiled code
+MIN_COMPILED = 1_000  # slots below which either takes a few ms
 # Loading it takes 0.5 s. With 8 MB of packets a process that decodes one stream saves as much; a
 # slot counts as 4 bytes, since 2 million slots may come in very few.
-LOADING = 160  # bytes, for each of MIN_COMPILED
+LOADING = 8_000  # bytes, for each of MIN_COMPILED
+OFTEN = 50_000  # slots after which a process may well decode more
 SLOT = 4  # bytes
 KERNELS = "evogs_codec.decoding.compiled.channels"
 MAX_PLANES = 16 << 20  # bytes of planes that are decompressed at a time, if packets allow
@@ -38,7 +40,7 @@ MAX_PLANES = 16 << 20  # bytes of planes that are decompressed at a time, if pac
 N_CHANNELS = np.array([*(component_channels(k) for k in range(PICKS)), 1])
 
 
-_has_decoded = False  # a stream that was large enough: the process may well decode more
+_n_decoded = 0  # slots of the streams before that were large enough
 
 
 def kernels_for(n_slots: int, n_bytes: int) -> ModuleType | None:
@@ -48,10 +50,10 @@ def kernels_for(n_slots: int, n_bytes: int) -> ModuleType | None:
         n_slots: that will be made.
         n_bytes: of the packets that make them.
     """
-    global _has_decoded
+    global _n_decoded
     if n_slots < MIN_COMPILED:
         return None
-    is_first, _has_decoded = not _has_decoded, True
+    is_first, _n_decoded = _n_decoded < OFTEN, _n_decoded + n_slots
     is_small = n_bytes + SLOT * n_slots < LOADING * MIN_COMPILED
     if is_first and is_small and loaded_kernels(n_slots) is None:
         return None
@@ -151,15 +153,14 @@ def _headers(
     if (5 * n_frames > sizes[sizes > 1]).any():
         return None
     places = np.empty((int(n_frames.sum()), 3), np.int64)
-    n_bytes = channels.read_headers(
+    if not channels.read_headers(
         raw, offsets, sizes, components, counts, codes, starts, flags, places
-    )
-    if n_bytes < 0:
+    ):
         return None
-    planes = decompress_all(data, places)
-    if planes is None or len(planes) != n_bytes:
+    try:
+        planes = decompress_all(data, places)
+    except StreamError:
         return None
-    planes.flags.writeable = False  # as those of one frame are: loops are compiled for one kind
     return codes, starts, flags, planes
 
 

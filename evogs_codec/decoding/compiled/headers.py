@@ -1,7 +1,7 @@
-"""Packet and frame headers, compiled: which lists and frames the packets of a tile hold.
+"""Packet headers, compiled: which lists and frames the packets of a tile hold.
 
-It knows no faults: where a packet is not plainly legal it gives up, and the code of `packet_header`
-and `frames`, which follows the spec check by check, finds out what is wrong.
+It knows no faults: where a packet is not plainly legal it gives up, and the code of
+`packet_header`, which follows the spec check by check, finds out what is wrong.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from evogs_codec.format.frames import MAX_BLOCK, MAX_CONTENT
 from evogs_codec.format.packet_header import FLAG_OF_CHANGED
 from evogs_codec.model.components import PICKS
 from evogs_codec.model.splats import I64, U8
@@ -23,7 +22,6 @@ __all__ = [
     "N_SIDES",
     "Headers",
     "bits_are_plain",
-    "is_frame",
     "read_headers",
 ]
 
@@ -68,8 +66,8 @@ def read_headers(
     starts: I64,
     flags: I64,
     frames: I64,
-) -> int:
-    """Read the headers of packets that are there whole (spec 5.9, 5.10).
+) -> bool:
+    """Read the headers of packets that are there whole (spec 5.9), not those of their frames.
 
     Args:
         data: the file.
@@ -83,7 +81,7 @@ def read_headers(
         frames: (F, 3) offset, size and content size of each frame, out.
 
     Returns:
-        Bytes of all planes, or -1: a packet is not plainly legal.
+        False if a packet is not plainly legal.
     """
     n_read, at_plane = 0, 0
     plane_sizes = np.empty(3 * MAX_LISTS, np.int64)
@@ -95,16 +93,16 @@ def read_headers(
             flags[p] = EMPTY
             continue
         if components[p] < 0 or components[p] > PICKS:
-            return -1
+            return False
         end, at = offsets[p] + sizes[p], offsets[p] + 2
         if at > end:
-            return -1
+            return False
         flags[p], n_frames = data[offsets[p]], np.int64(data[offsets[p] + 1])
         lengths, n_lists = _lengths(components[p], counts[p], flags[p])
         if at + n_lists > end:
-            return -1
+            return False
         if flags[p] >> (3 if components[p] == PICKS else 2):
-            return -1
+            return False
         n_planes = 0
         first_delta = n_lists
         if components[p] != PICKS:
@@ -115,9 +113,9 @@ def read_headers(
             code = np.int64(data[at + k])
             low, high, n = code & 15, (code >> 4) & 3, lengths[k]
             if code & 128 or low > 8 or high > 2 or code == 64 or (code and n == 0):
-                return -1
+                return False
             if code & 64 and k < first_delta:
-                return -1
+                return False
             codes[p, k], starts[p, k] = code, at_plane
             if low:
                 packed = low == 1 or low == 2 or low == 4
@@ -133,21 +131,19 @@ def read_headers(
         plane = 0
         for _ in range(n_frames):
             if at + 5 > end or n_read == len(frames):
-                return -1
+                return False
             n_of_frame, size = np.int64(data[at]), _u32(data, at + 1)
             if n_of_frame == 0 or plane + n_of_frame > n_planes or body + size > end:
-                return -1
+                return False
             content = plane_sizes[plane : plane + n_of_frame].sum()
-            if not is_frame(data[body : body + size], content):
-                return -1
             frames[n_read, 0], frames[n_read, 1], frames[n_read, 2] = body, size, content
             n_read += 1
             plane += n_of_frame
             body += size
             at += 5
         if plane != n_planes or body != end:
-            return -1
-    return at_plane
+            return False
+    return True
 
 
 @_jit
@@ -170,34 +166,6 @@ def _lengths(component: int, counts: I64, flags: int) -> tuple[I64, int]:
     out[at : at + n_channels] = n_splits + n_refines
     out[at + n_channels : at + 2 * n_channels] = n_adds
     return out, at + 2 * n_channels
-
-
-@_jit
-def is_frame(frame: U8, content: int) -> bool:
-    """`frames.check_frame` again, since numba compiles neither slices of bytes nor its errors."""
-    if len(frame) < 5 or _u32(frame, 0) != 0xFD2FB528 or frame[4] & 63 != 32:
-        return False
-    n_size = 1 << (frame[4] >> 6)
-    at = 5 + n_size
-    if len(frame) < at:
-        return False
-    stated = np.int64(256 if n_size == 2 else 0)
-    for k in range(n_size):
-        if k > 3 and frame[5 + k]:
-            return False
-        stated += np.int64(frame[5 + k]) << (8 * (k & 3))
-    if stated != content or content > MAX_CONTENT:
-        return False
-    last = False
-    while not last:
-        if len(frame) < at + 3:
-            return False
-        header = np.int64(frame[at]) | np.int64(frame[at + 1]) << 8 | np.int64(frame[at + 2]) << 16
-        last, kind, block = header & 1 == 1, (header >> 1) & 3, header >> 3
-        if kind == 3 or block > min(content, MAX_BLOCK) or (block == 0 and (kind or not last)):
-            return False
-        at += 3 + (1 if kind == 1 else block)
-    return at == len(frame)
 
 
 @_jit

@@ -53,7 +53,7 @@ def test_header_reading_writes_no_more_frames_than_there_is_room_for():
         np.zeros(1, np.int64), counts, np.empty((1, n), np.uint8), np.empty((1, n), np.int64),
         np.empty(1, np.int64), frames[:0],
     )  # fmt: skip
-    assert found == -1
+    assert not found
     assert (frames == -1).all()
 
 

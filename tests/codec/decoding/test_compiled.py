@@ -36,16 +36,17 @@ SEEDS = st.integers(0, 2**32)
 
 
 def test_compiled_loops_are_loaded_for_a_large_stream_or_the_second_of_a_process(monkeypatch):
-    n = dispatch.MIN_COMPILED
+    n, some = dispatch.OFTEN, dispatch.MIN_COMPILED
 
     def found(*streams):
-        monkeypatch.setattr(dispatch, "_has_decoded", False)
+        monkeypatch.setattr(dispatch, "_n_decoded", 0)
         return [dispatch.kernels_for(n_slots, n_bytes) for n_slots, n_bytes in streams]
 
-    assert found((n, 0)) == [kernels]  # somebody loaded them
+    assert found((some, 0), (some - 1, 1 << 30)) == [kernels, None]  # somebody loaded them
     monkeypatch.delitem(sys.modules, dispatch.KERNELS)
     assert dispatch.loaded_kernels(n) is None
-    assert found((n - 1, 1 << 30), (n, 0), (n, 0)) == [None, None, kernels]
+    assert found((some - 1, 1 << 30), (n, 0), (some, 0)) == [None, None, kernels]
+    assert found(*[(n // 2, 0)] * 3) == [None, None, kernels]
     assert found((n, 8 << 20)) == found((2_000_000, 0)) == [kernels]
 
 

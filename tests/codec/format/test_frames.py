@@ -5,8 +5,8 @@ import pytest
 import zstandard
 
 from conformance.decoders import oracle
-from evogs_codec.decoding.compiled.headers import is_frame
 from evogs_codec.errors import Fault, StreamError
+from evogs_codec.format.compiled_frames import is_frame
 from evogs_codec.format.frames import MAX_CONTENT, check_frame, compress, decompress, store
 from tests.support.damage import frame
 
