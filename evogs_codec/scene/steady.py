@@ -69,16 +69,16 @@ def steady(found: FoundStream, request: Request) -> FoundStream:
 def _steadied(found: FoundStream, views: Views, request: Request) -> FoundStream:
     """The stream without falls, made."""
     mending = _Mending(views, request.progress, request.layers is None and not request.polish)
-    met = found  # the last stream that is known to meet a target
-    if found.is_at_psnr:  # a third layer takes bytes
-        found = mending.with_three_layers(found) or found
+    met = found  # the last that is known to meet a target, or else the first
+    if found.psnr is not None:  # a third layer takes bytes
+        found = mending.with_three_layers(found, found.psnr) or found
     for _ in range(TRIES):
         again = mending.mended(found)
         if again is None:
             try:
                 again = found.made()
             except TargetMissedError:
-                return met
+                return met.made()
             if again is found or _is_near(again, found):
                 return again
             met = again
@@ -86,7 +86,7 @@ def _steadied(found: FoundStream, views: Views, request: Request) -> FoundStream
     try:
         return found.made()
     except TargetMissedError:
-        return met
+        return met.made()
 
 
 def _is_near(one: FoundStream, other: FoundStream) -> bool:
@@ -114,19 +114,19 @@ class _Mending:
     layering: Layering = field(default_factory=lambda: Layering(N_LAYERS))
     before: list[Run] = field(default_factory=list)
 
-    def with_three_layers(self, found: FoundStream) -> FoundStream | None:
-        """With its last level late, of a stream that aims at a PSNR.
+    def with_three_layers(self, found: FoundStream, aimed: float) -> FoundStream | None:
+        """With its last level late, of a stream that aims at this PSNR.
 
         None if coarse splats look well enough beside the whole, or if a state of the last two
         layers falls. With a palette one did, so it is not tried.
         """
         if not (self.may_be_late and found.can_be_late) or found.tree.palette is not None:
             return None
-        views, data = self.views.fewer(FEW), found.draft(is_whole=True)
+        views, data = self.views.fewer(FEW), found.draft()
         directory = read_directory(data)
-        cuts = [Cut.of_level(directory, found.n_coarse - 1), Cut.full(directory)]
-        coarse, whole = map(views.psnr, shown(data, directory, cuts, found.tree.shown_degree))
-        if whole < coarse + WIDE:
+        cuts = [Cut.of_level(directory, found.n_coarse - 1)]
+        (coarse,) = map(views.psnr, shown(data, directory, cuts, found.tree.shown_degree))
+        if aimed < coarse + WIDE:
             return None
         layering = Layering(N_LAYERS + 1, is_late=True, between=BETWEEN)
         other = found.holding((), layering)
@@ -174,8 +174,12 @@ def _falls_late(found: FoundStream, views: Views) -> bool:
     first = list(steps_of(directory, levels.start))
     cuts = first + [cut for level in levels[1:] for cut in steps_of(directory, level, rooms=False)]
     each = shown(data, directory, cuts, found.tree.shown_degree)
-    decibels = np.array([views.psnr(leaves) for leaves in each])
-    return bool(np.any(decibels < np.maximum.accumulate(decibels) - FALL))
+    best = -math.inf
+    for decibels in map(views.psnr, each):
+        if decibels < best - FALL:
+            return True
+        best = max(best, decibels)
+    return False
 
 
 def _places_of_mends(tiles: Sequence[EvolutionTree]) -> set[tuple[int, int]]:
