@@ -118,7 +118,7 @@ def entropy_bytes(tree: CodedTree) -> float:
     for step in (step for tile in tree.tiles for step in tile.steps):
         for rows in (step.psi, step.adds, step.alpha):
             for row in rows if rows.size else ():
-                rest = zigzag(row.astype(np.int64))
+                rest = zigzag(row.astype(np.int64)).astype(np.int64)
                 while rest.any():
                     bits += entropy(rest & 255)
                     rest = rest >> 8

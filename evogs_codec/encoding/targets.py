@@ -212,19 +212,19 @@ class TargetEncoder(Aim):
         near: float,
     ) -> Guess:
         """By a sketch's rough values, and by how far it is off where it has the target."""
+        low, high = map(math.log, PRICES)
 
-        def within(price: float) -> float:
-            return min(max(price, PRICES[0]), PRICES[1])
+        def at_target(at: float, value: float) -> float:
+            return min(max(at + (target - value) / slope, low), high)
 
-        values: list[tuple[float, float]] = []
-        price = within(near)
+        at, before = math.log(near), None
         for _ in range(GUESSES):
-            values.append((math.log(price), rough(price)))
-            if len(values) > 1 and values[-1][0] != values[-2][0]:
-                found = (values[-1][1] - values[-2][1]) / (values[-1][0] - values[-2][0])
-                slope = found if found < 0 else slope
-            price = within(price * math.exp((target - values[-1][1]) / slope))
-        return Guess(within(price * math.exp((target - real(price)) / slope)), slope)
+            value = rough(math.exp(at))
+            if before is not None and (before[1] - value) * (before[0] - at) < 0:
+                slope = (before[1] - value) / (before[0] - at)
+            before = at, value
+            at = at_target(*before)
+        return Guess(math.exp(at_target(at, real(math.exp(at)))), slope)
 
     def guessing(self, guess: Guess) -> TargetEncoder:
         """The same that begins there; nothing is drawn again."""

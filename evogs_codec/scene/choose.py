@@ -24,6 +24,7 @@ from evogs_codec.format.write_directory import MAX_LEVELS
 from evogs_codec.model.splats import I64
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.measure import with_room
+from evogs_codec.scene.reach import expect_in_reach
 from evogs_codec.scene.request import Request
 
 __all__ = ["FoundStream", "at_tree_psnr", "best_stream"]
@@ -184,6 +185,8 @@ def best_stream(
         by_bytes = "polishing needs" if request.polish else "several layers need"
         what = by_bytes if request.target_psnr is None else "a target PSNR needs"
         raise InputError(f"{what} rendered views: {request.why_no_views}")
+    if views is not None and tree.n_leaves >= MANY:
+        expect_in_reach(trees, request, layers)
     # The last layer refines every leaf, whatever the tree does.
     moves = layers > 1 or any(
         step.level == tree.n_levels - 1 > 0 and step.psi.any() for step in tree.steps

@@ -18,8 +18,6 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from evogs_codec.common.progress import Progress
 from evogs_codec.decoding.cut import Cut
 from evogs_codec.editing.level_psnr import LevelPsnr, with_level_psnr
