@@ -5,11 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec.decoding.decode import decode
+from evogs_codec.encoding.arrange import leaf_order
 from evogs_codec.encoding.sketch import families, part_of
 from evogs_codec.encoding.targets import PRICES, TargetEncoder, TargetMissedError
 from evogs_codec.encoding.write import write
 from evogs_codec.format.directory import read_directory
 from evogs_codec.model.channels import n_channels
+from evogs_codec.model.splats import SplatParams
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.request import Request
 
@@ -55,18 +61,46 @@ def expect_in_reach(trees: Sequence[EvolutionTree], request: Request, layers: in
 
 def _ends(tree: EvolutionTree, request: Request, layers: int) -> list[float]:
     """PSNR or bytes, whichever is aimed at, at the ends of the range of prices, about."""
-    part = part_of(tree, families(tree, SOME / tree.n_leaves))
+    is_in = families(tree, SOME / tree.n_leaves)
+    part = part_of(tree, is_in)
     views = request.views(part.leaves(), N_VIEWS)
     aim = TargetEncoder(part, request.settings, views, layers=layers, by_leaves=True)
+    streams = [write(aim.prepared.coded(at), effort=1, digests=False) for at in PRICES]
+    if request.target_psnr is not None:
+        finest, coarsest = map(aim.psnr, streams)
+        return [min(finest, _psnr_among_all(tree, is_in, part, streams[0], request)), coarsest]
     found = []
-    for price in PRICES:
-        data = write(aim.prepared.coded(price), effort=1, digests=False)
-        if request.target_psnr is not None:
-            found.append(aim.psnr(data))
-        else:
-            body = int(read_directory(data).packets["size"].sum())
-            found.append(len(data) - body + body * tree.n_leaves / part.n_leaves)
+    for data in streams:
+        body = int(read_directory(data).packets["size"].sum())
+        found.append(len(data) - body + body * tree.n_leaves / part.n_leaves)
     return found
+
+
+def _psnr_among_all(
+    tree: EvolutionTree,
+    is_in: npt.NDArray[np.bool_],
+    part: EvolutionTree,
+    data: bytes,
+    request: Request,
+) -> float:
+    """PSNR of the whole scene, dB, if all err as the leaves of a stream of a part do among all.
+
+    Args:
+        tree: the scene.
+        is_in: (n,) which slots of it the part has.
+        part: of the tree.
+        data: a stream of the part.
+        request: of views.
+    """
+    scene, (_, live) = tree.leaves(), tree.lineage()
+    views = request.views(scene, N_VIEWS)
+    assert views is not None, "there are views"
+    mixed = scene.channels().copy()
+    rows = np.flatnonzero(is_in[live])
+    found = decode(data).leaves(sh_degree=tree.shown_degree)
+    mixed[:, rows[leaf_order(part)]] = found.channels()
+    share = part.n_leaves / tree.n_leaves
+    return views.psnr(SplatParams.from_channels(mixed)) + 10 * math.log10(share)
 
 
 def _rounded(n: float) -> int:
