@@ -39,7 +39,8 @@ PSNR_SLACK, BYTES_SLACK = 0.15, 0.01  # dB, and part of the bytes asked for
 MISSED_BY = 0.2  # dB from a target, at most
 BYTES_SLOPE = -0.25  # of the logarithm of the bytes over that of the price, about
 PSNR_SLOPE = -10 / math.log(10)  # dB, likewise: 3 dB for a price twice as high
-GUESSES = 2  # of a sketch
+NEAR_SLOPE = -3.0  # dB, likewise, between 35 and 50 dB
+GUESSES, NEAR = 2, 0.3  # of a sketch; one alone if its price is this near, in the logarithm
 POLISH_GAIN = 2.0  # dB, about
 FAR_PSNR, FAR_BYTES = 15.0, math.log(8.0)  # from the first try: the end of the range is tried next
 
@@ -191,7 +192,7 @@ class TargetEncoder(Aim):
             return self.psnr(write(self.prepared.coded(price), effort=1, digests=False))
 
         sketch = Sketch.of(self.prepared)
-        return self._guess(sketch.psnr, real, decibels, PSNR_SLOPE, near)
+        return self._guess(sketch.psnr, real, decibels, NEAR_SLOPE, near)
 
     def guess_of_bytes(self, n_bytes: int, near: float) -> Guess:
         """Where `nearest_bytes` may begin: by a sketch, and by one stream; likewise."""
@@ -224,6 +225,8 @@ class TargetEncoder(Aim):
                 slope = (before[1] - value) / (before[0] - at)
             before = at, value
             at = at_target(*before)
+            if abs(at - before[0]) <= NEAR:
+                break
         return Guess(math.exp(at_target(at, real(math.exp(at)))), slope)
 
     def guessing(self, guess: Guess) -> TargetEncoder:
