@@ -33,7 +33,7 @@ from evogs_codec.model.siblings import Siblings
 from evogs_codec.model.splats import F32, F64, I64
 from evogs_codec.model.tree import EvolutionTree, Step
 
-__all__ = ["MAX_LAYERS", "N_LAYERS", "Layered", "Layering", "expect_levels"]
+__all__ = ["MAX_LAYERS", "N_LAYERS", "Layered", "Layering", "expect_levels", "first_ancestors"]
 
 MAX_LAYERS = 8
 N_LAYERS = 2  # by default
@@ -94,7 +94,7 @@ class _Tile:
         """A tile of which this many levels are in the first layer."""
         is_late = tile.n_levels > n_coarse
         born_from, live = tile.lineage()
-        ancestors = _ancestors(born_from)
+        ancestors = first_ancestors(born_from)
         slots: I64 = np.flatnonzero(live)
         rows = _parts(weights, ancestors[slots], LATE_PARTS if is_late else PARTS)
         late = order = None
@@ -289,7 +289,7 @@ def _n_until(tile: EvolutionTree, level: int) -> int:
     return sum(step.level < level for step in tile.steps)
 
 
-def _ancestors(born_from: I64) -> I64:
+def first_ancestors(born_from: I64) -> I64:
     """(n,) the first ancestor of each slot, which an add made."""
     ancestors = np.where(born_from < 0, np.arange(len(born_from)), born_from)
     while (born_from[ancestors] >= 0).any():

@@ -20,7 +20,7 @@ from evogs_codec.model.channels import N_CORE, N_GROUPS, channel_class
 from evogs_codec.model.splats import F32, I64
 from evogs_codec.model.tree import EvolutionTree, Kind
 
-__all__ = ["bits_of_palette", "bits_of_psi"]
+__all__ = ["bits_of_palette", "bits_of_psi", "stored_bits"]
 
 SAMPLE = 1 << 14  # numbers of a level and channel that are quantised
 
@@ -50,6 +50,17 @@ def bits_of_psi(tree: EvolutionTree, importance: Importance, price: float) -> fl
 
 def bits_of_palette(tree: EvolutionTree, importance: Importance, price: float) -> float:
     """Bits of the entries and the picks of a tree with a palette; arguments as `bits_of_psi`."""
+    bits, errors = _of_palette(tree, importance, price)
+    return bits + errors
+
+
+def stored_bits(tree: EvolutionTree, importance: Importance, price: float) -> float:
+    """`bits_of_palette` without those that errors cost."""
+    return _of_palette(tree, importance, price)[0]
+
+
+def _of_palette(tree: EvolutionTree, importance: Importance, price: float) -> tuple[float, float]:
+    """Bits of the entries and the picks, and those that the errors of the entries cost."""
     palette = tree.palette
     assert palette is not None, "the tree has a palette"
     assert importance.entries is not None, "so has its importance"
@@ -60,7 +71,7 @@ def bits_of_palette(tree: EvolutionTree, importance: Importance, price: float) -
     _, first, number = np.unique(keys, return_index=True, return_inverse=True)
     kept = q[:, first[first > 0] - 1]
     picks = np.concatenate([np.concatenate([s.picks, s.changed_picks]) for s in tree.steps])
-    return errors + _entropy(kept) + entropy(number[picks])
+    return _entropy(kept) + entropy(number[picks]), errors
 
 
 def _by_level(tree: EvolutionTree) -> Iterator[tuple[int, F32]]:

@@ -20,6 +20,7 @@ from evogs_codec.encoding.prepared import Aim, Prepared
 from evogs_codec.encoding.search import MOST_TRIES, ONE_SIDED, Found, nearest
 from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.encoding.settings import NearLossless, StepTable
+from evogs_codec.encoding.sketch import Sketch
 from evogs_codec.encoding.write import write
 from evogs_codec.errors import InputError
 from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS
@@ -27,7 +28,7 @@ from evogs_codec.model.coded_tree import CodedTree
 from evogs_codec.model.splats import F64
 from evogs_codec.model.tree import EvolutionTree
 
-__all__ = ["PRICES", "TargetEncoder", "TargetMissedError"]
+__all__ = ["PRICES", "Guess", "TargetEncoder", "TargetMissedError"]
 
 FIRST_PRICE = 1e-11  # mean squared error that a bit is worth: about 45 dB
 PRICES = (1e-18, 1e-5)
@@ -37,6 +38,9 @@ TRIED = 200_000  # splats, those of all tries together
 PSNR_SLACK, BYTES_SLACK = 0.15, 0.01  # dB, and part of the bytes asked for
 MISSED_BY = 0.2  # dB from a target, at most
 BYTES_SLOPE = -0.25  # of the logarithm of the bytes over that of the price, about
+PSNR_SLOPE = -10 / math.log(10)  # dB, likewise: 3 dB for a price twice as high
+NEAR_SLOPE = -3.0  # dB, likewise, between 35 and 50 dB
+GUESSES, NEAR = 2, 0.3  # of a sketch; one alone if its price is this near, in the logarithm
 POLISH_GAIN = 2.0  # dB, about
 FAR_PSNR, FAR_BYTES = 15.0, math.log(8.0)  # from the first try: the end of the range is tried next
 
@@ -50,8 +54,27 @@ class TargetMissedError(InputError):
 
 
 @dataclass(frozen=True)
+class Guess:
+    """Where a search may begin.
+
+    Attributes:
+        price: of a bit, at which a target is nearly met.
+        slope: change of what is aimed at over that of the logarithm of the price.
+    """
+
+    price: float
+    slope: float
+
+
+@dataclass(frozen=True)
 class TargetEncoder(Aim):
-    """A tree that is encoded until it meets a target; its attributes are those of `Aim`."""
+    """A tree that is encoded until it meets a target.
+
+    Attributes, others than those of `Aim`:
+        guess: where a search may begin, if that has been guessed.
+    """
+
+    guess: Guess | None = None
 
     def at_psnr(self, decibels: float) -> bytes:
         """The stream whose leaves have this PSNR against the tree's, within 0.2 dB.
@@ -77,12 +100,10 @@ class TargetEncoder(Aim):
             slack: float,
             tries: int = MOST_TRIES,
         ) -> Found[CodedTree]:
-            # 3 dB for a price twice as high.
-            slope = -10 / math.log(10)
             return nearest(
                 lambda price: measure(code(price)),
                 target,
-                slope,
+                self.guess.slope if self.guess else PSNR_SLOPE,
                 start,
                 PRICES,
                 slack,
@@ -124,6 +145,9 @@ class TargetEncoder(Aim):
     def nearest_bytes(self, n_bytes: int, near: float | None = None) -> Found[bytes]:
         """`at_bytes`, and the price of a bit; looked for from `near` on."""
         coder = self.prepared
+        slope = BYTES_SLOPE if self.views else -0.1
+        if self.guess is not None:
+            slope = self.guess.slope
 
         def search(code: Callable[[float], CodedTree], start: float) -> Found[bytes]:
             def measure(price: float) -> tuple[float, bytes]:
@@ -134,7 +158,7 @@ class TargetEncoder(Aim):
             return nearest(
                 measure,
                 most - BYTES_SLACK,
-                BYTES_SLOPE if self.views else -0.1,
+                slope,
                 start,
                 self._bounds,
                 BYTES_SLACK,
@@ -155,6 +179,61 @@ class TargetEncoder(Aim):
             said = f"{n_bytes:,} bytes cannot be met: {len(plain.what):,} is nearest"
             raise TargetMissedError(said, abs(len(plain.what) - n_bytes))
         return met[0] if len(met) == 1 else max(met, key=lambda one: self.psnr(one.what))
+
+    def guess_of_psnr(self, decibels: float, near: float) -> Guess:
+        """Where `nearest_psnr` may begin: by a sketch, and by one stream that is drawn.
+
+        Args:
+            decibels: the target.
+            near: a price of a bit to begin with.
+        """
+
+        def real(price: float) -> float:
+            return self.psnr(write(self.prepared.coded(price), effort=1, digests=False))
+
+        sketch = Sketch.of(self.prepared)
+        return self._guess(sketch.psnr, real, decibels, NEAR_SLOPE, near)
+
+    def guess_of_bytes(self, n_bytes: int, near: float) -> Guess:
+        """Where `nearest_bytes` may begin: by a sketch, and by one stream; likewise."""
+
+        def real(price: float) -> float:
+            return math.log(len(self.written(self.prepared.coded(price))))
+
+        sketch = Sketch.of(self.prepared)
+        target = math.log(n_bytes) - BYTES_SLACK
+        return self._guess(sketch.log_bytes, real, target, BYTES_SLOPE, near)
+
+    def _guess(
+        self,
+        rough: Callable[[float], float],
+        real: Callable[[float], float],
+        target: float,
+        slope: float,
+        near: float,
+    ) -> Guess:
+        """By a sketch's rough values, and by how far it is off where it has the target."""
+        low, high = map(math.log, PRICES)
+
+        def at_target(at: float, value: float) -> float:
+            return min(max(at + (target - value) / slope, low), high)
+
+        at, before = math.log(near), None
+        for _ in range(GUESSES):
+            value = rough(math.exp(at))
+            if before is not None and (before[1] - value) * (before[0] - at) < 0:
+                slope = (before[1] - value) / (before[0] - at)
+            before = at, value
+            at = at_target(*before)
+            if abs(at - before[0]) <= NEAR:
+                break
+        return Guess(math.exp(at_target(at, real(math.exp(at)))), slope)
+
+    def guessing(self, guess: Guess) -> TargetEncoder:
+        """The same that begins there; nothing is drawn again."""
+        other = replace(self, guess=guess)
+        other.__dict__["prepared"] = self.prepared
+        return other
 
     @property
     def _bounds(self) -> tuple[float, float]:

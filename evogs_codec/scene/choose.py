@@ -6,6 +6,7 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any, TypeAlias
 
 from evogs_codec.encoding.encode import encode
@@ -16,13 +17,14 @@ from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
 from evogs_codec.encoding.palette_worth import bits_of_palette, bits_of_psi
 from evogs_codec.encoding.search import Found
 from evogs_codec.encoding.settings import SCENE_PRESET, SCENE_PRICE, TREE_PRESET, TREE_PSNR
-from evogs_codec.encoding.targets import TargetEncoder, TargetMissedError
+from evogs_codec.encoding.targets import Guess, TargetEncoder, TargetMissedError
 from evogs_codec.errors import InputError
 from evogs_codec.format.write_directory import MAX_LEVELS
 from evogs_codec.model.splats import I64
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.measure import with_room
 from evogs_codec.scene.prefixes import Prefixes, StreamPrefixes, TreePrefixes
+from evogs_codec.scene.reach import expect_in_reach
 from evogs_codec.scene.request import Request
 
 __all__ = ["FoundStream", "at_tree_psnr", "best_stream"]
@@ -32,6 +34,7 @@ __all__ = ["FoundStream", "at_tree_psnr", "best_stream"]
 SURE, SURE_OF_PICKS = 1.05, 2.0
 # The stream of an aim, at its price of a bit: looked for from another one on, if there is one.
 Make: TypeAlias = Callable[[TargetEncoder, "float | None"], Found[bytes]]
+MANY = 8_000  # splats, of which a sketch guesses a price of a bit; of fewer each try is quick
 SEEN = 0.9  # of the worth of a number, where no view stands below or far above
 
 
@@ -45,7 +48,7 @@ class FoundStream:
         aim: how it is made, if not with fixed steps.
         make: the stream of an aim, and its price of a bit; looked for from a price on.
         price: of a bit, at which it is made, or near which.
-        is_at_psnr: it aims at a PSNR.
+        psnr: that it aims at, dB; None if it does not.
     """
 
     tree: EvolutionTree
@@ -53,7 +56,7 @@ class FoundStream:
     aim: TargetEncoder | None = None
     make: Make | None = None
     price: float | None = None
-    is_at_psnr: bool = False
+    psnr: float | None = None
 
     @staticmethod
     def of(aim: TargetEncoder, make: Make, price: float | None = None) -> FoundStream:
@@ -115,6 +118,13 @@ class FoundStream:
         """
         if self.stream is not None:
             return StreamPrefixes(self.stream)
+        return self._draft(is_whole=True) if is_whole else self._coarse
+
+    @cached_property
+    def _coarse(self) -> Prefixes[Any]:
+        return self._draft(is_whole=False)
+
+    def _draft(self, *, is_whole: bool) -> Prefixes[Any]:
         assert self.aim is not None, "it is by views"
         assert self.price is not None, "it is by views"
         prepared = self.aim.prepared
@@ -174,6 +184,8 @@ def best_stream(
         by_bytes = "polishing needs" if request.polish else "several layers need"
         what = by_bytes if request.target_psnr is None else "a target PSNR needs"
         raise InputError(f"{what} rendered views: {request.why_no_views}")
+    if views is not None and tree.n_leaves >= MANY:
+        expect_in_reach(trees, request, layers)
     # The last layer refines every leaf, whatever the tree does.
     moves = layers > 1 or any(
         step.level == tree.n_levels - 1 > 0 and step.psi.any() for step in tree.steps
@@ -191,14 +203,16 @@ def best_stream(
         def of_bytes(one: TargetEncoder, near: float | None) -> Found[bytes]:
             return one.nearest_bytes(most, near)
 
-        return _aimed(_each(aim, trees), of_bytes, near, TargetEncoder.psnr)
+        guess = partial(TargetEncoder.guess_of_bytes, n_bytes=most)
+        return _aimed(_each(aim, trees), of_bytes, near, guess, TargetEncoder.psnr)
     target = request.target_psnr
     assert target is not None, "there is a target"
 
     def of_psnr(one: TargetEncoder, near: float | None) -> Found[bytes]:
         return one.nearest_psnr(target, near)
 
-    return replace(_aimed(_each(aim, trees), of_psnr, near), is_at_psnr=True)
+    guess = partial(TargetEncoder.guess_of_psnr, decibels=target)
+    return replace(_aimed(_each(aim, trees), of_psnr, near, guess), psnr=target)
 
 
 def _layers(tree: EvolutionTree, request: Request) -> int:
@@ -271,9 +285,21 @@ def _aimed(
     aims: Sequence[TargetEncoder],
     make: Make,
     near: float | None,
+    guess: Callable[..., Guess],
     worth: Callable[[TargetEncoder, bytes], float] | None = None,
 ) -> FoundStream:
-    """`_best`; of two trees one alone where an estimate is sure, at the price of the first."""
+    """`_best`; of two trees one alone where an estimate is sure, at the price of the first.
+
+    Of a tree of many splats, yet to be made, near a price that is guessed.
+    """
+    if near is not None and aims[0].tree.n_leaves >= MANY and not aims[0].polish:
+        found = guess(aims[0], near=near)
+        paying = _that_pay(aims, found.price)
+        if len(paying) == 1:
+            if paying[0] is not aims[0]:
+                found = guess(paying[0], near=found.price)
+            return FoundStream.of(paying[0].guessing(found), make, found.price)
+        near = found.price
     streams = [FoundStream.of(aim, make, near) for aim in aims]
     if len(aims) == 1 or near is None:
         return _best(streams, worth)
@@ -341,7 +367,11 @@ def at_tree_psnr(tree: EvolutionTree, request: Request) -> FoundStream | None:
         return one.nearest_psnr(TREE_PSNR, near)
 
     try:
-        return replace(FoundStream.of(aim, make).made(), is_at_psnr=True)
+        if tree.n_leaves < MANY:
+            return replace(FoundStream.of(aim, make).made(), psnr=TREE_PSNR)
+        guess = aim.guess_of_psnr(TREE_PSNR, SCENE_PRICE / tree.n_leaves)
+        found = FoundStream.of(aim.guessing(guess), make, guess.price)
+        return replace(found, psnr=TREE_PSNR)
     except InputError as error:  # of a few splats, or none that is seen
         warnings.warn(f"{error}; {instead}", stacklevel=3)
         return None

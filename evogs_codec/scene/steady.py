@@ -18,8 +18,6 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from evogs_codec.common.progress import Progress
 from evogs_codec.editing.level_psnr import LevelPsnr, with_level_psnr
 from evogs_codec.encoding.held_steps import Run
@@ -68,16 +66,16 @@ def steady(found: FoundStream, request: Request) -> FoundStream:
 def _steadied(found: FoundStream, views: Views, request: Request) -> FoundStream:
     """The stream without falls, made."""
     mending = _Mending(views, request.progress, request.layers is None and not request.polish)
-    met = found  # the last stream that is known to meet a target
-    if found.is_at_psnr:  # a third layer takes bytes
-        found = mending.with_three_layers(found) or found
+    met = found  # the last that is known to meet a target, or else the first
+    if found.psnr is not None:  # a third layer takes bytes
+        found = mending.with_three_layers(found, found.psnr) or found
     for _ in range(TRIES):
         again = mending.mended(found)
         if again is None:
             try:
                 again = found.made()
             except TargetMissedError:
-                return met
+                return met.made()
             if again is found or _is_near(again, found):
                 return again
             met = again
@@ -85,7 +83,7 @@ def _steadied(found: FoundStream, views: Views, request: Request) -> FoundStream
     try:
         return found.made()
     except TargetMissedError:
-        return met
+        return met.made()
 
 
 def _is_near(one: FoundStream, other: FoundStream) -> bool:
@@ -113,18 +111,18 @@ class _Mending:
     layering: Layering = field(default_factory=lambda: Layering(N_LAYERS))
     before: list[Run] = field(default_factory=list)
 
-    def with_three_layers(self, found: FoundStream) -> FoundStream | None:
-        """With its last level late, of a stream that aims at a PSNR.
+    def with_three_layers(self, found: FoundStream, aimed: float) -> FoundStream | None:
+        """With its last level late, of a stream that aims at this PSNR.
 
         None if coarse splats look well enough beside the whole, or if a state of the last two
         layers falls. With a palette one did, so it is not tried.
         """
         if not (self.may_be_late and found.can_be_late) or found.tree.palette is not None:
             return None
-        views, draft = self.views.fewer(FEW), found.draft(is_whole=True)
-        cuts = [draft.of_level(level) for level in (found.n_coarse - 1, draft.n_levels - 1)]
-        coarse, whole = map(views.psnr, draft.shown(cuts, found.tree.shown_degree))
-        if whole < coarse + WIDE:
+        views, draft = self.views.fewer(FEW), found.draft()
+        cuts = [draft.of_level(found.n_coarse - 1)]
+        (coarse,) = map(views.psnr, draft.shown(cuts, found.tree.shown_degree))
+        if aimed < coarse + WIDE:
             return None
         layering = Layering(N_LAYERS + 1, is_late=True, between=BETWEEN)
         other = found.holding((), layering)
@@ -170,9 +168,12 @@ def _falls_late(found: FoundStream, views: Views) -> bool:
     levels = range(found.n_coarse - 1, draft.n_levels)
     first = list(draft.steps_of(levels.start))
     cuts = first + [cut for level in levels[1:] for cut in draft.steps_of(level, rooms=False)]
-    each = draft.shown(cuts, found.tree.shown_degree)
-    decibels = np.array([views.psnr(leaves) for leaves in each])
-    return bool(np.any(decibels < np.maximum.accumulate(decibels) - FALL))
+    best = -math.inf
+    for decibels in map(views.psnr, draft.shown(cuts, found.tree.shown_degree)):
+        if decibels < best - FALL:
+            return True
+        best = max(best, decibels)
+    return False
 
 
 def _places_of_mends(tiles: Sequence[EvolutionTree]) -> set[tuple[int, int]]:

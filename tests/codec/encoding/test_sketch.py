@@ -1,0 +1,65 @@
+"""Sketches: some families of a tree tell what a stream of the whole takes, about."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+pytest.importorskip("numba", reason="the rasterizer is compiled")
+
+from evogs_codec import PRESETS, TargetEncoder, lift
+from evogs_codec.encoding import sketch
+from evogs_codec.encoding.held_steps import Run
+from evogs_codec.encoding.layers import Layering
+from evogs_codec.encoding.sketch import Sketch, families, part_of
+from evogs_codec.render import Views, cameras_around
+from evogs_codec.render.demo_scene import make_scene
+
+N = 1500
+PRICE = 4e-6 / N
+
+
+def aim_of(**more):
+    splats = make_scene(N)
+    views = Views(splats, cameras_around(splats, "z", 60, n=4))
+    return TargetEncoder(lift(splats, 3), PRESETS["scene"], views, **more)
+
+
+def test_a_part_has_whole_families_with_the_leaves_of_the_tree():
+    tree = lift(make_scene(N), 3)
+    is_in = families(tree, 0.4)
+    part, (_, live) = part_of(tree, is_in), tree.lineage()
+    assert 0.3 * N < part.n_leaves < 0.5 * N
+    expected = tree.leaves().channels()[:, is_in[live]]
+    assert np.array_equal(part.leaves().channels(), expected)
+
+
+@pytest.mark.parametrize("layers", [1, 2])
+def test_a_sketch_guesses_bytes_and_psnr(monkeypatch, layers):
+    monkeypatch.setattr(sketch, "LEAST", N // 2)
+    aim = aim_of(layers=layers)
+    found = Sketch.of(aim.prepared)
+    assert 0.4 < found.share < 0.6
+    data = aim.at_price(PRICE)
+    assert found.log_bytes(PRICE) == pytest.approx(math.log(len(data)), abs=0.4)
+    assert found.psnr(PRICE) == pytest.approx(aim.psnr(data), abs=2.5)
+    assert found.log_bytes(PRICE / 4) > found.log_bytes(PRICE)
+    assert found.psnr(PRICE / 4) > found.psnr(PRICE)
+
+
+def test_a_sketch_of_a_tree_with_steps_held_back_has_its_families(monkeypatch):
+    monkeypatch.setattr(sketch, "LEAST", N // 2)
+    held = aim_of(layers=2).holding([Run((1, 0), (2, 0))], Layering(2))
+    assert Sketch.of(held.prepared).log_bytes(PRICE) > 0
+
+
+def test_a_search_begins_near_its_target(monkeypatch):
+    monkeypatch.setattr(sketch, "LEAST", N // 2)
+    aim = aim_of(layers=2)
+    guess = aim.guess_of_psnr(40.0, PRICE)
+    assert aim.psnr(aim.at_price(guess.price)) == pytest.approx(40.0, abs=0.5)
+    guess = aim.guess_of_bytes(20_000, PRICE)
+    assert len(aim.at_price(guess.price)) == pytest.approx(20_000, rel=0.05)
+    assert aim.guess_of_psnr(1e6, PRICE).price == pytest.approx(1e-18)  # an end of the range
