@@ -148,7 +148,7 @@ def best_stream(
         aim = replace(whole, views=views, ordering=ordering, layers=_layers(tree, request))
         aim = replace(aim, by_leaves=request.effort.by_leaves)
         aim = aim if request.cameras else replace(aim, seen=SEEN)
-        price = request.effort.price * SCENE_PRICE / tree.n_leaves
+        price = SCENE_PRICE / tree.n_leaves
         aims = _that_pay(_each(aim, trees), price, is_sure=not request.effort.looks)
         return _at_price(aims, price)
     if request.is_plain:

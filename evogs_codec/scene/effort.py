@@ -20,7 +20,6 @@ class Effort:
         n_neighbours: of a splat, among which one is found that it is paired with.
         n_views: views by which errors are weighed, at most, where there is no target.
         pixels: of the longer side of these views, at most; None: as they are.
-        price: factor of `SCENE_PRICE`: smaller views show less of an error of small splats.
         n_band_views: views by which the SH bands are put in order, at most.
         by_leaves: only the last level is drawn: what numbers of the others are worth follows from
             it, and estimates put packets in order.
@@ -30,8 +29,7 @@ class Effort:
     level: int = 18
     n_neighbours: int = N_NEIGHBOURS
     n_views: int = 12
-    pixels: int | None = 320
-    price: float = 0.78
+    pixels: int | None = None
     n_band_views: int = 3
     by_leaves: bool = False
     looks: bool = True
@@ -55,9 +53,7 @@ class Effort:
 
 EFFORTS = {
     # Zstandard 16 is the first level that weighs matches by what they cost: below, 7 % are lost.
-    "fast": Effort(
-        level=16, n_neighbours=4, n_views=6, pixels=300, price=1.0, by_leaves=True, looks=False
-    ),
+    "fast": Effort(level=16, n_neighbours=4, n_views=6, pixels=300, by_leaves=True, looks=False),
     "default": Effort(),
-    "best": Effort(level=22, n_views=24, pixels=None, price=1.0),
+    "best": Effort(level=22, n_views=24),
 }
