@@ -33,6 +33,7 @@ Sensitivity: TypeAlias = Callable[[SplatParams], F32]
 # (a lifted scene, a trained tree); the others 1.0 to 1.9.
 MISSED = (4.0, 2.0, 2.0, 1.4, 1.0, 1.0, 1.0, 1.0)
 SEEN = 0.98  # the rest of a weight is the mean of the class: the views do not show everything
+LEAST = 0.1  # of what asks for the largest step is in every weight: views do not say more
 PER_BIT = 6.0 / math.log(2)  # of the price of a bit is what a squared step is worth
 MENDED = 0.05  # of an error that psi of the children can mend, because that costs bits
 # Beyond these a step has nothing to do with the linear estimate; position: part of the extent.
@@ -164,7 +165,8 @@ class Importance:
     def _lack(self, means: F64, price: float, extent: float) -> F32:
         """What `raised` adds to weights with these means."""
         asking = PER_BIT * price / np.square(self._largest(extent))
-        lack: F32 = ((1 - self.seen) * np.maximum(asking - means, 0)).astype(np.float32)
+        part = max(1 - self.seen, LEAST)
+        lack: F32 = (part * np.maximum(asking - means, 0)).astype(np.float32)
         return lack
 
     def _largest(self, extent: float) -> F64:

@@ -57,6 +57,7 @@ class Neighbourhood:
         *,
         up: Direction,
         n_views: int,
+        all_round: bool,
         keep: float,
     ) -> Neighbourhood:
         """From cameras around all of it.
@@ -67,10 +68,11 @@ class Neighbourhood:
             around: the same of the other tiles.
             n_around: splats of all tiles.
             up: axis or vector that is up.
-            n_views: at most.
+            n_views: so many.
+            all_round: some of them stand below and far above.
             keep: times a price of a bit, that of the splats for which the views are.
         """
-        from evogs_codec.render import Views, cameras_around
+        from evogs_codec.render import Views, cameras_around, weighing_cameras
         from evogs_codec.render.framing import options_for
 
         stands_in = _joined(own, around)
@@ -79,8 +81,13 @@ class Neighbourhood:
         # Of a tile that has an object and a part of the city around it, the object.
         near = np.abs(splats.means - middle).max(axis=1) <= max(size, 1e-30)
         shown = splats.take(near) if is_apart else stands_in
-        cameras = cameras_around(shown if len(shown) else splats, up)
-        views = Views.of(_joined(splats, around), cameras, n_views=n_views)
+        looked_at = shown if len(shown) else splats
+        cameras = (
+            weighing_cameras(looked_at, up, n_views)
+            if all_round
+            else cameras_around(looked_at, up, n=n_views)
+        )
+        views = Views.of(_joined(splats, around), cameras)
         options = options_for(shown)
         n_shown = len(splats) if is_apart else n_around
         return Neighbourhood(

@@ -36,11 +36,12 @@ from evogs_codec.scene.effort import Effort
 
 __all__ = ["TileJob", "code_tile", "sorted_rows", "survey_tile"]
 
-VIEWS = 8  # of a tile, by which its numbers are weighed
+VIEWS = 12  # of a tile, by which its numbers are weighed
 ALPHAS = 4096  # of a level and group that a survey keeps
 # Prices of a bit that it costs to move a splat by its own size: few are moved by a fifth of it.
 KEEP = 20.0
-SEEN = 0.9  # of the worth of a number, where nobody said from where a scene is looked at
+SEEN = 0.95  # of the worth of a number; stand-ins show less of what is hidden than splats do
+SEEN_OF_CIRCLE = 0.9  # the same, where no view stands below or far above
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,14 @@ def _prepared(job: TileJob) -> tuple[Prepared, int]:
     effort = Effort.of(job.effort)
     n_views = min(VIEWS, effort.n_views)
     views = Neighbourhood.of(
-        splats, own, around, job.n_around, up=job.up, n_views=n_views, keep=KEEP
+        splats,
+        own,
+        around,
+        job.n_around,
+        up=job.up,
+        n_views=n_views,
+        all_round=effort.all_round,
+        keep=KEEP,
     ).within(effort.pixels)
     aim = TargetEncoder(
         lift(splats, job.n_levels, n_neighbours=effort.n_neighbours),
@@ -139,7 +147,7 @@ def _prepared(job: TileJob) -> tuple[Prepared, int]:
         layers=job.n_layers,
         ordering=views.fewer(effort.n_band_views),
         by_leaves=effort.by_leaves,
-        seen=SEEN,
+        seen=SEEN if effort.all_round else SEEN_OF_CIRCLE,
         n_tiles=1,
         n_levels=job.n_levels,
     )

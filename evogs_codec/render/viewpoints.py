@@ -11,7 +11,14 @@ from evogs_codec.render.camera import Camera, orbit
 from evogs_codec.render.framing import bulk_of
 from evogs_codec.render.up import Direction, direction, up_of
 
-__all__ = ["N_ORBIT", "PICTURE_SIZE", "SIZE", "camera_rings", "cameras_around"]
+__all__ = [
+    "N_ORBIT",
+    "PICTURE_SIZE",
+    "SIZE",
+    "camera_rings",
+    "cameras_around",
+    "weighing_cameras",
+]
 
 N_ORBIT = 24
 SIZE = 400  # pixels, width and height of a view that is measured
@@ -19,6 +26,9 @@ PICTURE_SIZE = 800  # of one that is looked at
 # Number, elevation and distance of the cameras of a circle, as of `cameras_around`. No elevation
 # is that of the 24 cameras which judge.
 RINGS = ((9, 0.05, 1.7), (11, 0.2, 2.4), (11, 0.5, 1.9), (9, 0.8, 2.2))
+# Of six cameras that weigh errors one stands below and one far above: elevation and distance.
+ONE_OF = 6
+BELOW, ABOVE = (-0.5, 2.0), (1.1, 2.0)
 
 
 def cameras_around(
@@ -75,3 +85,20 @@ def camera_rings(scene: SplatParams, up: Direction | None = None, times: int = 1
             scene, above, n=times * n, elevation=elevation, distance=distance
         )
     ]
+
+
+def weighing_cameras(scene: SplatParams, up: Direction | None = None, n: int = 12) -> list[Camera]:
+    """Cameras by which errors are weighed, n of them: most on the circle of `cameras_around`.
+
+    Of six, one stands below the scene and one far above it. A splat that the circle does not show
+    is seen from there, or it is worth nothing.
+    """
+    above = up_of(scene).vector if up is None else direction(up)
+    n_each = n // ONE_OF
+    circle = cameras_around(scene, above, n=n - 2 * n_each)
+    others = [
+        camera
+        for elevation, distance in (BELOW, ABOVE)
+        for camera in cameras_around(scene, above, n=n_each, elevation=elevation, distance=distance)
+    ]
+    return circle + others

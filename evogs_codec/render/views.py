@@ -20,7 +20,7 @@ from evogs_codec.render.options import DEFAULT, Options
 from evogs_codec.render.splats import Real, Splats
 from evogs_codec.render.stills import Still
 from evogs_codec.render.up import Direction, up_of
-from evogs_codec.render.viewpoints import camera_rings, cameras_around
+from evogs_codec.render.viewpoints import camera_rings, cameras_around, weighing_cameras
 
 __all__ = ["DRAWN", "HELD_OUT", "Colour", "Views", "view_of"]
 
@@ -41,6 +41,7 @@ class Views:
         cameras: of the views.
         background: behind the splats.
         others: cameras of the views that descent goes by.
+        weighing: cameras that the sensitivity is estimated from; none: of `cameras`.
         options: of rendering.
         n_drawn: views that the sensitivity is estimated from, at most.
         drawn: pictures of the scene so far.
@@ -50,6 +51,7 @@ class Views:
     cameras: Sequence[Camera]
     background: Colour = (1.0, 1.0, 1.0)
     others: Sequence[Camera] = ()
+    weighing: Sequence[Camera] = ()
     options: Options = DEFAULT
     n_drawn: int = DRAWN
     drawn: dict[Camera, Picture] = field(default_factory=dict, repr=False, compare=False)
@@ -67,7 +69,8 @@ class Views:
 
         Args:
             scene: what they show.
-            cameras: theirs; by default 24 on a circle around the scene.
+            cameras: theirs; by default 24 on a circle around the scene, and errors are weighed by
+                `weighing_cameras`.
             up: what is up in the default views, as of `cameras_around`.
             n_views: at most this many views.
             descent: with `others`, for `loss_gradient`: 80 on circles around the scene, or of
@@ -77,10 +80,12 @@ class Views:
             ValueError: there is one camera only, and `descent` needs two.
         """
         others: Sequence[Camera] = ()
+        weighing: Sequence[Camera] = ()
         if cameras is None:
             above = up_of(scene).vector if up is None else up
             chosen: Sequence[Camera] = cameras_around(scene, above)
             others = camera_rings(scene, above, 2) if descent else ()
+            weighing = weighing_cameras(scene, above, DRAWN if n_views is None else n_views)
         elif descent:
             if len(cameras) < 2:
                 raise ValueError(f"{len(cameras)} camera, expected at least 2")
@@ -89,7 +94,7 @@ class Views:
         else:
             chosen = cameras
         few = chosen if n_views is None else _at_most(chosen, n_views)
-        return Views(scene, few, others=others, options=options_for(scene))
+        return Views(scene, few, others=others, weighing=weighing, options=options_for(scene))
 
     def fewer(self, n_views: int) -> Views:
         """At most this many of the views; what one has drawn of the scene, the other has."""
@@ -99,7 +104,10 @@ class Views:
         """The views with at most this many pixels along the longer side; None: as they are."""
         if pixels is None:
             return self
-        return replace(self, cameras=[one.within(pixels) for one in self.cameras], drawn={})
+        cameras, weighing = (
+            [one.within(pixels) for one in some] for some in (self.cameras, self.weighing)
+        )
+        return replace(self, cameras=cameras, weighing=weighing, drawn={})
 
     def psnr(self, splats: SplatParams) -> float:
         """Mean PSNR over the views, dB; over those that show the scene, if some do."""
@@ -131,7 +139,7 @@ class Views:
         The gradient of a picture of random signs z, J^T z, has the squared length of a column of J
         as the mean of its square: one backward pass per view sees every number of every splat.
         """
-        return self._sensitivity(splats, _at_most(self.cameras, self.n_drawn))[0]
+        return self._sensitivity(splats, self._weighing.cameras)[0]
 
     def sensitivity_and_psnr(self, splats: SplatParams) -> tuple[F32, float]:
         """`sensitivity`, and the PSNR of every other of the pictures that are drawn for it, dB.
@@ -139,7 +147,7 @@ class Views:
         Of a coarse level, with at most a quarter of the splats of the scene, only those are drawn:
         each splat is in more pixels.
         """
-        drawn = self.fewer(self.n_drawn)
+        drawn = self._weighing
         few = drawn.fewer(COMPARED)
         is_coarse = 4 * len(splats) <= len(self.scene)
         found, images = self._sensitivity(splats, (few if is_coarse else drawn).cameras)
@@ -159,6 +167,11 @@ class Views:
         error = drawing.image - self._picture(camera)
         gradient = gradients(drawing, splats, error * np.float32(2 / error.size))
         return SplatParams(*_parts(gradient)).channels()
+
+    @property
+    def _weighing(self) -> Views:
+        """The views that the sensitivity is estimated from."""
+        return replace(self, cameras=self.weighing or self.cameras).fewer(self.n_drawn)
 
     @property
     def pictures(self) -> list[Picture]:

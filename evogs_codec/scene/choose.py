@@ -32,7 +32,7 @@ __all__ = ["FoundStream", "at_tree_psnr", "best_stream"]
 SURE, SURE_OF_PICKS = 1.05, 2.0
 # The stream of an aim, at its price of a bit: looked for from another one on, if there is one.
 Make: TypeAlias = Callable[[TargetEncoder, "float | None"], Found[bytes]]
-SEEN = 0.9  # of the worth of a number, where nobody said from where a scene is looked at
+SEEN = 0.9  # of the worth of a number, where no view stands below or far above
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +147,8 @@ def best_stream(
         ordering = None if views is None else views.fewer(request.effort.n_band_views)
         aim = replace(whole, views=views, ordering=ordering, layers=_layers(tree, request))
         aim = replace(aim, by_leaves=request.effort.by_leaves)
-        aim = aim if request.cameras else replace(aim, seen=SEEN)
+        if request.cameras is None and not request.effort.all_round:
+            aim = replace(aim, seen=SEEN)
         price = SCENE_PRICE / tree.n_leaves
         aims = _that_pay(_each(aim, trees), price, is_sure=not request.effort.looks)
         return _at_price(aims, price)

@@ -20,6 +20,7 @@ class Effort:
         n_neighbours: of a splat, among which one is found that it is paired with.
         n_views: views by which errors are weighed, at most, where there is no target.
         pixels: of the longer side of these views, at most; None: as they are.
+        all_round: of these views some stand below the scene and far above it.
         n_band_views: views by which the SH bands are put in order, at most.
         by_leaves: only the last level is drawn: what numbers of the others are worth follows from
             it, and estimates put packets in order.
@@ -30,6 +31,7 @@ class Effort:
     n_neighbours: int = N_NEIGHBOURS
     n_views: int = 12
     pixels: int | None = None
+    all_round: bool = True
     n_band_views: int = 3
     by_leaves: bool = False
     looks: bool = True
@@ -53,7 +55,15 @@ class Effort:
 
 EFFORTS = {
     # Zstandard 16 is the first level that weighs matches by what they cost: below, 7 % are lost.
-    "fast": Effort(level=16, n_neighbours=4, n_views=6, pixels=300, by_leaves=True, looks=False),
+    "fast": Effort(
+        level=16,
+        n_neighbours=4,
+        n_views=6,
+        pixels=300,
+        all_round=False,
+        by_leaves=True,
+        looks=False,
+    ),
     "default": Effort(),
     "best": Effort(level=22, n_views=24),
 }

@@ -161,6 +161,8 @@ class Request:
         views = self.views(scene, self.effort.n_views)
         if views is None:
             return None
+        if not self.effort.all_round:
+            views = replace(views, weighing=())
         return replace(views.within(self.effort.pixels), n_drawn=self.effort.n_views)
 
 

@@ -137,3 +137,14 @@ def test_prefixes_and_dedicated_streams_are_drawn(losses):
     (axis,) = plots.PLOTS["loss-curves"](rows).axes
     assert len(axis.lines) == 6
     assert axis.get_legend().get_texts()[0].get_text() == "dedicated"
+
+
+def test_files_of_other_formats_stand_beside(subject, tmp_path):
+    pytest.importorskip("gsply", reason="gsply is not installed")
+    rows = loss.Losses(lambda: [subject], tmp_path).curves()
+    prefixes = {str(row["stream"]): row for row in rows if row["curve"] == "prefix"}
+    spz, every = prefixes["SPZ 4"], prefixes["streamed SOG, every level"]
+    nothing = subject.views.psnr(subject.views.scene.take(np.arange(0)))
+    assert number(spz, "95 %") == pytest.approx(nothing, abs=0.01)
+    assert number(spz, "100 %") > 40
+    assert nothing < number(every, "95 %") <= number(every, "100 %")

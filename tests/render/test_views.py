@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("numba", reason="the rasterizer is compiled")
 from evogs_codec import lift
-from evogs_codec.render import Camera, Views, cameras_around
+from evogs_codec.render import Camera, Views, cameras_around, weighing_cameras
 from evogs_codec.render import views as module
 from evogs_codec.render.demo_scene import make_scene
 
@@ -68,3 +68,33 @@ def test_the_scene_is_drawn_once(tree, views, monkeypatch):
     for one in (views, few, views.fewer(5)):
         one.psnr(views.scene.take([]))
     assert len(cameras["render"]) == 12 + 12 + 3 + 4
+
+
+@pytest.mark.parametrize(("n", "counts"), [(6, (4, 1, 1)), (12, (8, 2, 2)), (24, (16, 4, 4))])
+def test_errors_are_weighed_from_the_circle_from_below_and_from_far_above(n, counts):
+    splats = make_scene(400)
+    cameras = weighing_cameras(splats, "z", n)
+    level = cameras_around(splats, "z")[0].position[2]
+    heights = np.array([camera.position[2] - level for camera in cameras])
+    on_it = int((np.abs(heights) < 1e-6).sum())
+    below, above = int((heights < -0.1).sum()), int((heights > 0.1).sum())
+    assert (on_it, below, above) == counts
+
+
+def test_what_stands_only_below_is_worth_something():
+    splats = make_scene(400)
+    plain = Views.of(splats, up="z")
+    of_circle = Views(splats, plain.cameras, options=plain.options)
+    low = np.argsort(splats.means[:, 2])[:40]
+    opacities = slice(10, 11)
+    worth = plain.sensitivity(splats)[opacities, low].sum()
+    assert worth > 1.2 * of_circle.sensitivity(splats)[opacities, low].sum()
+
+
+def test_cameras_that_are_given_weigh_alone():
+    splats = make_scene(400)
+    cameras = cameras_around(splats, "z", 48, n=12)
+    given = Views.of(splats, cameras)
+    assert np.array_equal(
+        given.sensitivity(splats), Views(splats, cameras, options=given.options).sensitivity(splats)
+    )

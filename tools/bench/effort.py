@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import gsply
@@ -14,7 +14,6 @@ from evogs_codec import SplatParams, decode, read_ply, write_ply
 from evogs_codec.encoding.layers import N_LAYERS
 from evogs_codec.encoding.settings import SCENE_PRICE
 from evogs_codec.encoding.targets import TargetEncoder
-from evogs_codec.scene.choose import SEEN
 from evogs_codec.scene.effort import EFFORTS
 from tools.bench.measure import cost
 from tools.bench.page import Rows
@@ -118,7 +117,6 @@ def _curve(subject: Subject) -> list[tuple[int, float]]:
     views = subject.views.fewer(EFFORTS["default"].n_views)
     ordering = views.fewer(EFFORTS["default"].n_band_views)
     aim = TargetEncoder(subject.best, subject.settings, views, layers=N_LAYERS, ordering=ordering)
-    aim = replace(aim, seen=SEEN)
     price = SCENE_PRICE / subject.tree.n_leaves
     found = []
     for data in aim.at_prices([price * 2.0**k for k in DOUBLINGS]):

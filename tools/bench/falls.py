@@ -19,15 +19,16 @@ from tools.bench.page import Rows
 __all__ = ["falls"]
 
 N_SPLATS, SEED = 6_000, 3
-N_VIEWS, PIXELS = 6, 300
+N_VIEWS, PIXELS = 24, 300
+EVERY = 4  # of these views are the few
 
 
 def falls() -> Rows:
     """Prefixes that end with a packet, of `evogs encode` without options.
 
     Each scene is the demo scene of 6,000 splats, changed in one way. A fall is from the best prefix
-    to a longer one; "of core" looks at the packets of core alone. PSNR is over 6 views of 300
-    pixels. Seconds are those of the processor.
+    to a longer one; "of core" looks at the packets of core alone. PSNR is over 24 views of 300
+    pixels, or over 6 of them. Seconds are those of the processor.
     """
     rows: Rows = []
     for name, splats in _scenes():
@@ -69,19 +70,23 @@ def _fallen(data: bytes, splats: SplatParams) -> dict[str, object]:
     views = Views(splats, cameras_around(splats, "z", PIXELS, n=N_VIEWS))
     directory = read_directory(data)
     is_core = directory.columns == 0
-    best, deepest = -np.inf, {True: 0.0, False: 0.0}
+    shown = np.array([np.nan])
+    best = np.full(2, -np.inf)  # of all views, and of a few
+    deepest = {True: np.zeros(2), False: np.zeros(2)}
     rows = np.flatnonzero(directory.packets["size"] > 0)
     for row in rows.tolist():
         end = int(directory.offsets[row] + directory.packets["size"][row])
         leaves = decode(data, Cut.of_prefix(directory, end)).leaves(sh_degree=splats.sh_degree)
-        shown = views.psnr(leaves)
+        each = views.psnr_of_each(leaves)
+        shown = np.array([each.mean(), each[::EVERY].mean()])
         for kind in (True, False):
             if is_core[row] or not kind:
-                deepest[kind] = max(deepest[kind], best - shown)
-        best = max(best, shown)
+                deepest[kind] = np.maximum(deepest[kind], best - shown)
+        best = np.maximum(best, shown)
     return {
-        "PSNR, dB": f"{shown:.2f}",
+        "PSNR, dB": f"{shown[0]:.2f}",
         "prefixes": len(rows),
-        "deepest fall, dB": f"{deepest[False]:.2f}",
-        "of core, dB": f"{deepest[True]:.2f}",
+        "deepest fall, dB": f"{deepest[False][0]:.2f}",
+        "of core, dB": f"{deepest[True][0]:.2f}",
+        "over 6 views, dB": f"{deepest[False][1]:.2f}",
     }

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -17,8 +20,6 @@ from evogs_codec.encoding.settings import TREE_PSNR
 from evogs_codec.encoding.targets import PRICES, TargetEncoder, TargetMissedError
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.views import Views
-from evogs_codec.scene.choose import SEEN
-from evogs_codec.scene.effort import EFFORTS
 from tools.bench.measure import seconds_text
 from tools.bench.page import Rows
 from tools.bench.prefix import ends_of_packets, sizes_of_packets
@@ -30,11 +31,13 @@ DEFAULT = "default"
 LAYERS = (1, 2, 3)
 CUTS = range(5, 105, 5)  # % of the bytes
 JUDGED = np.array([30 <= cut <= 90 for cut in CUTS])
+MOST_PSNR = 70.0  # dB, beyond which nobody looks for a dedicated stream
 PLACES = 100  # prefixes between which falls are looked for
 FALL_VIEWS = 6  # that falls are judged by
 HALF_DECADE = 10**-0.5
 BARE_SEED = 1
 F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
 
 
 def scene_without_bands(n: int = 40_000) -> Subject:
@@ -49,9 +52,11 @@ class Losses:
 
     Attributes:
         subjects: trees and their views; called once, when the first table is made.
+        folder: for files of other formats; without one, or without gsply, they are left out.
     """
 
     subjects: Callable[[], Sequence[Subject]]
+    folder: Path | None = None
 
     def table(self) -> Rows:
         """PSNR of the dedicated stream of n bytes less that of the prefix of n bytes.
@@ -62,13 +67,13 @@ class Losses:
         views. The default is `evogs encode` without options. Streams with layers aim at the PSNR of
         the preset, of a trained tree at 52 dB as its default does, and come within 0.2 dB of it.
         "To one layer" is their bytes, to those that a dedicated stream takes for the PSNR that they
-        have. The default of a scene does not aim at the 24 views: it weighs errors by half of them
-        and less than they ask for, for the sake of views that nobody named. "Alike" is its bytes to
-        those of one layer that is made in the same way. Losses are those at every 5 % from 30 to
-        90 % of the bytes. The deepest fall is from a prefix to the next, of all that end with a
-        packet, or of one per percent if there are more than 100; 6 of the views judge it. Seconds
-        are those of the processor, from the tree to the stream, with its search; of the default of
-        a scene, from the splats.
+        have; all weigh errors by the same views. Losses are those at every 5 % from 30 to 90 % of
+        the bytes. The deepest fall is from a prefix to the next, of all that end with a packet, or
+        of one per percent if there are more than 100; 6 of the views judge it. Seconds are those of
+        the processor, from the tree to the stream, with its search; of the default of a scene, from
+        the splats. An SPZ file shows nothing before its last byte. The streamed SOG is the model of
+        the table of connections. Cells are empty where no dedicated stream is so large, and of what
+        is not known of other formats.
         """
         return [_row(curve) for curve in self._measured]
 
@@ -95,7 +100,7 @@ class Losses:
     def _measured(self) -> list[_Curve]:
         found = []
         for subject in self.subjects():
-            for curve in _curves(subject):
+            for curve in _curves(subject, self.folder):
                 print(*_row(curve).values(), sep=", ", file=sys.stderr, flush=True)
                 found.append(curve)
         return found
@@ -103,17 +108,22 @@ class Losses:
 
 @dataclass(frozen=True, eq=False)
 class _Stream:
-    """A stream, and the processor seconds that its encoder took."""
+    """A stream, and the processor seconds that its encoder took; of another format only its size.
+
+    Attributes:
+        data: empty of another format.
+    """
 
     scene: str
     name: str
     data: bytes
     seconds: float
     n_splats: int
+    n_bytes: int
 
     @property
     def bytes_per_splat(self) -> float:
-        return len(self.data) / self.n_splats
+        return self.n_bytes / self.n_splats
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +135,6 @@ class _Curve:
         prefix: (20,) dB of the prefixes at `CUTS`.
         dedicated: (20,) dB of dedicated streams of as many bytes; NaN where none is so small.
         to_one_layer: bytes, to those of one layer at the same PSNR; NaN where none has it.
-        to_alike: likewise, of one layer that was weighed as the stream was.
         fall: dB, the deepest from a prefix to the next.
         largest: % of the bytes that the largest packet takes.
     """
@@ -134,7 +143,6 @@ class _Curve:
     prefix: F64
     dedicated: F64
     to_one_layer: float
-    to_alike: float
     fall: float
     largest: float
 
@@ -151,24 +159,21 @@ def _row(curve: _Curve) -> dict[str, object]:
         "bytes a splat": f"{curve.stream.bytes_per_splat:.2f}",
         "PSNR, dB": f"{curve.prefix[-1]:.2f}",
         "to one layer": _cell(curve.to_one_layer, 3),
-        "alike": _cell(curve.to_alike, 3),
         "mean loss, dB": _cell(_judged(curve.loss, np.mean)),
         "largest loss, dB": _cell(_judged(curve.loss, np.max)),
-        "deepest fall, dB": f"{curve.fall:.2f}",
-        "largest packet, %": f"{curve.largest:.1f}",
-        "encode, s": seconds_text(curve.stream.seconds),
+        "deepest fall, dB": _cell(curve.fall),
+        "largest packet, %": _cell(curve.largest, 1),
+        "encode, s": "" if np.isnan(curve.stream.seconds) else seconds_text(curve.stream.seconds),
     }
 
 
-def _curves(subject: Subject) -> Iterator[_Curve]:
-    """Those of the streams of a subject."""
-    streams = list(_streams(subject))
-    one_layer = _OneLayer.of(subject, streams, _aim(subject))
+def _curves(subject: Subject, folder: Path | None) -> Iterator[_Curve]:
+    """Those of the streams of a subject, then of files of other formats."""
+    streams, others = list(_streams(subject)), _others(subject, folder)
+    most = max([*(len(stream.data) for stream in streams), *(n[-1] for _, n, _ in others)])
+    one_layer = _OneLayer.of(subject, most, _aim(subject))
     degree = subject.best.shown_degree
     for stream in streams:
-        alike = one_layer
-        if stream.name == DEFAULT and _is_scene(subject):
-            alike = _OneLayer.of(subject, [stream], _aim_of_default(subject))
         n = len(stream.data)
         prefixes = _Prefixes(stream.data, degree)
         at = [prefixes.n_packets(n * cut // 100) for cut in CUTS]
@@ -178,15 +183,35 @@ def _curves(subject: Subject) -> Iterator[_Curve]:
             parts = range(PLACES + 1)
             places = sorted({prefixes.n_packets(n * part // PLACES) for part in parts})
         some = prefixes.worth(places, _some(subject.views))
-        yield _Curve(
-            stream,
-            worth,
-            np.array([one_layer.decibels(n * cut // 100) for cut in CUTS]),
-            n / one_layer.n_bytes(worth[-1]),
-            n / alike.n_bytes(worth[-1]),
-            abs(float(np.diff(some).min(initial=0.0))),
-            100 * int(prefixes.sizes.max(initial=0)) / n,
-        )
+        fall = abs(float(np.diff(some).min(initial=0.0)))
+        largest = 100 * int(prefixes.sizes.max(initial=0)) / n
+        yield _curve(stream, worth, one_layer, fall, largest)
+    nothing = subject.views.psnr(subject.views.scene.take(np.arange(0)))
+    for name, ends, decibels in others:
+        n = int(ends[-1])
+        n_pictures = np.searchsorted(ends, [n * cut // 100 for cut in CUTS], side="right")
+        worth = np.append(nothing, decibels)[n_pictures]
+        stream = _Stream(subject.name, name, b"", math.nan, subject.tree.n_leaves, n)
+        yield _curve(stream, worth, one_layer, math.nan, math.nan)
+
+
+def _curve(
+    stream: _Stream, worth: F64, one_layer: _OneLayer, fall: float, largest: float
+) -> _Curve:
+    n = stream.n_bytes
+    dedicated = np.array([one_layer.decibels(n * cut // 100) for cut in CUTS])
+    return _Curve(stream, worth, dedicated, n / one_layer.n_bytes(worth[-1]), fall, largest)
+
+
+def _others(subject: Subject, folder: Path | None) -> list[tuple[str, I64, F64]]:
+    """Files of other formats: bytes after which there is a better picture, and its PSNR."""
+    if folder is None or not find_spec("gsply"):
+        return []
+    from tools.bench.fetched import sog_files, spz_file
+
+    found = [spz_file(subject, subject.views, folder)]
+    found += sog_files(subject, subject.views, folder)
+    return [(file.name, file.places, file.decibels) for file in found]
 
 
 def _streams(subject: Subject) -> Iterator[_Stream]:
@@ -198,7 +223,7 @@ def _streams(subject: Subject) -> Iterator[_Stream]:
         start = time.process_time()
         data = make(fresh)
         seconds = time.process_time() - start
-        return _Stream(subject.name, name, data, seconds, subject.tree.n_leaves)
+        return _Stream(subject.name, name, data, seconds, subject.tree.n_leaves, len(data))
 
     preset = timed("preset", lambda fresh: fresh.stream)
     yield preset
@@ -234,13 +259,6 @@ def _aim(subject: Subject, n_layers: int = 1) -> TargetEncoder:
     return TargetEncoder(subject.best, subject.settings, subject.views, layers=n_layers)
 
 
-def _aim_of_default(subject: Subject) -> TargetEncoder:
-    """One layer, weighed as `encode_scene` weighs by default."""
-    every = -(-len(subject.views.cameras) // EFFORTS["default"].n_views)
-    views = replace(subject.views, cameras=subject.views.cameras[::every])
-    return replace(_aim(subject), views=views, seen=SEEN)
-
-
 @dataclass(frozen=True, eq=False)
 class _OneLayer:
     """Rate and distortion of streams of one layer.
@@ -254,14 +272,13 @@ class _OneLayer:
     worth: F64
 
     @staticmethod
-    def of(subject: Subject, streams: Sequence[_Stream], aim: TargetEncoder) -> _OneLayer:
-        """Of streams at falling prices, until one is larger than all of `streams`."""
+    def of(subject: Subject, most: int, aim: TargetEncoder) -> _OneLayer:
+        """Of streams at falling prices, until one is larger than `most` bytes."""
         degree = subject.best.shown_degree
-        most = max(len(stream.data) for stream in streams)
         points: list[tuple[int, float]] = []
         for data in aim.at_prices(_prices()):
             points.append((len(data), subject.views.psnr(decode(data).leaves(sh_degree=degree))))
-            if len(data) > most:
+            if len(data) > most or points[-1][1] > MOST_PSNR:
                 break
         kept: list[tuple[int, float]] = []
         for point in sorted(points):

@@ -130,7 +130,7 @@ def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement
         title = "Quality against bytes, at 20 cuts"
         yield "prefix", title, partial(prefixes, rivals((*shipped, *of), args.runs))
     if {"prefix", "loss"} & set(args.only):
-        losses = Losses(lambda: (*shipped, scene_without_bands(), *of))
+        losses = Losses(lambda: (*shipped, scene_without_bands(), *of), folder)
         yield "loss", "What prefixes lose, over 24 views", losses.table
         yield "loss-curves", "Prefixes and dedicated streams, at 20 cuts", losses.curves
     if "first" in args.only:

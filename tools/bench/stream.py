@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-import gsply
 import numpy as np
 import numpy.typing as npt
 
@@ -20,10 +19,9 @@ from evogs_codec.cli.viewer.scenes import OneFile
 from evogs_codec.cli.viewer.server import Server
 from evogs_codec.format.directory import Directory
 from evogs_codec.render.views import Views
+from tools.bench.fetched import Fetched, sog_files, spz_file
 from tools.bench.page import Rows
-from tools.bench.peers import from_gsply, with_fewer_sh_bits, write_spz
 from tools.bench.prefix import by_level
-from tools.bench.streamed_sog import SogStream, stream_levels
 from tools.bench.subjects import Subject
 from tools.bench.traces import FIRST, TRACES, Arrival, ByteRange, Trace, replay
 
@@ -37,7 +35,6 @@ PLACES = 40  # of a stream, at which its picture is judged
 GOOD = 30.0  # dB
 MOST_OF = 0.9  # of the final PSNR
 STALL = 0.5  # s
-SOG_CHUNK = 512 * 1024  # splats of a set, the default of splat-transform
 SECONDS = (0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.7, 1, 1.5, 2, 3, 4, 5, 7, 10, 15, 20, 30)
 
 
@@ -99,32 +96,11 @@ class Streams:
 
 
 @dataclass(frozen=True, eq=False)
-class _File:
-    """What is fetched.
-
-    Attributes:
-        name: in tables.
-        path: of the file.
-        first: bytes of the first request.
-        places: (n,) numbers of bytes, rising, after which there is a better picture.
-        decibels: (n,) of these pictures.
-        requests: bytes of each request, if the client does not choose them.
-    """
-
-    name: str
-    path: Path
-    first: int
-    places: I64
-    decibels: F64
-    requests: tuple[int, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
 class _Run:
     """A file over a connection."""
 
     scene: str
-    file: _File
+    file: Fetched
     arrival: Arrival
 
     @cached_property
@@ -177,7 +153,7 @@ def _runs(subject: Subject, folder: Path) -> Iterator[_Run]:
                 yield run
 
 
-def _replayed(trace: Trace, file: _File, fetch: Callable[[ByteRange], bytes]) -> Arrival:
+def _replayed(trace: Trace, file: Fetched, fetch: Callable[[ByteRange], bytes]) -> Arrival:
     data = file.path.read_bytes()
     came = 0
 
@@ -218,7 +194,7 @@ def _server(path: Path) -> Iterator[Callable[[ByteRange], bytes]]:
 # --- what is fetched ------------------------------------------------------------------------------
 
 
-def _files(subject: Subject, views: Views, folder: Path) -> Iterator[_File]:
+def _files(subject: Subject, views: Views, folder: Path) -> Iterator[Fetched]:
     data = encode_scene(subject.views.scene, up=subject.up)
     directory = read_directory(data)
     known: dict[tuple[bytes, int], float] = {}
@@ -229,39 +205,9 @@ def _files(subject: Subject, views: Views, folder: Path) -> Iterator[_File]:
         path = folder / f"stream-{subject.name}-{name}"
         path.write_bytes(_in_order(data, directory, order))
         places, decibels = _pictures(data, directory, order, views, known)
-        yield _File(name, path, FIRST, places, decibels)
-    splats = subject.views.scene
-    spz = write_spz(with_fewer_sh_bits(splats), folder / f"stream-{subject.name}.spz")
-    size = spz.stat().st_size
-    worth = views.psnr(from_gsply(gsply.read_spz(spz), splats))
-    yield _File("SPZ 4", spz, size, np.array([size]), np.array([worth]))
-    yield from _sog_files(subject, views, folder)
-
-
-def _sog_files(subject: Subject, views: Views, folder: Path) -> Iterator[_File]:
-    """A streamed SOG as two clients fetch it."""
-    name = f"stream-{subject.name}-sog"
-    levels = stream_levels(subject.views.scene)
-    stream = SogStream.of(levels, SOG_CHUNK, folder / name)
-    every = range(len(stream.sets))
-    ends = [i for i in every if stream.sets[i].level in (0, len(levels) - 1)]
-    known: dict[tuple[int, ...], float] = {}
-    for policy, order in (("every level", every), ("coarsest, finest", ends)):
-        requests = [len(stream.manifest), *(len(stream.sets[i].data) for i in order)]
-        path = folder / f"{name}-{len(order)}.bin"
-        path.write_bytes(b"".join([stream.manifest, *(stream.sets[i].data for i in order)]))
-        decibels = []
-        coarsest = sum(stream.sets[i].level == 0 for i in order)
-        for n in range(coarsest, len(order) + 1):
-            there = tuple(order[:n])
-            if there not in known:
-                known[there] = views.psnr(stream.shown(there))
-            decibels.append(known[there])
-        places = np.cumsum(requests)[coarsest:]
-        first = requests[0]
-        yield _File(
-            f"streamed SOG, {policy}", path, first, places, np.array(decibels), tuple(requests)
-        )
+        yield Fetched(name, path, FIRST, places, decibels)
+    yield spz_file(subject, views, folder)
+    yield from sog_files(subject, views, folder)
 
 
 def _in_order(data: bytes, directory: Directory, order: I64) -> bytes:

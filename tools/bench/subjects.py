@@ -24,7 +24,14 @@ from evogs_codec import (
 )
 from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
 from evogs_codec.lifting.lift import N_LEVELS, Lifted
-from evogs_codec.render import Camera, camera_rings, cameras_around, psnr, render
+from evogs_codec.render import (
+    Camera,
+    camera_rings,
+    cameras_around,
+    psnr,
+    render,
+    weighing_cameras,
+)
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.views import Views
 from tools.bench.photographs import held_out
@@ -103,7 +110,7 @@ class Subject:
     @staticmethod
     def of_scene(name: str, splats: SplatParams, up: str) -> Subject:
         """A scene, lifted; judged by pictures of itself."""
-        views = Views(splats, cameras_around(splats, up, SIZE), others=camera_rings(splats, up, 2))
+        views = _views_of(splats, up)
         lifted = lift_with_order(splats, N_LEVELS)
         subject = Subject.of_tree(name, lifted.tree, PRESETS["scene"], views)
         return replace(subject, up=up, lifted=lifted)
@@ -124,12 +131,20 @@ def subjects(args: argparse.Namespace) -> Iterator[Subject]:
     if args.tree:
         tree, name = read_tree(args.tree), args.tree.name.split(".")[0]
         leaves = tree.leaves()
-        views = Views(
-            leaves, cameras_around(leaves, "z", SIZE), others=camera_rings(leaves, "z", 2)
-        )
+        views = _views_of(leaves, "z")
         subject = Subject.of_tree(name, tree, PRESETS["trained"], views)
         if args.photos:
             shots = [photograph.at(SIZE) for photograph in held_out(args.photos)]
             gauge = Gauge([camera for camera, _ in shots], [target for _, target in shots], 1.0)
             subject = replace(subject, gauge=gauge)
         yield subject
+
+
+def _views_of(splats: SplatParams, up: str) -> Views:
+    """Those by which `evogs encode` aims."""
+    return Views(
+        splats,
+        cameras_around(splats, up, SIZE),
+        others=camera_rings(splats, up, 2),
+        weighing=weighing_cameras(splats, up),
+    )
