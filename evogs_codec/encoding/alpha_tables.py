@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.encoding.settings import Settings
 from evogs_codec.model.arithmetic import AlphaTable
-from evogs_codec.model.channels import GROUP_CHANNELS
+from evogs_codec.model.channels import GROUP_CHANNELS, N_GROUPS
 from evogs_codec.model.coded_tree import CodedStep, CodedTree
 from evogs_codec.model.splats import F64, U8
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
@@ -29,6 +30,8 @@ __all__ = [
     "tables_of",
     "weighted_alphas",
 ]
+
+Bools: TypeAlias = npt.NDArray[np.bool_]
 
 FEW_ALPHAS = 64  # of which each has an entry, if there are shifts that hold them
 FEW_ALPHA_BITS = 9  # K of a table that has an entry for every alpha of the tree
@@ -199,7 +202,12 @@ def only_used(tree: CodedTree) -> CodedTree:
     An entry that no split needs takes two bytes, and may make all indices wider. A split whose psi
     of a group are 0 needs none, and has the most frequent one of its step.
     """
-    steps = [step for tile in tree.tiles for step in tile.steps]
+    moves = [[_moves(step) for step in tile.steps] for tile in tree.tiles]
+    steps = [
+        (step, own)
+        for tile, of_tile in zip(tree.tiles, moves, strict=True)
+        for step, own in zip(tile.steps, of_tile, strict=True)
+    ]
     needed = {place: _needed(steps, place) for place in tree.alpha}
     tables = {
         place: AlphaTable(
@@ -209,34 +217,46 @@ def only_used(tree: CodedTree) -> CodedTree:
     }
     tables = {k: t for k, t in tables.items() if t.values.tolist() not in ([], [1.0])}
     tiles = [
-        replace(tile, steps=tuple(_with_indices(step, needed) for step in tile.steps))
-        for tile in tree.tiles
+        replace(
+            tile,
+            steps=tuple(
+                _with_indices(step, own, needed)
+                for step, own in zip(tile.steps, of_tile, strict=True)
+            ),
+        )
+        for tile, of_tile in zip(tree.tiles, moves, strict=True)
     ]
     return replace(tree, alpha=tables, tiles=tuple(tiles))
 
 
-def _needed(steps: Sequence[CodedStep], place: tuple[int, int]) -> list[int]:
-    """The entries of a table that splits need."""
+def _needed(steps: Sequence[tuple[CodedStep, Bools]], place: tuple[int, int]) -> list[int]:
+    """The entries of a table that splits need, of steps with their `_moves`."""
     level, group = place
-    of_level = [step for step in steps if step.level == level]
-    rows = [step.alpha[group][_moves(step, group)] for step in of_level]
-    return sorted(set(np.concatenate([np.empty(0, np.uint8), *rows]).tolist()))
+    rows = [step.alpha[group][moves[group]] for step, moves in steps if step.level == level]
+    counts = np.bincount(np.concatenate([np.empty(0, np.uint8), *rows]))
+    found: list[int] = np.flatnonzero(counts).tolist()
+    return found
 
 
-def _with_indices(step: CodedStep, needed: Mapping[tuple[int, int], list[int]]) -> CodedStep:
+def _with_indices(
+    step: CodedStep, moves: Bools, needed: Mapping[tuple[int, int], list[int]]
+) -> CodedStep:
     """The step with the places that its entries have in tables of those that are needed."""
     alpha = step.alpha.copy()
     for group, row in enumerate(alpha):
-        kept, moves = needed.get((step.level, group), []), _moves(step, group)
+        kept = needed.get((step.level, group), [])
         places = np.zeros(N_INDICES, np.uint8)
         places[kept] = np.arange(len(kept))
-        frequent = np.bincount(places[row[moves]], minlength=1).argmax()
-        row[:] = np.where(moves, places[row], frequent)
+        frequent = np.bincount(places[row[moves[group]]], minlength=1).argmax()
+        row[:] = np.where(moves[group], places[row], frequent)
     return replace(step, alpha=alpha)
 
 
-def _moves(step: CodedStep, group: int) -> npt.NDArray[np.bool_]:
-    """(S,) splits that have a psi of a group other than 0."""
+def _moves(step: CodedStep) -> Bools:
+    """(5, S) splits that have a psi of a group other than 0."""
+    n_splits = step.alpha.shape[1]
+    if not n_splits:
+        return np.zeros((N_GROUPS, 0), bool)
     is_split = step.kinds[step.kinds != Kind.DROP] == Kind.SPLIT
-    moves: npt.NDArray[np.bool_] = np.any(step.psi[GROUP_CHANNELS[group]][:, is_split], axis=0)
-    return moves
+    psi = step.psi if is_split.all() else step.psi[:, is_split]
+    return np.array([np.any(psi[part], axis=0) for part in GROUP_CHANNELS])

@@ -80,7 +80,7 @@ class MeasuredGains:
             pictures: of its leaves.
             shown: PSNR of nothing, and of each level but the last, where it is known.
         """
-        leaves = tree.leaves()
+        leaves = tree.shared_leaves()
         if shown is None:
             coarse = islice(tree.levels(), max(tree.n_levels - 1, 0))
             shown = [pictures.psnr(cut) for cut in (nothing_of(leaves), *coarse)]
@@ -138,7 +138,7 @@ def _early_sh(tree: EvolutionTree) -> Iterator[F32]:
     Bands from 1 on are those of their ancestors of the level, 0 where there are none yet.
     """
     born_from, live = tree.lineage()
-    leaves, sh = np.flatnonzero(live), tree.leaves().sh
+    leaves, sh = np.flatnonzero(live), tree.shared_leaves().sh
     states, state = tree.states(), None
     for level in range(tree.n_levels - 1):
         n_steps = sum(step.level == level for step in tree.steps)

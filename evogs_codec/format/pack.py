@@ -40,6 +40,8 @@ from evogs_codec.model.tree import Kind
 
 __all__ = ["decorrelate", "pack", "pack_entries", "pack_picks"]
 
+_FRAME_ENTRY = layout.dtype_of(layout.FRAME_ENTRY)
+
 Coded: TypeAlias = tuple[Coding, npt.NDArray[np.integer]]
 
 
@@ -206,7 +208,7 @@ def _pad(flags: int, parts: Sequence[Coded], counts: Counts) -> bytes:
 
 def _assemble(flags: int, codings: bytes, parts: Sequence[tuple[int, bytes]]) -> bytes:
     head = layout.build(layout.PACKET_HEADER, flags=flags, n_frames=len(parts))
-    entries = b"".join(
-        layout.build(layout.FRAME_ENTRY, n_planes=n, size=len(frame)) for n, frame in parts
-    )
-    return head + codings + entries + b"".join(frame for _, frame in parts)
+    entries = np.zeros(len(parts), _FRAME_ENTRY)
+    entries["n_planes"] = [n for n, _ in parts]
+    entries["size"] = [len(frame) for _, frame in parts]
+    return head + codings + entries.tobytes() + b"".join(frame for _, frame in parts)

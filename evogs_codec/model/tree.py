@@ -279,8 +279,6 @@ class EvolutionTree:
     def leaves(self, level: int | None = None) -> SplatParams:
         """Splats a renderer draws at `level` (the last one by default), in slot order.
 
-        Those of the last level are the same object as long as somebody has it: do not change it.
-
         Raises:
             ValueError: the tree has no such level.
         """
@@ -288,15 +286,17 @@ class EvolutionTree:
         level = last if level is None else level
         if not 0 <= level <= last:
             raise ValueError(f"level {level} is not one of 0..{last}")
-        known = _leaves.get(self) if level == last else None
-        found = known() if known else None
-        if found is not None:
-            return found
         n_steps = sum(step.level <= level for step in self.steps)
         if not n_steps:
             return SplatParams.from_channels(np.zeros((n_channels(self.shown_degree), 0)))
-        found = next(islice(self.states(), n_steps - 1, None)).splats()
-        if level == last:
+        return next(islice(self.states(), n_steps - 1, None)).splats()
+
+    def shared_leaves(self) -> SplatParams:
+        """`leaves` of the last level, one object as long as somebody has it: not to be changed."""
+        known = _leaves.get(self)
+        found = known() if known else None
+        if found is None:
+            found = self.leaves()
             _leaves[self] = ref(found)
         return found
 
@@ -317,7 +317,7 @@ class EvolutionTree:
         return EvolutionTree(splats.sh_degree, (Step.of_adds(0, splats.channels()),))
 
 
-# Of trees, those of their last levels that somebody still has: many ask for them.
+# Of trees, the `shared_leaves` that somebody still has.
 _leaves: WeakKeyDictionary[EvolutionTree, ref[SplatParams]] = WeakKeyDictionary()
 
 

@@ -29,7 +29,6 @@ Picture: TypeAlias = npt.NDArray[np.float32]
 MOST = 150.0  # dB of a view: of one without any error, for a mean that is a number
 DRAWN = 12  # views that the sensitivity is estimated from
 COMPARED = 6  # of these, at most, compared with the scene
-COARSE = 0.6  # of the splats of the scene: a level of no more is as well seen in these
 HELD_OUT = 5  # every 5th of the cameras given judges what descends on the others
 
 
@@ -145,12 +144,12 @@ class Views:
     def sensitivity_and_psnr(self, splats: SplatParams) -> tuple[F32, float]:
         """`sensitivity`, and the PSNR of every other of the pictures that are drawn for it, dB.
 
-        Of a coarse level, with at most `COARSE` of the splats of the scene, only those are drawn:
+        Of a coarse level, with at most a quarter of the splats of the scene, only those are drawn:
         each splat is in more pixels.
         """
         drawn = self._weighing
         few = drawn.fewer(COMPARED)
-        is_coarse = len(splats) <= COARSE * len(self.scene)
+        is_coarse = 4 * len(splats) <= len(self.scene)
         found, images = self._sensitivity(splats, (few if is_coarse else drawn).cameras)
         return found, few._psnr(images.__getitem__)
 

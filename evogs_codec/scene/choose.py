@@ -153,7 +153,7 @@ def best_stream(
     if request.errors:
         return _best(_made_plainly(whole, trees, lambda aim: aim.within(request.errors)))
     if request.is_plain and not request.has_preset and tree.n_leaves and _draws(request):
-        views = request.weighing_views(tree.leaves())
+        views = request.weighing_views(tree.shared_leaves())
         ordering = None if views is None else views.fewer(request.effort.n_band_views)
         aim = replace(whole, views=views, ordering=ordering, layers=_layers(tree, request))
         aim = replace(aim, by_leaves=request.effort.by_leaves)
@@ -163,7 +163,7 @@ def best_stream(
         aims = _that_pay(_each(aim, trees), price, is_sure=not request.effort.looks)
         return _at_price(aims, price)
     if request.is_plain:
-        views = request.views(tree.leaves(), ORDERING_VIEWS) if tree.n_leaves else None
+        views = request.views(tree.shared_leaves(), ORDERING_VIEWS) if tree.n_leaves else None
 
         def plainly(aim: TargetEncoder) -> bytes:
             return encode(
@@ -178,7 +178,7 @@ def best_stream(
         return _best(_made_plainly(whole, trees, plainly))
     if not tree.n_leaves:
         raise InputError("a scene without splats has nothing to aim at")
-    views = request.views(tree.leaves(), descent=request.polish > 0)
+    views = request.views(tree.shared_leaves(), descent=request.polish > 0)
     layers = request.layers or (1 if views is None else _layers(tree, request))
     if views is None and (request.polish or layers > 1 or request.target_psnr is not None):
         by_bytes = "polishing needs" if request.polish else "several layers need"
@@ -348,7 +348,7 @@ def _best(
 
 def at_tree_psnr(tree: EvolutionTree, request: Request) -> FoundStream | None:
     """At `TREE_PSNR`; None if nothing can be rendered, or if views show too little of the tree."""
-    views = request.views(tree.leaves())
+    views = request.views(tree.shared_leaves())
     instead = f"encoded with the preset {TREE_PRESET} instead"
     if views is None:
         warnings.warn(f"{request.why_no_views}; {instead}", stacklevel=3)

@@ -248,7 +248,7 @@ def encode_tree_with_order(tree: EvolutionTree, **options: Unpack[TreeOptions]) 
         options: as of `encode_tree`, which says what is raised.
     """
     expect_tree(tree)
-    request = Request.of(TREE_PRESET, options).looking_at(tree.leaves())
+    request = Request.of(TREE_PRESET, options).looking_at(tree.shared_leaves())
     found = None
     if options.get("preset") is None and request.is_plain:
         if tree.quanta:

@@ -42,7 +42,7 @@ class Gauge:
         from evogs_codec.render import Views
         from evogs_codec.render.framing import options_for
 
-        scene = tree.leaves()
+        scene = tree.shared_leaves()
         cameras, said = _cameras(scene, request)
         more, _ = _cameras(scene, request, 2 * N_VIEWS, 0)
         views = Views(scene, cameras, options=options_for(scene))
@@ -55,7 +55,7 @@ def with_room(info: SceneInfo, tree: EvolutionTree, n_levels: int, request: Requ
     """The metadata with as many bytes for the PSNR of the levels as `steady` takes."""
     if not _measures(request):
         return info
-    value = str(LevelPsnr((0.0,) * n_levels, _cameras(tree.leaves(), request)[1]))
+    value = str(LevelPsnr((0.0,) * n_levels, _cameras(tree.shared_leaves(), request)[1]))
     return replace(info, text={**info.text, KEY: value})
 
 

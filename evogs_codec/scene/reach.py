@@ -92,7 +92,7 @@ def _psnr_among_all(
         data: a stream of the part.
         request: of views.
     """
-    scene, (_, live) = tree.leaves(), tree.lineage()
+    scene, (_, live) = tree.shared_leaves(), tree.lineage()
     views = request.views(scene, N_VIEWS)
     assert views is not None, "there are views"
     mixed = scene.channels().copy()

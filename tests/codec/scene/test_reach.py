@@ -7,6 +7,7 @@ import pytest
 pytest.importorskip("numba", reason="the rasterizer is compiled")
 
 from evogs_codec import TargetMissedError, decode, encode_scene, encode_tree, lift
+from evogs_codec.encoding import arrange as arranging
 from evogs_codec.encoding import prepared
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
@@ -32,11 +33,10 @@ def _many(monkeypatch):
 )
 def test_a_target_far_out_of_reach_is_refused_by_a_few_splats(monkeypatch, target, said):
     sizes = []
-    arranging = prepared.arrange
 
     def arrange(tree, n_tiles):
         sizes.append(tree.n_leaves)
-        return arranging(tree, n_tiles)
+        return arranging.arrange(tree, n_tiles)
 
     monkeypatch.setattr(prepared, "arrange", arrange)
     with pytest.raises(TargetMissedError, match=f"{said} [\\d,]+ to [\\d,]+ (dB|bytes) can be"):
