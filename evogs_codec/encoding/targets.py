@@ -85,8 +85,10 @@ class TargetEncoder(Aim):
         """
         return self.nearest_psnr(decibels).what
 
-    def nearest_psnr(self, decibels: float, near: float | None = None) -> Found[bytes]:
-        """`at_psnr`, and the price of a bit; looked for from `near` on."""
+    def nearest_psnr(
+        self, decibels: float, near: float | None = None, missed_by: float = MISSED_BY
+    ) -> Found[bytes]:
+        """`at_psnr`, within `missed_by` dB, and the price of a bit; looked for from `near` on."""
         coder = self.prepared
         tries = max(MOST_TRIES, min(MORE_TRIES, TRIED // max(self.tree.n_leaves, 1)))
 
@@ -113,7 +115,7 @@ class TargetEncoder(Aim):
 
         first = near or FIRST_PRICE
         plain = search(coder.coded, decibels, first, PSNR_SLACK, tries)
-        room = MISSED_BY + (2 * POLISH_GAIN if coder.polishes else 0)
+        room = missed_by + (2 * POLISH_GAIN if coder.polishes else 0)
         if plain.is_end and abs(plain.value - decibels) > room:
             other = PRICES[plain.at == PRICES[0]]
             ends = sorted([plain.value, measure(coder.coded(other))[0]])
@@ -127,7 +129,7 @@ class TargetEncoder(Aim):
         if coder.polishes:
             below = search(coder.coded, decibels - POLISH_GAIN, first, POLISH_GAIN / 4)
             found.append(search(coder.polished, decibels, below.at, PSNR_SLACK))
-        met = [one for one in found if abs(one.value - decibels) <= MISSED_BY]
+        met = [one for one in found if abs(one.value - decibels) <= missed_by]
         if not met:
             said = f"{decibels:g} dB cannot be met: {plain.value:.2f} dB is nearest"
             raise TargetMissedError(said, abs(plain.value - decibels))

@@ -35,6 +35,7 @@ SURE, SURE_OF_PICKS = 1.05, 2.0
 # The stream of an aim, at its price of a bit: looked for from another one on, if there is one.
 Make: TypeAlias = Callable[[TargetEncoder, "float | None"], Found[bytes]]
 MANY = 8_000  # splats, of which a sketch guesses a price of a bit; of fewer each try is quick
+ABOUT = 1.0  # dB from `TREE_PSNR`, at most: of a splat or two a price of a bit moves a PSNR so far
 SEEN = 0.9  # of the worth of a number, where no view stands below or far above
 
 
@@ -347,11 +348,10 @@ def _best(
 
 
 def at_tree_psnr(tree: EvolutionTree, request: Request) -> FoundStream | None:
-    """At `TREE_PSNR`; None if nothing can be rendered, or if views show too little of the tree."""
-    views = request.views(tree.shared_leaves())
-    instead = f"encoded with the preset {TREE_PRESET} instead"
+    """At `TREE_PSNR`; None, with a warning, if nothing can be rendered."""
+    views = request.views(tree.leaves())
     if views is None:
-        warnings.warn(f"{request.why_no_views}; {instead}", stacklevel=3)
+        warn_of_preset(request.why_no_views)
         return None
     aim = TargetEncoder(
         tree,
@@ -364,14 +364,14 @@ def at_tree_psnr(tree: EvolutionTree, request: Request) -> FoundStream | None:
     )
 
     def make(one: TargetEncoder, near: float | None) -> Found[bytes]:
-        return one.nearest_psnr(TREE_PSNR, near)
+        return one.nearest_psnr(TREE_PSNR, near, ABOUT)
 
-    try:
-        if tree.n_leaves < MANY:
-            return replace(FoundStream.of(aim, make).made(), psnr=TREE_PSNR)
-        guess = aim.guess_of_psnr(TREE_PSNR, SCENE_PRICE / tree.n_leaves)
-        found = FoundStream.of(aim.guessing(guess), make, guess.price)
-        return replace(found, psnr=TREE_PSNR)
-    except InputError as error:  # of a few splats, or none that is seen
-        warnings.warn(f"{error}; {instead}", stacklevel=3)
-        return None
+    if tree.n_leaves < MANY:
+        return replace(FoundStream.of(aim, make).made(), psnr=TREE_PSNR)
+    guess = aim.guess_of_psnr(TREE_PSNR, SCENE_PRICE / tree.n_leaves)
+    return replace(FoundStream.of(aim.guessing(guess), make, guess.price), psnr=TREE_PSNR)
+
+
+def warn_of_preset(why: object) -> None:
+    """Say why a tree is encoded with `TREE_PRESET`."""
+    warnings.warn(f"{why}; encoded with the preset {TREE_PRESET} instead", stacklevel=4)

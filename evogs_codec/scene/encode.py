@@ -17,6 +17,7 @@ from evogs_codec.encoding.arrange import leaf_order
 from evogs_codec.encoding.encode import expect_tree
 from evogs_codec.encoding.grids import expect_near
 from evogs_codec.encoding.settings import SCENE_PRESET, TREE_PRESET, Settings
+from evogs_codec.errors import InputError
 from evogs_codec.io.finite import bounded_opacities
 from evogs_codec.lifting.lift import N_LEVELS, Lifted, largest_leaf_errors, lift_with_order
 from evogs_codec.lifting.shared_sh import with_palette
@@ -24,7 +25,7 @@ from evogs_codec.model.channels import GROUPS
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree
-from evogs_codec.scene.choose import at_tree_psnr, best_stream
+from evogs_codec.scene.choose import FoundStream, at_tree_psnr, best_stream, warn_of_preset
 from evogs_codec.scene.request import MaxError, Request, SceneOptions, TreeOptions
 from evogs_codec.scene.steady import steady
 
@@ -255,12 +256,22 @@ def encode_tree_with_order(tree: EvolutionTree, **options: Unpack[TreeOptions]) 
             own = Settings.of_quanta(tree.quanta)
             request = replace(request, settings=replace(own, effort=request.settings.effort))
         elif tree.n_leaves:
-            found = at_tree_psnr(tree, request)
+            found = _at_tree_psnr(tree, request)
     if found is None:
-        found = best_stream([tree], replace(request, has_preset=True), (0.0,) * len(GROUPS))
-    found = steady(found, request)
+        plain = best_stream([tree], replace(request, has_preset=True), (0.0,) * len(GROUPS))
+        found = steady(plain, request)
     n = np.arange(tree.n_leaves)
     return EncodedScene(found.data, found.tree, request.n_tiles, n, found.orders)
+
+
+def _at_tree_psnr(tree: EvolutionTree, request: Request) -> FoundStream | None:
+    """Steady; None, with a warning, if views show nothing of the tree, or too little."""
+    try:
+        found = at_tree_psnr(tree, request)
+        return None if found is None else steady(found, request)
+    except InputError as error:  # of a few splats, or none that is seen
+        warn_of_preset(error)
+        return None
 
 
 def _expect_splats(splats: object) -> None:
