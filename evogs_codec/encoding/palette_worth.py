@@ -9,6 +9,7 @@ Letters: C SH channels above band 0, K classes (spec 3.2), N leaves, P numbers o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -20,8 +21,9 @@ from evogs_codec.model.channels import N_CORE, N_GROUPS, channel_class
 from evogs_codec.model.splats import F32, I64
 from evogs_codec.model.tree import EvolutionTree, Kind
 
-__all__ = ["bits_of_palette", "bits_of_psi"]
+__all__ = ["bits_of_entries", "bits_of_palette", "bits_of_picks", "bits_of_psi", "is_smaller"]
 
+MORE_OF_PICKS = 2.0  # times the bits of picks at most: neighbours have the same
 SAMPLE = 1 << 14  # numbers of a level and channel that are quantised
 
 
@@ -53,14 +55,32 @@ def bits_of_palette(tree: EvolutionTree, importance: Importance, price: float) -
     palette = tree.palette
     assert palette is not None, "the tree has a palette"
     assert importance.entries is not None, "so has its importance"
-    q, errors = _quantised(palette.entries, importance.entries, price)
-    # Entries that have become equal are stored once, and picked as one.
+    bits, number = bits_of_entries(palette.entries, importance.entries, price)
+    return bits + bits_of_picks(tree, number)
+
+
+def bits_of_entries(entries: F32, weights: F32, price: float) -> tuple[float, I64]:
+    """Bits of entries (C, n) of these weights (degree, n), and the number of each pick (1 + n,).
+
+    Entries that have become equal are stored once, and picked as one.
+    """
+    q, errors = _quantised(entries, weights, price)
     factors = np.random.default_rng(0).integers(1 << 62, size=len(q)) * 2 + 1
     keys = np.append(0, factors @ q)
     _, first, number = np.unique(keys, return_index=True, return_inverse=True)
     kept = q[:, first[first > 0] - 1]
+    return errors + _entropy(kept), number
+
+
+def bits_of_picks(tree: EvolutionTree, number: I64) -> float:
+    """Bits of the picks of a tree, each by this number."""
     picks = np.concatenate([np.concatenate([s.picks, s.changed_picks]) for s in tree.steps])
-    return errors + _entropy(kept) + entropy(number[picks])
+    return entropy(number[picks])
+
+
+def is_smaller(bits: float, instead: float) -> bool:
+    """Whether a palette of so many bits by an estimate is better than psi of so many, likely."""
+    return bits < math.sqrt(MORE_OF_PICKS) * instead
 
 
 def _by_level(tree: EvolutionTree) -> Iterator[tuple[int, F32]]:

@@ -11,21 +11,25 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from evogs_codec.encoding.alpha_tables import tables_of
 from evogs_codec.encoding.grids import Grid, NotRepresentableError, grid_exponents
 from evogs_codec.encoding.ranges import Ranges
+from evogs_codec.encoding.sensitivity import steps_of_entries
 from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, Settings, StepTable
 from evogs_codec.io.files import write_atomic
 from evogs_codec.jobs.partition import Partition
+from evogs_codec.lifting.shared_sh import centres_of
 from evogs_codec.model.arithmetic import AlphaTable, Quantiser
-from evogs_codec.model.channels import GROUPS
+from evogs_codec.model.channels import GROUPS, N_GROUPS
+from evogs_codec.model.coded_tree import CodedTile, CodedTree
 from evogs_codec.model.scene_info import SceneInfo
-from evogs_codec.model.splats import F64, I64
+from evogs_codec.model.splats import F32, F64, I64
 
-__all__ = ["Plan", "Survey", "surveyed"]
+__all__ = ["Plan", "Sharing", "Survey", "surveyed", "worth_of_entries"]
 
 SURVEYED, OF_FEW = 8, 4  # tiles at most; of few, one in so many
 ROOM = 2.0  # times the largest number of a splat: parents and errors of coarse levels
@@ -40,19 +44,27 @@ class Survey:
     Attributes:
         steps: (1 + L, K) of adds, then of psi per level, scene units.
         alphas: per (level, group), (n,) alphas and (n,) what they weigh.
+        sharing: of a tile with a palette.
     """
 
     steps: F64
     alphas: Mapping[tuple[int, int], tuple[F64, F64]]
+    sharing: Sharing | None = None
 
     def write(self, path: Path) -> None:
         """To a file that `read` reads."""
-        arrays = {
+        arrays: dict[str, Any] = {
             f"{name}_{level}_{group}": row
             for (level, group), found in self.alphas.items()
             for name, row in zip(("alpha", "weight"), found, strict=True)
         }
         arrays["steps"] = self.steps
+        if self.sharing is not None:
+            arrays |= {
+                "coarse": self.sharing.coarse,
+                "worth": self.sharing.worth,
+                "bits": np.array([self.sharing.bits_of_picks, self.sharing.bits_of_psi]),
+            }
         write_atomic(path, lambda file: np.savez(file, allow_pickle=False, **arrays))
 
     @staticmethod
@@ -65,7 +77,26 @@ class Survey:
             alphas = {
                 (a, b): (found[f"alpha_{a}_{b}"], found[f"weight_{a}_{b}"]) for a, b in places
             }
-            return Survey(found["steps"], alphas)
+            if "coarse" not in found:
+                return Survey(found["steps"], alphas)
+            sharing = Sharing(found["coarse"], found["worth"], *found["bits"].tolist())
+            return Survey(found["steps"], alphas, sharing)
+
+
+@dataclass(frozen=True, eq=False)
+class Sharing:
+    """What a tile with a palette tells of it.
+
+    Attributes:
+        coarse: (C, n) SH above band 0 of some of its coarse splats.
+        worth: (degree,) of all numbers of entries in a band, in prices of a bit.
+        bits_of_picks, bits_of_psi: an estimate; one or the other is stored.
+    """
+
+    coarse: F32
+    worth: F64
+    bits_of_picks: float
+    bits_of_psi: float
 
 
 @dataclass(frozen=True)
@@ -80,6 +111,7 @@ class Plan:
         quantisers: nearest to the steps.
         alpha: tables per (level, group).
         settings: how tiles are quantised.
+        coarse: (C, n) entries for coarse splats of a palette; None without one.
     """
 
     sh_degree: int
@@ -90,6 +122,7 @@ class Plan:
     quantisers: tuple[tuple[Quantiser, ...], ...]
     alpha: dict[tuple[int, int], AlphaTable]
     settings: Settings
+    coarse: F32 | None = None
 
     @staticmethod
     def of(partition: Partition, surveys: Sequence[Survey], n_coarse: int, info: SceneInfo) -> Plan:
@@ -101,6 +134,11 @@ class Plan:
         steps = _shared_steps(np.stack([survey.steps for survey in surveys]), n_coarse)
         finest = min(partition.size(tile) for tile in range(len(partition.counts)))
         steps[-1, 0] = min(steps[-1, 0], max(OF_SIZE * finest, 1e-12))
+        sharings = [survey.sharing for survey in surveys if survey.sharing is not None]
+        if sharings:
+            worth = worth_of_entries(partition, sharings)
+            steps[:, N_GROUPS:] = steps_of_entries(worth, 1.0)
+            some = np.concatenate([sharing.coarse for sharing in sharings], axis=1)
         settings = Settings(StepTable.of(steps), n_alpha=N_ALPHA, alpha_bits=ALPHA_BITS)
         ranges = Ranges(
             extent=1.0,
@@ -119,6 +157,7 @@ class Plan:
             quantisers=(),
             alpha=tables_of(pooled, settings),
             settings=settings,
+            coarse=centres_of(some, partition.n_vectors) if sharings else None,
         )
         return plan._with_quantisers()
 
@@ -137,6 +176,8 @@ class Plan:
         """Per class, the power of two by which a tile that has these steps has coarser ones."""
         ratio = np.log2(np.maximum(steps, 1e-300) / self.steps)
         found = np.clip(np.rint(np.median(ratio, axis=0)), 0, MOST_SHIFT)
+        if self.coarse is not None:
+            found[N_GROUPS:] = 0  # of entries, which are of all tiles
         return tuple(int(shift) for shift in found)
 
     def grid(self, shifts: Sequence[int]) -> Grid:
@@ -150,8 +191,31 @@ class Plan:
         )
         return replace(plain, quantisers=quantisers)
 
+    def coded(self, grid: Grid, tiles: Sequence[CodedTile]) -> CodedTree:
+        """Tiles on a grid as a tree; entries of a palette are not known yet."""
+        entries = None
+        if self.coarse is not None:
+            entries = np.empty((len(self.coarse), 0), np.int32)
+        return CodedTree(
+            sh_degree=self.sh_degree,
+            n_levels=self.n_levels,
+            grid_exponents=grid.exponents,
+            quantisers=grid.quantisers,
+            alpha=self.alpha,
+            tiles=tuple(tiles),
+            info=self.info,
+            entries=entries,
+        )
+
+    def grid_of_entries(self, steps: F64) -> Grid:
+        """The grid of the plan with these steps (degree,) of the entries of a palette."""
+        table = self.steps.copy()
+        table[:, N_GROUPS:] = steps
+        return replace(self, steps=table)._grid()
+
     def _grid(self) -> Grid:
-        return Grid.of(self.sh_degree, self.n_levels, self.exponents, self.steps, self.settings)
+        stored = 0 if self.coarse is not None else self.sh_degree  # of the numbers of splats
+        return Grid.of(stored, self.n_levels, self.exponents, self.steps, self.settings)
 
     def _with_quantisers(self) -> Plan:
         return replace(self, quantisers=self._grid().quantisers)
@@ -164,6 +228,14 @@ def surveyed(partition: Partition) -> I64:
     some = order[partition.counts[order] > 0]
     n_surveyed = min(SURVEYED, -(-len(some) // OF_FEW))
     return np.unique(some[np.linspace(0, len(some) - 1, 1 + n_surveyed).astype(int)[:n_surveyed]])
+
+
+def worth_of_entries(partition: Partition, sharings: Sequence[Sharing]) -> F64:
+    """(degree,) the mean of all entries, in prices of a bit, from that of the surveyed tiles."""
+    counts = partition.counts[surveyed(partition)]
+    scale = partition.counts.sum() / max(counts.sum(), 1)
+    worth: F64 = scale * np.sum([sharing.worth for sharing in sharings], axis=0)
+    return worth / max(partition.n_vectors, 1)
 
 
 def _pooled(place: tuple[int, int], surveys: Sequence[Survey]) -> tuple[F64, F64]:
