@@ -15,8 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
+from evogs_codec.decoding.decode import decode_leaves
 from evogs_codec.encoding.alpha_tables import weighted_alphas
 from evogs_codec.encoding.grids import TooFineError
+from evogs_codec.encoding.late_level import can_be_late
+from evogs_codec.encoding.layers import Layered, Layering
 from evogs_codec.encoding.packet_order import gains_of_tile
 from evogs_codec.encoding.palette_worth import bits_of_picks, bits_of_psi
 from evogs_codec.encoding.prepared import Prepared
@@ -29,14 +32,15 @@ from evogs_codec.io.files import write_atomic
 from evogs_codec.io.finite import bounded_opacities
 from evogs_codec.jobs.partition import STAND_IN
 from evogs_codec.jobs.picks import Unnumbered, unnumbered_of
-from evogs_codec.jobs.plan import Plan, Sharing, Survey
+from evogs_codec.jobs.plan import Needs, Plan, Sharing, Survey
 from evogs_codec.jobs.surroundings import Neighbourhood, enlarged, price_of
 from evogs_codec.lifting.lift import Lifted, lift_with_order
 from evogs_codec.lifting.shared_sh import SharedSh, centres_of, coarse_sh, in_palette
 from evogs_codec.model.channels import GROUP_CHANNELS, N_GROUPS, channel_class, n_channels
 from evogs_codec.model.coded_tree import CodedTile, CodedTree
-from evogs_codec.model.splats import F32, F64, SplatParams
+from evogs_codec.model.splats import F32, SplatParams
 from evogs_codec.model.tree import EvolutionTree
+from evogs_codec.scene.choose import DRAFT
 from evogs_codec.scene.effort import Effort
 
 __all__ = ["TileJob", "code_tile", "sorted_rows", "survey_tile"]
@@ -91,11 +95,13 @@ def survey_tile(job: TileJob, out: str) -> None:
         tree, _ = _sharing(lifted, splats, centres_of(coarse, len(splats)))
     prepared, n_shown = _prepared(job, splats, tree)
     price = price_of(n_shown)
-    kept = {}
-    for place, (alphas, weights) in weighted_alphas(prepared.tiles).items():
-        every = max(1, len(alphas) // ALPHAS)
-        kept[place] = alphas[::every], weights[::every]
-    sharing = None
+    sharing = late = None
+    gain = np.inf
+    looks = prepared.layered is not None and Effort.of(job.effort).looks
+    if looks and can_be_late(prepared.tiles, job.n_levels):
+        layered = _layered(prepared, job, is_late=True)
+        late = _needs(prepared, layered, layered.tiles, price)
+        gain = _gain_of_last(prepared, price)
     if coarse is not None:
         importance = _importance(prepared)
         worth = _in_prices(importance, price)
@@ -105,7 +111,8 @@ def survey_tile(job: TileJob, out: str) -> None:
             bits_of_picks(tree, np.arange(1 + worth.shape[1])),
             bits_of_psi(lifted.tree, importance, price),
         )
-    Survey(_steps(prepared, price), kept, sharing).write(Path(out))
+    plain = _needs(prepared, prepared.layered, prepared.tiles, price)
+    Survey(plain, late, gain, sharing).write(Path(out))
 
 
 def code_tile(job: TileJob, plan: Plan, out: str) -> int | None:
@@ -123,8 +130,10 @@ def code_tile(job: TileJob, plan: Plan, out: str) -> int | None:
         tree, shared = _sharing(lifted, splats, plan.coarse)
     prepared, n_shown = _prepared(job, splats, tree)
     price, extent = price_of(n_shown), prepared.ranges.extent
-    own = plan.coarser(_steps(prepared, price))
     layered, importance = prepared.layered, _importance(prepared)
+    if layered is not None:
+        layered = _layered(prepared, job, is_late=plan.is_late)
+    own = plan.coarser((layered or importance).steps(price, extent))
     weights = layered.weights(price, extent) if layered else importance.raised(price, extent)
     tiles = layered.tiles if layered else prepared.tiles
     grid = plan.grid(own)
@@ -150,6 +159,36 @@ def code_tile(job: TileJob, plan: Plan, out: str) -> int | None:
     write_atomic(f"{out}.gains", gained.getvalue())
     write_atomic(out, data)
     return None
+
+
+def _layered(prepared: Prepared, job: TileJob, *, is_late: bool) -> Layered:
+    """A tile in layers; one without a last level has nothing that comes late."""
+    layering = Layering(job.n_layers, is_late=is_late)
+    return Layered(prepared.tiles, job.n_levels - is_late, _importance(prepared), layering)
+
+
+def _needs(
+    prepared: Prepared, layered: Layered | None, tiles: Sequence[EvolutionTree], price: float
+) -> Needs:
+    """What the tile would have on its own, in these layers; `tiles` has its alphas."""
+    kept = {}
+    for place, (alphas, weights) in weighted_alphas(tiles).items():
+        every = max(1, len(alphas) // ALPHAS)
+        kept[place] = alphas[::every], weights[::every]
+    source = layered or _importance(prepared)
+    return Needs(source.steps(price, prepared.ranges.extent), kept)
+
+
+def _gain_of_last(prepared: Prepared, price: float) -> float:
+    """By how many dB the last level looks better than the one before it, at coarse steps."""
+    views = prepared.aim.ordering
+    assert views is not None, "there are views"
+    data = write(prepared.coarse(price), effort=DRAFT, digests=False)
+    degree, last = prepared.aim.tree.shown_degree, prepared.n_levels - 1
+    before, after = (
+        views.psnr(decode_leaves(data, level=level, sh_degree=degree)) for level in (last - 1, last)
+    )
+    return after - before
 
 
 def _importance(prepared: Prepared) -> Importance:
@@ -254,13 +293,6 @@ def sorted_rows(path: str, sh_degree: int) -> F32:
     rows = np.fromfile(path, "<f4").reshape(-1, d)
     order = np.argsort(np.ascontiguousarray(rows).view(f"S{4 * d}")[:, 0], kind="stable")
     return rows[order].astype(np.float32)
-
-
-def _steps(prepared: Prepared, price: float) -> F64:
-    """(1 + L, K) that the tile would have on its own, in scene units."""
-    source = prepared.layered or prepared.importance
-    assert source is not None, "there are views, or what stands for them"
-    return source.steps(price, prepared.ranges.extent)
 
 
 def _on_the_grid(tile: CodedTile, shifts: tuple[int, ...]) -> CodedTile:
