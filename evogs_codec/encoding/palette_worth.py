@@ -9,7 +9,6 @@ Letters: C SH channels above band 0, K classes (spec 3.2), N leaves, P numbers o
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -21,9 +20,8 @@ from evogs_codec.model.channels import N_CORE, N_GROUPS, channel_class
 from evogs_codec.model.splats import F32, I64
 from evogs_codec.model.tree import EvolutionTree, Kind
 
-__all__ = ["bits_of_entries", "bits_of_palette", "bits_of_picks", "bits_of_psi", "is_smaller"]
+__all__ = ["bits_of_entries", "bits_of_palette", "bits_of_picks", "bits_of_psi"]
 
-MORE_OF_PICKS = 2.0  # times the bits of picks at most: neighbours have the same
 SAMPLE = 1 << 14  # numbers of a level and channel that are quantised
 
 
@@ -76,11 +74,6 @@ def bits_of_picks(tree: EvolutionTree, number: I64) -> float:
     """Bits of the picks of a tree, each by this number."""
     picks = np.concatenate([np.concatenate([s.picks, s.changed_picks]) for s in tree.steps])
     return entropy(number[picks])
-
-
-def is_smaller(bits: float, instead: float) -> bool:
-    """Whether a palette of so many bits by an estimate is better than psi of so many, likely."""
-    return bits < math.sqrt(MORE_OF_PICKS) * instead
 
 
 def _by_level(tree: EvolutionTree) -> Iterator[tuple[int, F32]]:

@@ -27,7 +27,7 @@ from evogs_codec.encoding.palette_entries import (
     first_levels,
     quantised_entries,
 )
-from evogs_codec.encoding.palette_worth import bits_of_entries, is_smaller
+from evogs_codec.encoding.palette_worth import bits_of_entries
 from evogs_codec.encoding.sensitivity import steps_of_entries
 from evogs_codec.format.pack import pack_picks
 from evogs_codec.format.packet_header import Counts
@@ -39,6 +39,7 @@ from evogs_codec.model.channels import N_CORE, N_GROUPS, channel_class
 from evogs_codec.model.coded_tree import CodedStep, CodedTile, CodedTree
 from evogs_codec.model.splats import F32, I32, I64
 from evogs_codec.model.tree import Kind, Palette, take_picks
+from evogs_codec.scene import choose
 
 __all__ = [
     "Entries",
@@ -200,7 +201,7 @@ def palette_pays(partition: Partition, surveys: Sequence[Survey]) -> bool:
     scale = partition.counts.sum() / max(partition.counts[surveyed(partition)].sum(), 1)
     picks = sum(sharing.bits_of_picks for sharing in sharings)
     psi = sum(sharing.bits_of_psi for sharing in sharings)
-    return is_smaller(bits + scale * picks, scale * psi)
+    return choose.palette_pays(bits + scale * picks, scale * psi)
 
 
 def number_picks(picks: str, entries: str, effort: int, out: str) -> None:

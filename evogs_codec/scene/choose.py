@@ -13,12 +13,7 @@ from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.late_level import can_be_late
 from evogs_codec.encoding.layers import N_LAYERS, Layering
 from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
-from evogs_codec.encoding.palette_worth import (
-    MORE_OF_PICKS,
-    bits_of_palette,
-    bits_of_psi,
-    is_smaller,
-)
+from evogs_codec.encoding.palette_worth import bits_of_palette, bits_of_psi
 from evogs_codec.encoding.search import Found
 from evogs_codec.encoding.settings import SCENE_PRESET, SCENE_PRICE, TREE_PRESET, TREE_PSNR
 from evogs_codec.encoding.targets import TargetEncoder, TargetMissedError
@@ -30,9 +25,11 @@ from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.measure import with_room
 from evogs_codec.scene.request import Request
 
-__all__ = ["FoundStream", "at_tree_psnr", "best_stream"]
+__all__ = ["FoundStream", "at_tree_psnr", "best_stream", "palette_pays"]
 
-SURE = 1.05  # so many times the bits, by an estimate, are more
+# So many times the bits, by an estimate, are more: of psi, and of picks, of which the estimate does
+# not see that neighbours have the same.
+SURE, SURE_OF_PICKS = 1.05, 2.0
 DRAFT = 1  # level of Zstandard of what is written to be looked at
 # The stream of an aim, at its price of a bit: looked for from another one on, if there is one.
 Make: TypeAlias = Callable[[TargetEncoder, "float | None"], Found[bytes]]
@@ -237,11 +234,16 @@ def _that_pay(
     instead = bits_of_psi(plain.tree, importance, price)
     if instead > SURE * bits:
         return [shared]
-    if bits > MORE_OF_PICKS * instead:
+    if bits > SURE_OF_PICKS * instead:
         return [plain]
     if is_sure:
-        return [shared if is_smaller(bits, instead) else plain]
+        return [shared if palette_pays(bits, instead) else plain]
     return aims
+
+
+def palette_pays(bits: float, instead: float) -> bool:
+    """Whether a palette of so many bits by an estimate is better than psi of so many, likely."""
+    return bits < math.sqrt(SURE_OF_PICKS) * instead
 
 
 def _at_price(aims: Sequence[TargetEncoder], price: float) -> FoundStream:
