@@ -26,6 +26,7 @@ from evogs_codec.jobs.plan import Plan, Survey, surveyed
 from evogs_codec.jobs.scratch import begin, do_missing, identity_of, partitioned
 from evogs_codec.jobs.tile_job import TileJob, code_tile, survey_tile
 from evogs_codec.jobs.up import up_of_tiles
+from evogs_codec.lifting.lift import N_LEVELS
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.scene.effort import Effort
 from evogs_codec.scene.request import NO_NUMBA, with_generator
@@ -34,8 +35,6 @@ if TYPE_CHECKING:
     from evogs_codec.render import Up
 
 __all__ = ["JobOptions", "encode_files"]
-
-LEVELS = 6  # level 0 of a tile has some thousand splats
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,7 @@ class JobOptions:
         info: metadata; None: what the first file says.
     """
 
-    levels: int = LEVELS
+    levels: int = N_LEVELS
     layers: int = N_LAYERS
     up: str | tuple[float, float, float] | None = None
     effort: str | int = "default"
