@@ -49,7 +49,7 @@ VIEWS = 12  # of a tile, by which its numbers are weighed
 ALPHAS = 4096  # of a level and group that a survey keeps
 # Prices of a bit that it costs to move a splat by its own size: few are moved by a fifth of it.
 KEEP = 20.0
-SEEN = 0.97  # of the worth of a number; stand-ins show less of what is hidden than splats do
+SEEN = 0.95  # of the worth of a number; stand-ins show less of what is hidden than splats do
 SEEN_OF_CIRCLE = 0.9  # the same, where no view stands below or far above
 
 
