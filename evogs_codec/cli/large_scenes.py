@@ -123,6 +123,7 @@ def encode_large(
         up=None if up is None else up.vector,
         effort=args.effort or JobOptions.effort,
         drop_invalid=args.drop_invalid,
+        palette="never" if args.no_palette else "auto",
         info=info,
     )
     found = encode_files(

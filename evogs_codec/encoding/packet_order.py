@@ -8,7 +8,7 @@ Letters: K steps of a tile.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +26,7 @@ __all__ = [
     "gains_of_tile",
     "leaf_shares",
     "order_of_tiles",
+    "order_with_palette",
     "packet_order",
 ]
 
@@ -38,10 +39,12 @@ class TileGains:
         n_leaves: of the tile.
         steps: (K, B) what the packet of each step and component takes off the squared error of
             pictures of the tile.
+        levels: (K,) of the steps.
     """
 
     n_leaves: int
     steps: F64
+    levels: Sequence[int]
 
 
 def packet_order(tree: CodedTree, sizes: Mapping[PacketId, int]) -> list[PacketId]:
@@ -51,23 +54,40 @@ def packet_order(tree: CodedTree, sizes: Mapping[PacketId, int]) -> list[PacketI
         tree: with the gains of its steps; without, it goes step by step.
         sizes: bytes of each packet.
     """
-    most = _most_of_picks(tree, sizes)
-    caps = [[most.get(step.level, np.inf) for step in tile.steps] for tile in tree.tiles]
-    ordered = order_of_tiles(
-        [gains_of_tile(tree, tile) for tile in tree.tiles],
-        tree.components.of_tiles,
-        sizes,
-        caps if most else None,
-    )
+    tiles = [gains_of_tile(tree, tile) for tile in tree.tiles]
+    if tree.entries is None:
+        return order_of_tiles(tiles, tree.components.of_tiles, sizes)
+    shows = _showing(tree) if tree.palette_ends else None
+    return order_with_palette(tiles, tree, sizes, shows)
+
+
+def order_with_palette(
+    tiles: Sequence[TileGains],
+    palette: CodedTree,
+    sizes: Mapping[PacketId, int],
+    shows: Collection[PacketId] | None,
+) -> list[PacketId]:
+    """The packets of tiles as `packet_order` has them, and those of the palette.
+
+    Args:
+        tiles: all of a stream.
+        palette: the tree of the stream, of which only the entries need be there.
+        sizes: bytes of each packet.
+        shows: packets of tiles after which pictures are better, if those of the palette are to come
+            earlier where they are a long wait.
+    """
+    most = _most_of_picks(tiles, palette, sizes)
+    caps = [[most.get(level, np.inf) for level in tile.levels] for tile in tiles]
+    components = palette.components.of_tiles
     order: list[PacketId] = []
-    palette = list(zip(palette_packets(tree), tree.palette_levels, strict=True))
-    for packet in ordered:
-        label = tree.tiles[packet.tile].steps[packet.step].level
-        while palette and packet.component == PICKS and palette[0][1] <= label:
-            order.append(palette.pop(0)[0])
+    waiting = list(zip(palette_packets(palette), palette.palette_levels, strict=True))
+    for packet in order_of_tiles(tiles, components, sizes, caps if most else None):
+        label = tiles[packet.tile].levels[packet.step]
+        while waiting and packet.component == PICKS and waiting[0][1] <= label:
+            order.append(waiting.pop(0)[0])
         order.append(packet)
-    order += [packet for packet, _ in palette]  # what no pick requires
-    return apart(order, sizes, _showing(tree)) if tree.palette_ends else order
+    order += [packet for packet, _ in waiting]  # what no pick requires
+    return order if shows is None else apart(order, sizes, shows)
 
 
 def order_of_tiles(
@@ -105,7 +125,11 @@ def gains_of_tile(tree: CodedTree, tile: CodedTile) -> TileGains:
     """The gains of the steps of a tile; 0 where they have none."""
     nothing = (0.0,) * len(tree.components.of_tiles)
     gains = [step.gain or nothing for step in tile.steps]
-    return TileGains(_n_leaves(tile), np.reshape(gains, (len(gains), len(nothing))))
+    return TileGains(
+        _n_leaves(tile),
+        np.reshape(gains, (len(gains), len(nothing))),
+        [step.level for step in tile.steps],
+    )
 
 
 def _showing(tree: CodedTree) -> set[PacketId]:
@@ -120,25 +144,28 @@ def _showing(tree: CodedTree) -> set[PacketId]:
     }
 
 
-def _most_of_picks(tree: CodedTree, sizes: Mapping[PacketId, int]) -> dict[int, float]:
+def _most_of_picks(
+    tiles: Sequence[TileGains], tree: CodedTree, sizes: Mapping[PacketId, int]
+) -> dict[int, float]:
     """By level, the gain per byte of its best packets of picks with the palette they require.
 
     Whichever comes first brings all entries of the level: none comes before they pay for them.
     """
     most: dict[int, float] = {}
-    shares, column = leaf_shares(tree), tree.components.columns[PICKS]
+    column = tree.components.columns[PICKS]
+    n_leaves = max(sum(tile.n_leaves for tile in tiles), 1)
     n_entries: dict[int, int] = {}
     for palette, level in zip(palette_packets(tree), tree.palette_levels, strict=True):
         n_entries[level] = n_entries.get(level, 0) + sizes[palette]
     for level, n_of_entries in n_entries.items():
         packets = [
             (
-                shares[number] * step.gain[column] if step.gain else 0.0,
+                tile.n_leaves / n_leaves * tile.steps[k, column],
                 sizes[PacketId(number, PICKS, k)],
             )
-            for number, tile in enumerate(tree.tiles)
-            for k, step in enumerate(tile.steps)
-            if step.level == level
+            for number, tile in enumerate(tiles)
+            for k, own in enumerate(tile.levels)
+            if own == level
         ]
         if not packets:
             continue

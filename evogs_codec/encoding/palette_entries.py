@@ -19,7 +19,14 @@ from evogs_codec.model.coded_tree import CodedStep, CodedTile
 from evogs_codec.model.splats import F32, I32, I64
 from evogs_codec.model.tree import Palette, take_picks
 
-__all__ = ["CodedEntries", "coded_entries", "quantised_entries"]
+__all__ = [
+    "NEVER",
+    "CodedEntries",
+    "coded_entries",
+    "entries_in_order",
+    "first_levels",
+    "quantised_entries",
+]
 
 NEVER = 1 << 30  # above all levels
 
@@ -90,10 +97,10 @@ def quantised_entries(palette: Palette, grid: Grid, weights: F32 | None, price: 
 
 def coded_entries(q: I32, n_coarse: int, tiles: Sequence[CodedTile]) -> CodedEntries:
     """The entries of q (C, n) that tiles pick, those that have become equal as one."""
-    return _in_order(q, _first_levels(tiles, q.shape[1]), n_coarse)
+    return entries_in_order(q, first_levels(tiles, q.shape[1]), n_coarse)
 
 
-def _first_levels(tiles: Sequence[CodedTile], n: int) -> I64:
+def first_levels(tiles: Sequence[CodedTile], n: int) -> I64:
     """(n,) the first level that picks each entry; `NEVER` if none does."""
     first = np.full(1 + n, NEVER)
     for tile in tiles:
@@ -103,11 +110,16 @@ def _first_levels(tiles: Sequence[CodedTile], n: int) -> I64:
     return first[1:]
 
 
-def _in_order(q: I32, first: I64, n_coarse: int) -> CodedEntries:
+def entries_in_order(q: I32, first: I64, n_coarse: int) -> CodedEntries:
     """Entries by level, in a level those of coarse splats first, then in lexical order.
 
     Few entries of coarse levels in front let their picks take few bits. In lexical order, by the
     channels with most entropy first, entries stored as differences take few.
+
+    Args:
+        q: (C, n).
+        first: (n,) of `first_levels`.
+        n_coarse: of them, the first ones, were made for coarse splats.
     """
     rows, _ = decorrelate(q, slice(None))
     bits = [entropy(zigzag(row)) if row.size else 0.0 for row in rows]

@@ -20,7 +20,7 @@ from evogs_codec.model.channels import N_CORE, N_GROUPS, channel_class
 from evogs_codec.model.splats import F32, I64
 from evogs_codec.model.tree import EvolutionTree, Kind
 
-__all__ = ["bits_of_palette", "bits_of_psi", "stored_bits"]
+__all__ = ["bits_of_entries", "bits_of_palette", "bits_of_picks", "bits_of_psi", "stored_bits"]
 
 SAMPLE = 1 << 14  # numbers of a level and channel that are quantised
 
@@ -64,14 +64,28 @@ def _of_palette(tree: EvolutionTree, importance: Importance, price: float) -> tu
     palette = tree.palette
     assert palette is not None, "the tree has a palette"
     assert importance.entries is not None, "so has its importance"
-    q, errors = _quantised(palette.entries, importance.entries, price)
-    # Entries that have become equal are stored once, and picked as one.
+    bits, errors, number = bits_of_entries(palette.entries, importance.entries, price)
+    return bits + bits_of_picks(tree, number), errors
+
+
+def bits_of_entries(entries: F32, weights: F32, price: float) -> tuple[float, float, I64]:
+    """Bits of entries (C, n) of these weights (degree, n), and those that their errors cost.
+
+    Also the number of each pick (1 + n,): entries that have become equal are stored once, and
+    picked as one.
+    """
+    q, errors = _quantised(entries, weights, price)
     factors = np.random.default_rng(0).integers(1 << 62, size=len(q)) * 2 + 1
     keys = np.append(0, factors @ q)
     _, first, number = np.unique(keys, return_index=True, return_inverse=True)
     kept = q[:, first[first > 0] - 1]
+    return _entropy(kept), errors, number
+
+
+def bits_of_picks(tree: EvolutionTree, number: I64) -> float:
+    """Bits of the picks of a tree, each by this number."""
     picks = np.concatenate([np.concatenate([s.picks, s.changed_picks]) for s in tree.steps])
-    return _entropy(kept) + entropy(number[picks]), errors
+    return entropy(number[picks])
 
 
 def _by_level(tree: EvolutionTree) -> Iterator[tuple[int, F32]]:

@@ -57,7 +57,7 @@ from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F32, F64, I32, I64, U8
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
-__all__ = ["quantise", "quantise_on"]
+__all__ = ["quantise", "quantise_on", "tiles_on"]
 
 NEAR = 0.999  # grid units that near-lossless coding leaves: 1 less what float64 may err
 
@@ -142,19 +142,19 @@ def quantise_on(
     Raises:
         TooFineError: a number leaves its range on this grid.
     """
-    report, palette = progress or no_progress, tiles[0].palette
+    palette = tiles[0].palette
     if palette is not None:
         q = quantised_entries(palette, grid, entry_weights, price)
-
-    def code(number: int) -> CodedTile:
-        own = None if weights is None else weights[number]
-        tracker = LeafTracker(tiles[number], grid) if estimates else None
-        return _TileCoder(tiles[number], grid, alpha, settings, own, price, tracker).code()
-
-    coded = []
-    for one in parallel_map(code, range(len(tiles))):
-        coded.append(one)
-        report("quantise", len(coded) / len(tiles))
+    coded = tiles_on(
+        tiles,
+        grid,
+        alpha,
+        settings,
+        weights=weights,
+        price=price,
+        estimates=estimates,
+        progress=progress,
+    )
     tree = CodedTree(
         sh_degree=tiles[0].shown_degree,
         n_levels=len(grid.quantisers) - 1,
@@ -169,6 +169,36 @@ def quantise_on(
     entries = coded_entries(q, palette.n_coarse, coded)
     renumbered = tuple(entries.renumbered(tile) for tile in coded)
     return replace(tree, tiles=renumbered, entries=entries.q, entry_levels=entries.levels)
+
+
+def tiles_on(
+    tiles: Sequence[EvolutionTree],
+    grid: Grid,
+    alpha: dict[tuple[int, int], AlphaTable],
+    settings: Settings,
+    *,
+    weights: Sequence[Sequence[StepWeights | None]] | None = None,
+    price: float = 1.0,
+    estimates: bool = True,
+    progress: Progress | None = None,
+) -> list[CodedTile]:
+    """The tiles of `quantise_on`, whose picks are among the entries of the palette of the trees.
+
+    Raises:
+        TooFineError: a number leaves its range on this grid.
+    """
+    report = progress or no_progress
+
+    def code(number: int) -> CodedTile:
+        own = None if weights is None else weights[number]
+        tracker = LeafTracker(tiles[number], grid) if estimates else None
+        return _TileCoder(tiles[number], grid, alpha, settings, own, price, tracker).code()
+
+    coded = []
+    for one in parallel_map(code, range(len(tiles))):
+        coded.append(one)
+        report("quantise", len(coded) / len(tiles))
+    return coded
 
 
 class _TileCoder:

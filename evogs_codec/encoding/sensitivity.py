@@ -18,12 +18,12 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.common.progress import Progress, no_progress
-from evogs_codec.model.channels import GROUP_CHANNELS, channel_class, n_channels
+from evogs_codec.model.channels import GROUP_CHANNELS, N_GROUPS, channel_class, n_channels
 from evogs_codec.model.siblings import Siblings
 from evogs_codec.model.splats import F32, F64, SplatParams
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
-__all__ = ["Importance", "Sensitivity", "StepWeights"]
+__all__ = ["Importance", "Sensitivity", "StepWeights", "steps_of_entries"]
 
 # (D, N) per number of a splat: mean squared change of the pictures to its squared change.
 Sensitivity: TypeAlias = Callable[[SplatParams], F32]
@@ -177,6 +177,13 @@ class Importance:
         largest = np.array(LARGEST_STEPS[: self.means.shape[1]])
         largest[0] *= extent
         return largest
+
+
+def steps_of_entries(means: F64, price: float) -> F64:
+    """(degree,) steps of entries of a palette with these mean weights, as of `Importance.steps`."""
+    found = np.sqrt(PER_BIT * price / np.maximum(means, 1e-300))
+    steps: F64 = np.minimum(found, LARGEST_STEPS[N_GROUPS : N_GROUPS + len(means)])
+    return steps
 
 
 def _of_entries(

@@ -27,7 +27,7 @@ from evogs_codec.model.components import PALETTE, PICKS, component_slice
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.tree import Kind
 
-__all__ = ["write"]
+__all__ = ["packed_palette", "palette_rows", "write"]
 
 
 def write(
@@ -52,12 +52,9 @@ def write(
     """
     report = progress or no_progress
     bodies = _bodies(tree, effort, report)
-    divided = in_parts(tree, _sizes(bodies))
-    if divided is not tree:
-        tree = divided
-        parts = palette_packets(tree)
-        packed = parallel_map(lambda packet: _body(tree, packet, effort), parts)
-        bodies |= zip(parts, packed, strict=True)
+    if tree.entries is not None:
+        tree, of_palette = packed_palette(tree, _sizes(bodies), effort)
+        bodies |= of_palette
     order = packet_order(tree, _sizes(bodies))
     rows = _rows(tree, order, bodies)
     data = b"".join(bodies[packet] for packet in order)
@@ -68,6 +65,32 @@ def write(
     # What is digested is what a decoder decodes from these bytes, so every encode is checked.
     found = final_digests(read_directory(head), head + data)
     return _directory(tree, rows, found) + data
+
+
+def packed_palette(
+    tree: CodedTree, sizes: Mapping[PacketId, int], effort: int
+) -> tuple[CodedTree, dict[PacketId, bytes]]:
+    """The tree with its palette in parts, and the bytes of these.
+
+    Args:
+        tree: with entries.
+        sizes: bytes of each packet of its tiles.
+        effort: level of Zstandard.
+    """
+
+    def packed(tree: CodedTree) -> dict[PacketId, bytes]:
+        packets = palette_packets(tree)
+        bodies = parallel_map(lambda packet: _body(tree, packet, effort), packets)
+        return dict(zip(packets, bodies, strict=True))
+
+    whole = packed(tree)
+    divided = in_parts(tree, {**sizes, **_sizes(whole)})
+    return divided, whole if divided is tree else packed(divided)
+
+
+def palette_rows(tree: CodedTree, bodies: Mapping[PacketId, bytes]) -> npt.NDArray[np.void]:
+    """The rows of the packets of the palette, in the order of their numbers."""
+    return _rows(tree, palette_packets(tree), bodies)
 
 
 def final_digests(directory: Directory, stream: bytes) -> dict[PacketId, bytes]:
@@ -93,7 +116,6 @@ def _bodies(tree: CodedTree, effort: int, report: Progress) -> dict[PacketId, by
         for step in range(len(own.steps))
         for component in tree.components.of_tiles
     ]
-    packets += palette_packets(tree)
     bodies: dict[PacketId, bytes] = {}
     packed = parallel_map(lambda packet: _body(tree, packet, effort), packets)
     for number, (packet, body) in enumerate(zip(packets, packed, strict=True)):

@@ -8,31 +8,33 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from evogs_codec.common.progress import Progress, no_progress
-from evogs_codec.encoding.grids import warn_if_coarser
+from evogs_codec.encoding.grids import TooFineError, warn_if_coarser
 from evogs_codec.encoding.layers import N_LAYERS
 from evogs_codec.errors import InputError
 from evogs_codec.jobs.blocks import SplatFiles
+from evogs_codec.jobs.distinct import Distinct, Vectors
 from evogs_codec.jobs.engines import Call, Engine
 from evogs_codec.jobs.merge import merge
-from evogs_codec.jobs.partition import PER_TILE, Partition, rows_of, stand_ins_of
+from evogs_codec.jobs.partition import PER_TILE, Partition, rows_of, stand_ins_of, vectors_of
+from evogs_codec.jobs.picks import Entries, number_picks, numbered_of, palette_pays, unnumbered_of
 from evogs_codec.jobs.plan import Plan, Survey, surveyed
 from evogs_codec.jobs.scratch import begin, do_missing, identity_of, partitioned
 from evogs_codec.jobs.tile_job import TileJob, code_tile, survey_tile
 from evogs_codec.jobs.up import up_of_tiles
+from evogs_codec.lifting.lift import N_LEVELS
 from evogs_codec.model.scene_info import SceneInfo
+from evogs_codec.scene.effort import Effort
 from evogs_codec.scene.request import NO_NUMBA, with_generator
 
 if TYPE_CHECKING:
     from evogs_codec.render import Up
 
 __all__ = ["JobOptions", "encode_files"]
-
-LEVELS = 6  # level 0 of a tile has some thousand splats
 
 
 @dataclass(frozen=True)
@@ -47,15 +49,17 @@ class JobOptions:
         effort: as of `encode_scene`.
         per_tile: splats of a tile, about.
         drop_invalid: leave out splats with a NaN or an infinite number.
+        palette: as of `encode_scene`.
         info: metadata; None: what the first file says.
     """
 
-    levels: int = LEVELS
+    levels: int = N_LEVELS
     layers: int = N_LAYERS
     up: str | tuple[float, float, float] | None = None
     effort: str | int = "default"
     per_tile: int = PER_TILE
     drop_invalid: bool = False
+    palette: Literal["auto", "never"] = "auto"
     info: SceneInfo | None = None
 
 
@@ -103,7 +107,8 @@ def encode_files(
         progress or no_progress,
     )
     run.begin(resume)
-    merge(run.parts(), Path(out))
+    parts, entries = run.parts()
+    merge(parts, Path(out), entries)
     shutil.rmtree(run.folder)
     return run.up
 
@@ -124,39 +129,70 @@ class _Run:
         identity = identity_of(self.files.paths, options, repr(self.options.info))
         begin(self.folder, identity, resume=resume)
         per_tile = self.options.per_tile
-        self.partition = partitioned(self.files, self.folder, self.report, per_tile)
+        distinct = Distinct(self.files.n_declared) if self.options.palette == "auto" else None
+        self.partition = partitioned(self.files, self.folder, self.report, per_tile, distinct)
         info = self.options.info or self.files.info
         self.up = up_of_tiles(self.partition, self.options.up, info)
 
-    def parts(self) -> list[Path]:
-        """The streams of all tiles that have splats, in order."""
-        tiles = np.flatnonzero(self.partition.counts).tolist()
-        chosen = surveyed(self.partition).tolist()
-        surveys = [self.folder / f"{tile:06d}.survey" for tile in chosen]
-        calls: list[Call] = [
-            (self._job(tile), str(path)) for tile, path in zip(chosen, surveys, strict=True)
-        ]
-        self._do("survey", survey_tile, calls)
+    def parts(self) -> tuple[list[Path], Entries | None]:
+        """The streams of all tiles that have splats, in order, and the entries of a palette."""
         info = with_generator(self.options.info or self.files.info)
-        plan = Plan.of(
-            self.partition, [Survey.read(path) for path in surveys], self.options.levels, info
-        )
+        plan = Plan.of(self.partition, self._surveys(), self.options.levels, info)
+        tiles = np.flatnonzero(self.partition.counts).tolist()
         while True:
             name = "_".join(map(str, plan.exponents))
             parts = [self.folder / f"{tile:06d}.{name}.evogs" for tile in tiles]
-            calls = [
+            calls: list[Call] = [
                 (self._job(tile), plan, str(path)) for tile, path in zip(tiles, parts, strict=True)
             ]
             too_fine = self._do("encode", code_tile, calls)
+            entries = None
+            if too_fine is None:
+                try:
+                    entries = self._entries(plan, parts)
+                except TooFineError as error:
+                    too_fine = error.group
             if too_fine is None:
                 warn_if_coarser(plan.grid((0,) * plan.steps.shape[1]), plan.steps, plan.settings)
-                return parts
+                return parts, entries
             plan = plan.with_less_of(too_fine)
+
+    def _surveys(self) -> list[Survey]:
+        """Of some tiles, with a palette if splats share their SH and that is smaller."""
+        chosen = surveyed(self.partition).tolist()
+        for has_palette in (True, False) if self.partition.n_vectors else (False,):
+            ending = ".shared-survey" if has_palette else ".survey"
+            paths = [self.folder / f"{tile:06d}{ending}" for tile in chosen]
+            calls: list[Call] = [
+                (self._job(tile, has_palette=has_palette), str(path))
+                for tile, path in zip(chosen, paths, strict=True)
+            ]
+            self._do("survey", survey_tile, calls)
+            surveys = [Survey.read(path) for path in paths]
+            if not has_palette or palette_pays(self.partition, surveys):
+                break
+        return surveys
+
+    def _entries(self, plan: Plan, parts: Sequence[Path]) -> Entries | None:
+        """The palette of the plan, if it has one, when all tiles are encoded; and their picks."""
+        if plan.coarse is None:
+            return None
+        vectors, effort = Vectors.read(vectors_of(self.folder)), Effort.of(self.options.effort)
+        picks = [unnumbered_of(part) for part in parts]
+        entries = Entries.of(plan, vectors, picks, effort.level)
+        path = self.folder / "entries.npz"
+        entries.write(path)
+        calls: list[Call] = [
+            (str(own), str(path), effort.level, str(numbered_of(part)))
+            for own, part in zip(picks, parts, strict=True)
+        ]
+        self._do("encode", number_picks, calls)
+        return entries
 
     def _do(self, stage: str, function: Callable[..., Any], calls: Sequence[Call]) -> int | None:
         return do_missing(self.engine, function, calls, self.report, stage)
 
-    def _job(self, tile: int) -> TileJob:
+    def _job(self, tile: int, *, has_palette: bool = False) -> TileJob:
         tree = self.partition.tree
         x, y, z = tree.origins[tile].tolist()
         block = np.flatnonzero(tree.blocks == tree.blocks[tile])
@@ -176,4 +212,5 @@ class _Run:
             n_layers=self.options.layers,
             up=self.up.vector,
             effort=self.options.effort,
+            has_palette=has_palette,
         )

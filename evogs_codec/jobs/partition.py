@@ -18,6 +18,7 @@ import numpy.typing as npt
 from evogs_codec.common.progress import Progress
 from evogs_codec.errors import InputError
 from evogs_codec.jobs.blocks import SplatFiles
+from evogs_codec.jobs.distinct import Distinct
 from evogs_codec.model.channels import GROUP_CHANNELS, N_GROUPS
 from evogs_codec.model.splats import F32, F64, I64
 
@@ -29,12 +30,13 @@ __all__ = [
     "partition",
     "rows_of",
     "stand_ins_of",
+    "vectors_of",
 ]
 
 PER_TILE = 1 << 17  # splats: a job takes some 300 MiB
 SAMPLE = 1 << 19  # positions
 BLOCK = 8  # tiles of a neighbourhood at most
-STAND_IN = 16  # splats of a tile for which one stands in the views of its neighbours
+STAND_IN = 4  # splats of a tile for which one stands in the views of its neighbours
 STEPS = 1 << 23  # across a tile at most: a stream stores up to 2**23 of an add, either way
 OF_SIZE = 0.1  # of the size of the smallest splats is a step of positions
 LEAST = 64  # so many times fewer than it was to have may a tile have that is halved, being too wide
@@ -158,6 +160,8 @@ class Partition:
         largest: (5,) largest magnitude of a number per group; of positions, from the origin of
             their tile.
         sizes: (T, bins) how many splats are of a size.
+        n_vectors: that splats share as their SH above band 0 (`vectors_of`); 0 if they do not, or
+            if it was not looked for.
     """
 
     folder: Path
@@ -166,6 +170,7 @@ class Partition:
     counts: I64
     largest: F64
     sizes: I64
+    n_vectors: int = 0
 
     def size(self, tile: int) -> float:
         """The median size of the splats of a tile, scene units: the mean of their log-scales."""
@@ -199,9 +204,20 @@ class _Tally:
 
 
 def partition(
-    files: SplatFiles, folder: Path, report: Progress, per_tile: int = PER_TILE
+    files: SplatFiles,
+    folder: Path,
+    report: Progress,
+    per_tile: int = PER_TILE,
+    distinct: Distinct | None = None,
 ) -> Partition:
     """The splats of files, in two passes, as rows of tiles in a folder.
+
+    Args:
+        files: of the splats.
+        folder: where the rows are written.
+        report: called with a stage and the part of it that is done.
+        per_tile: splats of a tile, about.
+        distinct: is shown all splats, where SH that they share are wanted.
 
     Raises:
         InputError: there are no splats, or too many are in one place.
@@ -222,6 +238,8 @@ def partition(
         tiles = tree.tile_of(block.means)
         rows = block.rows(tree.origins[tiles])
         tally.take(tiles, rows)
+        if distinct is not None:
+            distinct.take(block.splats)
         order = np.argsort(tiles, kind="stable")
         ends = np.cumsum(np.bincount(tiles, minlength=tree.n_tiles))
         for tile in np.unique(tiles).tolist():
@@ -240,7 +258,13 @@ def partition(
             f"{tally.counts[crowded]:,} splats are in one place, near"
             f" {tree.origins[crowded].round(3).tolist()}: more than a tile can have"
         )
-    return Partition(folder, tree, files.sh_degree, tally.counts, tally.largest, tally.sizes)
+    vectors = None if distinct is None else distinct.found()
+    if vectors is not None:
+        vectors.write(vectors_of(folder))
+    n_vectors = 0 if vectors is None else len(vectors.keys)
+    return Partition(
+        folder, tree, files.sh_degree, tally.counts, tally.largest, tally.sizes, n_vectors
+    )
 
 
 def rows_of(folder: Path, tile: int) -> Path:
@@ -251,6 +275,11 @@ def rows_of(folder: Path, tile: int) -> Path:
 def stand_ins_of(folder: Path, tile: int) -> Path:
     """The file of the rows of those splats of a tile that stand for all, one of `STAND_IN`."""
     return folder / f"{tile:06d}.stand-ins"
+
+
+def vectors_of(folder: Path) -> Path:
+    """The file of the SH that splats share, where they do."""
+    return folder / "vectors.npz"
 
 
 def _append(path: Path, rows: F32) -> None:

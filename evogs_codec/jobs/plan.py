@@ -11,21 +11,26 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from evogs_codec.encoding.alpha_tables import tables_of
 from evogs_codec.encoding.grids import Grid, NotRepresentableError, grid_exponents
 from evogs_codec.encoding.ranges import Ranges
+from evogs_codec.encoding.sensitivity import steps_of_entries
 from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, Settings, StepTable
 from evogs_codec.io.files import write_atomic
 from evogs_codec.jobs.partition import Partition
+from evogs_codec.lifting.shared_sh import centres_of
 from evogs_codec.model.arithmetic import AlphaTable, Quantiser
-from evogs_codec.model.channels import GROUPS
+from evogs_codec.model.channels import GROUPS, N_GROUPS
+from evogs_codec.model.coded_tree import CodedTile, CodedTree
 from evogs_codec.model.scene_info import SceneInfo
-from evogs_codec.model.splats import F64, I64
+from evogs_codec.model.splats import F32, F64, I64
+from evogs_codec.scene.steady import LATE
 
-__all__ = ["Plan", "Survey", "surveyed"]
+__all__ = ["Needs", "Plan", "Sharing", "Survey", "surveyed", "worth_of_entries"]
 
 SURVEYED, OF_FEW = 8, 4  # tiles at most; of few, one in so many
 ROOM = 2.0  # times the largest number of a splat: parents and errors of coarse levels
@@ -34,7 +39,7 @@ OF_SIZE = 0.2  # of the size of its splats is the step of the positions of a til
 
 
 @dataclass(frozen=True, eq=False)
-class Survey:
+class Needs:
     """What a tile would have on its own.
 
     Attributes:
@@ -45,27 +50,84 @@ class Survey:
     steps: F64
     alphas: Mapping[tuple[int, int], tuple[F64, F64]]
 
+    def arrays(self, name: str) -> dict[str, Any]:
+        """As arrays whose names begin with this one."""
+        return {f"{name}-steps": self.steps} | {
+            f"{name}-{kind}-{level}-{group}": row
+            for (level, group), found in self.alphas.items()
+            for kind, row in zip(("alpha", "weight"), found, strict=True)
+        }
+
+    @staticmethod
+    def of_arrays(name: str, found: Mapping[str, Any]) -> Needs:
+        """From what `arrays` gave."""
+        begin = f"{name}-alpha-"
+        places = sorted(
+            tuple(map(int, key.removeprefix(begin).split("-")))
+            for key in found
+            if key.startswith(begin)
+        )
+        alphas = {
+            (a, b): (found[f"{begin}{a}-{b}"], found[f"{name}-weight-{a}-{b}"]) for a, b in places
+        }
+        return Needs(found[f"{name}-steps"], alphas)
+
+
+@dataclass(frozen=True, eq=False)
+class Sharing:
+    """What a tile with a palette tells of it.
+
+    Attributes:
+        coarse: (C, n) SH above band 0 of some of its coarse splats.
+        worth: (degree,) of all numbers of entries in a band, in prices of a bit.
+        bits_of_picks, bits_of_psi: an estimate; one or the other is stored.
+    """
+
+    coarse: F32
+    worth: F64
+    bits_of_picks: float
+    bits_of_psi: float
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """What a tile tells of the stream.
+
+    Attributes:
+        plain: what it needs.
+        late: the same if its last level comes late (`late_level`); None if it cannot.
+        gain: dB by which the last level looks better, at coarse steps, than the one before it.
+        sharing: of a tile with a palette.
+    """
+
+    plain: Needs
+    late: Needs | None = None
+    gain: float = np.inf
+    sharing: Sharing | None = None
+
     def write(self, path: Path) -> None:
         """To a file that `read` reads."""
-        arrays = {
-            f"{name}_{level}_{group}": row
-            for (level, group), found in self.alphas.items()
-            for name, row in zip(("alpha", "weight"), found, strict=True)
-        }
-        arrays["steps"] = self.steps
+        arrays = self.plain.arrays("plain")
+        if self.late is not None:
+            arrays |= self.late.arrays("late") | {"gain": np.array(self.gain)}
+        if self.sharing is not None:
+            arrays |= {
+                "coarse": self.sharing.coarse,
+                "worth": self.sharing.worth,
+                "bits": np.array([self.sharing.bits_of_picks, self.sharing.bits_of_psi]),
+            }
         write_atomic(path, lambda file: np.savez(file, allow_pickle=False, **arrays))
 
     @staticmethod
     def read(path: Path) -> Survey:
         """From a file that `write` wrote."""
         with np.load(path) as found:
-            places = sorted(
-                tuple(map(int, name.split("_")[1:])) for name in found if name.startswith("alpha")
-            )
-            alphas = {
-                (a, b): (found[f"alpha_{a}_{b}"], found[f"weight_{a}_{b}"]) for a, b in places
-            }
-            return Survey(found["steps"], alphas)
+            late = Needs.of_arrays("late", found) if "gain" in found else None
+            gain = float(found["gain"]) if "gain" in found else np.inf
+            sharing = None
+            if "coarse" in found:
+                sharing = Sharing(found["coarse"], found["worth"], *found["bits"].tolist())
+            return Survey(Needs.of_arrays("plain", found), late, gain, sharing)
 
 
 @dataclass(frozen=True)
@@ -80,6 +142,8 @@ class Plan:
         quantisers: nearest to the steps.
         alpha: tables per (level, group).
         settings: how tiles are quantised.
+        is_late: the last level of the tree of a tile comes late.
+        coarse: (C, n) entries for coarse splats of a palette; None without one.
     """
 
     sh_degree: int
@@ -90,17 +154,34 @@ class Plan:
     quantisers: tuple[tuple[Quantiser, ...], ...]
     alpha: dict[tuple[int, int], AlphaTable]
     settings: Settings
+    is_late: bool = False
+    coarse: F32 | None = None
 
     @staticmethod
     def of(partition: Partition, surveys: Sequence[Survey], n_coarse: int, info: SceneInfo) -> Plan:
         """From the surveys of the tiles that `surveyed` names.
 
+        Args:
+            partition: of the scene.
+            surveys: of these tiles.
+            n_coarse: levels of the tree of a tile.
+            info: metadata.
+
         Raises:
             NotRepresentableError: numbers are too large for any grid.
         """
-        steps = _shared_steps(np.stack([survey.steps for survey in surveys]), n_coarse)
+        late = [survey.late for survey in surveys if survey.late is not None]
+        gains = [survey.gain for survey in surveys if survey.late is not None]
+        is_late = bool(late) and float(np.mean(gains)) < LATE
+        needs = late if is_late else [survey.plain for survey in surveys]
+        steps = _shared_steps(np.stack([need.steps for need in needs]), n_coarse - is_late)
         finest = min(partition.size(tile) for tile in range(len(partition.counts)))
         steps[-1, 0] = min(steps[-1, 0], max(OF_SIZE * finest, 1e-12))
+        sharings = [survey.sharing for survey in surveys if survey.sharing is not None]
+        if sharings:
+            worth = worth_of_entries(partition, sharings)
+            steps[:, N_GROUPS:] = steps_of_entries(worth, 1.0)
+            some = np.concatenate([sharing.coarse for sharing in sharings], axis=1)
         settings = Settings(StepTable.of(steps), n_alpha=N_ALPHA, alpha_bits=ALPHA_BITS)
         ranges = Ranges(
             extent=1.0,
@@ -108,8 +189,8 @@ class Plan:
             furthest=float(np.abs(partition.tree.origins).max()),
             psi=(),
         )
-        places = sorted({place for survey in surveys for place in survey.alphas})
-        pooled = {place: _pooled(place, surveys) for place in places}
+        places = sorted({place for need in needs for place in need.alphas})
+        pooled = {place: _pooled(place, needs) for place in places}
         plan = Plan(
             sh_degree=partition.sh_degree,
             info=info,
@@ -119,6 +200,8 @@ class Plan:
             quantisers=(),
             alpha=tables_of(pooled, settings),
             settings=settings,
+            is_late=is_late,
+            coarse=centres_of(some, partition.n_vectors) if sharings else None,
         )
         return plan._with_quantisers()
 
@@ -137,6 +220,8 @@ class Plan:
         """Per class, the power of two by which a tile that has these steps has coarser ones."""
         ratio = np.log2(np.maximum(steps, 1e-300) / self.steps)
         found = np.clip(np.rint(np.median(ratio, axis=0)), 0, MOST_SHIFT)
+        if self.coarse is not None:
+            found[N_GROUPS:] = 0  # of entries, which are of all tiles
         return tuple(int(shift) for shift in found)
 
     def grid(self, shifts: Sequence[int]) -> Grid:
@@ -150,8 +235,31 @@ class Plan:
         )
         return replace(plain, quantisers=quantisers)
 
+    def coded(self, grid: Grid, tiles: Sequence[CodedTile]) -> CodedTree:
+        """Tiles on a grid as a tree; entries of a palette are not known yet."""
+        entries = None
+        if self.coarse is not None:
+            entries = np.empty((len(self.coarse), 0), np.int32)
+        return CodedTree(
+            sh_degree=self.sh_degree,
+            n_levels=self.n_levels,
+            grid_exponents=grid.exponents,
+            quantisers=grid.quantisers,
+            alpha=self.alpha,
+            tiles=tuple(tiles),
+            info=self.info,
+            entries=entries,
+        )
+
+    def grid_of_entries(self, steps: F64) -> Grid:
+        """The grid of the plan with these steps (degree,) of the entries of a palette."""
+        table = self.steps.copy()
+        table[:, N_GROUPS:] = steps
+        return replace(self, steps=table)._grid()
+
     def _grid(self) -> Grid:
-        return Grid.of(self.sh_degree, self.n_levels, self.exponents, self.steps, self.settings)
+        stored = 0 if self.coarse is not None else self.sh_degree  # of the numbers of splats
+        return Grid.of(stored, self.n_levels, self.exponents, self.steps, self.settings)
 
     def _with_quantisers(self) -> Plan:
         return replace(self, quantisers=self._grid().quantisers)
@@ -166,9 +274,17 @@ def surveyed(partition: Partition) -> I64:
     return np.unique(some[np.linspace(0, len(some) - 1, 1 + n_surveyed).astype(int)[:n_surveyed]])
 
 
-def _pooled(place: tuple[int, int], surveys: Sequence[Survey]) -> tuple[F64, F64]:
-    """The alphas of a level and group of all surveys, and what they weigh."""
-    found = [survey.alphas[place] for survey in surveys if place in survey.alphas]
+def worth_of_entries(partition: Partition, sharings: Sequence[Sharing]) -> F64:
+    """(degree,) the mean of all entries, in prices of a bit, from that of the surveyed tiles."""
+    counts = partition.counts[surveyed(partition)]
+    scale = partition.counts.sum() / max(counts.sum(), 1)
+    worth: F64 = scale * np.sum([sharing.worth for sharing in sharings], axis=0)
+    return worth / max(partition.n_vectors, 1)
+
+
+def _pooled(place: tuple[int, int], needs: Sequence[Needs]) -> tuple[F64, F64]:
+    """The alphas of a level and group of all tiles, and what they weigh."""
+    found = [need.alphas[place] for need in needs if place in need.alphas]
     alphas, weights = zip(*found, strict=True)
     return np.concatenate(alphas), np.concatenate(weights)
 

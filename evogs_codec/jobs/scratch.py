@@ -16,6 +16,7 @@ from evogs_codec.common.progress import Progress
 from evogs_codec.common.version import __version__
 from evogs_codec.errors import InputError
 from evogs_codec.jobs.blocks import SplatFiles
+from evogs_codec.jobs.distinct import Distinct
 from evogs_codec.jobs.engines import Call, Engine, run_jobs
 from evogs_codec.jobs.partition import Partition, Tree, partition
 
@@ -51,8 +52,21 @@ def begin(folder: Path, identity: str, *, resume: bool) -> None:
     mark.write_text(json.dumps(ours))
 
 
-def partitioned(files: SplatFiles, folder: Path, report: Progress, per_tile: int) -> Partition:
+def partitioned(
+    files: SplatFiles,
+    folder: Path,
+    report: Progress,
+    per_tile: int,
+    distinct: Distinct | None = None,
+) -> Partition:
     """The partition of the files in a scratch folder: made, or read if an earlier run made it.
+
+    Args:
+        files: of the splats.
+        folder: the scratch folder.
+        report: called with a stage and the part of it that is done.
+        per_tile: splats of a tile, about.
+        distinct: as of `partition`.
 
     Raises:
         InputError, OSError: as `partition`.
@@ -60,7 +74,7 @@ def partitioned(files: SplatFiles, folder: Path, report: Progress, per_tile: int
     found = folder / "partition.npz"
     if found.exists():
         return _read_partition(folder, found, files.sh_degree)
-    made = partition(files, folder, report, per_tile)
+    made = partition(files, folder, report, per_tile, distinct)
     if files.n_opaque:
         warnings.warn(
             f"{files.n_opaque:,} splats have an infinite opacity: a finite one is taken,"
@@ -118,6 +132,7 @@ def _write_partition(path: Path, made: Partition) -> None:
         counts=made.counts,
         largest=made.largest,
         sizes=made.sizes,
+        n_vectors=made.n_vectors,
     )
     temporary.replace(path)
 
@@ -127,4 +142,5 @@ def _read_partition(folder: Path, path: Path, sh_degree: int) -> Partition:
         tree = Tree(
             found["axis"], found["value"], found["child"], found["origins"], found["blocks"]
         )
-        return Partition(folder, tree, sh_degree, found["counts"], found["largest"], found["sizes"])
+        tallied = found["counts"], found["largest"], found["sizes"]
+        return Partition(folder, tree, sh_degree, *tallied, int(found["n_vectors"]))

@@ -17,22 +17,30 @@ import numpy as np
 
 from evogs_codec.encoding.alpha_tables import weighted_alphas
 from evogs_codec.encoding.grids import TooFineError
+from evogs_codec.encoding.late_level import can_be_late
+from evogs_codec.encoding.layers import Layered, Layering
 from evogs_codec.encoding.packet_order import gains_of_tile
+from evogs_codec.encoding.palette_worth import bits_of_picks, bits_of_psi
 from evogs_codec.encoding.prepared import Prepared
-from evogs_codec.encoding.quantise import quantise_on
+from evogs_codec.encoding.quantise import tiles_on
+from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, Settings, StepTable
 from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.encoding.write import write
 from evogs_codec.io.files import write_atomic
 from evogs_codec.io.finite import bounded_opacities
 from evogs_codec.jobs.partition import STAND_IN
-from evogs_codec.jobs.plan import Plan, Survey
+from evogs_codec.jobs.picks import Unnumbered, unnumbered_of
+from evogs_codec.jobs.plan import Needs, Plan, Sharing, Survey
 from evogs_codec.jobs.surroundings import Neighbourhood, enlarged, price_of
-from evogs_codec.lifting.lift import lift
-from evogs_codec.model.channels import GROUP_CHANNELS, channel_class, n_channels
-from evogs_codec.model.coded_tree import CodedTile
-from evogs_codec.model.splats import F32, F64, SplatParams
+from evogs_codec.lifting.lift import Lifted, lift_with_order
+from evogs_codec.lifting.shared_sh import SharedSh, centres_of, coarse_sh, in_palette
+from evogs_codec.model.channels import GROUP_CHANNELS, N_GROUPS, channel_class, n_channels
+from evogs_codec.model.coded_tree import CodedTile, CodedTree
+from evogs_codec.model.splats import F32, SplatParams
+from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.effort import Effort
+from evogs_codec.scene.prefixes import TreePrefixes
 
 __all__ = ["TileJob", "code_tile", "sorted_rows", "survey_tile"]
 
@@ -60,6 +68,7 @@ class TileJob:
         n_layers: of precision.
         up: what is up in views, an axis or a vector.
         effort: as of `encode_scene`.
+        has_palette: the SH above band 0 of all splats of the stream are in a palette.
     """
 
     rows: str
@@ -72,50 +81,142 @@ class TileJob:
     n_layers: int
     up: str | tuple[float, float, float]
     effort: str | int = "default"
+    has_palette: bool = False
 
 
 def survey_tile(job: TileJob, out: str) -> None:
     """Write the `Survey` of a tile to a file."""
-    prepared, n_shown = _prepared(job)
-    kept = {}
-    for place, (alphas, weights) in weighted_alphas(prepared.tiles).items():
-        every = max(1, len(alphas) // ALPHAS)
-        kept[place] = alphas[::every], weights[::every]
-    Survey(_steps(prepared, price_of(n_shown)), kept).write(Path(out))
+    splats = _splats(job)
+    lifted = _lifted(splats, job)
+    tree, coarse = lifted.tree, None
+    if job.has_palette:
+        coarse = coarse_sh(tree)
+        tree, _ = _sharing(lifted, splats, centres_of(coarse, len(splats)))
+    prepared, n_shown = _prepared(job, splats, tree)
+    price = price_of(n_shown)
+    sharing = late = None
+    gain = np.inf
+    looks = prepared.layered is not None and Effort.of(job.effort).looks
+    if looks and can_be_late(prepared.tiles, job.n_levels):
+        layered = _layered(prepared, job, is_late=True)
+        late = _needs(prepared, layered, layered.tiles, price)
+        gain = _gain_of_last(prepared, price)
+    if coarse is not None:
+        importance = _importance(prepared)
+        worth = _in_prices(importance, price)
+        sharing = Sharing(
+            coarse,
+            worth.sum(axis=1, dtype=np.float64),
+            bits_of_picks(tree, np.arange(1 + worth.shape[1])),
+            bits_of_psi(lifted.tree, importance, price),
+        )
+    plain = _needs(prepared, prepared.layered, prepared.tiles, price)
+    Survey(plain, late, gain, sharing).write(Path(out))
 
 
 def code_tile(job: TileJob, plan: Plan, out: str) -> int | None:
     """Write the stream of a tile to a file, and its gains beside it (`gains_of`).
 
+    With a palette the stream is of core alone, and beside it is what the tile picks (`Unnumbered`).
+
     Returns:
         None; or the group whose grid is too fine for a number of the tile, and nothing is written.
     """
-    prepared, n_shown = _prepared(job)
+    splats = _splats(job)
+    lifted = _lifted(splats, job)
+    tree, shared = lifted.tree, None
+    if plan.coarse is not None:
+        tree, shared = _sharing(lifted, splats, plan.coarse)
+    prepared, n_shown = _prepared(job, splats, tree)
     price, extent = price_of(n_shown), prepared.ranges.extent
-    own = plan.coarser(_steps(prepared, price))
-    layered, importance = prepared.layered, prepared.importance
-    assert importance is not None, "there are views"
+    layered, importance = prepared.layered, _importance(prepared)
+    if layered is not None:
+        layered = _layered(prepared, job, is_late=plan.is_late)
+    own = plan.coarser((layered or importance).steps(price, extent))
     weights = layered.weights(price, extent) if layered else importance.raised(price, extent)
     tiles = layered.tiles if layered else prepared.tiles
+    grid = plan.grid(own)
     try:
-        coded = quantise_on(
-            tiles, plan.grid(own), plan.alpha, plan.settings, weights=weights, price=price
-        )
-        tile = _on_the_grid(coded.tiles[0], own)
+        found = tiles_on(tiles, grid, plan.alpha, plan.settings, weights=weights, price=price)
+        tile = _on_the_grid(found[0], own)
     except TooFineError as error:
         return error.group
+    coded = plan.coded(grid, found)
     coded = layered.with_gains(coded) if layered else coded
     coded = prepared.shown.rescale(coded) if prepared.shown else coded
     gains = gains_of_tile(coded, coded.tiles[0])
     moved = _moved(tile, [round(x * 2.0 ** plan.exponents[0]) for x in job.origin])
-    of_stream = replace(coded, tiles=(moved,), quantisers=plan.quantisers, info=plan.info)
+    of_stream = replace(coded, tiles=(moved,), quantisers=plan.quantisers)
+    if shared is not None:
+        picks = Unnumbered.of(tile, shared.keys, _in_prices(importance, price))
+        picks.write(unnumbered_of(Path(out)))
+        of_stream = _of_core(of_stream)
     data = write(of_stream, effort=Effort.of(job.effort).level)
-    found = io.BytesIO()
+    gained = io.BytesIO()
     # What views gain counts as much as all the splats for which they are.
-    np.save(found, np.concatenate([[[n_shown] * gains.steps.shape[1]], gains.steps]))
-    write_atomic(f"{out}.gains", found.getvalue())
+    np.save(gained, np.concatenate([[[n_shown] * gains.steps.shape[1]], gains.steps]))
+    write_atomic(f"{out}.gains", gained.getvalue())
     write_atomic(out, data)
     return None
+
+
+def _layered(prepared: Prepared, job: TileJob, *, is_late: bool) -> Layered:
+    """A tile in layers; one without a last level has nothing that comes late."""
+    layering = Layering(job.n_layers, is_late=is_late)
+    return Layered(prepared.tiles, job.n_levels - is_late, _importance(prepared), layering)
+
+
+def _needs(
+    prepared: Prepared, layered: Layered | None, tiles: Sequence[EvolutionTree], price: float
+) -> Needs:
+    """What the tile would have on its own, in these layers; `tiles` has its alphas."""
+    kept = {}
+    for place, (alphas, weights) in weighted_alphas(tiles).items():
+        every = max(1, len(alphas) // ALPHAS)
+        kept[place] = alphas[::every], weights[::every]
+    source = layered or _importance(prepared)
+    return Needs(source.steps(price, prepared.ranges.extent), kept)
+
+
+def _gain_of_last(prepared: Prepared, price: float) -> float:
+    """By how many dB the last level looks better than the one before it, at coarse steps."""
+    views = prepared.aim.ordering
+    assert views is not None, "there are views"
+    draft, last = TreePrefixes(prepared.coarse(price)), prepared.n_levels - 1
+    cuts = [draft.of_level(level) for level in (last - 1, last)]
+    before, after = map(views.psnr, draft.shown(cuts, prepared.aim.tree.shown_degree))
+    return after - before
+
+
+def _importance(prepared: Prepared) -> Importance:
+    assert prepared.importance is not None, "there are views"
+    return prepared.importance
+
+
+def _in_prices(importance: Importance, price: float) -> F32:
+    """(degree, n) what errors of entries cost, in prices of a bit."""
+    assert importance.entries is not None, "the tree has a palette"
+    found: F32 = (importance.entries / np.float64(price)).astype(np.float32)
+    return found
+
+
+def _of_core(tree: CodedTree) -> CodedTree:
+    """The tree without its picks and its palette."""
+    tiles = []
+    for tile in tree.tiles:
+        steps = [
+            replace(
+                step,
+                picks=step.picks[:0],
+                changed_picks=step.changed_picks[:0],
+                error=step.error[:1],
+                gain=step.gain[:1],
+            )
+            for step in tile.steps
+        ]
+        tiles.append(replace(tile, steps=tuple(steps)))
+    quantisers = tuple(row[:N_GROUPS] for row in tree.quantisers)
+    return replace(tree, sh_degree=0, quantisers=quantisers, tiles=tuple(tiles), entries=None)
 
 
 def _moved(tile: CodedTile, way: Sequence[int]) -> CodedTile:
@@ -124,9 +225,20 @@ def _moved(tile: CodedTile, way: Sequence[int]) -> CodedTile:
     return replace(tile, origin=(x, y, z))
 
 
-def _prepared(job: TileJob) -> tuple[Prepared, int]:
-    """The tile, lifted, arranged and weighed; and how many splats its views are for."""
-    splats = _splats(job)
+def _lifted(splats: SplatParams, job: TileJob) -> Lifted:
+    return lift_with_order(splats, job.n_levels, n_neighbours=Effort.of(job.effort).n_neighbours)
+
+
+def _sharing(lifted: Lifted, splats: SplatParams, coarse: F32) -> tuple[EvolutionTree, SharedSh]:
+    """The tree of splats with their SH in a palette, behind entries for coarse splats (C, n)."""
+    shared = SharedSh.of(splats)
+    assert shared is not None, "it was looked for"
+    tree = in_palette(lifted, shared.palette(splats.sh_degree), shared.vector_of, coarse)
+    return tree, shared
+
+
+def _prepared(job: TileJob, splats: SplatParams, tree: EvolutionTree) -> tuple[Prepared, int]:
+    """The tree of a tile, arranged and weighed; and how many splats its views are for."""
     own, around = _stand_ins([(job.stand_ins, (0.0,) * 3)], job), _stand_ins(job.around, job)
     effort = Effort.of(job.effort)
     n_views = min(VIEWS, effort.n_views)
@@ -141,7 +253,7 @@ def _prepared(job: TileJob) -> tuple[Prepared, int]:
         keep=KEEP,
     ).within(effort.pixels)
     aim = TargetEncoder(
-        lift(splats, job.n_levels, n_neighbours=effort.n_neighbours),
+        tree,
         Settings(StepTable(()), n_alpha=N_ALPHA, alpha_bits=ALPHA_BITS),
         views,
         layers=job.n_layers,
@@ -178,13 +290,6 @@ def sorted_rows(path: str, sh_degree: int) -> F32:
     rows = np.fromfile(path, "<f4").reshape(-1, d)
     order = np.argsort(np.ascontiguousarray(rows).view(f"S{4 * d}")[:, 0], kind="stable")
     return rows[order].astype(np.float32)
-
-
-def _steps(prepared: Prepared, price: float) -> F64:
-    """(1 + L, K) that the tile would have on its own, in scene units."""
-    source = prepared.layered or prepared.importance
-    assert source is not None, "there are views, or what stands for them"
-    return source.steps(price, prepared.ranges.extent)
 
 
 def _on_the_grid(tile: CodedTile, shifts: tuple[int, ...]) -> CodedTile:

@@ -8,7 +8,7 @@ Letters: N splats, C SH channels above band 0.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,18 @@ from evogs_codec.model.channels import N_CORE
 from evogs_codec.model.splats import F32, F64, I32, I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree, Kind, Palette, Step
 
-__all__ = ["shared_sh", "with_palette"]
+__all__ = [
+    "MOST",
+    "SAMPLE",
+    "SH",
+    "SharedSh",
+    "centres_of",
+    "coarse_sh",
+    "in_palette",
+    "keys_of",
+    "shared_sh",
+    "with_palette",
+]
 
 MOST = 0.25  # of the splats, as many different vectors at most: else psi take fewer bytes
 N_COARSE = 256  # entries for coarse splats at most: their picks take a byte
@@ -26,29 +37,51 @@ BLOCK = 40  # splats compared with entries at a time: of more, BLAS starts threa
 SH = slice(N_CORE, None)  # channels above band 0
 
 
+@dataclass(frozen=True, eq=False)
+class SharedSh:
+    """The SH above band 0 of splats, each vector once.
+
+    Attributes:
+        keys: (n,) of the vectors (`keys_of`), rising.
+        vectors: (n, C) float32, all different; 0 is not among them.
+        vector_of: (N,) the number of the vector of each splat, from 1 on; 0 for one without SH.
+    """
+
+    keys: I64
+    vectors: F32
+    vector_of: I64
+
+    @staticmethod
+    def of(splats: SplatParams) -> SharedSh | None:
+        """Of splats; None if two vectors have one key."""
+        rest = np.ascontiguousarray(splats.sh[:, 1:]).reshape(len(splats), -1)
+        keys, first, inverse = np.unique(keys_of(rest), return_index=True, return_inverse=True)
+        vectors = rest[first] + np.float32(0)  # no -0
+        if not np.array_equal(vectors[inverse], rest):
+            return None
+        some = vectors.any(axis=1)  # the pick 0 needs no entry
+        number = np.where(some, np.cumsum(some), 0)
+        return SharedSh(keys[some], vectors[some], number[inverse.ravel()])
+
+    def palette(self, degree: int) -> Palette:
+        """The vectors as entries."""
+        return Palette(degree, np.ascontiguousarray(self.vectors.T))
+
+
 def shared_sh(splats: SplatParams) -> tuple[Palette, I64] | None:
     """The palette of splats and the pick (N,) of each; None if too few of them share their SH."""
     if not len(splats) or not splats.sh_degree:
         return None
-    rest = np.ascontiguousarray(splats.sh[:, 1:]).reshape(len(splats), -1)
-    keys = _keys(rest)
-    order = np.argsort(keys, kind="stable")
-    is_new = np.ones(len(keys), bool)
-    is_new[1:] = keys[order[1:]] != keys[order[:-1]]
-    if np.count_nonzero(is_new) > MOST * len(keys):
+    found = SharedSh.of(splats)
+    if found is None:
         return None
-    entry = np.empty(len(keys), np.int64)
-    entry[order] = np.cumsum(is_new) - 1
-    entries = rest[order[is_new]]
-    if not np.array_equal(entries[entry], rest):  # two vectors with one key
+    n = len(found.keys) + bool((found.vector_of == 0).any())
+    if n > MOST * len(splats):
         return None
-    # The pick 0 needs no entry.
-    some = entries.any(1)
-    number = np.where(some, np.cumsum(some), 0)
-    return Palette(splats.sh_degree, np.ascontiguousarray(entries[some].T)), number[entry]
+    return found.palette(splats.sh_degree), found.vector_of
 
 
-def _keys(rows: F32) -> I64:
+def keys_of(rows: F32) -> I64:
     """(N,) a number for each row of bits; different ones for different rows, most likely."""
     factors = np.random.default_rng(0).integers(1 << 62, size=rows.shape[1]) * 2 + 1
     keys: I64 = (rows + np.float32(0)).view(np.int32).astype(np.int64) @ factors  # no -0
@@ -67,9 +100,20 @@ def with_palette(lifted: Lifted, splats: SplatParams) -> EvolutionTree | None:
     if shared is None or not shared[0].entries.size:
         return None
     own, picks = shared
+    return in_palette(lifted, own, picks, centres_of(coarse_sh(lifted.tree), own.entries.shape[1]))
+
+
+def in_palette(lifted: Lifted, own: Palette, picks: I64, coarse: F32) -> EvolutionTree:
+    """The lifted tree of splats with their SH above band 0 in a palette.
+
+    Args:
+        lifted: of N splats.
+        own: their SH.
+        picks: (N,) of these splats among them.
+        coarse: (C, n) entries for coarse splats, which come first in the palette.
+    """
     tree = lifted.tree
     is_last = _last_written(tree)
-    coarse = _coarse_entries(tree, is_last, min(N_COARSE, own.entries.shape[1]))
     n_coarse = coarse.shape[1]
     final = np.where(picks > 0, picks + n_coarse, 0)[lifted.leaf_of].astype(np.int32)
     shown = np.zeros(len(final), np.int32)
@@ -106,16 +150,23 @@ def _last_written(tree: EvolutionTree) -> I64:
     return out
 
 
-def _coarse_entries(tree: EvolutionTree, is_last: I64, n: int) -> F32:
-    """(C, up to n) centres of the SH of splats that are not leaves (k-means of a sample)."""
+def coarse_sh(tree: EvolutionTree) -> F32:
+    """(C, up to about `SAMPLE`) SH of splats of a lifted tree that are not leaves."""
+    is_last = _last_written(tree)
     parts = []
     for k, (step, state) in enumerate(zip(tree.steps, tree.states(SH), strict=True)):
         new = np.arange(state.values.shape[1] - step.n_new, state.values.shape[1])
         written = np.concatenate([step.slots[step.kinds != Kind.DROP], new])
         parts.append(state.values[:, written[is_last[written] > k]].astype(np.float32))
     x = np.concatenate(parts, axis=1)
-    if not x.shape[1]:  # all are leaves
+    return x[:, :: max(1, x.shape[1] // SAMPLE)]
+
+
+def centres_of(x: F32, most: int) -> F32:
+    """(C, up to `most`, and up to `N_COARSE`) centres of coarse SH (C, N): k-means of a sample."""
+    if not x.shape[1]:  # all splats are leaves
         return x
+    n = min(N_COARSE, most)
     x = x[:, :: max(1, x.shape[1] // SAMPLE)]
     centres = x[:, :: max(1, -(-x.shape[1] // max(n, 1)))]
     for _ in range(ROUNDS):

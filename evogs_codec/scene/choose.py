@@ -27,7 +27,7 @@ from evogs_codec.scene.prefixes import Prefixes, StreamPrefixes, TreePrefixes
 from evogs_codec.scene.reach import expect_in_reach
 from evogs_codec.scene.request import Request
 
-__all__ = ["FoundStream", "at_tree_psnr", "best_stream"]
+__all__ = ["FoundStream", "at_tree_psnr", "best_stream", "palette_pays"]
 
 # So many times the bits, by an estimate, are more: of psi, and of picks, of which the estimate does
 # not see that neighbours have the same.
@@ -250,8 +250,13 @@ def _that_pay(
     if bits > SURE_OF_PICKS * instead:
         return [plain]
     if is_sure:
-        return [shared if bits < math.sqrt(SURE_OF_PICKS) * instead else plain]
+        return [shared if palette_pays(bits, instead) else plain]
     return aims
+
+
+def palette_pays(bits: float, instead: float) -> bool:
+    """Whether a palette of so many bits by an estimate is better than psi of so many, likely."""
+    return bits < math.sqrt(SURE_OF_PICKS) * instead
 
 
 def _at_price(aims: Sequence[TargetEncoder], price: float) -> FoundStream:

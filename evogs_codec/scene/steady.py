@@ -34,7 +34,7 @@ from evogs_codec.scene.states import FALL, FEW, SAME, Draft, State
 if TYPE_CHECKING:
     from evogs_codec.render import Views
 
-__all__ = ["steady"]
+__all__ = ["LATE", "steady"]
 
 # dB; all coarse splats look better than level 0 by this at least, and worse than the best state by
 # this at most. Otherwise they are made more exact.

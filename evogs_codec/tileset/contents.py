@@ -138,6 +138,7 @@ def _work_of(out: Path) -> Path:
 def _code(work: Path, options: JobOptions, out: Path, done: Path) -> None:
     """Encode the splats in a folder for what is in work; none of them are in memory meanwhile."""
     serial = Engine("serial")
+    options = replace(options, palette="never")  # contents share nothing, nor overviews with them
     encode_files([work / CONTENT], out, options, engine=serial, scratch=work / "parts")
     made = _measured(out)
     shutil.rmtree(work)

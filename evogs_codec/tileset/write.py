@@ -41,10 +41,11 @@ from evogs_codec.tileset.nodes import Node, nodes_of
 if TYPE_CHECKING:
     from evogs_codec.render import Up
 
-__all__ = ["TilesetOptions", "Written", "check_folder", "write_tileset"]
+__all__ = ["LEVELS", "TilesetOptions", "Written", "check_folder", "write_tileset"]
 
 PER_FILE = 1 << 19  # splats
 OVERVIEW = 1 << 17
+LEVELS = 6  # of a file: overviews are made of the coarse ones
 ENDING = ".evogs"
 CRS = re.compile(r"EPSG:\d{1,10}$|[A-Za-z]\w*\[")  # WKT is a word with brackets
 FALL = 1.25  # the error of a parent is at least so many times that of a child
@@ -68,7 +69,7 @@ class TilesetOptions:
 
     per_file: int = PER_FILE
     overview: int = OVERVIEW
-    job: JobOptions = field(default_factory=JobOptions)
+    job: JobOptions = field(default_factory=lambda: JobOptions(levels=LEVELS))
     crs: str | None = None
     transform: tuple[float, ...] | None = None
     content: Literal["evogs", "glb"] = "evogs"

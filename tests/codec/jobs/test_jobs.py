@@ -151,7 +151,7 @@ def test_there_may_be_more_tiles_than_open_files(folder, tmp_path, monkeypatch):
     resource = pytest.importorskip("resource")
     kept = []
 
-    def keep(parts, _out):
+    def keep(parts, _out, _entries):
         kept.extend(parts)
         raise OSError(28, "No space left on device")
 
