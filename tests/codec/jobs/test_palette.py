@@ -70,7 +70,9 @@ def test_the_sh_that_splats_share_are_found_in_any_order():
         distinct = Distinct(len(splats))
         for rows in np.array_split(np.random.default_rng(seed).permutation(len(splats)), 7):
             distinct.take(splats.take(rows))
-        found.append(distinct.found())
+        vectors = distinct.found()
+        assert vectors is not None
+        found.append(vectors)
     right = np.unique(splats.sh[:, 1:].reshape(len(splats), -1), axis=0)
     assert len(found[0].keys) == len(right) - 1, "0 needs no entry"
     for one in found:
@@ -86,6 +88,7 @@ def test_zeros_of_either_sign_are_one_vector():
     distinct = Distinct(100)
     distinct.take(replace(splats, sh=sh))
     vectors = distinct.found()
+    assert vectors is not None
     assert len(vectors.keys) == 2
     assert not np.signbit(vectors.rows[vectors.rows == 0]).any()
 
