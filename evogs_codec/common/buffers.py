@@ -11,7 +11,8 @@ import numpy.typing as npt
 __all__ = ["Scratch", "empty"]
 
 HUGE_PAGE = 2 << 20  # bytes
-CHUNK = 24 << 20  # bytes; of what is not used no page is ever made
+# Bytes of the first chunk, and of each at most: they double. Of what is not used no page is made.
+FIRST, CHUNK = 64 << 10, 24 << 20
 LINE = 64  # bytes of a cache line
 
 
@@ -51,5 +52,7 @@ class Scratch:
                 self._at = at + -(-size // LINE) * LINE
                 return memory[at : at + size].view(dtype).reshape(shape)
             self._chunk, self._at = self._chunk + 1, 0
-        self._chunks.append(empty((max(size, CHUNK),), np.uint8))
+        so_far = sum(map(len, self._chunks))
+        n_bytes = max(size, min(max(so_far, FIRST), CHUNK))
+        self._chunks.append(empty((n_bytes,), np.uint8))
         return self.take(shape, dtype)
