@@ -34,9 +34,9 @@ Sensitivity: TypeAlias = Callable[[SplatParams], F32]
 MISSED = (4.0, 2.0, 2.0, 1.4, 1.0, 1.0, 1.0, 1.0)
 SEEN = 0.98  # the rest of a weight is the mean of the class: the views do not show everything
 LEAST = 0.1  # of what asks for the largest step is in every weight: views do not say more
-# Beyond this logit, or its negative, a splat is opaque or not there, and pictures show no error
-# that leaves it so. It weighs `LEAST` of the mean all the same, so that it stays what it is.
-OPAQUE = 7.0
+# Beyond this logit, or its negative, a splat is opaque in float32, or not there, and pictures show
+# no error that leaves it so. It weighs `LEAST` of the mean all the same, and stays what it is.
+OPAQUE = 17.0
 PER_BIT = 6.0 / math.log(2)  # of the price of a bit is what a squared step is worth
 MENDED = 0.05  # of an error that psi of the children can mend, because that costs bits
 # Beyond these a step has nothing to do with the linear estimate; position: part of the extent.
