@@ -46,7 +46,7 @@ class _Memory(NamedTuple):
     """What is used again from block to block.
 
     Attributes:
-        literals: (128 KiB + 8,) of a block, which are read in words.
+        literals: of a block, no more than a frame has (R-5.10-5), and 8, as they are read in words.
         tree: the table of the Huffman tree.
         weights, counts: of what is being read.
         tables: (7, 512) states of literals lengths, offsets, match lengths; the predefined ones of
@@ -75,7 +75,10 @@ def read_frames(data: U8, places: I64, out: U8) -> bool:
         places: (F, 3) offset, size and content size of each frame, which lies in the file.
         out: room for all contents.
     """
-    memory, at = _new_memory(), np.int64(0)
+    largest = np.int64(0)
+    for k in range(len(places)):
+        largest = max(largest, places[k, 2])
+    memory, at = _new_memory(min(largest, _MAX_BLOCK)), np.int64(0)
     for k in range(len(places)):
         begin, size, content = places[k]
         frame = data[begin : begin + size]
@@ -116,7 +119,7 @@ def is_frame(frame: U8, content: int) -> bool:
 
 
 @_jit
-def _new_memory() -> _Memory:
+def _new_memory(n_literals: int) -> _Memory:
     counts, tables = np.empty(N_WEIGHTS + 4, np.int64), np.empty((7, 512), np.int32)
     logs = np.array([0, 0, 0, 6, 5, 6])
     for kind in range(3):
@@ -124,7 +127,7 @@ def _new_memory() -> _Memory:
         counts[: len(predefined)] = predefined
         fill_states(counts, len(predefined), logs[3 + kind], tables[3 + kind])
     return _Memory(
-        np.empty(_MAX_BLOCK + 8, np.uint8),
+        np.empty(n_literals + 8, np.uint8),
         np.empty(1 << MAX_BITS, np.uint16),
         np.empty(N_WEIGHTS, np.uint8),
         counts,
