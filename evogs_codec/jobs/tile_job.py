@@ -93,7 +93,7 @@ def survey_tile(job: TileJob, out: str) -> None:
         coarse = coarse_sh(tree)
         tree, _ = _sharing(lifted, splats, centres_of(coarse, len(splats)))
     prepared, n_shown = _prepared(job, splats, tree)
-    price = price_of(n_shown)
+    price = Effort.of(job.effort).price * price_of(n_shown)
     sharing = late = None
     gain = np.inf
     looks = prepared.layered is not None and Effort.of(job.effort).looks
@@ -128,7 +128,8 @@ def code_tile(job: TileJob, plan: Plan, out: str) -> int | None:
     if plan.coarse is not None:
         tree, shared = _sharing(lifted, splats, plan.coarse)
     prepared, n_shown = _prepared(job, splats, tree)
-    price, extent = price_of(n_shown), prepared.ranges.extent
+    price = Effort.of(job.effort).price * price_of(n_shown)
+    extent = prepared.ranges.extent
     layered, importance = prepared.layered, _importance(prepared)
     if layered is not None:
         layered = _layered(prepared, job, is_late=plan.is_late)

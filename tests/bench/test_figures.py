@@ -84,7 +84,7 @@ def test_coarse_sh_on_all_splats_is_a_cut(subject):
 
 
 def test_efforts_write_the_same_integers(subject, monkeypatch):
-    monkeypatch.setattr(efforts, "EFFORTS", (1, 19))
+    monkeypatch.setattr(efforts, "EFFORTS", (1, 18))
     rows = efforts.efforts([subject])
     assert [row["to the default"] for row in rows][1] == "1.000"
     assert number(rows[0], "bytes a splat") > number(rows[1], "bytes a splat")

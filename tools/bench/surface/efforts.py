@@ -17,7 +17,7 @@ from tools.bench.surface.fronts import NOISE, better
 __all__ = ["efforts"]
 
 Rows = list[dict[str, object]]
-EFFORTS = (1, 3, 5, 7, 9, 11, 13, 15, 17, 19, 22)
+EFFORTS = (1, 3, 5, 7, 9, 11, 13, 15, 17, 18, 19, 22)
 TURNS = 5
 
 
