@@ -142,7 +142,7 @@ def best_stream(
     trees: Sequence[EvolutionTree], request: Request, leaf_error: tuple[float, ...]
 ) -> FoundStream:
     """The best stream of trees with the same leaves, at the target if there is one."""
-    tree = trees[0]
+    tree = trees[-1]
     whole = TargetEncoder(
         tree,
         request.settings,
