@@ -49,7 +49,7 @@ def encoded(tmp_path, capsys, splats, option):
         data = out.read_bytes()
         palettes.append(read_directory(data).has_palette)
         sizes.append(len(data))
-    assert sizes[0] <= sizes[1] or "--target-bytes" in option
+    assert sizes[0] <= 1.001 * sizes[1] or "--target-bytes" in option
     return palettes
 
 
