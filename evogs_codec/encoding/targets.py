@@ -86,9 +86,16 @@ class TargetEncoder(Aim):
         return self.nearest_psnr(decibels).what
 
     def nearest_psnr(
-        self, decibels: float, near: float | None = None, missed_by: float = MISSED_BY
+        self, decibels: float, near: float | None = None, missed_by: float | None = None
     ) -> Found[bytes]:
-        """`at_psnr`, within `missed_by` dB, and the price of a bit; looked for from `near` on."""
+        """`at_psnr`, and the price of a bit; looked for from `near` on.
+
+        Args:
+            decibels: the target.
+            near: a price of a bit to begin with.
+            missed_by: dB that the stream may be off; `MISSED_BY` without.
+        """
+        missed_by = MISSED_BY if missed_by is None else missed_by
         coder = self.prepared
         tries = max(MOST_TRIES, min(MORE_TRIES, TRIED // max(self.tree.n_leaves, 1)))
 

@@ -112,6 +112,15 @@ def test_siblings_are_refined_in_the_same_step():
     assert n_pairs == n_leaves - step.n_adds  # all leaves but the first of each family
 
 
+@pytest.mark.thorough
+def test_parts_of_a_layer_have_about_as_many_bytes_each():
+    """Important leaves take more bits: parts of as many leaves have up to 1.4 times the mean."""
+    directory = read_directory(at_a_price(lift(make_scene(20_000), N_LEVELS), layers=2))
+    sizes = [int(packet["size"]) for packet in directory.packets if packet["level"] == N_LEVELS]
+    assert len(sizes) >= 9
+    assert max(sizes) <= 1.3 * np.mean(sizes)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_the_most_important_leaves_are_refined_first(monkeypatch, seed):
     _, found = layered(many()[0], 2)
