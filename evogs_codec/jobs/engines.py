@@ -105,9 +105,16 @@ def run_jobs(
 
 
 def _done(function: Callable[..., T], call: Call) -> T:
-    """What a job returns. Its arrays, if they are in cycles, do not wait for the next one."""
-    found = function(*call)
-    gc.collect()
+    """What a job returns. Its arrays, if they are in cycles, do not wait for the next one.
+
+    What was there before the job is not looked at.
+    """
+    gc.freeze()
+    try:
+        found = function(*call)
+        gc.collect()
+    finally:
+        gc.unfreeze()
     return found
 
 

@@ -71,12 +71,13 @@ def test_most_mutants_are_named_by_what_they_do(
         judged = {"kind": kind, "says": "", "symptom": symptom, "judged": True}
         return SimpleNamespace(case=case, failed=bool(symptom), **judged)
 
+    passed = {run: result(run, None) for run in runs}
     shown = {name: found for name, found in prints.items() if codes or found.outcomes}
     named = 0
     for name, found in shown.items():
         symptoms = {**found.outcomes, **(found.codes if codes else {})}
-        results = [result(run, symptoms.get(run)) for run in runs]
-        alike = diagnosis.diagnose(results, prints, codes=codes).alike  # type: ignore[arg-type]
+        results = {**passed, **{run: result(run, symptom) for run, symptom in symptoms.items()}}
+        alike = diagnosis.diagnose(list(results.values()), prints, codes=codes).alike  # type: ignore[arg-type]
         named += bool(alike) and alike[0].name == name
     assert named >= NAMED_SHARE * len(shown) > 60
 

@@ -149,11 +149,15 @@ def diagnose(
     symptoms = {case: _symptom(result) for case, result in runs.items() if result.failed}
     compared = []
     for name, fingerprint in fingerprints.items():
-        mutant = {**fingerprint.outcomes, **(fingerprint.codes if codes else {})}
-        expected = {case: symptom for case, symptom in mutant.items() if case in runs}
-        same = {case for case in symptoms if symptoms[case] == expected.get(case)}
+        outcomes, faults = fingerprint.outcomes, fingerprint.codes if codes else {}
+        same = {
+            case
+            for case, symptom in symptoms.items()
+            if symptom == faults.get(case, outcomes.get(case))
+        }
         if same:
-            compared.append(_Compared(name, fingerprint.says, same, set(expected)))
+            expected = (outcomes.keys() | faults.keys()) & runs.keys()
+            compared.append(_Compared(name, fingerprint.says, same, expected))
     alike = [
         one.likeness(runs, one.expected | set(symptoms))
         for one in compared
