@@ -17,7 +17,7 @@ import numpy as np
 from evogs_codec.encoding.arrange import Renumbered
 from evogs_codec.encoding.held_steps import rooms
 from evogs_codec.model.splats import F64, I32, I64
-from evogs_codec.model.tree import EvolutionTree, Slots
+from evogs_codec.model.tree import EvolutionTree, Kind, Slots, Step
 
 __all__ = ["LateLevel", "can_be_late"]
 
@@ -65,8 +65,8 @@ class LateLevel:
                 the same add.
         """
         begin = sum(step.level < level for step in tile.steps)
-        made = rooms(tile, begin)
         n = sum(step.n_new for step in tile.steps[:begin])
+        made, born = _as_one(rooms(tile, begin), n)
         found, n_rooms = Renumbered(len(parts)), []
         found.name[:n] = np.arange(n)
         found.n_slots = n
@@ -79,10 +79,43 @@ class LateLevel:
                 n_before += step.n_new
             n_rooms.append(len(found.steps) - n_steps)
         roomy = replace(tile, steps=(*tile.steps[:begin], *found.steps))
-        last, order = _last_state(tile), found.order
+        name, order, last = found.name.copy(), born[found.order], _last_state(tile)
+        name[born] = found.name
         picks = last.picks[order] if tile.palette is not None else last.picks[:0]
         lacks = last.values[:, order] - _last_state(roomy).values
-        return LateLevel(roomy, n_rooms, found.name, order, lacks, picks)
+        return LateLevel(roomy, n_rooms, name, order, lacks, picks)
+
+
+def _as_one(made: Sequence[Step], n: int) -> tuple[Sequence[Step], I64]:
+    """Steps that make room as one step, where none of them writes what another did.
+
+    Which of them came first changes no picture, and one list of slots has longer rows.
+
+    Args:
+        made: splits and drops; C2s that make room take the picks of their parents.
+        n: slots before them.
+
+    Returns:
+        The steps, and (n_slots,) the number that each of their slots had before.
+    """
+    slots = np.concatenate([step.slots for step in made])
+    same = np.arange(n + sum(step.n_new for step in made))
+    is_apart = len(np.unique(slots)) == len(slots) and (slots < n).all()
+    if not is_apart:
+        return made, same
+    order = np.argsort(slots)
+    kinds = np.concatenate([step.kinds for step in made])
+    has_psi, is_split = kinds != Kind.DROP, kinds == Kind.SPLIT
+    changed = (np.cumsum(has_psi) - 1)[order][has_psi[order]]
+    splits = (np.cumsum(is_split) - 1)[order][is_split[order]]
+    one = replace(
+        made[0],
+        slots=slots[order],
+        kinds=kinds[order],
+        psi=np.concatenate([step.psi for step in made], axis=1)[:, changed],
+        alpha=np.concatenate([step.alpha for step in made], axis=1)[:, splits],
+    )
+    return [one], np.concatenate([same[:n], n + splits])
 
 
 def _last_state(tile: EvolutionTree) -> Slots:

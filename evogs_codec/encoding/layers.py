@@ -42,10 +42,13 @@ FINER = 2.8  # than of psi of one leaf: steps of what siblings share, whose erro
 BETWEEN = 24.0  # likewise, of layers that all refine leaves, where a stream has one more by itself
 EVEN = 0.5  # power of the weights of leaves in layers before the last: see `_evened`
 PARTS, LEAST = 16, 2048  # steps of a layer of a tile at most, and leaves of each at least
-LATE_PARTS = 10  # likewise, where each part makes its own room, in steps of its own
+LATE_PARTS = 10  # likewise, where each part makes its own room, in steps of its own,
+ALL_PARTS, FEW_PARTS = 24, 6  # of all tiles together, and of a tile of many
 BITS = 4.0  # of a number of a leaf of mean weight, about: parts have as many bytes each
 FAINT = 1e-3  # of the mean weight: below, a number takes no fewer bits
-FAMILY = 256  # leaves of neighbouring ancestors that are in the same step: siblings need each other
+# Leaves of neighbouring ancestors are in the same step, since siblings need each other: so many at
+# least, and so many families of them in a tile at most.
+FAMILY, FAMILIES = 256, 256
 
 
 @dataclass(frozen=True)
@@ -92,13 +95,16 @@ class _Tile:
     order: I64 | None = None
 
     @staticmethod
-    def of(tile: EvolutionTree, weights: F32, n_coarse: int, layering: Layering) -> _Tile:
-        """A tile of which this many levels are in the first layer."""
+    def of(
+        tile: EvolutionTree, weights: F32, n_coarse: int, layering: Layering, n_tiles: int
+    ) -> _Tile:
+        """A tile, one of so many, of which this many levels are in the first layer."""
         is_late = tile.n_levels > n_coarse
         born_from, live = tile.lineage()
         ancestors = first_ancestors(born_from)
         slots: I64 = np.flatnonzero(live)
-        rows = _parts(weights, ancestors[slots], LATE_PARTS if is_late else PARTS)
+        late_parts = min(LATE_PARTS, max(FEW_PARTS, ALL_PARTS // n_tiles))
+        rows = _parts(weights, ancestors[slots], late_parts if is_late else PARTS)
         late = order = None
         if is_late:
             part_of = np.zeros(len(live), np.int64)
@@ -152,7 +158,7 @@ class Layered:
     def of_tiles(self) -> list[_Tile]:
         """Arranged, with the steps of the layers."""
         return [
-            _Tile.of(tile, weights, self.n_coarse, self.layering)
+            _Tile.of(tile, weights, self.n_coarse, self.layering, len(self.plain))
             for tile, weights in zip(self.plain, self.importance.leaves, strict=True)
         ]
 
@@ -321,7 +327,7 @@ def _parts(weights: F32, ancestors: I64, most: int) -> list[I64]:
         return [np.empty(0, np.int64)]
     order = np.argsort(ancestors, kind="stable")
     begins = np.flatnonzero(np.diff(ancestors[order], prepend=-1))  # of the leaves of an ancestor
-    starts = begins[np.flatnonzero(np.diff(begins // FAMILY, prepend=-1))]
+    starts = begins[np.flatnonzero(np.diff(begins // max(FAMILY, n // FAMILIES), prepend=-1))]
     means = np.maximum(weights.mean(axis=1, keepdims=True), np.float32(1e-30))
     relative = (weights / means)[:, order]
     of_families = np.add.reduceat(relative.mean(axis=0), starts)

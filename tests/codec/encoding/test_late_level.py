@@ -61,6 +61,19 @@ def parts_of(tile, n_parts):
     return parts
 
 
+def test_the_steps_of_a_late_level_make_room_as_one_in_each_part():
+    (tile,) = arrange(lift(make_scene(4000), 3), 1)
+    aimed = tile.leaves().channels()  # no slot of this tree is dropped
+    assert sum(step.level == 2 for step in tile.steps) > 1
+    late = LateLevel.of(tile, 2, parts_of(tile, 3))
+    assert late.n_rooms == [1, 1, 1]
+    slots = np.arange(late.lacks.shape[1])
+    np.testing.assert_array_equal(late.name[late.order], slots)
+    np.testing.assert_array_equal(np.sort(late.order), slots)
+    refined = replace(late.tile, steps=(*late.tile.steps, Step.of_refines(2, slots, late.lacks)))
+    np.testing.assert_allclose(refined.leaves().channels(), aimed[:, late.order], atol=1e-4)
+
+
 @pytest.mark.parametrize("n_parts", [1, 4])
 @pytest.mark.parametrize("n_tiles", [1, 3])
 def test_a_late_level_makes_room_in_no_picture_and_lacks_what_its_splats_are(n_tiles, n_parts):
