@@ -136,12 +136,14 @@ class Layered:
         n_coarse: levels of the first layer.
         importance: of the tree without layers.
         layering: how many layers there are, at which prices of a bit.
+        n_elsewhere: tiles of the stream beside these.
     """
 
     plain: Sequence[EvolutionTree]
     n_coarse: int
     importance: Importance
     layering: Layering
+    n_elsewhere: int = 0
 
     @staticmethod
     def of(
@@ -157,8 +159,9 @@ class Layered:
     @cached_property
     def of_tiles(self) -> list[_Tile]:
         """Arranged, with the steps of the layers."""
+        n_tiles = len(self.plain) + self.n_elsewhere
         return [
-            _Tile.of(tile, weights, self.n_coarse, self.layering, len(self.plain))
+            _Tile.of(tile, weights, self.n_coarse, self.layering, n_tiles)
             for tile, weights in zip(self.plain, self.importance.leaves, strict=True)
         ]
 

@@ -213,4 +213,5 @@ class _Run:
             up=self.up.vector,
             effort=self.options.effort,
             has_palette=has_palette,
+            n_tiles=int(np.count_nonzero(self.partition.counts)),
         )

@@ -69,6 +69,7 @@ class TileJob:
         up: what is up in views, an axis or a vector.
         effort: as of `encode_scene`.
         has_palette: the SH above band 0 of all splats of the stream are in a palette.
+        n_tiles: of the stream.
     """
 
     rows: str
@@ -82,6 +83,7 @@ class TileJob:
     up: str | tuple[float, float, float]
     effort: str | int = "default"
     has_palette: bool = False
+    n_tiles: int = 1
 
 
 def survey_tile(job: TileJob, out: str) -> None:
@@ -164,7 +166,8 @@ def code_tile(job: TileJob, plan: Plan, out: str) -> int | None:
 def _layered(prepared: Prepared, job: TileJob, *, is_late: bool) -> Layered:
     """A tile in layers; one without a last level has nothing that comes late."""
     layering = Layering(job.n_layers, is_late=is_late)
-    return Layered(prepared.tiles, job.n_levels - is_late, _importance(prepared), layering)
+    n_coarse, n_others = job.n_levels - is_late, job.n_tiles - 1
+    return Layered(prepared.tiles, n_coarse, _importance(prepared), layering, n_others)
 
 
 def _needs(
