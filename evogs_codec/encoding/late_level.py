@@ -98,10 +98,11 @@ def _as_one(made: Sequence[Step], n: int) -> tuple[Sequence[Step], I64]:
     Returns:
         The steps, and (n_slots,) the number that each of their slots had before.
     """
-    slots = np.concatenate([step.slots for step in made])
     same = np.arange(n + sum(step.n_new for step in made))
-    is_apart = len(np.unique(slots)) == len(slots) and (slots < n).all()
-    if not is_apart:
+    if len(made) < 2:
+        return made, same
+    slots = np.concatenate([step.slots for step in made])
+    if len(np.unique(slots)) < len(slots) or slots.max() >= n:
         return made, same
     order = np.argsort(slots)
     kinds = np.concatenate([step.kinds for step in made])

@@ -44,8 +44,8 @@ EVEN = 0.5  # power of the weights of leaves in layers before the last: see `_ev
 PARTS, LEAST = 16, 2048  # steps of a layer of a tile at most, and leaves of each at least
 LATE_PARTS = 10  # likewise, where each part makes its own room, in steps of its own,
 ALL_PARTS, FEW_PARTS = 24, 6  # of all tiles together, and of a tile of many
-BITS = 4.0  # of a number of a leaf of mean weight, about: parts have as many bytes each
-FAINT = 1e-3  # of the mean weight: below, a number takes no fewer bits
+# Bits of a number of a leaf of mean weight, and at least, about: parts have as many bytes each.
+BITS, FEWEST_BITS = 4.0, 0.25
 # Leaves of neighbouring ancestors are in the same step, since siblings need each other: so many at
 # least, and so many families of them in a tile at most.
 FAMILY, FAMILIES = 256, 256
@@ -339,7 +339,8 @@ def _parts(weights: F32, ancestors: I64, most: int) -> list[I64]:
     families = np.split(order, starts[1:])
     first = np.argsort(-of_families, kind="stable")
     # A step half as large, for a weight four times as high, takes a bit more of each channel.
-    bits = BITS + np.log2(np.maximum(relative, FAINT)).mean(axis=0) / 2
+    bits = BITS + np.log2(np.maximum(relative, np.float32(1e-6))).mean(axis=0) / 2
+    bits = np.maximum(bits, FEWEST_BITS)
     bits = np.add.reduceat(bits, starts)[first]
     middles = np.cumsum(bits) - bits / 2
     part_of = (middles * n_parts / bits.sum()).astype(np.int64)

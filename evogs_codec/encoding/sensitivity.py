@@ -23,7 +23,7 @@ from evogs_codec.model.siblings import Siblings
 from evogs_codec.model.splats import F32, F64, SplatParams
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
-__all__ = ["Importance", "Sensitivity", "StepWeights", "steps_of_entries"]
+__all__ = ["SEEN_OF_CIRCLE", "Importance", "Sensitivity", "StepWeights", "steps_of_entries"]
 
 # (D, N) per number of a splat: mean squared change of the pictures to its squared change.
 Sensitivity: TypeAlias = Callable[[SplatParams], F32]
@@ -33,6 +33,7 @@ Sensitivity: TypeAlias = Callable[[SplatParams], F32]
 # (a lifted scene, a trained tree); the others 1.0 to 1.9.
 MISSED = (4.0, 2.0, 2.0, 1.4, 1.0, 1.0, 1.0, 1.0)
 SEEN = 0.98  # the rest of a weight is the mean of the class: the views do not show everything
+SEEN_OF_CIRCLE = 0.9  # the same, where no view stands below or far above
 LEAST = 0.1  # of what asks for the largest step is in every weight: views do not say more
 # Beyond this logit, or its negative, a splat is opaque in float32, or not there, and pictures show
 # no error that leaves it so. It weighs `LEAST` of the mean all the same, and stays what it is.
@@ -140,7 +141,8 @@ class Importance:
         """The weights, and more where the largest step is taken.
 
         Pictures that hardly show an error say nothing of one that is many steps large. What would
-        have asked for that step is added, as far as splats that no view shows have it elsewhere.
+        have asked for that step is added, as far as splats that no view shows have it elsewhere,
+        and `LEAST` of it at least.
         """
         lack = self._lack(self.means, price, extent)[1:, :, None]
         if not lack.any():

@@ -66,9 +66,9 @@ class Sketch:
         tiles: list[EvolutionTree] = []
         weights: list[tuple[StepWeights | None, ...]] = []
         leaves: list[F32] = []
-        of_tiles = zip(whole.tiles, importance.weights, importance.leaves, strict=True)
-        for tile, own, worth in of_tiles:
-            is_in = families(tile, share)
+        chosen = families(whole.tiles, share)
+        of_tiles = zip(whole.tiles, chosen, importance.weights, importance.leaves, strict=True)
+        for tile, is_in, own, worth in of_tiles:
             if is_in.any():
                 _, live = tile.lineage()
                 part = part_of(tile, is_in)
@@ -125,18 +125,22 @@ def entropy_bytes(tree: CodedTree) -> float:
     return bits / 8
 
 
-def families(tile: EvolutionTree, share: float) -> npt.NDArray[np.bool_]:
-    """(n,) which slots of a tile are in a sketch that has this share of its families."""
-    born_from, _ = tile.lineage()
-    adds = [step.adds[0:3] for step in tile.steps if step.n_adds]
-    if not adds:
-        return np.zeros(len(born_from), bool)
-    roots = np.flatnonzero(born_from < 0)[morton_order(np.concatenate(adds, axis=1))]
-    chunk = np.arange(len(roots)) // CHUNK
-    is_in = np.zeros(len(born_from), bool)
-    is_in[roots] = np.floor((chunk + 1) * share) > np.floor(chunk * share)
-    found: npt.NDArray[np.bool_] = is_in[first_ancestors(born_from)]
-    return found
+def families(tiles: Sequence[EvolutionTree], share: float) -> list[npt.NDArray[np.bool_]]:
+    """Per tile (n,), which slots are in a sketch that has this share of all families, and some."""
+    chunks, n = [], 0
+    for tile in tiles:
+        born_from, _ = tile.lineage()
+        chunk = np.zeros(len(born_from), np.int64)
+        adds = [step.adds[0:3] for step in tile.steps if step.n_adds]
+        if adds:
+            roots = np.flatnonzero(born_from < 0)[morton_order(np.concatenate(adds, axis=1))]
+            chunk[roots] = n + np.arange(len(roots)) // CHUNK
+            n = int(chunk[roots[-1]]) + 1
+        chunks.append(chunk[first_ancestors(born_from)])
+    numbers = np.arange(n)
+    is_in = np.floor((numbers + 1) * share) > np.floor(numbers * share)
+    is_in[:1] |= not is_in.any()
+    return [is_in[chunk] for chunk in chunks]
 
 
 def part_of(tile: EvolutionTree, is_in: npt.NDArray[np.bool_]) -> EvolutionTree:

@@ -28,8 +28,6 @@ from evogs_codec.model.packet_id import PacketId
 
 __all__ = ["merge"]
 
-READ_AHEAD = 1 << 16  # bytes of a part that are read for its directory, at first
-
 
 def merge(parts: Sequence[Path], out: Path, entries: Entries | None = None) -> None:
     """Write the stream of tiles, each of which is a stream with the same header and tables.

@@ -23,7 +23,7 @@ from evogs_codec.encoding.packet_order import gains_of_tile
 from evogs_codec.encoding.palette_worth import bits_of_picks, bits_of_psi
 from evogs_codec.encoding.prepared import Prepared
 from evogs_codec.encoding.quantise import tiles_on
-from evogs_codec.encoding.sensitivity import Importance
+from evogs_codec.encoding.sensitivity import SEEN_OF_CIRCLE, Importance
 from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, Settings, StepTable
 from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.encoding.write import write
@@ -46,10 +46,10 @@ __all__ = ["TileJob", "code_tile", "sorted_rows", "survey_tile"]
 
 VIEWS = 12  # of a tile, by which its numbers are weighed
 ALPHAS = 4096  # of a level and group that a survey keeps
-# Prices of a bit that it costs to move a splat by its own size: few are moved by a fifth of it.
+# What it costs to move a splat by its own size, in prices of a bit before the factor of an effort:
+# few are moved by a fifth of it.
 KEEP = 20.0
 SEEN = 0.95  # of the worth of a number; stand-ins show less of what is hidden than splats do
-SEEN_OF_CIRCLE = 0.9  # the same, where no view stands below or far above
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def survey_tile(job: TileJob, out: str) -> None:
 
 
 def code_tile(job: TileJob, plan: Plan, out: str) -> int | None:
-    """Write the stream of a tile to a file, and its gains beside it (`gains_of`).
+    """Write the stream of a tile to a file, and its gains beside it, which `merge` reads.
 
     With a palette the stream is of core alone, and beside it is what the tile picks (`Unnumbered`).
 

@@ -16,6 +16,7 @@ from evogs_codec.encoding.layers import N_LAYERS, Layering
 from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
 from evogs_codec.encoding.palette_worth import bits_of_palette, bits_of_psi
 from evogs_codec.encoding.search import Found
+from evogs_codec.encoding.sensitivity import SEEN_OF_CIRCLE
 from evogs_codec.encoding.settings import SCENE_PRESET, SCENE_PRICE, TREE_PRESET, TREE_PSNR
 from evogs_codec.encoding.targets import Guess, TargetEncoder, TargetMissedError
 from evogs_codec.errors import InputError
@@ -36,7 +37,6 @@ SURE, SURE_OF_PICKS = 1.05, 2.0
 Make: TypeAlias = Callable[[TargetEncoder, "float | None"], Found[bytes]]
 MANY = 8_000  # splats, of which a sketch guesses a price of a bit; of fewer each try is quick
 ABOUT = 1.0  # dB from `TREE_PSNR`, at most: of a splat or two a price of a bit moves a PSNR so far
-SEEN = 0.9  # of the worth of a number, where no view stands below or far above
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +159,7 @@ def best_stream(
         aim = replace(whole, views=views, ordering=ordering, layers=_layers(tree, request))
         aim = replace(aim, by_leaves=request.effort.by_leaves)
         if request.cameras is None and not request.effort.all_round:
-            aim = replace(aim, seen=SEEN)
+            aim = replace(aim, seen=SEEN_OF_CIRCLE)
         price = request.effort.price * SCENE_PRICE / tree.n_leaves
         aims = _that_pay(_each(aim, trees), price, is_sure=not request.effort.looks)
         return _at_price(aims, price)
@@ -354,7 +354,7 @@ def _best(
 
 def at_tree_psnr(tree: EvolutionTree, request: Request) -> FoundStream | None:
     """At `TREE_PSNR`; None, with a warning, if nothing can be rendered."""
-    views = request.views(tree.leaves())
+    views = request.views(tree.shared_leaves())
     if views is None:
         warn_of_preset(request.why_no_views)
         return None
@@ -362,6 +362,7 @@ def at_tree_psnr(tree: EvolutionTree, request: Request) -> FoundStream | None:
         tree,
         request.settings,
         views,
+        ordering=views.fewer(request.effort.n_band_views),
         layers=_layers(tree, request),
         n_tiles=request.n_tiles,
         info=request.info,

@@ -61,7 +61,7 @@ def expect_in_reach(trees: Sequence[EvolutionTree], request: Request, layers: in
 
 def _ends(tree: EvolutionTree, request: Request, layers: int) -> list[float]:
     """PSNR or bytes, whichever is aimed at, at the ends of the range of prices, about."""
-    is_in = families(tree, SOME / tree.n_leaves)
+    (is_in,) = families([tree], SOME / tree.n_leaves)
     part = part_of(tree, is_in)
     views = request.views(part.leaves(), N_VIEWS)
     aim = TargetEncoder(part, request.settings, views, layers=layers, by_leaves=True)

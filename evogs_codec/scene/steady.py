@@ -4,7 +4,7 @@ The state after each step of the levels is rendered. If a state looks worse than
 step is held back until it looks better (`held_steps`). If all coarse splats together look worse
 than some of them, all are made more exact. If the last level, at coarse steps, looks hardly better
 than the level before it, it comes late (`late_level`). It comes late too if all coarse splats look
-far worse than the whole stream: then there are three layers, and it comes with the second.
+far worse than the PSNR that is aimed at: then there are three layers, and it comes with the second.
 
 Only coarse levels are made for that, at the price of a bit that was found; the whole stream is made
 when they do not fall.
@@ -40,7 +40,7 @@ __all__ = ["LATE", "steady"]
 # this at most. Otherwise they are made more exact.
 GAIN = 0.5
 LATE = 1.5  # dB; if the last coarse level looks better than the one before by less, it comes late
-WIDE = 16.0  # dB; if the whole looks better than all coarse splats by more, a layer comes between
+WIDE = 16.0  # dB; if coarse splats look worse than what is aimed at by more, a layer comes between
 FINER, LEAST_RATIO = 4.0, 2.0  # of the price of a bit, from a layer to the next
 NEAR = 0.1  # of the logarithm of a price of a bit: states at prices this near are not looked at
 TRIES = 6  # streams that are made again, at most

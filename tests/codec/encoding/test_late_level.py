@@ -61,6 +61,16 @@ def parts_of(tile, n_parts):
     return parts
 
 
+def test_a_tile_whose_last_level_only_refines_needs_no_room():
+    whole = lift(make_scene(300), 2)
+    refines = Step.of_refines(1, np.arange(5), np.full((len(whole.steps[0].adds), 5), 0.1))
+    tile = replace(whole, steps=(whole.steps[0], refines))
+    late = LateLevel.of(tile, 1, parts_of(tile, 2))
+    assert list(late.n_rooms) == [0, 0]
+    np.testing.assert_allclose(late.lacks[:, :5], 0.1, atol=1e-6)
+    assert not late.lacks[:, 5:].any()
+
+
 def test_the_steps_of_a_late_level_make_room_as_one_in_each_part():
     (tile,) = arrange(lift(make_scene(4000), 3), 1)
     aimed = tile.leaves().channels()  # no slot of this tree is dropped

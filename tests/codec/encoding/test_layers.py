@@ -22,7 +22,7 @@ from evogs_codec import (
 )
 from evogs_codec.editing.read_tree import read_coded_tree
 from evogs_codec.encoding.arrange import arrange
-from evogs_codec.encoding.layers import EVEN, FINER, MAX_LAYERS, Layered, Layering
+from evogs_codec.encoding.layers import EVEN, FINER, MAX_LAYERS, Layered, Layering, _parts
 from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.encoding.write import write
 from evogs_codec.model.tree import Kind
@@ -110,6 +110,15 @@ def test_siblings_are_refined_in_the_same_step():
     n_leaves = sum(len(part) for part in found.of_tiles[0].leaves)
     assert len(found.of_tiles[0].siblings) > 1
     assert n_pairs == n_leaves - step.n_adds  # all leaves but the first of each family
+
+
+def test_weights_far_apart_make_no_more_parts_than_there_may_be():
+    ancestors = np.arange(20_000)
+    weights = np.full((5, 20_000), 1e-9, np.float32)
+    weights[:, :300] = 1.0
+    parts = _parts(weights, ancestors, 4)
+    assert len(parts) == 4
+    assert_array_equal(np.sort(np.concatenate(parts)), ancestors)
 
 
 @pytest.mark.thorough

@@ -11,6 +11,7 @@ pytest.importorskip("numba", reason="the rasterizer is compiled")
 
 from evogs_codec import PRESETS, TargetEncoder, lift
 from evogs_codec.encoding import sketch
+from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.layers import Layering
 from evogs_codec.encoding.sketch import Sketch, families, part_of
@@ -29,11 +30,20 @@ def aim_of(**more):
 
 def test_a_part_has_whole_families_with_the_leaves_of_the_tree():
     tree = lift(make_scene(N), 3)
-    is_in = families(tree, 0.4)
+    (is_in,) = families([tree], 0.4)
     part, (_, live) = part_of(tree, is_in), tree.lineage()
     assert 0.3 * N < part.n_leaves < 0.5 * N
     expected = tree.leaves().channels()[:, is_in[live]]
     assert np.array_equal(part.leaves().channels(), expected)
+
+
+@pytest.mark.parametrize(("n_tiles", "share"), [(1, 1e-4), (9, 0.1)])
+def test_a_small_share_of_small_tiles_has_a_family(n_tiles, share):
+    tiles = arrange(lift(make_scene(N), 4), n_tiles)
+    chosen = families(tiles, share)
+    assert [len(is_in) for is_in in chosen] == [len(tile.lineage()[0]) for tile in tiles]
+    n_leaves = sum(part_of(t, is_in).n_leaves for t, is_in in zip(tiles, chosen, strict=True))
+    assert 0 < n_leaves < 0.3 * N
 
 
 @pytest.mark.parametrize("layers", [1, 2])
