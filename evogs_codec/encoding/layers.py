@@ -42,8 +42,9 @@ FINER = 2.8  # than of psi of one leaf: steps of what siblings share, whose erro
 BETWEEN = 24.0  # likewise, of layers that all refine leaves, where a stream has one more by itself
 EVEN = 0.5  # power of the weights of leaves in layers before the last: see `_evened`
 PARTS, LEAST = 16, 2048  # steps of a layer of a tile at most, and leaves of each at least
-LATE_PARTS = 10  # likewise, where each part makes its own room, in steps of its own,
-ALL_PARTS, FEW_PARTS = 24, 6  # of all tiles together, and of a tile of many
+# Likewise, where each part makes its own room, in a step of its own: of one tile at most; and of a
+# stream of several tiles, of all of them together, but of each tile at least.
+LATE_PARTS, ALL_PARTS, FEW_PARTS = 10, 24, 6
 # Bits of a number of a leaf of mean weight, and at least, about: parts have as many bytes each.
 BITS, FEWEST_BITS = 4.0, 0.25
 # Leaves of neighbouring ancestors are in the same step, since siblings need each other: so many at
@@ -339,9 +340,8 @@ def _parts(weights: F32, ancestors: I64, most: int) -> list[I64]:
     families = np.split(order, starts[1:])
     first = np.argsort(-of_families, kind="stable")
     # A step half as large, for a weight four times as high, takes a bit more of each channel.
-    bits = BITS + np.log2(np.maximum(relative, np.float32(1e-6))).mean(axis=0) / 2
-    bits = np.maximum(bits, FEWEST_BITS)
-    bits = np.add.reduceat(bits, starts)[first]
+    of_leaves = BITS + np.log2(np.maximum(relative, np.float32(1e-6))).mean(axis=0) / 2
+    bits = np.add.reduceat(np.maximum(of_leaves, FEWEST_BITS), starts)[first]
     middles = np.cumsum(bits) - bits / 2
     part_of = (middles * n_parts / bits.sum()).astype(np.int64)
     return [

@@ -107,18 +107,18 @@ def run_jobs(
 def _done(function: Callable[..., T], call: Call) -> T:
     """What a job returns. Its arrays, if they are in cycles, do not wait for the next one.
 
-    What was there before the job is not looked at, unless somebody else has objects that wait.
+    The collection leaves out objects that were there before the job. If the caller has frozen some
+    (`gc.freeze`), as a job around this one has, all others are collected: they stay frozen.
     """
-    if gc.get_freeze_count():
-        found = function(*call)
-        gc.collect()
-        return found
-    gc.freeze()
+    is_first = not gc.get_freeze_count()
+    if is_first:
+        gc.freeze()
     try:
         found = function(*call)
         gc.collect()
     finally:
-        gc.unfreeze()
+        if is_first:
+            gc.unfreeze()
     return found
 
 

@@ -121,6 +121,17 @@ def test_weights_far_apart_make_no_more_parts_than_there_may_be():
     assert_array_equal(np.sort(np.concatenate(parts)), ancestors)
 
 
+@pytest.mark.parametrize(("n_elsewhere", "n_parts"), [(0, 10), (2, 8), (99, 6)])
+def test_late_levels_of_streams_of_many_tiles_have_fewer_parts(monkeypatch, n_elsewhere, n_parts):
+    tiles, found = layered(many()[0], 2)
+    for name in ("LEAST", "FAMILY"):
+        monkeypatch.setattr(f"evogs_codec.encoding.layers.{name}", 16)
+    layering = Layering(2, is_late=True)
+    late = Layered(tiles, N_LEVELS - 1, found.importance, layering, n_elsewhere)
+    (tile,) = late.of_tiles
+    assert len(tile.leaves) == n_parts
+
+
 @pytest.mark.thorough
 def test_parts_of_a_layer_have_about_as_many_bytes_each():
     """Important leaves take more bits: parts of as many leaves have up to 1.4 times the mean."""
