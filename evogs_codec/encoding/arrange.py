@@ -23,7 +23,7 @@ from evogs_codec.encoding.tiling import tiles_of_slots
 from evogs_codec.encoding.visibility import changes, ranks, visibility
 from evogs_codec.model.channels import N_CORE
 from evogs_codec.model.splats import F64, I32, I64
-from evogs_codec.model.tree import EvolutionTree, Kind, Step
+from evogs_codec.model.tree import EvolutionTree, Kind, Step, columns_of
 
 __all__ = ["Renumbered", "arrange", "default_tiles", "leaf_order"]
 
@@ -169,10 +169,7 @@ class Renumbered:
         """
         if not len(rows) and not len(adds):
             return np.empty(0, np.int32)
-        has_psi = source.kinds != Kind.DROP
-        is_split = source.kinds == Kind.SPLIT
-        splits = (np.cumsum(is_split) - 1)[rows[is_split[rows]]]
-        changed = (np.cumsum(has_psi) - 1)[rows[has_psi[rows]]]
+        changed, splits = columns_of(source.kinds, rows)
         born = np.concatenate([splits, source.alpha.shape[1] + adds])
         picks, changed_picks = source.picks, source.changed_picks
         self.steps.append(

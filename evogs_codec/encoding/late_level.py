@@ -17,7 +17,7 @@ import numpy as np
 from evogs_codec.encoding.arrange import Renumbered
 from evogs_codec.encoding.held_steps import rooms
 from evogs_codec.model.splats import F64, I32, I64
-from evogs_codec.model.tree import EvolutionTree, Kind, Slots, Step
+from evogs_codec.model.tree import EvolutionTree, Slots, Step, columns_of
 
 __all__ = ["LateLevel", "can_be_late"]
 
@@ -106,9 +106,7 @@ def _as_one(made: Sequence[Step], n: int) -> tuple[Sequence[Step], I64]:
         return made, same
     order = np.argsort(slots)
     kinds = np.concatenate([step.kinds for step in made])
-    has_psi, is_split = kinds != Kind.DROP, kinds == Kind.SPLIT
-    changed = (np.cumsum(has_psi) - 1)[order][has_psi[order]]
-    splits = (np.cumsum(is_split) - 1)[order][is_split[order]]
+    changed, splits = columns_of(kinds, order)
     one = replace(
         made[0],
         slots=slots[order],

@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 from evogs_codec.model.splats import I64
-from evogs_codec.model.tree import EvolutionTree, Kind, Step
+from evogs_codec.model.tree import EvolutionTree, Step, columns_of
 
 __all__ = ["joined"]
 
@@ -38,9 +38,7 @@ def joined(trees: Sequence[EvolutionTree]) -> tuple[EvolutionTree, list[I64]]:
         )
         order = np.argsort(slots)
         kinds = np.concatenate([part.kinds for part in parts])
-        has_psi, is_split = kinds != Kind.DROP, kinds == Kind.SPLIT
-        psi = (np.cumsum(has_psi) - 1)[order][has_psi[order]]
-        splits = (np.cumsum(is_split) - 1)[order][is_split[order]]
+        psi, splits = columns_of(kinds, order)
         step = Step(
             place[0],
             slots[order].astype(np.int32),

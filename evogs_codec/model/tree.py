@@ -25,7 +25,7 @@ from evogs_codec.model.channels import GROUP_CHANNELS, N_CORE, N_GROUPS, n_chann
 from evogs_codec.model.components import Components
 from evogs_codec.model.splats import F32, F64, I32, I64, U8, SplatParams
 
-__all__ = ["EvolutionTree", "Kind", "Palette", "Slots", "Step"]
+__all__ = ["EvolutionTree", "Kind", "Palette", "Slots", "Step", "columns_of"]
 
 
 class Kind(IntEnum):
@@ -35,6 +35,22 @@ class Kind(IntEnum):
     SPLIT = 1
     DROP = 2
     ADD = 3
+
+
+def columns_of(kinds: U8, rows: npt.NDArray[np.integer]) -> tuple[I64, I64]:
+    """Which columns of psi, and of alpha, some records of a step have.
+
+    Args:
+        kinds: (R,) of all its records.
+        rows: which of them, in any order.
+
+    Returns:
+        (P,) columns of psi, of the refines and splits of `rows`, and (S,) of alpha, of the splits.
+    """
+    has_psi, is_split = kinds != Kind.DROP, kinds == Kind.SPLIT
+    psi = (np.cumsum(has_psi) - 1)[rows[has_psi[rows]]]
+    alpha = (np.cumsum(is_split) - 1)[rows[is_split[rows]]]
+    return psi, alpha
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from evogs_codec import EvolutionTree, Kind, Step
 from evogs_codec.model.channels import GROUP_CHANNELS
 from evogs_codec.model.splats import F64, I64
+from evogs_codec.model.tree import columns_of
 
 __all__ = ["Records", "by_energy", "by_opacity", "reordered"]
 
@@ -164,10 +165,7 @@ def _ordered(records: Records, priority: F64) -> I64:
 
 def _part(source: Step, rows: I64, adds: I64, name: I64) -> tuple[Step, I64]:
     """These rows and adds of a step, in the slots' new names; and which splits they are."""
-    has_psi = source.kinds != Kind.DROP
-    psi = (np.cumsum(has_psi) - 1)[rows[has_psi[rows]]]
-    is_split = source.kinds == Kind.SPLIT
-    splits = (np.cumsum(is_split) - 1)[rows[is_split[rows]]]
+    psi, splits = columns_of(source.kinds, rows)
     step = Step(
         source.level,
         name[source.slots[rows]].astype(np.int32),
