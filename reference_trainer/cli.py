@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import warnings
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -22,9 +23,11 @@ from reference_trainer.config import METHODS, PRESETS, Config
 if TYPE_CHECKING:
     from reference_trainer.data import Dataset
 
-__all__ = ["config_of", "pyramid_of", "register", "run_train"]
+__all__ = ["config_of", "finer_than", "pyramid_of", "register", "run_train"]
 
 RESULT = FileKind("result of a run", (b'{\n "config"',))
+# Numbers in the photographs of the last level that has shifted ones, which take 28 bytes for each.
+MOST_SHIFTED = 1 << 26
 Commands = Any  # argparse's sub-parsers have no public type
 EXAMPLES = """examples:
   evogs train lego lego.tree.npz --size 400
@@ -96,6 +99,12 @@ def register(commands: Commands) -> None:
         help="train each level on photographs of the size of the next level, too: on one after N of"
         " its own size. It loses less when drawn there, and is less sharp at its own size"
         " (default: 0, none)",
+    )
+    parser.add_argument(
+        "--as-published",
+        action="store_true",
+        help="the loss of 3DGS, and photographs on one grid of pixels, as the paper is compared"
+        " (default: more SSIM, and grids that are shifted by half a pixel, too)",
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of everything random")
     parser.add_argument("--device", default="cpu", help="cpu (default), or cuda with gsplat")
@@ -180,6 +189,7 @@ def run_train(args: argparse.Namespace) -> None:
             folder=folder,
             resume=args.resume,
             base=base,
+            finer=finer_than(data, args) if config.shifts else None,
             progress=Progress(log, shows_bar=not args.quiet),
         )
     except NotFiniteError as error:
@@ -251,6 +261,8 @@ def config_of(args: argparse.Namespace) -> Config:
     given = {"part": args.integers, "distortion": args.distortion}
     integers = {name: value for name, value in given.items() if value is not None}
     config = replace(config, integers=replace(config.integers, **integers))
+    if args.as_published:
+        config = config.as_published()
     return config if args.sh_degree is None else replace(config, sh_degree=args.sh_degree)
 
 
@@ -278,3 +290,20 @@ def pyramid_of(data: Dataset, n_levels: int) -> tuple[Dataset, ...]:
         )
         for factor in (2**k for k in reversed(range(n_levels)))
     )
+
+
+def finer_than(data: Dataset, args: argparse.Namespace) -> Dataset | None:
+    """The photographs to train on at twice the size of `data`, for `Config.shifts`.
+
+    None where they have no such size, or are too many for that.
+    """
+    from reference_trainer.data import load_views
+
+    if args.size is None or sum(view.image.size for view in data.train) > MOST_SHIFTED:
+        return None
+    with warnings.catch_warnings():  # `data` was loaded with the same
+        warnings.simplefilter("ignore")
+        found = load_views(
+            args.input, background=args.background, test_every=args.test_every, size=2 * args.size
+        )
+    return replace(found, test=())

@@ -73,7 +73,7 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--list", action="store_true", help="only say what would run")
     args = parser.parse_args(argv)
-    config = PRESETS[args.preset]
+    config = PRESETS[args.preset].as_published()
     config = replace(
         config,
         iterations=tuple(args.iterations or config.iterations),
@@ -138,15 +138,17 @@ def _by_thresholds(config: Config) -> Config:
     )
 
 
-def run_job(job: Job, data: Dataset, out: Path, device: str) -> None:
-    """Run a job, or the rest of it, unless its result is there."""
+def run_job(job: Job, data: Dataset, out: Path, device: str, finer: Dataset | None = None) -> None:
+    """Run a job, or the rest of it, unless its result is there; `finer` is as of `run`."""
     folder = out / job.name
     result = folder / "result.json"
     if result.exists():
         return
     keep_freed_memory()
     folder.mkdir(parents=True, exist_ok=True)
-    pyramid = pyramid_of(data, job.n_scales)[: job.config.n_levels]
+    scales = pyramid_of(data, job.n_scales)
+    pyramid, more = scales[: job.config.n_levels], scales[job.config.n_levels :]
+    finer = next(iter(more), finer) if job.config.shifts else None
     base = read_tree(out / "level0" / "tree.tree.npz") if job.shares else None
     progress = Progress(folder / "log.csv", shows_bar=True)
     tree = run(
@@ -156,6 +158,7 @@ def run_job(job: Job, data: Dataset, out: Path, device: str) -> None:
         folder=folder,
         resume=True,
         base=base,
+        finer=finer,
         progress=progress,
     )
     write_tree(folder / "tree.tree.npz", tree)

@@ -11,6 +11,7 @@ import numpy as np
 
 from evogs_codec import EvolutionTree, InputError
 from reference_trainer.config import Config
+from reference_trainer.data.pyramid import on_shifted_grids
 from reference_trainer.data.seeding import extent
 from reference_trainer.methods import method_named
 from reference_trainer.methods.base import Done, Method, Plan, Setting
@@ -22,9 +23,9 @@ from reference_trainer.runtime.progress import Progress
 from reference_trainer.train import Model, Stage, Training, train
 
 if TYPE_CHECKING:
-    from reference_trainer.data import Dataset
+    from reference_trainer.data import Dataset, View
 
-__all__ = ["run"]
+__all__ = ["photographs", "run"]
 
 VIEWS = 2  # purpose of random numbers: the order of views
 
@@ -37,6 +38,7 @@ def run(
     folder: Path | None = None,
     resume: bool = False,
     base: EvolutionTree | None = None,
+    finer: Dataset | None = None,
     progress: Progress | None = None,
 ) -> EvolutionTree:
     """Train every stage of `config.method`.
@@ -48,6 +50,8 @@ def run(
         folder: for checkpoints and the log; without it there are none.
         resume: go on from the checkpoint in `folder`, if there is one.
         base: a tree whose level 0 is taken instead of training one; for `evogs*` and `lapis`.
+        finer: the data at twice the size of the last level, for `config.shifts`; without it that
+            level has none.
         progress: told about every iteration.
 
     Raises:
@@ -59,7 +63,8 @@ def run(
     progress = progress or Progress()
     method = method_named(config.method)
     plans = method.plans(config)
-    identity = run_identity(config, _fingerprint(pyramid[-1], base))
+    scales = pyramid if finer is None else (*pyramid, finer)
+    identity = run_identity(config, _fingerprint(scales[-1], base))
     saved = None
     if folder is not None and resume and (saved := Checkpoint.read(folder)) is not None:
         saved.check(folder, identity, plans)
@@ -68,7 +73,7 @@ def run(
         saved = Checkpoint(identity, first, done, 0, {}, {})
     progress.resume(saved.stage, saved.iteration)
     for stage in range(saved.stage, len(plans)):
-        saved = _run_stage(saved, method, plans, config, pyramid, backend, folder, progress)
+        saved = _run_stage(saved, method, plans, config, scales, backend, folder, progress)
         assert saved.stage == stage + 1
     return saved.done.tree
 
@@ -95,14 +100,14 @@ def _run_stage(
     method: Method,
     plans: list[Plan],
     config: Config,
-    pyramid: tuple[Dataset, ...],
+    scales: tuple[Dataset, ...],
     backend: Backend,
     folder: Path | None,
     progress: Progress,
 ) -> Checkpoint:
     """Train the stage of a checkpoint; the checkpoint at its end."""
     plan = plans[saved.stage]
-    data = _photographs(pyramid, plan.scale, config.next_size)
+    data = replace(scales[plan.scale], train=photographs(scales, plan.scale, config))
     setting = Setting(config, plan, data, extent(data.train), backend.device)
     model = method.begin(setting, saved.done)
     training = _restored(model, saved, folder)
@@ -119,7 +124,7 @@ def _run_stage(
 
     order = setting.seed(VIEWS)
     stage = Stage(
-        data.train,
+        photographs(scales, plan.scale, config, shifts=config.shifts),
         data.background,
         setting.extent,
         plan.iterations,
@@ -142,12 +147,23 @@ def _run_stage(
     return after
 
 
-def _photographs(pyramid: tuple[Dataset, ...], scale: int, next_size: int) -> Dataset:
-    """The data of a scale, with photographs of the next one among those to train on, if any."""
-    data = pyramid[scale]
-    if not next_size or scale + 1 == len(pyramid):
-        return data
-    return replace(data, train=data.train * next_size + pyramid[scale + 1].train)
+def photographs(
+    scales: tuple[Dataset, ...], scale: int, config: Config, *, shifts: bool = False
+) -> tuple[View, ...]:
+    """What a scale is trained on: its photographs, and those that `config` adds.
+
+    Args:
+        scales: the data at the resolution of each level; perhaps at twice the last, too.
+        scale: number of one of them.
+        config: says how many there are of the next size.
+        shifts: whether they are on shifted grids, too, where a larger scale is there.
+    """
+    own = scales[scale].train
+    finer = scales[scale + 1].train if scale + 1 < len(scales) else ()
+    found = on_shifted_grids(own, finer) if shifts else own
+    if not config.next_size or scale + 1 >= config.n_levels:
+        return found
+    return found * config.next_size + finer * (len(found) // len(own))
 
 
 def _restored(model: Model, saved: Checkpoint, folder: Path | None) -> Training:

@@ -31,6 +31,13 @@ settings.register_profile(
 settings.register_profile("random", settings.get_profile("dev"), print_blob=True, database=None)
 settings.load_profile("dev")
 
+
+def pytest_collection_modifyitems(items):
+    """Files with long tests first: a worker that begins one at the end keeps the others waiting."""
+    long = {item.path for item in items if item.get_closest_marker("thorough")}
+    items.sort(key=lambda item: item.path not in long)
+
+
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 

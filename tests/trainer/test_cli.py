@@ -115,6 +115,8 @@ def test_a_preset_is_changed_by_flags():
     assert (config.n_levels, config.seed, config.next_size) == (3, 4, 0)
     assert config_of(parsed("x", "y", "--next-size", "4")).next_size == 4
     assert config.iterations == PRESETS["paper"].iterations[:3]
+    assert config_of(parsed("x", "y")) == PRESETS["two-cores"]
+    assert config_of(parsed("x", "y", "--as-published")) == PRESETS["two-cores"].as_published()
 
 
 @pytest.mark.parametrize("name", PRESETS)

@@ -127,7 +127,7 @@ def test_a_tree_is_trained_again_without_the_numbers_that_are_gone(runs):
     job, run = runs[0]
     backend, views = backend_for("cpu"), Views(tiny.pyramid(), 1)
     rest = dict(without(run.tree()))["psi of opacity"]
-    found = trained_again(rest, job.config, views, 5, backend)
+    found = trained_again(rest, job.config, views, None, 5, backend)
     assert found.quanta == rest.quanta
     np.testing.assert_array_equal(found.steps[0].adds, rest.steps[0].adds)
     assert not any(step.psi[10].any() for step in found.steps)
@@ -191,8 +191,9 @@ def test_the_command_of_a_page_names_no_folder_of_this_machine():
     args = parse(["--data", "a/lego/", "--out", "b", "--levels", "2", "--iterations", "9", "8"])
     right = "python -m tools --data lego --out OUT --levels 2 --iterations 9 8"
     assert command_again("python -m tools", args, DEFAULTS) == right
-    args = parse(["--data", "lego", "--out", "b", "--test-every", "4", "--distortions", "0.5"])
-    right = "python -m tools --data lego --out OUT --distortions 0.5 --test-every 4"
+    words = ["--test-every", "4", "--distortions", "0.5", "--as-published"]
+    args = parse(["--data", "lego", "--out", "b", *words])
+    right = "python -m tools --data lego --out OUT --distortions 0.5 --test-every 4 --as-published"
     assert command_again("python -m tools", args, DEFAULTS) == right
 
 

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import pytest
 
 from evogs_codec import InputError
 from evogs_codec.io.tree_npz import write_tree
-from reference_trainer.config import Integers
+from reference_trainer.config import PRESETS, Integers
 from reference_trainer.models.backends import backend_for
 from reference_trainer.models.backends.cpu import Cpu
 from reference_trainer.run import run
@@ -210,3 +211,34 @@ def test_levels_but_the_last_are_trained_on_photographs_of_the_next_size_too():
     first, last = seen[: 3 * n], seen[3 * n :]
     assert (first.count(16), first.count(32)) == (2 * n, n)
     assert set(last) == {32}
+
+
+def test_levels_are_trained_on_shifted_grids_where_a_larger_size_is_there():
+    seen = []
+
+    class Seeing(Cpu):
+        def render(self, splats, camera, background, screen):
+            seen.append((camera.width, camera.height))
+            return super().render(splats, camera, background, screen)
+
+    n = len(tiny.dataset().train)
+    config = tiny.config(shifts=True, iterations=(4 * n, 4 * n), method="evogs")
+    run(config, tiny.pyramid(), Seeing())
+    assert Counter(seen[: 4 * n]) == dict.fromkeys(((16, 16), (15, 16), (16, 15), (15, 15)), n)
+    assert set(seen[4 * n :]) == {(32, 32)}
+    seen.clear()
+    *coarse, finer = tiny.pyramid(3)
+    both = replace(config, iterations=(8 * n, 4 * n), next_size=1)
+    run(both, tuple(coarse), Seeing(), finer=finer)
+    counts = Counter(seen[: 8 * n])
+    assert counts.pop((16, 16)) == 4 * n
+    assert counts == dict.fromkeys(((8, 8), (7, 8), (8, 7), (7, 7)), n)
+    assert set(seen[8 * n :]) == {(16, 16), (15, 16), (16, 15), (15, 15)}
+
+
+def test_the_preset_that_takes_long_has_shifted_grids_but_as_published_it_has_none():
+    best = PRESETS["two-cores"]
+    assert (best.shifts, best.ssim_weight) == (True, 0.4)
+    assert best.as_published() == replace(best, shifts=False, ssim_weight=0.2)
+    for name in ("paper", "quick"):
+        assert PRESETS[name].as_published() == PRESETS[name]

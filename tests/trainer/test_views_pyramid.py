@@ -6,7 +6,7 @@ import pytest
 from evogs_codec.render import Camera, Options, psnr, render
 from evogs_codec.render.demo_scene import make_scene
 from reference_trainer.data import View, at_scale
-from reference_trainer.data.pyramid import area_average
+from reference_trainer.data.pyramid import area_average, on_shifted_grids
 from tools.photos import shooting_cameras
 
 
@@ -72,3 +72,47 @@ def test_impossible_sizes_are_refused():
         area_average(view.image, 5, 4)
     with pytest.raises(ValueError, match=r"expected float32 \(4, 4, 3\)"):
         View("v", view.camera, picture(4, 5))
+
+
+def test_shifted_grids_are_what_a_camera_half_a_pixel_aside_sees():
+    scene, camera = make_scene(2000), shooting_cameras(1, 96)[0]
+    options = Options(antialiased=True)
+    full = np.clip(render(scene, camera, (1, 1, 1), options=options), 0, 1).astype(np.float32)
+    finer = View("v", camera, full)
+    small = at_scale(finer, 4)
+    found = on_shifted_grids((small,), (at_scale(finer, 2),))
+    assert found[0] is small
+    n = small.camera.width
+    assert [v.image.shape[:2] for v in found[1:]] == [(n, n - 1), (n - 1, n), (n - 1, n - 1)]
+    drawn = [
+        np.clip(render(scene, v.camera, (1, 1, 1), options=options), 0, 1).astype(np.float32)
+        for v in found
+    ]
+    plain, *others = [psnr(image, v.image) for image, v in zip(drawn, found, strict=True)]
+    assert min(others) > plain - 0.5
+    for view in found[1:]:
+        unmoved = drawn[0][: view.camera.height, : view.camera.width]
+        assert psnr(unmoved, view.image) < plain - 2
+
+
+@pytest.mark.parametrize(("height", "width"), [(16, 24), (13, 29), (27, 31)])
+def test_pixels_of_shifted_grids_are_means_of_what_they_cover(height, width):
+    finer = view_of(height, width)
+    _, right, below, both = on_shifted_grids((at_scale(finer, 2),), (finer,))
+    across, down = width / (right.camera.width + 1), height / (right.camera.height)
+    # A picture that rises by 1 a pixel: its means are the middles of what they cover.
+    ramp = np.empty((height, width, 3), np.float32)
+    ramp[..., 0], ramp[..., 1:] = np.arange(width) + 0.5, 0
+    (_, found, *_) = on_shifted_grids((at_scale(finer, 2),), (View("v", finer.camera, ramp),))
+    middles = (np.arange(found.camera.width) + 1) * across
+    expected = np.tile(middles, (found.camera.height, 1))
+    np.testing.assert_allclose(found.image[:, :, 0], expected, atol=0.03)  # sides that are odd
+    assert below.camera.height == both.camera.height == round(height / down) - 1
+    assert (both.camera.cx, both.camera.cy) == (right.camera.cx, below.camera.cy)
+
+
+def test_views_without_a_picture_of_half_the_pixels_have_no_shifted_grids():
+    view = view_of(16, 16)
+    assert on_shifted_grids((view, view), ()) == (view, view)
+    assert on_shifted_grids((view,), (view,)) == (view,)
+    assert len(on_shifted_grids((at_scale(view, 16),), (view,))) == 1  # one pixel

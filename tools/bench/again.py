@@ -21,7 +21,7 @@ def command_again(command: str, args: argparse.Namespace, defaults: Mapping[str,
     for name, default in defaults.items():
         value = getattr(args, name)
         if value != default:
-            values = value if isinstance(value, list) else [value]
+            values = value if isinstance(value, list) else [] if value is True else [value]
             words = [f"{v:g}" if isinstance(v, float) else str(v) for v in values]
             parts += [f"--{name.replace('_', '-')}", *words]
     return " ".join(parts)

@@ -12,7 +12,7 @@ from typing import Any
 
 from evogs_codec import InputError
 from evogs_codec.cli.commands import run as run_command
-from reference_trainer.cli import config_of, pyramid_of
+from reference_trainer.cli import config_of, finer_than, pyramid_of
 from reference_trainer.config import METHODS, PRESETS
 from tools.bench.again import command_again
 
@@ -34,6 +34,7 @@ DEFAULTS: dict[str, Any] = {
     "test_every": 8,
     "again": 300,
     "next_size": 0,
+    "as_published": False,
 }
 EXAMPLES = f"""examples:
   {COMMAND} --data lego --out build/coded --size 200 --levels 3
@@ -88,6 +89,7 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
         help="iterations of each level after a class of numbers was taken away (default: 300)",
     )
     parser.add_argument("--next-size", type=int, metavar="N", help="as of `evogs train`")
+    parser.add_argument("--as-published", action="store_true", help="as of `evogs train`")
     parser.add_argument("--seed", type=int)
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--background", choices=["white", "black"])
@@ -115,6 +117,7 @@ def run_coded(args: argparse.Namespace) -> None:
     data = load_views(
         args.input, background=args.background, test_every=args.test_every, size=args.size
     )
+    finer = finer_than(data, args) if config.shifts else None
     views = Views(pyramid_of(data, config.n_levels), 8)
     folder: Path = args.out / "runs"
     bench = Bench([], views, args.out / "measurements", lambda text: print(text, file=sys.stderr))
@@ -125,7 +128,7 @@ def run_coded(args: argparse.Namespace) -> None:
     sizes: list[dict[str, Any]] = []
     for job in curve_jobs(config, args.methods, args.distortions):
         print(job.name, file=sys.stderr)
-        run_job(job, data, folder, args.device)
+        run_job(job, data, folder, args.device, finer)
         if job.name == "level0":
             continue
         run = read_run(folder / job.name / "result.json", "coded")
@@ -142,6 +145,7 @@ def run_coded(args: argparse.Namespace) -> None:
                 trained_again,
                 config=job.config,
                 views=views,
+                finer=finer,
                 iterations=args.again,
                 backend=backend_for(args.device),
             )

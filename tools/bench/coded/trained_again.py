@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from evogs_codec import EvolutionTree
 from reference_trainer.config import Config
@@ -10,8 +11,12 @@ from reference_trainer.data.seeding import extent
 from reference_trainer.methods.quantised import IntegerLevel
 from reference_trainer.models.backends import Backend
 from reference_trainer.models.densify import ScreenGradients
+from reference_trainer.run import photographs
 from reference_trainer.train import Stage, Training, train
 from tools.bench.paper.runs import Views
+
+if TYPE_CHECKING:
+    from reference_trainer.data import Dataset
 
 __all__ = ["trained_again"]
 
@@ -19,20 +24,26 @@ AGAIN = 3  # purpose of random numbers: the order of views
 
 
 def trained_again(
-    tree: EvolutionTree, config: Config, views: Views, iterations: int, backend: Backend
+    tree: EvolutionTree,
+    config: Config,
+    views: Views,
+    finer: Dataset | None,
+    iterations: int,
+    backend: Backend,
 ) -> EvolutionTree:
     """The tree after as many iterations of each level above 0, as levels end in integers.
 
     Numbers that are 0 stay so, and quanta and alphas are as they were.
     """
     steps = tuple(step for step in tree.steps if step.level == 0)
+    scales = views.pyramid if finer is None else (*views.pyramid, finer)
     for level in range(1, tree.n_levels):
         data = views.pyramid[level]
         before = EvolutionTree(tree.sh_degree, steps)
         own = tuple(step for step in tree.steps if step.level == level)
         model = IntegerLevel(before, own, tree.quanta[: 2 + level], backend.device)
         stage = Stage(
-            data.train,
+            photographs(scales, level, config, shifts=config.shifts),
             data.background,
             extent(data.train),
             iterations,

@@ -74,7 +74,9 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.set_defaults(run=run_paper, method="evogs", seed=0, next_size=0, **DEFAULTS)
+    parser.set_defaults(
+        run=run_paper, method="evogs", seed=0, next_size=0, as_published=True, **DEFAULTS
+    )
     parser.add_argument(
         "--data", dest="input", type=Path, required=True, metavar="D", help="photographs"
     )
