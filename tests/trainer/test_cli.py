@@ -13,9 +13,11 @@ from evogs_codec.io.tree_npz import read_tree, write_tree
 from evogs_codec.lifting.lift import lift
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.png import write_png
-from reference_trainer.cli import config_of, register
+from reference_trainer import cli
+from reference_trainer.cli import config_of, finer_than, register
 from reference_trainer.config import PRESETS, Config
 from reference_trainer.data import load_views
+from reference_trainer.models.backends.cpu import Cpu
 from tests.trainer import tiny
 from tools.photo_formats import FORMATS, Cloud, Shot
 
@@ -108,6 +110,41 @@ def test_flags_that_do_not_fit_are_refused(flags, message, tmp_path):
     args = parsed(tmp_path, tmp_path / "a.tree.npz", *flags)
     with pytest.raises(ValueError, match=message):
         args.run(args)
+
+
+def test_photographs_of_twice_the_size_are_there_if_they_have_it_and_are_not_too_many(
+    folder, monkeypatch
+):
+    def widths(*flags):
+        args = parsed(folder, "x", *flags)
+        data = load_views(folder, size=args.size)
+        finer = finer_than(data, args)
+        return None if finer is None else {view.camera.width for view in finer.train}
+
+    assert widths("--size", "16") == {32}
+    assert widths("--size", "20") == {32}  # as large as they are
+    assert widths() is None
+    monkeypatch.setattr(cli, "MOST_SHIFTED", 1000)
+    assert widths("--size", "16") is None
+
+
+def test_the_default_preset_trains_on_shifted_grids(folder, tmp_path, monkeypatch):
+    seen = set()
+    plain = Cpu.render
+
+    def render(self, splats, camera, background, screen):
+        seen.add(camera.width)
+        return plain(self, splats, camera, background, screen)
+
+    monkeypatch.setattr(Cpu, "render", render)
+    flags = ["--quiet", *SHORT, "--size", "16"]
+    parsed_one = parsed(folder, tmp_path / "a.tree.npz", *flags)
+    parsed_one.run(parsed_one)
+    assert seen == {7, 8, 15, 16}
+    seen.clear()
+    published = parsed(folder, tmp_path / "b.tree.npz", *flags, "--as-published")
+    published.run(published)
+    assert seen == {8, 16}
 
 
 def test_a_preset_is_changed_by_flags():

@@ -43,6 +43,24 @@ def test_trees_in_other_integers_are_compared_with_the_same_baselines():
         assert (old.config == new.config) == ("evogs" not in new.name)
 
 
+def test_a_shared_level_0_is_trained_on_the_same_grids_as_levels_of_its_size(tmp_path, monkeypatch):
+    found = {}
+
+    def run(config, pyramid, backend, *, finer, **more):
+        found[config.method] = finer and finer.train[0].camera.width
+        return tiny.trained()
+
+    monkeypatch.setattr(queue, "run", run)
+    data = tiny.dataset()
+    first, tree, *_ = jobs(tiny.config(shifts=True), ["evogs"], [0], ["equal"])
+    for job in (first, tree):
+        run_job(job, data, tmp_path, "cpu", tiny.dataset(64))
+    assert found == {"mono": 32, "evogs": 64}
+    first, *_ = jobs(tiny.config(), ["evogs"], [0], ["equal"])
+    run_job(replace(first, name="other"), data, tmp_path, "cpu", tiny.dataset(64))
+    assert found["mono"] is None
+
+
 def test_a_run_leaves_its_tree_and_figures_and_is_not_repeated(tmp_path, small_queue):
     for job in small_queue:
         run_job(job, tiny.dataset(), tmp_path, "cpu")
