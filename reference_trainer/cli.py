@@ -18,7 +18,7 @@ from evogs_codec import InputError
 from evogs_codec.cli.common_options import add_output
 from evogs_codec.io.files import PICTURE, TREE, FileKind, check_target, same_file, write_atomic
 from evogs_codec.io.tree_npz import read_tree, write_tree
-from reference_trainer.config import METHODS, PRESETS, Config
+from reference_trainer.config import METHODS, MOST_SHIFTED, PRESETS, Config
 
 if TYPE_CHECKING:
     from reference_trainer.data import Dataset
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 __all__ = ["config_of", "finer_than", "pyramid_of", "register", "run_train"]
 
 RESULT = FileKind("result of a run", (b'{\n "config"',))
-# Numbers in the photographs of the last level that has shifted ones, which take 28 bytes for each.
-MOST_SHIFTED = 1 << 26
 Commands = Any  # argparse's sub-parsers have no public type
 EXAMPLES = """examples:
   evogs train lego lego.tree.npz --size 400
@@ -299,7 +297,8 @@ def finer_than(data: Dataset, args: argparse.Namespace) -> Dataset | None:
     """
     from reference_trainer.data import load_views
 
-    if args.size is None or sum(view.image.size for view in data.train) > MOST_SHIFTED:
+    n_numbers = sum(view.image.size for view in data.train)
+    if args.size is None or n_numbers > MOST_SHIFTED:
         return None
     with warnings.catch_warnings():  # `data` was loaded with the same
         warnings.simplefilter("ignore")

@@ -8,7 +8,16 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
-__all__ = ["METHODS", "PRESETS", "CloudGrowth", "Config", "FrontierGrowth", "Integers", "Rates"]
+__all__ = [
+    "METHODS",
+    "MOST_SHIFTED",
+    "PRESETS",
+    "CloudGrowth",
+    "Config",
+    "FrontierGrowth",
+    "Integers",
+    "Rates",
+]
 
 METHODS = (
     "evogs",
@@ -21,6 +30,11 @@ METHODS = (
     "mono",
     "single",
 )
+
+
+# Numbers in the photographs of a level that has shifted ones: these take 12 bytes for each of them,
+# and photographs of twice the size 16.
+MOST_SHIFTED = 1 << 26
 
 
 @dataclass(frozen=True)
@@ -173,7 +187,8 @@ class Config:
         next_size: after so many photographs of its own size, in the mean, a level is trained on one
             of the size of the next level, for when it is drawn there; 0 for none.
         shifts: photographs are there on grids of pixels that are half a pixel apart, too, made of
-            those of twice the size: held-out views gain what trained ones lose.
+            those of twice the size: held-out views gain what trained ones lose. Levels of more
+            than `MOST_SHIFTED` numbers have one grid.
         checkpoint_every: iterations.
     """
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from evogs_codec import EvolutionTree, InputError
-from reference_trainer.config import Config
+from reference_trainer.config import MOST_SHIFTED, Config
 from reference_trainer.data.pyramid import on_shifted_grids
 from reference_trainer.data.seeding import extent
 from reference_trainer.methods import method_named
@@ -156,9 +156,11 @@ def photographs(
         scales: the data at the resolution of each level; perhaps at twice the last, too.
         scale: number of one of them.
         config: says how many there are of the next size.
-        shifts: whether they are on shifted grids, too, where a larger scale is there.
+        shifts: whether they are on shifted grids, too, where a larger scale is there and they are
+            not too many.
     """
     own = scales[scale].train
+    shifts = shifts and sum(view.image.size for view in own) <= MOST_SHIFTED
     finer = scales[scale + 1].train if scale + 1 < len(scales) else ()
     found = on_shifted_grids(own, finer) if shifts else own
     if not config.next_size or scale + 1 >= config.n_levels:

@@ -18,7 +18,7 @@ from evogs_codec.io.tree_npz import write_tree
 from reference_trainer.config import PRESETS, Integers
 from reference_trainer.models.backends import backend_for
 from reference_trainer.models.backends.cpu import Cpu
-from reference_trainer.run import run
+from reference_trainer.run import photographs, run
 from reference_trainer.runtime.checkpoint import FILE, Checkpoint
 from reference_trainer.runtime.progress import Progress
 from reference_trainer.train import NotFiniteError
@@ -234,6 +234,15 @@ def test_levels_are_trained_on_shifted_grids_where_a_larger_size_is_there():
     assert counts.pop((16, 16)) == 4 * n
     assert counts == dict.fromkeys(((8, 8), (7, 8), (8, 7), (7, 7)), n)
     assert set(seen[8 * n :]) == {(16, 16), (15, 16), (16, 15), (15, 15)}
+
+
+def test_levels_of_too_many_photographs_have_one_grid(monkeypatch):
+    scales, config = tiny.pyramid(3), tiny.config(shifts=True)
+    n = len(scales[0].train)
+    numbers = [sum(view.image.size for view in data.train) for data in scales]
+    monkeypatch.setattr("reference_trainer.run.MOST_SHIFTED", numbers[0])
+    counts = [len(photographs(scales, i, config, shifts=True)) for i in range(3)]
+    assert counts == [4 * n, n, n]  # of the first level, of one too large, of one without a larger
 
 
 def test_the_preset_that_takes_long_has_shifted_grids_but_as_published_it_has_none():
