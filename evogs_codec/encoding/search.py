@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
-__all__ = ["MOST_TRIES", "ONE_SIDED", "Found", "nearest"]
+__all__ = ["MOST_TRIES", "NARROW", "ONE_SIDED", "Found", "nearest"]
 
 MOST_TRIES = 14
-NARROW = 1e-6
+NARROW = 1e-6  # of the logarithm of a place
 ROUGH, SPREAD, GOLDEN = 0.02, 0.2, 0.618  # of the logarithm of a price
 ONE_SIDED = 3  # tries on one side of a target, after which it is, too, if they hardly come nearer
 HARDLY = 0.5  # of the distance of the first try from the target
@@ -21,13 +21,15 @@ T = TypeVar("T")
 class Found(Generic[T]):
     """The best of a search: where, its value, and what has it.
 
-    `is_end`: an end of what was searched, beyond which the target lies.
+    `is_end`: an end of what was searched, beyond which the target lies. `above`: of the values that
+    are no less than the target the nearest, if the search came across one.
     """
 
     at: float
     value: float
     what: T
     is_end: bool = False
+    above: Found[T] | None = None
 
 
 def nearest(
@@ -40,6 +42,7 @@ def nearest(
     most: float = math.inf,
     tries: int = MOST_TRIES,
     far: float = math.inf,
+    narrow: float = NARROW,
 ) -> Found[T]:
     """Where a value that falls is nearest to `target`: secants in the logarithm, kept in brackets.
 
@@ -52,9 +55,10 @@ def nearest(
         slack: a value this near is good enough.
         most: a value above it is the best only where none is below.
         tries: at most.
-        far: a first value that is further off has the end of the range tried, as one does of which
-            the first tries are all on one side and far: if the end does not reach the target,
-            nothing does.
+        far: a first value that is further off has the end of the range tried. So have first tries
+            that are all on one side and far, or of which a line meets the target beyond the end.
+            If the end does not reach the target, nothing does.
+        narrow: of the logarithm; the value jumps over the target between places this near.
     """
 
     def badness(value: float) -> tuple[bool, float]:
@@ -63,6 +67,7 @@ def nearest(
     low, high = (math.log(bound) for bound in bounds)
     at = math.log(start)
     best: Found[T] | None = None
+    above: Found[T] | None = None
     before: tuple[float, float] | None = None
     middle: float | None = None
     is_above: set[bool] = set()
@@ -72,12 +77,19 @@ def nearest(
         value, what = measure(math.exp(at))
         if best is None or badness(value) < badness(best.value):
             best = Found(math.exp(at), value, what)
+        if value >= target and (above is None or value < above.value):
+            above = Found(math.exp(at), value, what)
         if abs(value - target) <= slack:
             break
         is_above.add(value > target)
         distances.append(abs(value - target))
+        if before is not None and before[0] != at and (before[1] - value) * (before[0] - at) < 0:
+            slope = (before[1] - value) / (before[0] - at)
+        before = at, value
+        there = at + (target - value) / slope
         is_slow = k + 1 == ONE_SIDED and distances[-1] > HARDLY * distances[0]
-        if is_slow or (not k and distances[0] > far):
+        is_beyond = k > 0 and not math.log(bounds[0]) < there < math.log(bounds[1])
+        if is_slow or is_beyond or (not k and distances[0] > far):
             end = bounds[0] if value < target else bounds[1]
             if len(is_above) == 1 and end not in tried:
                 tried.add(end)
@@ -88,10 +100,7 @@ def nearest(
             low = at
         else:
             high = at
-        if before is not None and before[0] != at and (before[1] - value) * (before[0] - at) < 0:
-            slope = (before[1] - value) / (before[0] - at)
-        before = at, value
-        at += (target - value) / slope
+        at = there
         if not low < at < high:
             at = (low + high) / 2
         if k + 1 == MOST_TRIES and high - low < ROUGH and is_above == {True, False}:
@@ -99,7 +108,7 @@ def nearest(
         if middle is not None:
             # Of few splats a PSNR is rough: places around have any value near it.
             at = middle + SPREAD * (k * GOLDEN % 1 - 0.5)
-        elif high - low < NARROW or k + 1 >= MOST_TRIES:
+        elif high - low < narrow or k + 1 >= MOST_TRIES:
             break
     assert best is not None
-    return best
+    return replace(best, above=above)

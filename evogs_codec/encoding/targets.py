@@ -17,7 +17,8 @@ from evogs_codec.decoding.decode import decode
 from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.layers import Layering
 from evogs_codec.encoding.prepared import Aim, Prepared
-from evogs_codec.encoding.search import MOST_TRIES, ONE_SIDED, Found, nearest
+from evogs_codec.encoding.replayed import Replayed
+from evogs_codec.encoding.search import MOST_TRIES, NARROW, ONE_SIDED, Found, nearest
 from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.encoding.settings import NearLossless, StepTable
 from evogs_codec.encoding.sketch import Sketch
@@ -37,6 +38,7 @@ MORE_TRIES = 60  # of few splats, where a rounding moves a PSNR
 TRIED = 200_000  # splats, those of all tries together
 PSNR_SLACK, BYTES_SLACK = 0.15, 0.01  # dB, and part of the bytes asked for
 MISSED_BY = 0.2  # dB from a target, at most
+JUMP = 0.05  # of the logarithm of a price: 0.2 dB, where a PSNR does not jump
 BYTES_SLOPE = -0.25  # of the logarithm of the bytes over that of the price, about
 PSNR_SLOPE = -10 / math.log(10)  # dB, likewise: 3 dB for a price twice as high
 NEAR_SLOPE = -3.0  # dB, likewise, between 35 and 50 dB
@@ -79,6 +81,8 @@ class TargetEncoder(Aim):
     def at_psnr(self, decibels: float) -> bytes:
         """The stream whose leaves have this PSNR against the tree's, within 0.2 dB.
 
+        Where the PSNR jumps over that, the smallest that was found above.
+
         Raises:
             InputError: no price of a bit gives it.
             ValueError: there are no views.
@@ -100,7 +104,7 @@ class TargetEncoder(Aim):
         tries = max(MOST_TRIES, min(MORE_TRIES, TRIED // max(self.tree.n_leaves, 1)))
 
         def measure(coded: CodedTree) -> tuple[float, CodedTree]:
-            return self.psnr(write(coded, effort=1, digests=False)), coded
+            return self._psnr_of(coded), coded
 
         def search(
             code: Callable[[float], CodedTree],
@@ -118,6 +122,7 @@ class TargetEncoder(Aim):
                 slack,
                 tries=tries,
                 far=FAR_PSNR,
+                narrow=NARROW if tries > MOST_TRIES else JUMP,
             )
 
         first = near or FIRST_PRICE
@@ -137,6 +142,8 @@ class TargetEncoder(Aim):
             below = search(coder.coded, decibels - POLISH_GAIN, first, POLISH_GAIN / 4)
             found.append(search(coder.polished, decibels, below.at, PSNR_SLACK))
         met = [one for one in found if abs(one.value - decibels) <= missed_by]
+        if not met and plain.above is not None:
+            met = [plain.above]
         if not met:
             said = f"{decibels:g} dB cannot be met: {plain.value:.2f} dB is nearest"
             raise TargetMissedError(said, abs(plain.value - decibels))
@@ -198,7 +205,7 @@ class TargetEncoder(Aim):
         """
 
         def real(price: float) -> float:
-            return self.psnr(write(self.prepared.coded(price), effort=1, digests=False))
+            return self._psnr_of(self.prepared.coded(price))
 
         sketch = Sketch.of(self.prepared)
         return self._guess(sketch.psnr, real, decibels, NEAR_SLOPE, near)
@@ -353,6 +360,13 @@ class TargetEncoder(Aim):
         if self.views is None:
             raise ValueError("a PSNR needs views")
         return self.views.psnr(decode(data).leaves(sh_degree=self.tree.shown_degree))
+
+    def _psnr_of(self, coded: CodedTree) -> float:
+        """`psnr` of the stream of a coded tree, which is not written."""
+        if self.views is None:
+            raise ValueError("a PSNR needs views")
+        n_steps = [len(tile.steps) for tile in coded.tiles]
+        return self.views.psnr(Replayed(coded).after(n_steps, self.tree.shown_degree))
 
     def written(self, coded: CodedTree) -> bytes:
         """The stream of a coded tree, with digests."""

@@ -69,20 +69,19 @@ def _steadied(found: FoundStream, views: Views, request: Request) -> FoundStream
     met = found  # the last that is known to meet a target, or else the first
     if found.psnr is not None:  # a third layer takes bytes
         found = mending.with_three_layers(found, found.psnr) or found
-    for _ in range(TRIES):
-        again = mending.mended(found)
-        if again is None:
-            try:
-                again = found.made()
-            except TargetMissedError:
-                return met.made()
-            if again is found or _is_near(again, found):
-                return again
-            met = again
-        found = again
     try:
+        for _ in range(TRIES):
+            again = mending.mended(found)
+            if again is None:
+                again = found.made()
+                if again is found or _is_near(again, found):
+                    return again
+                met = again
+            found = again
         return found.made()
     except TargetMissedError:
+        if met is found:
+            raise
         return met.made()
 
 

@@ -41,3 +41,29 @@ def test_a_value_that_no_place_has_is_given_up_after_a_few_tries(target):
     assert found.is_end
     assert len(tries) <= 4
     assert abs(found.value) > 0.99
+
+
+def test_where_a_value_jumps_over_the_target_the_nearest_above_is_known_after_few_tries():
+    tries = []
+
+    def measure(at):
+        tries.append(at)
+        return (80.3 if at < 2 else 79.1) - math.log(at), at
+
+    above = nearest(measure, 79.0, -1.0, 1.0, (1e-4, 1e4), 0.1, narrow=0.05).above
+    assert len(tries) <= 9
+    assert above is not None
+    assert above.at < 2
+    assert above.value == pytest.approx(80.3 - math.log(2), abs=0.06)
+
+
+def test_the_end_of_the_range_is_tried_once_a_line_meets_the_target_beyond_it():
+    tries = []
+
+    def measure(at):
+        tries.append(at)
+        return -0.01 * math.log(at), at
+
+    found = nearest(measure, 1.0, -0.2, 1.0, (1e-4, 1e4), 0.01)
+    assert found.is_end
+    assert tries == [1.0, pytest.approx(math.exp(-5)), 1e-4]

@@ -54,6 +54,18 @@ def test_a_psnr_is_met(decibels):
     assert psnr(aim().at_psnr(decibels)) == pytest.approx(decibels, abs=0.2)
 
 
+@pytest.mark.thorough
+def test_a_psnr_that_jumps_over_the_target_is_met_from_above(monkeypatch):
+    real = TargetEncoder._psnr_of
+
+    def jumps(self, coded):
+        found = real(self, coded)
+        return found + (found > 40)
+
+    monkeypatch.setattr(TargetEncoder, "_psnr_of", jumps)
+    assert 40 < psnr(aim().at_psnr(40.5)) < 40.2
+
+
 @pytest.mark.parametrize(
     ("n_bytes", "has_pictures"),
     [
