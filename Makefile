@@ -24,12 +24,13 @@ DEMO_SPLATS := 40000
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: dist docs help venv demo picture test test-all test-slow test-peers check generated conformance fuzz format bench web test-web clean
+.PHONY: dist docs help venv demo picture test test-all test-rest test-slow test-peers check generated conformance fuzz format bench web test-web clean
 
 help:
 	@echo "make demo       encode, decode, extract and draw the scene that ships with the project"
 	@echo "make test       the first ring of tests: at most 3 minutes on two cores, without torch"
 	@echo "make test-all   every test that CI runs, with random examples; installs torch"
+	@echo "make test-rest  what is left of test-all after test, as CI runs it"
 	@echo "make test-slow  tests that take minutes each; CI does not run them"
 	@echo "make test-peers  files of other programs, in and out; installs those of npm; needs Node 20"
 	@echo "make check      formatting, lint, types, the first ring, generated files"
@@ -96,6 +97,10 @@ test: $(TEST)
 
 test-all: $(DEV)
 	$(PYTEST) -m "not slow" --hypothesis-profile random
+
+# What is left of test-all after `make test`: other tests, and other random examples.
+test-rest: $(DEV)
+	$(PYTEST) -m "(thorough or hypothesis or random) and not slow" --hypothesis-profile random
 
 test-slow: $(DEV)
 	$(PYTEST) -m slow

@@ -8,6 +8,7 @@ from evogs_codec.render.demo_scene import make_scene
 from tools.bench.subjects import Subject
 
 
+@pytest.mark.thorough
 def test_bytes_at_equal_psnr_are_those_of_the_curve_moved_to_the_default():
     pytest.importorskip("gsply", reason="the bench writes SPZ with it")
     from tools.bench.effort import to_default

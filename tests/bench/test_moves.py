@@ -85,6 +85,7 @@ def constant(rate, round_trip):
     return Trace("", round_trip, np.full(1000, rate))
 
 
+@pytest.mark.thorough
 def test_what_no_picture_is_made_of_came_for_nothing():
     pytest.importorskip("gsply")
     from tools.bench.moves import trip
@@ -97,6 +98,7 @@ def test_what_no_picture_is_made_of_came_for_nothing():
     assert came.there(2.1) == (0, 1)
 
 
+@pytest.mark.thorough
 def test_after_a_move_the_client_asks_anew():
     pytest.importorskip("gsply")
     from tools.bench.moves import trip
@@ -114,6 +116,7 @@ def test_after_a_move_the_client_asks_anew():
     assert still.n_bytes == pytest.approx(350_000, abs=5)
 
 
+@pytest.mark.thorough
 def test_pieces_without_bytes_come_with_those_before_them():
     pytest.importorskip("gsply")
     from tools.bench.moves import trip

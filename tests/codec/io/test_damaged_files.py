@@ -26,6 +26,7 @@ LEVELS = (RECORDS, [(0, REFINE, 0, 1, 0)])
 ARRAYS = file_of([1, 2, 3], *LEVELS, degree=1) | {"quanta": np.full((4, 6), 0.25)}
 TREES = [npz_bytes(ARRAYS), npz_bytes(ARRAYS, np.savez_compressed)]
 MAX_SAID = 1000  # characters of a message, after the path
+pytestmark = pytest.mark.random
 FACE = ["element face 2", "property list uchar uchar vertex_indices"]
 PLYS = [
     *(ply_bytes(columns_of(scene_of(3, 1)), form) for form in FORMATS),

@@ -122,6 +122,7 @@ def test_the_files_are_read_where_they_are_not_damaged(kind, whole, tmp_path):
     assert found.finite().all()
 
 
+@pytest.mark.random
 @pytest.mark.parametrize("kind", KINDS)
 def test_files_that_are_cut_short_or_have_bits_changed_are_read_or_refused(kind, whole, tmp_path):
     seed = 1 if settings().derandomize else random.SystemRandom().randrange(1 << 32)
