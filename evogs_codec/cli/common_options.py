@@ -127,7 +127,7 @@ def add_effort(parser: argparse.ArgumentParser, default: str | None = None) -> N
         type=effort,
         default=default,
         metavar="WHAT",
-        help="fast: fewer and smaller views, about a third of the time, and no PSNR of levels;"
+        help="fast: fewer and smaller views, about half of the time, and no PSNR of levels;"
         " default: what `evogs encode` does; best: Zstandard 22; 1..22: the default with this level"
         f" of Zstandard (default: {named})",
     )

@@ -45,7 +45,7 @@ def add_large_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group(
         "large scenes",
         f"A .ply of more than {LARGE:,} splats, a folder of scenes, or several of them are encoded"
-        " tile by tile, each in a process of its own, with about 600 MB for each process whatever"
+        " tile by tile, each in a process of its own, with about 450 MB for each process whatever"
         " the size. The stream is the same for any number of processes.",
     )
     add_engine(group)
@@ -53,7 +53,7 @@ def add_large_options(parser: argparse.ArgumentParser) -> None:
         "--scratch",
         type=Path,
         metavar="FOLDER",
-        help="for what is in work, up to twice the size of the input (default: OUT.evogs.parts)",
+        help="for what is in work, up to 1.4 times the input (default: OUT.evogs.parts)",
     )
 
 

@@ -13,7 +13,7 @@ from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.format.write_directory import rebuild_directory
 from evogs_codec.stores.sources import Source, bytes_of
 
-__all__ = ["KEY", "LevelPsnr", "level_psnr", "with_level_psnr"]
+__all__ = ["KEY", "LevelPsnr", "level_psnr", "with_level_psnr", "without_level_psnr"]
 
 KEY = "psnr"
 MOST = 99.99  # dB that are written, so that each number takes five characters
@@ -56,9 +56,24 @@ def with_level_psnr(data: Source, measured: LevelPsnr) -> bytes:
     Raises:
         StreamError: header or chunks are not legal.
     """
+    return _with_text(data, {KEY: str(measured)})
+
+
+def without_level_psnr(data: Source) -> bytes:
+    """The stream without such numbers in its metadata.
+
+    Raises:
+        StreamError: header or chunks are not legal.
+    """
+    return _with_text(data, {})
+
+
+def _with_text(data: Source, own: Mapping[str, str]) -> bytes:
+    """The stream with this text for `KEY`, or none."""
     view = bytes_of(data)
     directory = read_directory(view)
-    text: Mapping[str, str] = {**directory.info.text, KEY: str(measured)}
+    others = {key: text for key, text in directory.info.text.items() if key != KEY}
+    text = {**others, **own}
     changed = replace(directory, info=replace(directory.info, text=text))
     head = rebuild_directory(changed, directory.tiles, directory.packets, directory.digests)
     return b"".join([head, view[directory.data_offset : directory.size]])

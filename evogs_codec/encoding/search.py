@@ -94,7 +94,9 @@ def nearest(
             if len(is_above) == 1 and end not in tried:
                 tried.add(end)
                 last, at_end = measure(end)
-                if (last > target) == (value > target) and abs(last - target) > slack:
+                if abs(last - target) <= slack and last <= most:
+                    return Found(end, last, at_end)
+                if (last > target) == (value > target):
                     return Found(end, last, at_end, is_end=True)
         if value > target:
             low = at

@@ -160,8 +160,8 @@ class Entries:
             TooFineError: a number leaves its range on the grid of the plan.
         """
         assert plan.coarse is not None, "the plan has a palette"
-        n_coarse, degree = plan.coarse.shape[1], plan.sh_degree
-        values = np.concatenate([plan.coarse, vectors.rows.T], axis=1)
+        n_coarse, degree = plan.coarse.values.shape[1], plan.sh_degree
+        values = np.concatenate([plan.coarse.values, vectors.rows.T], axis=1)
         palette = Palette(degree, np.ascontiguousarray(values, np.float32), n_coarse)
         weights, first = np.zeros((degree, values.shape[1])), first_levels([], values.shape[1])
         for path in picks:

@@ -22,7 +22,7 @@ from evogs_codec.encoding.sensitivity import steps_of_entries
 from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, Settings, StepTable
 from evogs_codec.io.files import write_atomic
 from evogs_codec.jobs.partition import Partition
-from evogs_codec.lifting.shared_sh import centres_of
+from evogs_codec.lifting.coarse_entries import CoarseEntries
 from evogs_codec.model.arithmetic import AlphaTable, Quantiser
 from evogs_codec.model.channels import GROUPS, N_GROUPS
 from evogs_codec.model.coded_tree import CodedTile, CodedTree
@@ -143,7 +143,7 @@ class Plan:
         alpha: tables per (level, group).
         settings: how tiles are quantised.
         is_late: the last level of the tree of a tile comes late.
-        coarse: (C, n) entries for coarse splats of a palette; None without one.
+        coarse: entries for coarse splats of a palette; None without one.
     """
 
     sh_degree: int
@@ -155,7 +155,7 @@ class Plan:
     alpha: dict[tuple[int, int], AlphaTable]
     settings: Settings
     is_late: bool = False
-    coarse: F32 | None = None
+    coarse: CoarseEntries | None = None
 
     @staticmethod
     def of(partition: Partition, surveys: Sequence[Survey], n_coarse: int, info: SceneInfo) -> Plan:
@@ -201,7 +201,7 @@ class Plan:
             alpha=tables_of(pooled, settings),
             settings=settings,
             is_late=is_late,
-            coarse=centres_of(some, partition.n_vectors) if sharings else None,
+            coarse=CoarseEntries.of(some, partition.n_vectors) if sharings else None,
         )
         return plan._with_quantisers()
 
@@ -239,7 +239,7 @@ class Plan:
         """Tiles on a grid as a tree; entries of a palette are not known yet."""
         entries = None
         if self.coarse is not None:
-            entries = np.empty((len(self.coarse), 0), np.int32)
+            entries = np.empty((len(self.coarse.values), 0), np.int32)
         return CodedTree(
             sh_degree=self.sh_degree,
             n_levels=self.n_levels,

@@ -33,8 +33,9 @@ from evogs_codec.jobs.partition import STAND_IN
 from evogs_codec.jobs.picks import Unnumbered, unnumbered_of
 from evogs_codec.jobs.plan import Needs, Plan, Sharing, Survey
 from evogs_codec.jobs.surroundings import Neighbourhood, enlarged, price_of
+from evogs_codec.lifting.coarse_entries import CoarseEntries
 from evogs_codec.lifting.lift import Lifted, lift_with_order
-from evogs_codec.lifting.shared_sh import SharedSh, centres_of, coarse_sh, in_palette
+from evogs_codec.lifting.shared_sh import SharedSh, coarse_sh, in_palette
 from evogs_codec.model.channels import GROUP_CHANNELS, N_GROUPS, channel_class, n_channels
 from evogs_codec.model.coded_tree import CodedTile, CodedTree
 from evogs_codec.model.splats import F32, SplatParams
@@ -93,7 +94,7 @@ def survey_tile(job: TileJob, out: str) -> None:
     tree, coarse = lifted.tree, None
     if job.has_palette:
         coarse = coarse_sh(tree)
-        tree, _ = _sharing(lifted, splats, centres_of(coarse, len(splats)))
+        tree, _ = _sharing(lifted, splats, CoarseEntries.of(coarse, len(splats)))
     prepared, n_shown = _prepared(job, splats, tree)
     price = Effort.of(job.effort).price * price_of(n_shown)
     sharing = late = None
@@ -233,8 +234,10 @@ def _lifted(splats: SplatParams, job: TileJob) -> Lifted:
     return lift_with_order(splats, job.n_levels, n_neighbours=Effort.of(job.effort).n_neighbours)
 
 
-def _sharing(lifted: Lifted, splats: SplatParams, coarse: F32) -> tuple[EvolutionTree, SharedSh]:
-    """The tree of splats with their SH in a palette, behind entries for coarse splats (C, n)."""
+def _sharing(
+    lifted: Lifted, splats: SplatParams, coarse: CoarseEntries
+) -> tuple[EvolutionTree, SharedSh]:
+    """The tree of splats with their SH in a palette, behind entries for coarse splats."""
     shared = SharedSh.of(splats)
     assert shared is not None, "it was looked for"
     tree = in_palette(lifted, shared.palette(splats.sh_degree), shared.vector_of, coarse)

@@ -12,17 +12,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from evogs_codec.lifting.coarse_entries import SAMPLE, CoarseEntries
 from evogs_codec.lifting.lift import Lifted
 from evogs_codec.model.channels import N_CORE
-from evogs_codec.model.splats import F32, F64, I32, I64, SplatParams
+from evogs_codec.model.splats import F32, I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree, Kind, Palette, Step
 
 __all__ = [
     "MOST",
-    "SAMPLE",
     "SH",
     "SharedSh",
-    "centres_of",
     "coarse_sh",
     "in_palette",
     "keys_of",
@@ -31,9 +30,6 @@ __all__ = [
 ]
 
 MOST = 0.25  # of the splats, as many different vectors at most: else psi take fewer bytes
-N_COARSE = 256  # entries for coarse splats at most: their picks take a byte
-SAMPLE, ROUNDS = 32_768, 10  # of coarse splats, by which those entries are found
-BLOCK = 40  # splats compared with entries at a time: of more, BLAS starts threads, which spin
 SH = slice(N_CORE, None)  # channels above band 0
 
 
@@ -91,7 +87,7 @@ def keys_of(rows: F32) -> I64:
 def with_palette(lifted: Lifted, splats: SplatParams) -> EvolutionTree | None:
     """The lifted tree of splats with their SH above band 0 in a palette, where they share them.
 
-    Coarse splats show one of a few entries made for them, the nearest to their own SH.
+    Coarse splats show one of a few entries made for them (`coarse_entries`).
 
     Returns:
         None if too few splats share their SH, or if none has any.
@@ -100,21 +96,22 @@ def with_palette(lifted: Lifted, splats: SplatParams) -> EvolutionTree | None:
     if shared is None or not shared[0].entries.size:
         return None
     own, picks = shared
-    return in_palette(lifted, own, picks, centres_of(coarse_sh(lifted.tree), own.entries.shape[1]))
+    coarse = CoarseEntries.of(coarse_sh(lifted.tree), own.entries.shape[1])
+    return in_palette(lifted, own, picks, coarse)
 
 
-def in_palette(lifted: Lifted, own: Palette, picks: I64, coarse: F32) -> EvolutionTree:
+def in_palette(lifted: Lifted, own: Palette, picks: I64, coarse: CoarseEntries) -> EvolutionTree:
     """The lifted tree of splats with their SH above band 0 in a palette.
 
     Args:
         lifted: of N splats.
         own: their SH.
         picks: (N,) of these splats among them.
-        coarse: (C, n) entries for coarse splats, which come first in the palette.
+        coarse: entries for coarse splats, which come first in the palette.
     """
     tree = lifted.tree
     is_last = _last_written(tree)
-    n_coarse = coarse.shape[1]
+    n_coarse = coarse.values.shape[1]
     final = np.where(picks > 0, picks + n_coarse, 0)[lifted.leaf_of].astype(np.int32)
     shown = np.zeros(len(final), np.int32)
     steps: list[Step] = []
@@ -124,7 +121,7 @@ def in_palette(lifted: Lifted, own: Palette, picks: I64, coarse: F32) -> Evoluti
         written = np.concatenate([changed, n + np.arange(step.n_new)])
         is_final = is_last[written] <= k
         now = np.where(is_final, final[written], 0)
-        now[~is_final] = _nearest(state.values[:, written[~is_final]], coarse)
+        now[~is_final] = coarse.cheapest(state.values[:, written[~is_final]])
         keeps = np.array_equal(now[: len(changed)], shown[changed])
         shown[written] = now
         steps.append(
@@ -137,7 +134,7 @@ def in_palette(lifted: Lifted, own: Palette, picks: I64, coarse: F32) -> Evoluti
             )
         )
         n += step.n_new
-    entries = np.concatenate([coarse, own.entries], axis=1)
+    entries = np.concatenate([coarse.values, own.entries], axis=1)
     return EvolutionTree(0, tuple(steps), palette=Palette(own.degree, entries, n_coarse))
 
 
@@ -160,33 +157,3 @@ def coarse_sh(tree: EvolutionTree) -> F32:
         parts.append(state.values[:, written[is_last[written] > k]].astype(np.float32))
     x = np.concatenate(parts, axis=1)
     return x[:, :: max(1, x.shape[1] // SAMPLE)]
-
-
-def centres_of(x: F32, most: int) -> F32:
-    """(C, up to `most`, and up to `N_COARSE`) centres of coarse SH (C, N): k-means of a sample."""
-    if not x.shape[1]:  # all splats are leaves
-        return x
-    n = min(N_COARSE, most)
-    x = x[:, :: max(1, x.shape[1] // SAMPLE)]
-    centres = x[:, :: max(1, -(-x.shape[1] // max(n, 1)))]
-    for _ in range(ROUNDS):
-        nearest = _nearest(x, centres)
-        counts = np.bincount(nearest, minlength=1 + centres.shape[1])[1:]
-        some = np.flatnonzero(counts)
-        sums = [np.bincount(nearest, row, 1 + centres.shape[1])[1:][some] for row in x]
-        centres = (np.array(sums).reshape(len(x), -1) / counts[some]).astype(np.float32)
-    return centres
-
-
-def _nearest(x: F32 | F64, entries: F32) -> I32:
-    """(N,) picks: the nearest of entries (C, n), or 0 for none, to each of (C, N)."""
-    out = np.zeros(x.shape[1], np.int32)
-    candidates = np.concatenate([np.zeros((len(entries), 1), np.float32), entries], axis=1)
-    unit = np.float32(max(1.0, np.abs(candidates).max(), np.abs(x).max(initial=0)))
-    candidates /= unit  # so that no square overflows
-    lengths = np.square(candidates).sum(0)
-    for at in range(0, len(out), BLOCK):
-        part = (x[:, at : at + BLOCK] / unit).astype(np.float32)
-        products = 2 * part.T @ candidates
-        out[at : at + BLOCK] = np.subtract(lengths, products, out=products).argmin(axis=1)
-    return out

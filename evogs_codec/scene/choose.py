@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 from evogs_codec.encoding.encode import encode
 from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.late_level import can_be_late
-from evogs_codec.encoding.layers import N_LAYERS, Layering
+from evogs_codec.encoding.layers import N_LAYERS, Layered, Layering
 from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
 from evogs_codec.encoding.palette_worth import bits_of_palette, bits_of_psi
 from evogs_codec.encoding.search import Found
@@ -94,16 +94,19 @@ class FoundStream:
         return self.aim is not None and self.aim.layers > 1
 
     @property
+    def layering(self) -> Layering:
+        """Its layers of precision."""
+        return Layering(1) if self._layered is None else self._layered.layering
+
+    @property
     def n_coarse(self) -> int:
         """Levels at coarse steps, or all of them where there is one layer."""
-        layered = None if self.aim is None else self.aim.prepared.layered
-        return self.tree.n_levels if layered is None else layered.n_coarse
+        return self.tree.n_levels if self._layered is None else self._layered.n_coarse
 
     @property
     def orders(self) -> Sequence[I64 | None] | None:
         """What layers did to the order of slots (`EncodedScene`)."""
-        layered = None if self.aim is None else self.aim.prepared.layered
-        return None if layered is None else layered.orders
+        return None if self._layered is None else self._layered.orders
 
     @property
     def can_be_late(self) -> bool:
@@ -120,6 +123,10 @@ class FoundStream:
         if self.stream is not None:
             return StreamPrefixes(self.stream)
         return self._draft(is_whole=True) if is_whole else self._coarse
+
+    @property
+    def _layered(self) -> Layered | None:
+        return None if self.aim is None else self.aim.prepared.layered
 
     @cached_property
     def _coarse(self) -> Prefixes[Any]:

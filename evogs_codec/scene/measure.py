@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from evogs_codec.editing.level_psnr import KEY, LevelPsnr
+from evogs_codec.editing.level_psnr import KEY, LevelPsnr, without_level_psnr
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import SplatParams
 from evogs_codec.model.tree import EvolutionTree
@@ -14,7 +14,7 @@ from evogs_codec.scene.request import Request
 if TYPE_CHECKING:
     from evogs_codec.render import Camera, Views
 
-__all__ = ["Gauge", "with_room"]
+__all__ = ["Gauge", "with_room", "without_room"]
 
 N_VIEWS = 6
 PIXELS = 200  # of the longer side of a view
@@ -59,6 +59,12 @@ def with_room(info: SceneInfo, tree: EvolutionTree, n_levels: int, request: Requ
     return replace(info, text={**info.text, KEY: value})
 
 
+def without_room(data: bytes, request: Request) -> bytes:
+    """A stream of which nothing was measured, without the bytes that `with_room` gave it."""
+    has_room = request.target_bytes is not None and _measures(request)
+    return without_level_psnr(data) if has_room else data
+
+
 def _measures(request: Request) -> bool:
     """Whether there are views, and time for them; `max_error` counts numbers, not pictures."""
     return request.effort.looks and not request.why_no_views and not request.errors
@@ -67,7 +73,10 @@ def _measures(request: Request) -> bool:
 def _cameras(
     scene: SplatParams, request: Request, n_views: int = N_VIEWS, first: int = 1
 ) -> tuple[list[Camera], str]:
-    """Of the views, and what they are: others than those that weigh, where nobody named any."""
+    """Of the views, and what they are; where nobody named any, some of those on the circle.
+
+    One in three of these weighs errors, too.
+    """
     from evogs_codec.render import cameras_around
     from evogs_codec.render.viewpoints import N_ORBIT
 

@@ -94,6 +94,8 @@ class Request:
             raise ValueError("target_psnr, target_bytes and max_error exclude each other")
         if n_targets and preset is not None:
             raise ValueError("a preset does not go with a target: the target decides the steps")
+        if polish < 0:
+            raise ValueError(f"polish is {polish}, expected 0 or more")
         if polish and (n_targets == 0 or errors):
             raise ValueError("polish needs target_psnr or target_bytes")
         if layers is not None and layers not in range(1, MAX_LAYERS + 1):

@@ -26,7 +26,7 @@ from evogs_codec.encoding.mends import mends
 from evogs_codec.encoding.targets import TargetMissedError
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.choose import FoundStream
-from evogs_codec.scene.measure import Gauge
+from evogs_codec.scene.measure import Gauge, without_room
 from evogs_codec.scene.prefixes import StreamPrefixes
 from evogs_codec.scene.request import Request
 from evogs_codec.scene.states import FALL, FEW, SAME, Draft, State
@@ -50,7 +50,8 @@ def steady(found: FoundStream, request: Request) -> FoundStream:
     """The stream without falls, as far as it was made by views; it says the PSNR of its levels."""
     gauge = Gauge.of(found.tree, request)
     if gauge is None:
-        return found.made()
+        made = found.made()
+        return replace(made, stream=without_room(made.data, request))
     steadied = _steadied(found, gauge.many, request) if found.is_by_views else found.made()
     data = steadied.data
     prefixes = StreamPrefixes(data)
@@ -65,7 +66,8 @@ def steady(found: FoundStream, request: Request) -> FoundStream:
 
 def _steadied(found: FoundStream, views: Views, request: Request) -> FoundStream:
     """The stream without falls, made."""
-    mending = _Mending(views, request.progress, request.layers is None and not request.polish)
+    may_be_late = request.layers is None and not request.polish
+    mending = _Mending(views, request.progress, may_be_late, found.layering)
     met = found  # the last that is known to meet a target, or else the first
     if found.psnr is not None:  # a third layer takes bytes
         found = mending.with_three_layers(found, found.psnr) or found
@@ -107,7 +109,7 @@ class _Mending:
     views: Views
     progress: Progress
     may_be_late: bool
-    layering: Layering = field(default_factory=lambda: Layering(N_LAYERS))
+    layering: Layering
     before: list[Run] = field(default_factory=list)
 
     def with_three_layers(self, found: FoundStream, aimed: float) -> FoundStream | None:

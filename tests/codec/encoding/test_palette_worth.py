@@ -50,7 +50,7 @@ def encoders(splats):
     return [replace(plain, tree=shared), plain]
 
 
-PAYS, DOES_NOT = random(12, 0.5), smooth(700, 0.1)
+PAYS, DOES_NOT = random(12, 0.5), smooth(700, 0.05)
 
 
 def estimate(shared, plain):

@@ -96,6 +96,10 @@ def test_of_a_scene_that_no_view_shows_nothing_is_said():
     cameras = cameras_around(unseen, "z", 32)[::8]
     data = encode_scene(unseen, levels=2, cameras=cameras, effort=1)
     assert level_psnr(read_directory(data)) is None
+    most = len(data) + 80
+    aimed = encode_scene(unseen, levels=2, cameras=cameras, effort=1, target_bytes=most)
+    assert len(aimed) <= most
+    assert KEY not in read_directory(aimed).info.text
 
 
 @pytest.mark.thorough

@@ -188,6 +188,19 @@ def test_coarse_splats_that_look_worse_than_some_of_them_are_too_coarse():
     assert steady._runs(states, set())[1]
 
 
+def test_layers_that_were_asked_for_stay_where_coarse_splats_are_made_finer(monkeypatch):
+    real, tries = steady._runs, []
+
+    def once_too_coarse(states, some_mends):
+        tries.append(states)
+        return real(states, some_mends)[0], len(tries) == 1
+
+    monkeypatch.setattr(steady, "_runs", once_too_coarse)
+    data = encode_scene(make_scene(N), levels=3, layers=3, up="z", effort=1)
+    assert len(tries) > 1
+    assert read_directory(data).n_levels == 3 + 2
+
+
 def test_a_target_that_held_steps_miss_is_met_without(monkeypatch):
     """What was made first stays."""
     splats = make_scene(N)
