@@ -15,7 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from evogs_codec import InputError
+from evogs_codec.cli.argument_types import number
 from evogs_codec.cli.common_options import add_output
+from evogs_codec.format.write_directory import MAX_LEVELS
 from evogs_codec.io.files import PICTURE, TREE, FileKind, check_target, same_file, write_atomic
 from evogs_codec.io.tree_npz import read_tree, write_tree
 from reference_trainer.config import METHODS, MOST_SHIFTED, PRESETS, Config
@@ -64,7 +66,7 @@ def register(commands: Commands) -> None:
     )
     parser.add_argument(
         "--levels",
-        type=int,
+        type=number(int, 1, MAX_LEVELS),
         metavar="N",
         help="number of levels (default: as in the preset, whose first N are taken)",
     )
@@ -104,7 +106,9 @@ def register(commands: Commands) -> None:
         help="the loss of 3DGS, and photographs on one grid of pixels, as the paper is compared"
         " (default: more SSIM, and grids that are shifted by half a pixel, too)",
     )
-    parser.add_argument("--seed", type=int, default=0, help="seed of everything random")
+    parser.add_argument(
+        "--seed", type=number(int, 0, 1 << 62), default=0, help="seed of everything random"
+    )
     parser.add_argument("--device", default="cpu", help="cpu (default), or cuda with gsplat")
     parser.add_argument(
         "--size",
@@ -164,6 +168,8 @@ def run_train(args: argparse.Namespace) -> None:
     if args.resume and args.checkpoint is None:
         raise ValueError("--resume needs --checkpoint")
     config = config_of(args)
+    if isinstance(args.output, Path):
+        _check_beside_photographs(args.output, TREE, args)
     sheet = _sheet(args)
     if args.checkpoint is not None:
         _check_checkpoint(args, config.n_levels)
@@ -218,9 +224,22 @@ def _sheet(args: argparse.Namespace) -> Path | None:
         if not isinstance(args.output, Path):
             return None
         path = args.output.with_name(args.output.name.removesuffix(".tree.npz") + ".png")
+    if path.suffix.lower() != ".png":
+        raise InputError(f"{path}: the sheet is a PNG; name a file that ends with .png")
     sources = [source for source in (args.base, args.output) if isinstance(source, Path)]
     check_target(path, PICTURE, command=args.command, sources=sources, force=args.force)
+    _check_beside_photographs(path, PICTURE, args)
     return path
+
+
+def _check_beside_photographs(path: Path, kind: FileKind, args: argparse.Namespace) -> None:
+    """Refuse to replace a file in the folder of the photographs that is not ours; `--force` too."""
+    folder = Path(args.input).resolve()
+    if folder in path.resolve().parents:
+        try:
+            check_target(path, kind, command=args.command)
+        except InputError as error:
+            raise InputError(f"{path}: is beside the photographs; name another file") from error
 
 
 def _check_checkpoint(args: argparse.Namespace, n_levels: int) -> None:
@@ -229,6 +248,8 @@ def _check_checkpoint(args: argparse.Namespace, n_levels: int) -> None:
     from reference_trainer.runtime.progress import LOG
 
     folder: Path = args.checkpoint
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file; name a folder for --checkpoint")
     kinds = {checkpoint.FILE: checkpoint.KIND, "log.csv": LOG, "result.json": RESULT}
     for level in range(n_levels):
         kinds |= {f"pictures/L{level}{ending}.png": PICTURE for ending in ("", "-photograph")}

@@ -64,7 +64,7 @@ def run(
     method = method_named(config.method)
     plans = method.plans(config)
     scales = pyramid if finer is None else (*pyramid, finer)
-    identity = run_identity(config, _fingerprint(scales[-1], base))
+    identity = run_identity(config, _fingerprint(pyramid[-1], finer, base))
     saved = None
     if folder is not None and resume and (saved := Checkpoint.read(folder)) is not None:
         saved.check(folder, identity, plans)
@@ -181,13 +181,20 @@ def _restored(model: Model, saved: Checkpoint, folder: Path | None) -> Training:
     return Training(model, scores, saved.iteration)
 
 
-def _fingerprint(data: Dataset, base: EvolutionTree | None) -> dict[str, Any]:
+def _fingerprint(
+    data: Dataset, finer: Dataset | None, base: EvolutionTree | None
+) -> dict[str, Any]:
     """What tells one data set, and one level 0, from another."""
     digest = hashlib.sha256()
-    for view in (*data.train, *data.test):
+    for view in (*data.train, *data.test, *(finer.train if finer is not None else ())):
+        camera = view.camera
         digest.update(view.name.encode("utf-8", "surrogateescape"))  # as file systems have it
-        digest.update(view.camera.rotation.tobytes() + view.camera.translation.tobytes())
+        digest.update(camera.rotation.tobytes() + camera.translation.tobytes())
+        digest.update(np.array([camera.fx, camera.fy, camera.cx, camera.cy]).tobytes())
+        digest.update(np.array(view.image.shape).tobytes())
         digest.update(np.ascontiguousarray(view.image).tobytes())
+    for start in (data.points, data.colours):
+        digest.update(b"" if start is None else np.ascontiguousarray(start).tobytes())
     for step in base.steps if base is not None else ():
         digest.update(step.adds.tobytes())
     if base is not None and base.quanta:

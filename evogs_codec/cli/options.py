@@ -25,7 +25,7 @@ from evogs_codec.cli.large_scenes import add_large_options
 from evogs_codec.cli.looking import add_camera
 from evogs_codec.cli.many_files import add_many
 from evogs_codec.encoding.layers import MAX_LAYERS, N_LAYERS
-from evogs_codec.encoding.settings import PRESETS, TREE_PSNR
+from evogs_codec.encoding.settings import MOST_PSNR, PRESETS, TREE_PSNR
 from evogs_codec.io import files
 from evogs_codec.io.interchange.scene_files import TARGETS, kind_of_stream, kind_to_write
 from evogs_codec.lifting.lift import N_LEVELS
@@ -130,7 +130,7 @@ def add_encode(commands: Commands, run: Run, *, many: bool = False) -> None:
     )
     accuracy.add_argument(
         "--target-psnr",
-        type=number(float, 5, 120),
+        type=number(float, 5, MOST_PSNR),
         metavar="DB",
         help="make the smallest stream that has this PSNR against the input, over 24 rendered"
         f" views (default for a .tree.npz of floats: {TREE_PSNR:g}; if numba is missing or the"

@@ -17,6 +17,7 @@ from evogs_codec.model.splats import F64
 
 __all__ = [
     "ALPHA_BITS",
+    "MOST_PSNR",
     "N_ALPHA",
     "PRESETS",
     "SCENE_PRESET",
@@ -34,6 +35,7 @@ __all__ = [
 # Rendered views of a stream against those of its tree, dB: a tree 35 dB from photographs loses
 # 0.1 dB.
 TREE_PSNR = 52.0
+MOST_PSNR = 120.0  # dB that may be asked for
 # What a bit of every splat is worth by default, in mean squared error of rendered views: then
 # scenes of any number of splats have about the same PSNR.
 SCENE_PRICE = 4e-6

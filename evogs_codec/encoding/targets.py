@@ -20,7 +20,7 @@ from evogs_codec.encoding.prepared import Aim, Prepared
 from evogs_codec.encoding.replayed import Replayed
 from evogs_codec.encoding.search import MOST_TRIES, NARROW, ONE_SIDED, Found, nearest
 from evogs_codec.encoding.sensitivity import Importance
-from evogs_codec.encoding.settings import NearLossless, StepTable
+from evogs_codec.encoding.settings import MOST_PSNR, NearLossless, StepTable
 from evogs_codec.encoding.sketch import Sketch
 from evogs_codec.encoding.write import write
 from evogs_codec.errors import InputError
@@ -132,10 +132,14 @@ class TargetEncoder(Aim):
             other = PRICES[plain.at == PRICES[0]]
             ends = sorted([plain.value, measure(coder.coded(other))[0]])
             each = len(write(plain.what, effort=1, digests=False)) / self.tree.n_leaves
-            said = (
-                f"{decibels:g} dB cannot be met: {ends[0]:.1f} to {ends[1]:.1f} dB can be reached,"
-                f" {plain.value:.1f} dB with about {each:.1f} bytes a splat"
-            )
+            if ends[0] > MOST_PSNR:
+                reached = f"every stream has more than {MOST_PSNR:g} dB; leave the target out"
+            else:
+                reached = (
+                    f"{ends[0]:.1f} to {min(ends[1], MOST_PSNR):.1f} dB can be reached,"
+                    f" {plain.value:.1f} dB with about {each:.1f} bytes a splat"
+                )
+            said = f"{decibels:g} dB cannot be met: {reached}"
             raise TargetMissedError(said, abs(plain.value - decibels))
         found = [plain]
         if coder.polishes:
@@ -340,11 +344,9 @@ class TargetEncoder(Aim):
     def _missed(self, asked: F64, least: F64) -> TargetMissedError:
         """That of these (5,) errors the least that were found are too large."""
         worst = int(np.argmax(least / asked))
-        why = (
-            ", as float32 rounds the tree: try --levels 1"
-            if self.leaf_error[worst] > asked[worst] / 2
-            else ""
-        )
+        own = self.leaf_error[worst]
+        is_of_tree = own > asked[worst] / 2 and least[worst] - own <= asked[worst]
+        why = ", as float32 rounds the tree: try --levels 1" if is_of_tree else ""
         said = (
             f"{GROUPS[worst]}: an error of {asked[worst]:g} cannot be kept: the least is"
             f" {least[worst]:.3g}{why}"

@@ -139,6 +139,13 @@ class FoundStream:
         has_more = prepared.layered is not None and not is_whole
         return TreePrefixes((prepared.coarse if has_more else prepared.coded)(self.price))
 
+    def warn_of_span(self) -> None:
+        """Warn where values span so much that they are coarser than views ask."""
+        if self.is_by_views:
+            assert self.aim is not None, "it is by views"
+            assert self.price is not None, "it is by views"
+            self.aim.prepared.warn_of_span(self.price)
+
     def holding(self, runs: Sequence[Run], layering: Layering) -> FoundStream:
         """That of the same tree with runs of steps held back (`TargetEncoder.holding`)."""
         assert self.aim is not None, "it is by views"

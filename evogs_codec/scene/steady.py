@@ -51,8 +51,10 @@ def steady(found: FoundStream, request: Request) -> FoundStream:
     gauge = Gauge.of(found.tree, request)
     if gauge is None:
         made = found.made()
+        made.warn_of_span()
         return replace(made, stream=without_room(made.data, request))
     steadied = _steadied(found, gauge.many, request) if found.is_by_views else found.made()
+    steadied.warn_of_span()
     data = steadied.data
     prefixes = StreamPrefixes(data)
     cuts = [prefixes.of_level(level) for level in range(prefixes.n_levels)]

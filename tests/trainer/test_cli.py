@@ -226,6 +226,34 @@ def test_a_tree_or_picture_that_others_made_is_not_overwritten(folder, tmp_path,
     assert main(train) == 0
 
 
+def test_photographs_are_not_replaced_even_with_force(folder, tmp_path, capsys):
+    before = {path: path.read_bytes() for path in folder.rglob("*.*")}
+    photograph, out = folder / "train" / "r_3.png", tmp_path / "a.tree.npz"
+    train = [*FLAGS, *SHORT, "--force"]
+    assert main(["train", str(folder), str(photograph), "--sheet", str(out) + ".png", *train]) == 1
+    assert main(["train", str(folder), str(out), "--sheet", str(photograph), *train]) == 1
+    said = f"evogs: {photograph}: is beside the photographs; name another file\n"
+    assert capsys.readouterr().err == 2 * said
+    assert {path: path.read_bytes() for path in folder.rglob("*.*")} == before
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        (["--sheet", "x.txt"], "x.txt: the sheet is a PNG"),
+        (["--checkpoint", "x"], "x: is a file; name a folder for --checkpoint"),
+        (["--levels", "0"], "--levels: 0 is not in 1..64"),
+        (["--seed", "-1"], "--seed: -1 is not in"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_name(flags, said, folder, tmp_path, monkeypatch, evogs):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "x").touch()
+    code, _, err = evogs("train", folder, "a.tree.npz", *flags)
+    assert code
+    assert said in err
+
+
 @pytest.mark.parametrize("below", ["", "pictures"])
 def test_photographs_are_no_folder_for_checkpoints(folder, tmp_path, capsys, below):
     work = tmp_path / "work"

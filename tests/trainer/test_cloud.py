@@ -109,3 +109,5 @@ def test_splats_start_at_points_as_wide_as_their_spacing():
     expected = np.sqrt((np.sort(d, axis=1)[:, 1:4] ** 2).mean(axis=1))
     np.testing.assert_allclose(np.exp(splats.log_scales), expected[:, None].repeat(3, 1), rtol=1e-5)
     assert extent(data.train) == pytest.approx(1.1 * 4 * np.cos(0.4), rel=0.1)
+    (view, *_) = data.train
+    assert extent((view,)) == extent((view,) * 7) == pytest.approx(4, rel=0.01)

@@ -190,6 +190,23 @@ def test_a_checkpoint_of_another_run_is_refused(tmp_path):
         trained(folder=tmp_path, resume=True)
 
 
+@pytest.mark.parametrize("what", ["size", "lens", "points"])
+def test_a_checkpoint_of_other_data_is_refused(tmp_path, what):
+    good = tiny.pyramid()
+    finer, last = tiny.dataset(64), good[1]
+    trained(folder=tmp_path, finer=finer, pyramid=good)
+    if what == "size":  # of the photographs that are measured; the finer ones are the same
+        last = tiny.dataset(24)
+    elif what == "points":
+        last = replace(last, points=last.points + np.float32(0.1))
+    else:
+        wider = [replace(view, camera=replace(view.camera, fx=view.camera.fx + 1))
+                 for view in last.train]  # fmt: skip
+        last = replace(last, train=tuple(wider))
+    with pytest.raises(InputError, match="another configuration or data"):
+        trained(folder=tmp_path, finer=finer, pyramid=(good[0], last), resume=True)
+
+
 def test_a_trained_tree_is_a_file_of_the_same_bytes_twice(tmp_path):
     for name in "ab":
         write_tree(tmp_path / f"{name}.tree.npz", trained())

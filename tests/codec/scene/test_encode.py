@@ -264,3 +264,20 @@ def test_a_tree_of_all_levels_has_no_room_for_a_layer():
     pytest.importorskip("numba", reason="views are rendered")
     splats = small()
     assert read_directory(encode_scene(splats, levels=64, effort=1)).n_levels == 64
+
+
+def test_splats_far_from_all_others_are_a_warning_by_default():
+    pytest.importorskip("numba", reason="views are rendered")
+    splats = make_scene(60)
+    means = splats.means.copy()
+    means[7] = 1e7
+    with pytest.warns(evogs_codec.AccuracyWarning, match="position: values span so much"):
+        encode_scene(replace(splats, means=means), levels=2, up="z", effort=1)
+
+
+def test_a_target_below_all_streams_says_to_leave_it_out():
+    pytest.importorskip("numba", reason="views are rendered")
+    clear = replace(make_scene(60), opacity_logits=np.full(60, -40, np.float32))
+    said = "45 dB cannot be met: every stream has more than 120 dB; leave the target out"
+    with pytest.raises(evogs_codec.TargetMissedError, match=said):
+        encode_scene(clear, target_psnr=45.0, up="z", effort=1)
