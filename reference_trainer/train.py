@@ -1,4 +1,4 @@
-"""The loop: one level, any method, any device."""
+"""The loop: one stage of a level, any method, any device."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class NotFiniteError(ArithmeticError):
 
 
 class Model(Protocol):
-    """What is trained in a level."""
+    """What is trained in a stage."""
 
     @property
     def n_splats(self) -> int:
@@ -50,7 +50,7 @@ class Model(Protocol):
 
 @dataclass
 class Training:
-    """A level under way.
+    """A stage under way.
 
     Attributes:
         model: what is trained.
@@ -67,7 +67,7 @@ class Training:
 
 @dataclass(frozen=True)
 class Stage:
-    """What a level is trained on.
+    """What a stage is trained on.
 
     Attributes:
         views: photographs at the resolution of the level.

@@ -34,6 +34,7 @@ __all__ = [
     "grid_exponents",
     "largest_of_rows",
     "warn_if_coarser",
+    "with_fewer_units",
 ]
 
 FINEST_STEP = 16  # grid units of the finest step: steps are then right to a few per cent
@@ -133,6 +134,17 @@ class TooFineError(EvogsError):
 
 class AccuracyWarning(UserWarning):
     """Values span so much that a grid is coarser than the step asked for."""
+
+
+def with_fewer_units(exponents: tuple[int, ...], group: int) -> tuple[int, ...]:
+    """Of the grids of all groups, that of one with half as many units.
+
+    Raises:
+        NotRepresentableError: there is none.
+    """
+    if exponents[group] <= COARSEST:
+        raise NotRepresentableError(f"{GROUPS[group]}: a value is too large for any grid")
+    return tuple(e - (g == group) for g, e in enumerate(exponents))
 
 
 def warn_if_coarser(grid: Grid, steps: F64, settings: Settings) -> None:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from evogs_codec.encoding.mends import mends
 from evogs_codec.encoding.sensitivity import StepWeights
-from evogs_codec.model.channels import GROUP_CHANNELS, N_GROUPS
+from evogs_codec.model.channels import GROUP_CHANNELS, n_classes
 from evogs_codec.model.hiding import hiding
 from evogs_codec.model.siblings import Siblings
 from evogs_codec.model.splats import F64, I32, I64
@@ -46,13 +46,17 @@ class Run:
 
     def rows(self, tile: EvolutionTree) -> I64:
         """Which steps of a tile they are: in a row, perhaps none."""
-        found, level, number = [], -1, 0
-        for row, step in enumerate(tile.steps):
-            number = number + 1 if step.level == level else 0
-            level = step.level
-            if self.first <= (level, number) <= self.last:
-                found.append(row)
+        found = [k for k, place in enumerate(places(tile)) if self.first <= place <= self.last]
         return np.array(found, np.int64)
+
+
+def places(tile: EvolutionTree) -> Iterator[tuple[int, int]]:
+    """Of each step of a tile, its level and which of the steps of the level it is."""
+    level, number = -1, 0
+    for step in tile.steps:
+        number = number + 1 if step.level == level else 0
+        level = step.level
+        yield level, number
 
 
 def held(
@@ -217,7 +221,7 @@ def _weights_of(
 ) -> StepWeights:
     """Of the refine of these slots (R,): of each, those of the last step that wrote it."""
     n_slots = sum(step.n_new for step in tile.steps[:end])
-    found = np.zeros((N_GROUPS + tile.sh_degree, n_slots), np.float32)
+    found = np.zeros((n_classes(tile.sh_degree), n_slots), np.float32)
     for (step, n), own in zip(_counted(tile, begin, end), weights[begin:end], strict=True):
         if own is not None:  # what only makes room is refined in the same run
             found[:, _written(step, n)] = np.concatenate([own.targets, own.new], axis=1)

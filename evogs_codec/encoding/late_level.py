@@ -19,16 +19,23 @@ from evogs_codec.encoding.held_steps import rooms
 from evogs_codec.model.splats import F64, I32, I64
 from evogs_codec.model.tree import EvolutionTree, Slots, Step, columns_of
 
-__all__ = ["LateLevel", "can_be_late"]
+__all__ = ["LateLevel", "can_be_late", "gains_little"]
+
+LATE = 1.5  # dB; if the last level, at coarse steps, looks better by less, it comes late
 
 
 def can_be_late(tiles: Sequence[EvolutionTree], n_levels: int) -> bool:
-    """Whether there is a level before the last one, which splits and adds nothing.
+    """Whether the last level is not the first, and makes its new splats by splits alone.
 
     Its drops come with the splats that make room.
     """
     last = [step for tile in tiles for step in tile.steps if step.level == n_levels - 1]
     return n_levels > 1 and any(s.n_new for s in last) and not any(s.n_adds for s in last)
+
+
+def gains_little(decibels: float) -> bool:
+    """Whether the last level, if it looks better than the one before by this, is to come late."""
+    return decibels < LATE
 
 
 @dataclass(frozen=True, eq=False)

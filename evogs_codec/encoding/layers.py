@@ -33,13 +33,21 @@ from evogs_codec.model.siblings import Siblings
 from evogs_codec.model.splats import F32, F64, I64
 from evogs_codec.model.tree import EvolutionTree, Step
 
-__all__ = ["MAX_LAYERS", "N_LAYERS", "Layered", "Layering", "expect_levels", "first_ancestors"]
+__all__ = [
+    "MAX_LAYERS",
+    "N_LAYERS",
+    "Layered",
+    "Layering",
+    "expect_levels",
+    "first_ancestors",
+    "over_odd",
+]
 
 MAX_LAYERS = 8
 N_LAYERS = 2  # by default
 RATIO = 128.0  # of the price of a bit, from a layer to the next: about 20 dB; by default
 FINER = 2.8  # than of psi of one leaf: steps of what siblings share, whose errors meet
-BETWEEN = 24.0  # likewise, of layers that all refine leaves, where a stream has one more by itself
+BETWEEN = 24.0  # the same between later layers, where `scene.steady` adds a third
 EVEN = 0.5  # power of the weights of leaves in layers before the last: see `_evened`
 PARTS, LEAST = 16, 2048  # steps of a layer of a tile at most, and leaves of each at least
 # Likewise, where each part makes its own room, in a step of its own: of one tile at most; and of a
@@ -198,6 +206,11 @@ class Layered:
         """Per tile, the number (n,) that each slot had before; None if all have theirs."""
         return [tile.order for tile in self.of_tiles]
 
+    @cached_property
+    def _makes_room(self) -> bool:
+        """Whether some steps of the layers only make room."""
+        return any(None in tile.places for tile in self.of_tiles)
+
     def steps(self, price: float, extent: float) -> F64:
         """(1 + n_levels, K) steps of adds, then of psi per level, in scene units.
 
@@ -209,8 +222,7 @@ class Layered:
         rows = [table]
         for other in others:
             wanted = self.importance.steps_of_leaves(other, extent) / FINER
-            odd = 2 * np.rint((table[-1] / wanted - 1) / 2) + 1
-            rows.append((table[-1] / np.maximum(odd, 1))[None])
+            rows.append(over_odd(table[-1], wanted)[None])
         found: F64 = np.concatenate(rows)
         if self.importance.entries is not None:
             # No layer refines the entries of a palette: their steps are those of one layer.
@@ -219,9 +231,8 @@ class Layered:
 
     def weights(self, price: float, extent: float) -> list[list[StepWeights | None]]:
         """What errors are worth at this price, per step of each tile: less in coarse layers."""
-        parts = [price / other for other in self.layering.prices(price)[1:]]
-        others = [np.float32(part) for part in parts]
-        leaves = [self.importance.raised_leaves(price / part, extent) for part in parts]
+        factors = [price / other for other in self.layering.prices(price)[1:]]
+        leaves = [self.importance.raised_leaves(price / factor, extent) for factor in factors]
         found = self.coarse_weights(price, extent)
         for number, tile in enumerate(self.of_tiles):
             own = found[number]
@@ -230,8 +241,8 @@ class Layered:
                     own.append(None)
                     continue
                 layer, part = place
-                weights = leaves[layer][number][:, tile.leaves[part]] * others[layer]
-                if layer < len(others) - 1:
+                weights = leaves[layer][number][:, tile.leaves[part]] * np.float32(factors[layer])
+                if layer < len(factors) - 1:
                     weights = _evened(weights)
                 siblings = tile.siblings[part]
                 own.append(StepWeights(self.n_coarse + layer, weights, weights[:, :0], siblings))
@@ -271,7 +282,7 @@ class Layered:
                 * 2.0 ** -(tree.grid_exponents[group_of_class(kind)])
             )
             of_channels[c] = unit**2 * float(weights[kind] @ np.square(psi[c].astype(np.float32)))
-        if any(None in tile.places for tile in self.of_tiles):
+        if self._makes_room:
             of_channels[GROUP_CHANNELS[3]] = 0
         return tuple(
             # Picks are estimated as those of other levels are.
@@ -280,6 +291,13 @@ class Layered:
             else float(of_channels[component_slice(component)].sum())
             for column, component in enumerate(tree.components.of_tiles)
         )
+
+
+def over_odd(last: F64, wanted: F64) -> F64:
+    """Steps (K,) over that odd number, of each, which comes nearest to others (K,)."""
+    odd = 2 * np.rint((last / wanted - 1) / 2) + 1
+    found: F64 = last / np.maximum(odd, 1)
+    return found
 
 
 def expect_levels(n_levels: int, n_layers: int) -> None:

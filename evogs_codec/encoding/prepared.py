@@ -45,7 +45,7 @@ class Aim:
         by_leaves: only the last level is drawn, and only for what its numbers are worth.
         seen: part of the worth of a number that the views decide.
         n_tiles, info, progress: as of `encode`.
-        n_levels: of the first layer; by default those of the tree.
+        n_levels: of the tree at least, where a tile may have fewer.
     """
 
     tree: EvolutionTree
@@ -77,10 +77,10 @@ class Prepared:
         report = aim.progress or no_progress
         report("arrange", 0.0)
         self.tiles = arrange(aim.tree, aim.n_tiles or default_tiles(aim.tree.n_leaves))
-        self.importance = self.shown = self.layered = None
+        self.importance = self.gains = self.layered = None
         if aim.views is not None:
             report("draw", 0.0)
-            self.importance, self.shown = _drawn(aim, aim.views, self.tiles, self.n_levels)
+            self.importance, self.gains = _drawn(aim, aim.views, self.tiles, self.n_levels)
             if aim.layers > 1 and aim.tree.n_leaves:
                 self.layered = Layered.of(
                     self.tiles, self.n_levels, self.importance, Layering(aim.layers)
@@ -151,7 +151,7 @@ class Prepared:
         coded = self._quantised(tiles, settings, weights, price)
         if self.layered is not None:
             coded = self.layered.with_gains(coded)
-        return self.shown.rescale(coded) if self.shown else coded
+        return self.gains.rescale(coded) if self.gains else coded
 
     def _quantised(
         self,
@@ -188,7 +188,7 @@ class Prepared:
         grid = Grid.of(self.tiles[0].sh_degree, n_levels, exponents, steps, settings)
         warn_if_coarser(grid, steps, settings)
 
-    def first_table(self) -> F64:
+    def wanted_steps(self) -> F64:
         """(1 + n_levels, K) steps of the settings."""
         return self.aim.settings.accuracy.wanted_steps(self.ranges, self.n_levels)
 

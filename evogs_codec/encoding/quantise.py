@@ -27,11 +27,11 @@ from evogs_codec.encoding.alpha_tables import (
 )
 from evogs_codec.encoding.grids import (
     Grid,
-    NotRepresentableError,
     TooFineError,
     grid_exponents,
     largest_of_rows,
     warn_if_coarser,
+    with_fewer_units,
 )
 from evogs_codec.encoding.packet_gains import LeafTracker
 from evogs_codec.encoding.palette_entries import coded_entries, quantised_entries
@@ -51,7 +51,7 @@ from evogs_codec.model.arithmetic import (
     StepPlan,
     apply_channel,
 )
-from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS, N_GROUPS, group_of_class, n_channels
+from evogs_codec.model.channels import GROUP_CHANNELS, N_GROUPS, group_of_class, n_channels
 from evogs_codec.model.coded_tree import CodedStep, CodedTile, CodedTree
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F32, F64, I32, I64, U8
@@ -114,11 +114,7 @@ def quantise(
                 progress=progress,
             )
         except TooFineError as error:
-            if exponents[error.group] <= -16:
-                raise NotRepresentableError(
-                    f"{GROUPS[error.group]}: a value is too large for any grid"
-                ) from None
-            exponents = tuple(e - (g == error.group) for g, e in enumerate(exponents))
+            exponents = with_fewer_units(exponents, error.group)
             continue
         warn_if_coarser(grid, steps, settings)
         return coded

@@ -12,7 +12,9 @@ __all__ = ["MOST_TRIES", "NARROW", "ONE_SIDED", "Found", "nearest"]
 MOST_TRIES = 14
 NARROW = 1e-6  # of the logarithm of a place
 ROUGH, SPREAD, GOLDEN = 0.02, 0.2, 0.618  # of the logarithm of a price
-ONE_SIDED = 3  # tries on one side of a target, after which it is, too, if they hardly come nearer
+# After so many tries, all on one side of a target and hardly nearer than the first, the end of the
+# range is tried.
+ONE_SIDED = 3
 HARDLY = 0.5  # of the distance of the first try from the target
 T = TypeVar("T")
 

@@ -18,7 +18,13 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.common.progress import Progress, no_progress
-from evogs_codec.model.channels import GROUP_CHANNELS, N_GROUPS, channel_class, n_channels
+from evogs_codec.model.channels import (
+    GROUP_CHANNELS,
+    N_GROUPS,
+    channel_class,
+    n_channels,
+    n_classes,
+)
 from evogs_codec.model.siblings import Siblings
 from evogs_codec.model.splats import F32, F64, SplatParams
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
@@ -66,7 +72,7 @@ class StepWeights:
         return replace(self, targets=self.targets * factor, new=self.new * factor)
 
     def more(self, lack: F32) -> StepWeights:
-        """All weights and (K, 1) numbers."""
+        """`lack` (K, 1) added to all weights."""
         return replace(self, targets=self.targets + lack, new=self.new + lack)
 
 
@@ -237,7 +243,9 @@ def _cut(parts: Sequence[SplatParams], sensitivity: Sensitivity, seen: float) ->
 def _of_tile(tile: EvolutionTree, first: int, cuts: Sequence[F32]) -> tuple[StepWeights, ...]:
     """Weights of each step, from the last to the first, from those of the leaves of levels."""
     live = list(_live(tile))
-    later = np.zeros((_n_classes(tile), sum(step.n_new for step in tile.steps)), np.float32)
+    later = np.zeros(
+        (n_classes(tile.sh_degree), sum(step.n_new for step in tile.steps)), np.float32
+    )
     out: list[StepWeights] = []
     for k in reversed(range(len(tile.steps))):
         step, n_after = tile.steps[k], len(live[k])
@@ -280,7 +288,7 @@ def _means(
     tiles: Sequence[EvolutionTree], weights: Sequence[Sequence[StepWeights]], n_levels: int
 ) -> F64:
     """(1 + n_levels, K); where a level has nothing of its own, the mean of all."""
-    sums = np.zeros((1 + n_levels, _n_classes(tiles[0])))
+    sums = np.zeros((1 + n_levels, n_classes(tiles[0].sh_degree)))
     counts = np.zeros(1 + n_levels)
     for tile, steps in zip(tiles, weights, strict=True):
         for step, own in zip(tile.steps, steps, strict=True):
@@ -295,7 +303,3 @@ def _means(
     overall = sums.sum(0) / max(counts.sum(), 1)
     means: F64 = np.where(counts[:, None] > 0, sums / np.maximum(counts, 1)[:, None], overall)
     return means
-
-
-def _n_classes(tile: EvolutionTree) -> int:
-    return 5 + tile.sh_degree

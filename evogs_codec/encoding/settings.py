@@ -157,6 +157,11 @@ class Settings:
     whole_origins: bool = False
 
     @staticmethod
+    def by_views(steps: F64) -> Settings:
+        """With steps (1 + n_levels, classes) that follow from views, and the alphas that pay."""
+        return Settings(StepTable.of(steps), n_alpha=N_ALPHA, alpha_bits=ALPHA_BITS)
+
+    @staticmethod
     def of_quanta(quanta: tuple[tuple[float, ...], ...]) -> Settings:
         """For a tree whose numbers are multiples of `quanta` (`EvolutionTree`).
 

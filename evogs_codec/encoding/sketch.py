@@ -76,7 +76,7 @@ class Sketch:
                 weights.append(tuple(_weights_of(tile, own, is_in, part)))
                 leaves.append(worth[:, is_in[live]])
         coder = copy(whole)
-        coder.tiles, coder.shown = tiles, None
+        coder.tiles, coder.gains = tiles, None
         coder.importance = replace(importance, weights=tuple(weights), leaves=tuple(leaves))
         if whole.layered is not None:
             layering = whole.layered.layering

@@ -317,7 +317,7 @@ class TargetEncoder(Aim):
             raise self._missed(asked, np.array(self.leaf_error))
         coder = Prepared(replace(self, views=None, polish=0, layers=1))
         finest = replace(self.settings, accuracy=NearLossless())
-        table = coder.first_table()
+        table = coder.wanted_steps()
         groups = np.minimum(np.arange(table.shape[1]), 4)
         table = np.where(np.isinf(asked[groups]), table, 2 * asked[groups])
         for attempt in range(MOST_TRIES):

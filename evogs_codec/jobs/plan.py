@@ -16,19 +16,20 @@ from typing import Any
 import numpy as np
 
 from evogs_codec.encoding.alpha_tables import tables_of
-from evogs_codec.encoding.grids import Grid, NotRepresentableError, grid_exponents
+from evogs_codec.encoding.grids import Grid, grid_exponents, with_fewer_units
+from evogs_codec.encoding.late_level import gains_little
+from evogs_codec.encoding.layers import over_odd
 from evogs_codec.encoding.ranges import Ranges
 from evogs_codec.encoding.sensitivity import steps_of_entries
-from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, Settings, StepTable
+from evogs_codec.encoding.settings import Settings
 from evogs_codec.io.files import write_atomic
 from evogs_codec.jobs.partition import Partition
 from evogs_codec.lifting.coarse_entries import CoarseEntries
 from evogs_codec.model.arithmetic import AlphaTable, Quantiser
-from evogs_codec.model.channels import GROUPS, N_GROUPS
+from evogs_codec.model.channels import N_GROUPS
 from evogs_codec.model.coded_tree import CodedTile, CodedTree
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F32, F64, I64
-from evogs_codec.scene.steady import LATE
 
 __all__ = ["Needs", "Plan", "Sharing", "Survey", "surveyed", "worth_of_entries"]
 
@@ -172,7 +173,7 @@ class Plan:
         """
         late = [survey.late for survey in surveys if survey.late is not None]
         gains = [survey.gain for survey in surveys if survey.late is not None]
-        is_late = bool(late) and float(np.mean(gains)) < LATE
+        is_late = bool(late) and gains_little(float(np.mean(gains)))
         needs = late if is_late else [survey.plain for survey in surveys]
         steps = _shared_steps(np.stack([need.steps for need in needs]), n_coarse - is_late)
         finest = min(partition.size(tile) for tile in range(len(partition.counts)))
@@ -182,7 +183,7 @@ class Plan:
             worth = worth_of_entries(partition, sharings)
             steps[:, N_GROUPS:] = steps_of_entries(worth, 1.0)
             some = np.concatenate([sharing.coarse for sharing in sharings], axis=1)
-        settings = Settings(StepTable.of(steps), n_alpha=N_ALPHA, alpha_bits=ALPHA_BITS)
+        settings = Settings.by_views(steps)
         ranges = Ranges(
             extent=1.0,
             largest=tuple((ROOM * partition.largest).tolist()),
@@ -211,10 +212,7 @@ class Plan:
         Raises:
             NotRepresentableError: there is none.
         """
-        if self.exponents[group] <= -16:
-            raise NotRepresentableError(f"{GROUPS[group]}: a value is too large for any grid")
-        exponents = tuple(e - (g == group) for g, e in enumerate(self.exponents))
-        return replace(self, exponents=exponents)._with_quantisers()
+        return replace(self, exponents=with_fewer_units(self.exponents, group))._with_quantisers()
 
     def coarser(self, steps: F64) -> tuple[int, ...]:
         """Per class, the power of two by which a tile that has these steps has coarser ones."""
@@ -300,6 +298,5 @@ def _shared_steps(steps: F64, n_coarse: int) -> F64:
     shared /= 2.0 ** np.maximum(np.ceil(lacks - 0.5), 0)
     last = shared[n_coarse]
     for row in shared[1 + n_coarse :]:
-        odd = 2 * np.rint((last / row - 1) / 2) + 1
-        row[:] = last / np.maximum(odd, 1)
+        row[:] = over_odd(last, row)
     return shared

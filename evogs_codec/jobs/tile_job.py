@@ -24,7 +24,7 @@ from evogs_codec.encoding.palette_worth import bits_of_picks, bits_of_psi
 from evogs_codec.encoding.prepared import Prepared
 from evogs_codec.encoding.quantise import tiles_on
 from evogs_codec.encoding.sensitivity import SEEN_OF_CIRCLE, Importance
-from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, Settings, StepTable
+from evogs_codec.encoding.settings import Settings
 from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.encoding.write import write
 from evogs_codec.io.files import write_atomic
@@ -147,7 +147,7 @@ def code_tile(job: TileJob, plan: Plan, out: str) -> int | None:
         return error.group
     coded = plan.coded(grid, found)
     coded = layered.with_gains(coded) if layered else coded
-    coded = prepared.shown.rescale(coded) if prepared.shown else coded
+    coded = prepared.gains.rescale(coded) if prepared.gains else coded
     gains = gains_of_tile(coded, coded.tiles[0])
     moved = _moved(tile, [round(x * 2.0 ** plan.exponents[0]) for x in job.origin])
     of_stream = replace(coded, tiles=(moved,), quantisers=plan.quantisers)
@@ -261,10 +261,10 @@ def _prepared(job: TileJob, splats: SplatParams, tree: EvolutionTree) -> tuple[P
     ).within(effort.pixels)
     aim = TargetEncoder(
         tree,
-        Settings(StepTable(()), n_alpha=N_ALPHA, alpha_bits=ALPHA_BITS),
+        Settings.by_views(np.zeros((0, 0))),
         views,
         layers=job.n_layers,
-        ordering=views.fewer(effort.n_band_views),
+        ordering=views.fewer(effort.n_ordering_views),
         by_leaves=effort.by_leaves,
         seen=SEEN if effort.all_round else SEEN_OF_CIRCLE,
         n_tiles=1,

@@ -169,7 +169,7 @@ def best_stream(
         return _best(_made_plainly(whole, trees, lambda aim: aim.within(request.errors)))
     if request.is_plain and not request.has_preset and tree.n_leaves and _draws(request):
         views = request.weighing_views(tree.shared_leaves())
-        ordering = None if views is None else views.fewer(request.effort.n_band_views)
+        ordering = None if views is None else views.fewer(request.effort.n_ordering_views)
         aim = replace(whole, views=views, ordering=ordering, layers=_layers(tree, request))
         aim = replace(aim, by_leaves=request.effort.by_leaves)
         if request.cameras is None and not request.effort.all_round:
@@ -207,7 +207,7 @@ def best_stream(
     )
     if request.polish and not moves:
         warnings.warn("polishing changes nothing: the last level refines nothing", stacklevel=3)
-    ordering = None if views is None else views.fewer(request.effort.n_band_views)
+    ordering = None if views is None else views.fewer(request.effort.n_ordering_views)
     aim = replace(whole, views=views, ordering=ordering, polish=request.polish, layers=layers)
     near = None if views is None else SCENE_PRICE / tree.n_leaves
     if request.target_bytes is not None:
@@ -376,7 +376,7 @@ def at_tree_psnr(tree: EvolutionTree, request: Request) -> FoundStream | None:
         tree,
         request.settings,
         views,
-        ordering=views.fewer(request.effort.n_band_views),
+        ordering=views.fewer(request.effort.n_ordering_views),
         layers=_layers(tree, request),
         n_tiles=request.n_tiles,
         info=request.info,

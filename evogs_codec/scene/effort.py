@@ -22,7 +22,7 @@ class Effort:
         pixels: of the longer side of these views, at most; None: as they are.
         all_round: of these views some stand below the scene and far above it.
         price: factor of `SCENE_PRICE`: smaller views show less of an error of small splats.
-        n_band_views: views by which the SH bands are put in order, at most.
+        n_ordering_views: views by which packets are put in order, at most.
         by_leaves: only the last level is drawn: what numbers of the others are worth follows from
             it, and estimates put packets in order.
         looks: look at prefixes: their PSNR is stored, and none looks worse than a shorter one.
@@ -34,7 +34,7 @@ class Effort:
     pixels: int | None = 320
     all_round: bool = True
     price: float = 0.78
-    n_band_views: int = 3
+    n_ordering_views: int = 3
     by_leaves: bool = False
     looks: bool = True
 
@@ -48,7 +48,8 @@ class Effort:
         if asked is None or isinstance(asked, str):
             name = "default" if asked is None else asked
             if name not in EFFORTS:
-                raise ValueError(f"effort is {name!r}, expected {', '.join(EFFORTS)} or 1..22")
+                known = ", ".join(EFFORTS)
+                raise ValueError(f"effort is {name!r}, expected {known} or 1..{MAX_LEVEL}")
             return EFFORTS[name]
         if not 1 <= asked <= MAX_LEVEL:
             raise ValueError(f"effort is {asked}, expected 1..{MAX_LEVEL}")

@@ -151,7 +151,7 @@ class Request:
     def views(
         self, scene: SplatParams, n_views: int | None = None, *, descent: bool = False
     ) -> Views | None:
-        """Of the scene; None where nothing can be rendered, or is to be."""
+        """Views of the scene; None where nothing can be rendered, or the caller gave no cameras."""
         if self.why_no_views:
             return None
         from evogs_codec.render import Views

@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING
 
 from evogs_codec.common.progress import Progress
 from evogs_codec.editing.level_psnr import LevelPsnr, with_level_psnr
-from evogs_codec.encoding.held_steps import Run
+from evogs_codec.encoding.held_steps import Run, places
+from evogs_codec.encoding.late_level import gains_little
 from evogs_codec.encoding.layers import BETWEEN, N_LAYERS, Layering
 from evogs_codec.encoding.mends import mends
 from evogs_codec.encoding.targets import TargetMissedError
@@ -34,12 +35,11 @@ from evogs_codec.scene.states import FALL, FEW, SAME, Draft, State
 if TYPE_CHECKING:
     from evogs_codec.render import Views
 
-__all__ = ["LATE", "steady"]
+__all__ = ["steady"]
 
 # dB; all coarse splats look better than level 0 by this at least, and worse than the best state by
 # this at most. Otherwise they are made more exact.
 GAIN = 0.5
-LATE = 1.5  # dB; if the last coarse level looks better than the one before by less, it comes late
 WIDE = 16.0  # dB; if coarse splats look worse than what is aimed at by more, a layer comes between
 FINER, LEAST_RATIO = 4.0, 2.0  # of the price of a bit, from a layer to the next
 NEAR = 0.1  # of the logarithm of a price of a bit: states at prices this near are not looked at
@@ -138,9 +138,11 @@ class _Mending:
         """With finer coarse splats, or with steps held back; None if there is nothing to mend."""
         tree = found.tree
         draft = Draft(found.draft(), found.n_coarse, tree.shown_degree, tree.n_leaves, self.views)
-        if self._could_be_late(found) and _gains_little(*draft.last_two()):
-            self.layering = replace(self.layering, is_late=True)
-            return found.holding((), self.layering)
+        if self._could_be_late(found):
+            before, last = draft.last_two()
+            if gains_little(last - before):
+                self.layering = replace(self.layering, is_late=True)
+                return found.holding((), self.layering)
         states = draft.states(self.progress)
         assert found.aim is not None, "it is by views"
         places = set() if self.before else _places_of_mends(found.aim.prepared.tiles)
@@ -158,11 +160,6 @@ class _Mending:
         """Whether the last level is not late yet, and may be."""
         may = self.may_be_late and found.can_be_late
         return may and found.n_coarse > 1 and not self.layering.is_late
-
-
-def _gains_little(before: float, last: float) -> bool:
-    """Whether the last of the coarse levels is hardly better than that before it, by their PSNR."""
-    return last < before + LATE
 
 
 def _falls_late(found: FoundStream, views: Views) -> bool:
@@ -183,12 +180,8 @@ def _places_of_mends(tiles: Sequence[EvolutionTree]) -> set[tuple[int, int]]:
     """Levels and steps of them that are mends in some tile."""
     found: set[tuple[int, int]] = set()
     for tile in tiles:
-        level, number = -1, 0
-        for step, is_mend in zip(tile.steps, mends(tile), strict=True):
-            number = number + 1 if step.level == level else 0
-            level = step.level
-            if is_mend:
-                found.add((level, number))
+        pairs = zip(places(tile), mends(tile), strict=True)
+        found.update(place for place, is_mend in pairs if is_mend)
     return found
 
 

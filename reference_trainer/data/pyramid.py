@@ -19,7 +19,7 @@ from reference_trainer.data.view import F32, View
 __all__ = ["area_average", "at_scale", "averaged", "on_shifted_grids"]
 
 BAND = 1 << 20  # pixels of a picture that are averaged at a time
-LEAST_FINER = 1.9  # times as many pixels a side, where sides are rounded to half of others
+LEAST_FINER = 1.9  # times as many pixels a side as at least; 2, less what rounding takes
 HALVES = ((0.5, 0.0), (0.0, 0.5), (0.5, 0.5))  # of a pixel, right and down
 
 
@@ -46,8 +46,8 @@ def on_shifted_grids(views: tuple[View, ...], finer: tuple[View, ...]) -> tuple[
 
     Args:
         views: photographs, and what pixels they have.
-        finer: the same photographs with pixels of about half the size or less. Where they are
-            larger, or there are none, a view has no shifted grids.
+        finer: the same photographs with pixels of about half the size or less. Where their
+            pixels are larger, or a view is missing here, it has no shifted grids.
     """
     found = []
     for view, larger in zip_longest(views, finer):

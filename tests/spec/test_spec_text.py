@@ -141,12 +141,22 @@ def test_the_tables_are_those_of_the_declarations_and_the_csv_files():
     assert result.returncode == 0, result.stdout + result.stderr
 
 
-@pytest.mark.parametrize("decoder", [oracle, cleanroom])
-def test_the_limits_of_the_other_decoders_are_those_of_the_csv_file(decoder):
+def limits_csv():
+    """(tier 1, 2, 3) by name."""
     with (ROOT / "spec" / "limits.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    limits = {r["name"]: tuple(int(r[f"tier_{k}"]) for k in (1, 2, 3)) for r in rows}
-    assert limits == decoder.LIMITS
+    return {r["name"]: tuple(int(r[f"tier_{k}"]) for k in (1, 2, 3)) for r in rows}
+
+
+@pytest.mark.parametrize("decoder", [oracle, cleanroom])
+def test_the_limits_of_the_other_decoders_are_those_of_the_csv_file(decoder):
+    assert limits_csv() == decoder.LIMITS
+
+
+def test_the_limits_of_the_decoder_for_browsers_are_those_of_the_csv_file():
+    source = (ROOT / "tools" / "web" / "evogs" / "src" / "limits.ts").read_text(encoding="utf-8")
+    rows = re.findall(r"^  (\w+): \[(\d+), (\d+), (\d+)\],$", source, re.MULTILINE)
+    assert {name: tuple(map(int, limits)) for name, *limits in rows} == limits_csv()
 
 
 # --- RoundShift -----------------------------------------------------------------------------------

@@ -115,7 +115,7 @@ def _of_spz(path: Path, like: SplatParams) -> SplatParams:
 def _curve(subject: Subject) -> list[tuple[int, float]]:
     """Bytes and dB of streams like the default."""
     views = subject.views.fewer(EFFORTS["default"].n_views)
-    ordering = views.fewer(EFFORTS["default"].n_band_views)
+    ordering = views.fewer(EFFORTS["default"].n_ordering_views)
     aim = TargetEncoder(subject.best, subject.settings, views, layers=N_LAYERS, ordering=ordering)
     price = SCENE_PRICE / subject.tree.n_leaves
     found = []
