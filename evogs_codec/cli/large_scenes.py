@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from evogs_codec.cli.argument_types import number
 from evogs_codec.cli.looking import up_asked
 from evogs_codec.common.progress import Progress
-from evogs_codec.encoding.layers import N_LAYERS
 from evogs_codec.errors import InputError
 from evogs_codec.io.interchange.scene_files import scene_format
 from evogs_codec.io.ply import PlyBlocks
@@ -119,7 +118,7 @@ def encode_large(
     up = up_asked(args)
     options = JobOptions(
         levels=args.levels or JobOptions.levels,
-        layers=args.layers or N_LAYERS,
+        layers=args.layers,
         up=None if up is None else up.vector,
         effort=args.effort or JobOptions.effort,
         drop_invalid=args.drop_invalid,

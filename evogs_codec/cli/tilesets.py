@@ -16,7 +16,6 @@ from evogs_codec.cli.options import Commands, add_metadata, command_parser
 from evogs_codec.cli.reports import fetched_text
 from evogs_codec.cli.terminal import complain, progress_bar
 from evogs_codec.common.printable import shown
-from evogs_codec.encoding.layers import N_LAYERS
 from evogs_codec.errors import InputError
 from evogs_codec.io.interchange.scene_files import write_scene
 from evogs_codec.jobs import JobOptions
@@ -125,7 +124,6 @@ def run_tileset(args: argparse.Namespace) -> None:
     asked = up_asked(args)
     job = JobOptions(
         levels=args.levels,
-        layers=N_LAYERS,
         up=None if asked is None else asked.vector,
         effort=args.effort or JobOptions.effort,
         drop_invalid=args.drop_invalid,

@@ -43,7 +43,7 @@ class JobOptions:
 
     Attributes:
         levels: of the tree of each tile.
-        layers: of precision.
+        layers: of precision; None: 2, and the last level may come late (`late_level`).
         up: what is up in views, an axis or a vector; None: what the first file says, or else what
             the splats show.
         effort: as of `encode_scene`.
@@ -54,7 +54,7 @@ class JobOptions:
     """
 
     levels: int = N_LEVELS
-    layers: int = N_LAYERS
+    layers: int | None = None
     up: str | tuple[float, float, float] | None = None
     effort: str | int = "default"
     per_tile: int = PER_TILE
@@ -209,7 +209,8 @@ class _Run:
             ),
             n_around=int(self.partition.counts[block].sum()),
             n_levels=self.options.levels,
-            n_layers=self.options.layers,
+            n_layers=self.options.layers or N_LAYERS,
+            may_be_late=self.options.layers is None,
             up=self.up.vector,
             effort=self.options.effort,
             has_palette=has_palette,

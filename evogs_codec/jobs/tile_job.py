@@ -67,6 +67,7 @@ class TileJob:
         n_around: splats of the neighbourhood, those of this tile among them.
         n_levels: of the tree.
         n_layers: of precision.
+        may_be_late: the last level may come late.
         up: what is up in views, an axis or a vector.
         effort: as of `encode_scene`.
         has_palette: the SH above band 0 of all splats of the stream are in a palette.
@@ -81,6 +82,7 @@ class TileJob:
     n_around: int
     n_levels: int
     n_layers: int
+    may_be_late: bool
     up: str | tuple[float, float, float]
     effort: str | int = "default"
     has_palette: bool = False
@@ -100,7 +102,7 @@ def survey_tile(job: TileJob, out: str) -> None:
     sharing = late = None
     gain = np.inf
     looks = prepared.layered is not None and Effort.of(job.effort).looks
-    if looks and can_be_late(prepared.tiles, job.n_levels):
+    if looks and job.may_be_late and can_be_late(prepared.tiles, job.n_levels):
         layered = _layered(prepared, job, is_late=True)
         late = _needs(prepared, layered, layered.tiles, price)
         gain = _gain_of_last(prepared, price)

@@ -1,6 +1,7 @@
 """Scenes that are encoded tile by tile: the same bytes wherever and whenever jobs run."""
 
 import hashlib
+import math
 import signal
 import subprocess
 import sys
@@ -88,6 +89,17 @@ def test_tiles_look_as_the_same_tiles_of_a_scene_encoded_whole(tmp_path):
     views = Views.of(scene, n_views=6)
     assert len(tiled) < len(whole)
     assert views.psnr(decode(tiled).leaves()) > views.psnr(decode(whole).leaves()) - 0.8
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("layers", "more"), [(None, 0), (2, 1)])
+def test_the_last_level_may_come_late_unless_layers_were_asked_for(
+    folder, tmp_path, monkeypatch, layers, more
+):
+    monkeypatch.setattr("evogs_codec.encoding.late_level.LATE", math.inf)
+    options = replace(OPTIONS, layers=layers, effort=1)
+    encode_files([folder / "whole.ply"], tmp_path / "x.evogs", options, engine=SERIAL)
+    assert read_directory(tmp_path / "x.evogs").n_levels == OPTIONS.levels + more
 
 
 @pytest.mark.thorough
