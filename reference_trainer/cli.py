@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import warnings
 from dataclasses import replace
 from importlib.util import find_spec
@@ -234,12 +235,20 @@ def _sheet(args: argparse.Namespace) -> Path | None:
 
 def _check_beside_photographs(path: Path, kind: FileKind, args: argparse.Namespace) -> None:
     """Refuse to replace a file in the folder of the photographs that is not ours; `--force` too."""
-    folder = Path(args.input).resolve()
-    if folder in path.resolve().parents:
+    pairs = (
+        (Path(args.input).resolve(), path.resolve()),
+        (_named(args.input), _named(path)),  # by a link in the folder
+    )
+    if any(folder in place.parents for folder, place in pairs):
         try:
             check_target(path, kind, command=args.command)
         except InputError as error:
             raise InputError(f"{path}: is beside the photographs; name another file") from error
+
+
+def _named(path: str | Path) -> Path:
+    """The path in full, with its links as they are."""
+    return Path(os.path.normpath(Path(path).absolute()))
 
 
 def _check_checkpoint(args: argparse.Namespace, n_levels: int) -> None:
@@ -258,6 +267,7 @@ def _check_checkpoint(args: argparse.Namespace, n_levels: int) -> None:
             raise InputError(f"{place}: has the photographs; name another --checkpoint")
     sources = [path for path in (args.base, args.output) if path is not None]
     for name, kind in kinds.items():
+        _check_beside_photographs(folder / name, kind, args)
         if (folder / name).exists():
             check_target(
                 folder / name, kind, command=args.command, sources=sources, force=args.force

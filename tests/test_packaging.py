@@ -27,6 +27,7 @@ def test_tools_are_not_installed():
     assert found | set(setuptools["py-modules"]) == INSTALLED
 
 
+@pytest.mark.thorough
 def test_vectors_and_goldens_are_not_installed():
     setuptools = pytest.importorskip("setuptools", reason="only builds need it")
     find = PROJECT["tool"]["setuptools"]["packages"]["find"]

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.encoding.alpha_tables import only_used
 from evogs_codec.encoding.arrange import arrange, default_tiles
-from evogs_codec.encoding.grids import AccuracyWarning, Grid, grid_exponents, warn_if_coarser
+from evogs_codec.encoding.grids import AccuracyWarning, Grid, warn_if_coarser
 from evogs_codec.encoding.held_steps import Run, held
 from evogs_codec.encoding.layers import Layered, Layering, expect_levels
 from evogs_codec.encoding.measured_gains import MeasuredGains, Pictures, Telling, nothing_of
@@ -179,12 +179,16 @@ class Prepared:
             )
         return only_used(coded) if estimates else coded
 
-    def warn_of_span(self, price: float) -> None:
-        """Warn where values span so much that steps are coarser than this price of a bit asks."""
+    def warn_of_span(self, price: float, exponents: tuple[int, ...]) -> None:
+        """Warn where values span so much that steps are coarser than this price of a bit asks.
+
+        Args:
+            price: of a bit.
+            exponents: of the grids of the stream that was made.
+        """
         settings = self._settings(price)
         n_levels = self.layered.n_levels if self.layered else self.n_levels
         steps = settings.accuracy.wanted_steps(self.ranges, n_levels)
-        exponents = grid_exponents(settings, self.ranges, steps)
         grid = Grid.of(self.tiles[0].sh_degree, n_levels, exponents, steps, settings)
         warn_if_coarser(grid, steps, settings)
 

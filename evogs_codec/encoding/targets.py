@@ -29,7 +29,7 @@ from evogs_codec.model.coded_tree import CodedTree
 from evogs_codec.model.splats import F64
 from evogs_codec.model.tree import EvolutionTree
 
-__all__ = ["PRICES", "Guess", "TargetEncoder", "TargetMissedError"]
+__all__ = ["PRICES", "Guess", "TargetEncoder", "TargetMissedError", "psnr_reached"]
 
 FIRST_PRICE = 1e-11  # mean squared error that a bit is worth: about 45 dB
 PRICES = (1e-18, 1e-5)
@@ -112,6 +112,7 @@ class TargetEncoder(Aim):
             start: float,
             slack: float,
             tries: int = MOST_TRIES,
+            narrow: float = NARROW,
         ) -> Found[CodedTree]:
             return nearest(
                 lambda price: measure(code(price)),
@@ -122,24 +123,21 @@ class TargetEncoder(Aim):
                 slack,
                 tries=tries,
                 far=FAR_PSNR,
-                narrow=NARROW if tries > MOST_TRIES else JUMP,
+                narrow=narrow,
             )
 
         first = near or FIRST_PRICE
-        plain = search(coder.coded, decibels, first, PSNR_SLACK, tries)
+        narrow = NARROW if tries > MOST_TRIES else JUMP  # of few splats a PSNR is rough
+        plain = search(coder.coded, decibels, first, PSNR_SLACK, tries, narrow)
         room = missed_by + (2 * POLISH_GAIN if coder.polishes else 0)
         if plain.is_end and abs(plain.value - decibels) > room:
             other = PRICES[plain.at == PRICES[0]]
             ends = sorted([plain.value, measure(coder.coded(other))[0]])
             each = len(write(plain.what, effort=1, digests=False)) / self.tree.n_leaves
-            if ends[0] > MOST_PSNR:
-                reached = f"every stream has more than {MOST_PSNR:g} dB; leave the target out"
-            else:
-                reached = (
-                    f"{ends[0]:.1f} to {min(ends[1], MOST_PSNR):.1f} dB can be reached,"
-                    f" {plain.value:.1f} dB with about {each:.1f} bytes a splat"
-                )
-            said = f"{decibels:g} dB cannot be met: {reached}"
+            said = f"{decibels:g} dB cannot be met: {psnr_reached(ends[0], ends[1])}"
+            if ends[0] <= MOST_PSNR:
+                reached = min(plain.value, MOST_PSNR)
+                said += f", {reached:.1f} dB with about {each:.1f} bytes a splat"
             raise TargetMissedError(said, abs(plain.value - decibels))
         found = [plain]
         if coder.polishes:
@@ -373,6 +371,14 @@ class TargetEncoder(Aim):
     def written(self, coded: CodedTree) -> bytes:
         """The stream of a coded tree, with digests."""
         return write(coded, effort=self.settings.effort, progress=self.progress)
+
+
+def psnr_reached(least: float, most: float, about: str = "") -> str:
+    """Which PSNR, dB, streams have, in words; no more than may be asked for."""
+    if least > MOST_PSNR:
+        return f"every stream has more than {MOST_PSNR:g} dB; leave the target out"
+    digits = 0 if about else 1
+    return f"{about}{least:.{digits}f} to {min(most, MOST_PSNR):.{digits}f} dB can be reached"
 
 
 def _errors(tiles: Sequence[EvolutionTree], data: bytes, sh_degree: int) -> F64:

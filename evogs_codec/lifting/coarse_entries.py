@@ -23,6 +23,7 @@ __all__ = ["SAMPLE", "CoarseEntries"]
 MOST = 256  # entries
 SAMPLE, ROUNDS = 32_768, 10  # splats, by which entries are found
 PRICE = 0.1  # of a bit of a pick, to the mean square of the SH of a splat
+LOUD = 0.99  # of splats; the others, however loud, count as these: else all would pay for one
 BLOCK = 40  # splats compared with entries at a time: of more, BLAS starts threads, which spin
 
 
@@ -50,7 +51,8 @@ class CoarseEntries:
             return CoarseEntries(x, np.zeros(1))
         x = x[:, :: max(1, x.shape[1] // SAMPLE)]
         first = x[:, :: max(1, -(-x.shape[1] // max(min(MOST, most), 1)))]
-        square = float(np.square(x, dtype=np.float64).sum(axis=0).mean())
+        squares = np.square(x, dtype=np.float64).sum(axis=0)
+        square = float(np.minimum(squares, np.quantile(squares, LOUD)).mean())
         found = CoarseEntries(first, np.zeros(1 + first.shape[1]))
         for _ in range(ROUNDS):
             found = found._moved(x, PRICE * square)

@@ -20,6 +20,7 @@ from evogs_codec.encoding.sensitivity import SEEN_OF_CIRCLE
 from evogs_codec.encoding.settings import SCENE_PRESET, SCENE_PRICE, TREE_PRESET, TREE_PSNR
 from evogs_codec.encoding.targets import Guess, TargetEncoder, TargetMissedError
 from evogs_codec.errors import InputError
+from evogs_codec.format.directory import read_directory
 from evogs_codec.format.write_directory import MAX_LEVELS
 from evogs_codec.model.splats import I64
 from evogs_codec.model.tree import EvolutionTree
@@ -144,7 +145,8 @@ class FoundStream:
         if self.is_by_views:
             assert self.aim is not None, "it is by views"
             assert self.price is not None, "it is by views"
-            self.aim.prepared.warn_of_span(self.price)
+            exponents = read_directory(self.data).grid_exponents
+            self.aim.prepared.warn_of_span(self.price, exponents)
 
     def holding(self, runs: Sequence[Run], layering: Layering) -> FoundStream:
         """That of the same tree with runs of steps held back (`TargetEncoder.holding`)."""

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from evogs_codec.decoding.decode import decode
 from evogs_codec.encoding.arrange import leaf_order
 from evogs_codec.encoding.sketch import families, part_of
-from evogs_codec.encoding.targets import PRICES, TargetEncoder, TargetMissedError
+from evogs_codec.encoding.targets import PRICES, TargetEncoder, TargetMissedError, psnr_reached
 from evogs_codec.encoding.write import write
 from evogs_codec.format.directory import read_directory
 from evogs_codec.model.channels import n_channels
@@ -47,7 +47,7 @@ def expect_in_reach(trees: Sequence[EvolutionTree], request: Request, layers: in
         ends = [end for one in trees for end in _ends(one, request, layers)]
         least, most = min(ends), max(ends)
         if not least - PSNR_ROOM <= psnr <= most + PSNR_ROOM:
-            said = f"{psnr:g} dB cannot be met: about {least:.0f} to {most:.0f} dB can be reached"
+            said = f"{psnr:g} dB cannot be met: {psnr_reached(least, most, 'about ')}"
             raise TargetMissedError(said, max(least - psnr, psnr - most))
     most_likely = MOST * n_channels(tree.shown_degree)
     if n_bytes is not None and not LEAST <= n_bytes / n <= most_likely:

@@ -145,8 +145,8 @@ class _Mending:
                 return found.holding((), self.layering)
         states = draft.states(self.progress)
         assert found.aim is not None, "it is by views"
-        places = set() if self.before else _places_of_mends(found.aim.prepared.tiles)
-        runs, is_coarse = _runs(states, places)
+        some_mends = set() if self.before else _places_of_mends(found.aim.prepared.tiles)
+        runs, is_coarse = _runs(states, some_mends)
         finer = self.layering.ratio / FINER
         if is_coarse and found.is_layered and finer >= LEAST_RATIO:
             self.layering = replace(self.layering, ratio=finer)

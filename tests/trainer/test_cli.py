@@ -234,6 +234,12 @@ def test_photographs_are_not_replaced_even_with_force(folder, tmp_path, capsys):
     assert main(["train", str(folder), str(out), "--sheet", str(photograph), *train]) == 1
     said = f"evogs: {photograph}: is beside the photographs; name another file\n"
     assert capsys.readouterr().err == 2 * said
+    (folder / "train").rename(tmp_path / "store")
+    (folder / "train").symlink_to(tmp_path / "store")
+    assert main(["train", str(folder), str(out), "--sheet", str(photograph), *train]) == 1
+    assert capsys.readouterr().err == said
+    (folder / "train").unlink()
+    (tmp_path / "store").rename(folder / "train")
     assert {path: path.read_bytes() for path in folder.rglob("*.*")} == before
 
 

@@ -214,7 +214,7 @@ def test_which_trees_can_have_a_late_level():
 def test_a_last_level_that_looks_hardly_better_is_late(monkeypatch):
     n_levels = {}
     for by in (-np.inf, np.inf):
-        monkeypatch.setattr(steady, "LATE", by)
+        monkeypatch.setattr("evogs_codec.encoding.late_level.LATE", by)
         data = encode_scene(SPLATS, effort=1)
         n_levels[by] = read_directory(data).n_levels
         assert VIEWS.psnr(decode(data).leaves(sh_degree=3)) > 35
@@ -224,7 +224,7 @@ def test_a_last_level_that_looks_hardly_better_is_late(monkeypatch):
 
 
 def test_the_order_of_a_scene_is_that_of_a_stream_whose_last_level_is_late(monkeypatch):
-    monkeypatch.setattr(steady, "LATE", np.inf)
+    monkeypatch.setattr("evogs_codec.encoding.late_level.LATE", np.inf)
     monkeypatch.setattr("evogs_codec.encoding.layers.LEAST", 150)
     found = encode_scene_with_order(SPLATS, cameras=VIEWS.cameras, effort=1)
     assert read_directory(found.data).n_levels == LAST + 1
@@ -241,7 +241,7 @@ def test_the_order_of_a_scene_is_that_of_a_stream_whose_last_level_is_late(monke
 
 @pytest.mark.thorough
 def test_the_order_of_a_tree_is_that_of_a_stream_whose_last_level_is_late(monkeypatch):
-    monkeypatch.setattr(steady, "LATE", np.inf)
+    monkeypatch.setattr("evogs_codec.encoding.late_level.LATE", np.inf)
     monkeypatch.setattr("evogs_codec.encoding.layers.LEAST", 150)
     found = encode_tree_with_order(TREE, target_psnr=40, cameras=VIEWS.cameras, effort=1)
     assert found.orders is not None

@@ -50,6 +50,7 @@ def encoders(splats):
     return [replace(plain, tree=shared), plain]
 
 
+# Coarse splats of a palette pick by bits: only SH that are as quiet as this surely need none.
 PAYS, DOES_NOT = random(12, 0.5), smooth(700, 0.05)
 
 

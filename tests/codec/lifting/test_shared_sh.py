@@ -88,11 +88,11 @@ def test_coarse_splats_show_sh_near_their_own(scene):
     final = [
         tree.palette.sh_of(tree_picks(tree))[:, : tree.leaves(k).sh.shape[0]] for k in range(3)
     ]
-    for level in range(3):
+    for level, most in enumerate([0.95, 0.85, 0.5]):
         shown, right = tree.leaves(level).sh[:, 1:], lifted.tree.leaves(level).sh[:, 1:]
         own = final[level].T.reshape(right.shape)
         off = np.square(shown - right).sum()
-        assert off < np.square(right).sum()
+        assert off < most * np.square(right).sum()
         assert off < np.square(own - right).sum()
 
 
