@@ -162,7 +162,7 @@ def run_train(args: argparse.Namespace) -> None:
     from reference_trainer.evaluate import evaluate
     from reference_trainer.held_out import at_full_size, write_sheet
     from reference_trainer.models.backends import backend_for
-    from reference_trainer.run import run
+    from reference_trainer.run import is_unfinished, run
     from reference_trainer.runtime.progress import Progress
     from reference_trainer.train import NotFiniteError
 
@@ -181,9 +181,14 @@ def run_train(args: argparse.Namespace) -> None:
     )
     pyramid = pyramid_of(data, config.n_levels)
     base = None if args.base is None else read_tree(args.base)
+    finer = finer_than(data, args) if config.shifts else None
     folder: Path | None = args.checkpoint
     log = None
     if folder is not None:
+        begins = not (args.resume or args.force)
+        if begins and is_unfinished(folder, config, pyramid, base=base, finer=finer):
+            said = "has this run, stopped before its end: --resume goes on, --force begins again"
+            raise InputError(f"{folder}: {said}")
         folder.mkdir(parents=True, exist_ok=True)
         log = folder / "log.csv"
     try:
@@ -194,7 +199,7 @@ def run_train(args: argparse.Namespace) -> None:
             folder=folder,
             resume=args.resume,
             base=base,
-            finer=finer_than(data, args) if config.shifts else None,
+            finer=finer,
             progress=Progress(log, shows_bar=not args.quiet),
         )
     except NotFiniteError as error:

@@ -25,7 +25,7 @@ from reference_trainer.train import Model, Stage, Training, train
 if TYPE_CHECKING:
     from reference_trainer.data import Dataset, View
 
-__all__ = ["photographs", "run"]
+__all__ = ["is_unfinished", "photographs", "run"]
 
 VIEWS = 2  # purpose of random numbers: the order of views
 
@@ -76,6 +76,24 @@ def run(
         saved = _run_stage(saved, method, plans, config, scales, backend, folder, progress)
         assert saved.stage == stage + 1
     return saved.done.tree
+
+
+def is_unfinished(
+    folder: Path,
+    config: Config,
+    pyramid: tuple[Dataset, ...],
+    *,
+    base: EvolutionTree | None = None,
+    finer: Dataset | None = None,
+) -> bool:
+    """Whether there is a checkpoint of this `run`, which was stopped before its end."""
+    try:
+        saved = Checkpoint.read(folder)
+    except InputError:  # damaged: nothing can go on from it
+        return False
+    identity = run_identity(config, _fingerprint(pyramid[-1], finer, base))
+    n_stages = len(method_named(config.method).plans(config))
+    return saved is not None and saved.run == identity and saved.stage < n_stages
 
 
 def _start(

@@ -24,11 +24,11 @@ __all__ = [
     "cheapest_alphas",
     "joint_delta",
     "nearest",
-    "only_used",
     "serving_both",
     "serving_second",
     "tables_of",
     "weighted_alphas",
+    "with_used_entries",
 ]
 
 Bools: TypeAlias = npt.NDArray[np.bool_]
@@ -196,7 +196,7 @@ def cheapest_alphas(
     return index
 
 
-def only_used(tree: CodedTree) -> CodedTree:
+def with_used_entries(tree: CodedTree) -> CodedTree:
     """The same splats, with tables of the entries that they need, in the same order.
 
     An entry that no split needs takes two bytes, and may make all indices wider. A split whose psi

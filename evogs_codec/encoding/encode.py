@@ -6,7 +6,7 @@ EvolutionTree -> arrange -> quantise -> CodedTree -> write -> bytes
 from __future__ import annotations
 
 from evogs_codec.common.progress import Progress, no_progress
-from evogs_codec.encoding.alpha_tables import only_used
+from evogs_codec.encoding.alpha_tables import with_used_entries
 from evogs_codec.encoding.arrange import arrange, default_tiles
 from evogs_codec.encoding.measured_gains import MeasuredGains, Pictures
 from evogs_codec.encoding.quantise import quantise
@@ -55,7 +55,7 @@ def encode(
     if views is not None and tree.n_leaves:
         report("draw", 0.0)
         coded = MeasuredGains.of(tree, views).rescale(coded)
-    coded = only_used(coded)
+    coded = with_used_entries(coded)
     return write(coded, effort=settings.effort, digests=digests, progress=report)
 
 

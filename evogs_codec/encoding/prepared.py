@@ -8,7 +8,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 
 from evogs_codec.common.progress import Progress, no_progress
-from evogs_codec.encoding.alpha_tables import only_used
+from evogs_codec.encoding.alpha_tables import with_used_entries
 from evogs_codec.encoding.arrange import arrange, default_tiles
 from evogs_codec.encoding.grids import AccuracyWarning, Grid, warn_if_coarser
 from evogs_codec.encoding.held_steps import Run, held
@@ -177,7 +177,7 @@ class Prepared:
                 info=self.aim.info,
                 estimates=estimates,
             )
-        return only_used(coded) if estimates else coded
+        return with_used_entries(coded) if estimates else coded
 
     def warn_of_span(self, price: float, exponents: tuple[int, ...]) -> None:
         """Warn where values span so much that steps are coarser than this price of a bit asks.

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from reference_trainer.cli import config_of, finer_than, register
 from reference_trainer.config import PRESETS, Config
 from reference_trainer.data import load_views
 from reference_trainer.models.backends.cpu import Cpu
+from reference_trainer.runtime.checkpoint import Checkpoint
 from tests.trainer import tiny
 from tools.photo_formats import FORMATS, Cloud, Shot
 
@@ -278,6 +280,23 @@ def test_missing_photographs_are_a_line_of_warning(folder, tmp_path, capsys):
     lines = capsys.readouterr().err.splitlines()
     said = "1 of 12 photographs are missing, "
     assert [line for line in lines if line.startswith(f"evogs: warning: {folder}: {said}")] == lines
+
+
+def test_a_run_that_was_stopped_is_not_begun_again_by_mistake(folder, tmp_path, capsys):
+    command = ["train", str(folder), str(tmp_path / "a.tree.npz"), *FLAGS, *SHORT]
+    work = tmp_path / "work"
+    command += ["--checkpoint", str(work)]
+    assert main(command) == 0
+    assert main(command) == 0  # it had ended
+    saved = Checkpoint.read(work)
+    assert saved is not None
+    replace(saved, stage=saved.stage - 1).write(work)
+    before = (work / "checkpoint.npz").read_bytes()
+    assert main(command) == 1
+    said = "has this run, stopped before its end: --resume goes on, --force begins again"
+    assert f"evogs: {work}: {said}" in capsys.readouterr().err
+    assert (work / "checkpoint.npz").read_bytes() == before
+    assert main([*command, "--seed", "1"]) == 0  # another run
 
 
 def test_a_damaged_checkpoint_says_what_to_do(folder, tmp_path, capsys):

@@ -6,7 +6,7 @@ from hypothesis import given
 
 from evogs_codec import PRESETS, EvolutionTree, decode, encode, lift, read_directory
 from evogs_codec.editing.omissions import UNUSED, omissions
-from evogs_codec.encoding.alpha_tables import only_used
+from evogs_codec.encoding.alpha_tables import with_used_entries
 from evogs_codec.encoding.quantise import quantise
 from evogs_codec.encoding.write import write
 from evogs_codec.model.channels import GROUP_CHANNELS
@@ -35,7 +35,7 @@ def alphas(tree):
 
 @given(coded_trees())
 def test_alphas_stay_and_every_entry_is_one_of_a_split_that_needs_it(tree):
-    found = only_used(tree)
+    found = with_used_entries(tree)
     assert alphas(found) == alphas(tree)
     for (level, group), table in found.alpha.items():
         named = set()
@@ -52,7 +52,7 @@ def test_a_split_that_needs_no_alpha_has_the_most_frequent_one_of_its_step():
     alpha[3] = [0.25, 0.5, 0.5, 0.75, 0.75, 0.5, 0.25, 0.5]
     roots = Step.of_adds(0, np.random.default_rng(2).normal(size=(14, n)).astype(np.float32))
     tree = EvolutionTree(0, (roots, Step.of_splits(1, np.arange(n), psi, alpha)))
-    coded = only_used(quantise([tree], 2, PRESETS["near-lossless"]))
+    coded = with_used_entries(quantise([tree], 2, PRESETS["near-lossless"]))
     table = coded.alpha_table(1, 3)
     assert sorted(table.values) == [0.5, 0.75]
     found = table.values[coded.tiles[0].steps[1].alpha[3]].tolist()
@@ -61,7 +61,7 @@ def test_a_split_that_needs_no_alpha_has_the_most_frequent_one_of_its_step():
 
 @given(coded_trees())
 def test_what_a_decoder_has_stays(tree):
-    before, after = decode(write(tree)), decode(write(only_used(tree)))
+    before, after = decode(write(tree)), decode(write(with_used_entries(tree)))
     for one, other in zip(before.tiles, after.tiles, strict=True):
         assert np.array_equal(one.x, other.x)
 
@@ -84,7 +84,7 @@ def test_streams_have_no_entry_that_no_split_names(preset):
 def test_without_them_a_stream_is_smaller(monkeypatch):
     tree, settings = tree_with_alphas(np.random.default_rng(1)), PRESETS["trained"]
     small = encode(tree, settings)
-    monkeypatch.setattr("evogs_codec.encoding.encode.only_used", lambda coded: coded)
+    monkeypatch.setattr("evogs_codec.encoding.encode.with_used_entries", lambda coded: coded)
     large = encode(tree, settings)
     assert len(small) < len(large)
     one, other = (decode(data).leaves().channels() for data in (small, large))
