@@ -39,6 +39,7 @@ class Neighbourhood:
         around: what stands for the other tiles.
         n_shown: splats for which the views are: those of all tiles, or of this one, if it is so
             small that views of all would not show it.
+        n_circle: of the views, the first so many stand on the circle.
         keep: what an error of a position as large as its splat costs at least, whether a view
             shows it or not, in mean squared error.
     """
@@ -46,6 +47,7 @@ class Neighbourhood:
     views: Views
     around: SplatParams
     n_shown: int
+    n_circle: int
     keep: float
 
     @staticmethod
@@ -74,6 +76,7 @@ class Neighbourhood:
         """
         from evogs_codec.render import Views, cameras_around, weighing_cameras
         from evogs_codec.render.framing import options_for
+        from evogs_codec.render.viewpoints import n_on_circle
 
         stands_in = _joined(own, around)
         middle, size = _bulk(splats)
@@ -91,12 +94,17 @@ class Neighbourhood:
         options = options_for(shown)
         n_shown = len(splats) if is_apart else n_around
         return Neighbourhood(
-            replace(views, options=options), around, n_shown, keep * price_of(n_shown)
+            replace(views, options=options),
+            around,
+            n_shown,
+            n_on_circle(n_views) if all_round else n_views,
+            keep * price_of(n_shown),
         )
 
     def fewer(self, n_views: int) -> Neighbourhood:
-        """At most this many of the views."""
-        return replace(self, views=self.views.fewer(n_views))
+        """At most this many of the views, of those on the circle."""
+        circle = replace(self.views, cameras=self.views.cameras[: self.n_circle])
+        return replace(self, views=circle.fewer(n_views))
 
     def within(self, pixels: int | None) -> Neighbourhood:
         """The views with at most this many pixels along the longer side; None: as they are."""

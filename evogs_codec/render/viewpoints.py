@@ -17,6 +17,7 @@ __all__ = [
     "SIZE",
     "camera_rings",
     "cameras_around",
+    "n_on_circle",
     "weighing_cameras",
 ]
 
@@ -87,6 +88,11 @@ def camera_rings(scene: SplatParams, up: Direction | None = None, times: int = 1
     ]
 
 
+def n_on_circle(n: int) -> int:
+    """How many of n `weighing_cameras`, the first of them, stand on the circle."""
+    return n - 2 * (n // ONE_OF)
+
+
 def weighing_cameras(scene: SplatParams, up: Direction | None = None, n: int = 12) -> list[Camera]:
     """Cameras by which errors are weighed, n of them: most on the circle of `cameras_around`.
 
@@ -95,7 +101,7 @@ def weighing_cameras(scene: SplatParams, up: Direction | None = None, n: int = 1
     """
     above = up_of(scene).vector if up is None else direction(up)
     n_each = n // ONE_OF
-    circle = cameras_around(scene, above, n=n - 2 * n_each)
+    circle = cameras_around(scene, above, n=n_on_circle(n))
     others = [
         camera
         for elevation, distance in (BELOW, ABOVE)
