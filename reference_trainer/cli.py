@@ -272,8 +272,8 @@ def _check_checkpoint(args: argparse.Namespace, n_levels: int) -> None:
             raise InputError(f"{place}: has the photographs; name another --checkpoint")
     sources = [path for path in (args.base, args.output) if path is not None]
     for name, kind in kinds.items():
-        _check_beside_photographs(folder / name, kind, args)
         if (folder / name).exists():
+            _check_beside_photographs(folder / name, kind, args)
             check_target(
                 folder / name, kind, command=args.command, sources=sources, force=args.force
             )

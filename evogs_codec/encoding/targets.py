@@ -144,7 +144,7 @@ class TargetEncoder(Aim):
             below = search(coder.coded, decibels - POLISH_GAIN, first, POLISH_GAIN / 4)
             found.append(search(coder.polished, decibels, below.at, PSNR_SLACK))
         met = [one for one in found if abs(one.value - decibels) <= missed_by]
-        if not met and plain.above is not None:
+        if not met and plain.above is not None and not plain.is_end:
             met = [plain.above]
         if not met:
             said = f"{decibels:g} dB cannot be met: {plain.value:.2f} dB is nearest"

@@ -282,6 +282,13 @@ def test_missing_photographs_are_a_line_of_warning(folder, tmp_path, capsys):
     assert [line for line in lines if line.startswith(f"evogs: warning: {folder}: {said}")] == lines
 
 
+def test_checkpoints_may_be_in_a_folder_of_their_own_among_the_photographs(folder, tmp_path):
+    train = ["train", str(folder), str(tmp_path / "a.tree.npz"), *FLAGS, *SHORT]
+    train += ["--checkpoint", str(folder / "work")]
+    assert main(train) == 0
+    assert main(train) == 0  # what is there is of the same command
+
+
 def test_a_run_that_was_stopped_is_not_begun_again_by_mistake(folder, tmp_path, capsys):
     command = ["train", str(folder), str(tmp_path / "a.tree.npz"), *FLAGS, *SHORT]
     work = tmp_path / "work"
