@@ -1,9 +1,9 @@
 """Entries of a palette for coarse splats, and picks of them that take few bits (spec 12).
 
 A coarse splat is seen until its children come, so its SH above band 0 need not be near. Entries and
-picks are those of a quantiser under a bound on entropy: of the entries for a splat that is picked
-whose squared error and bits cost least. At an error that the nearest of 32 entries have, picks take
-2.7 bits instead of 4.6 (coarse splats of playbot).
+picks are those of an entropy-constrained quantiser: each splat picks the entry whose squared error
+and bits together cost least. At the error of the nearest of 32 entries, picks take 2.7 bits instead
+of 4.6 (coarse splats of playbot).
 
 Source: Chou, Lookabaugh and Gray, "Entropy-constrained vector quantization", 1989.
 
@@ -22,8 +22,8 @@ __all__ = ["SAMPLE", "CoarseEntries"]
 
 MOST = 256  # entries
 SAMPLE, ROUNDS = 32_768, 10  # splats, by which entries are found
-PRICE = 0.1  # of a bit of a pick, to the mean square of the SH of a splat
-LOUD = 0.99  # of splats; the others, however loud, count as these: else all would pay for one
+PRICE = 0.1  # of a bit of a pick: this part of the mean square of the SH of a splat
+LOUD = 0.99  # of splats; squares of the rest count no more, so that one splat sets no price
 BLOCK = 40  # splats compared with entries at a time: of more, BLAS starts threads, which spin
 
 
@@ -44,7 +44,7 @@ class CoarseEntries:
         """For coarse splats like some.
 
         Args:
-            x: (C, N) SH of some coarse splats; of more than `SAMPLE` evenly that many.
+            x: (C, N) SH of some coarse splats. About `SAMPLE` of them are looked at, evenly.
             most: entries at most.
         """
         if not x.shape[1]:  # all splats are leaves
