@@ -115,6 +115,9 @@ def jobs(config: Config, methods: list[str], seeds: list[int], budgets: list[str
                 changed = replace(config if is_tree else layered, method=method, seed=seed)
                 if budget == "thresholds":
                     changed = _by_thresholds(changed)
+                else:  # trees fill the budget whatever the gradients are
+                    full = replace(changed.frontier, threshold=0.0)
+                    changed = replace(changed, frontier=full)
                 shares = is_tree or method == "lapis"
                 yield Job(f"{budget}-{method}-{seed}", changed, config.n_levels, shares)
 

@@ -17,7 +17,6 @@ from reference_trainer.methods import method_named
 from reference_trainer.methods.base import Done, Method, Plan, Setting
 from reference_trainer.models.backends import Backend
 from reference_trainer.models.densify import ScreenGradients
-from reference_trainer.models.saved import Arrays, taken
 from reference_trainer.runtime.checkpoint import Checkpoint, refuse, run_identity
 from reference_trainer.runtime.progress import Progress
 from reference_trainer.train import Model, Stage, Training, train
@@ -128,17 +127,15 @@ def _run_stage(
     data = replace(scales[plan.scale], train=photographs(scales, plan.scale, config))
     setting = Setting(config, plan, data, extent(data.train), backend.device)
     model = method.begin(setting, saved.done)
-    training = _restored(model, saved, folder)
+    training = _restored(model, saved, folder, backend)
     progress.begin(saved.stage, plan, data, backend)
 
     def each(training: Training) -> None:
         progress.each(training)
         if folder is not None and training.iteration % config.checkpoint_every == 0:
-            found = training.scores
-            scores: Arrays = {"total": found.total, "count": found.count}
-            replace(saved, iteration=training.iteration, model=model.arrays(), scores=scores).write(
-                folder
-            )
+            arrays, scores = model.arrays(), training.scores.arrays()
+            at = training.iteration
+            replace(saved, iteration=at, model=arrays, scores=scores).write(folder)
 
     order = setting.seed(VIEWS)
     stage = Stage(
@@ -186,14 +183,13 @@ def photographs(
     return found * config.next_size + finer * (len(found) // len(own))
 
 
-def _restored(model: Model, saved: Checkpoint, folder: Path | None) -> Training:
+def _restored(model: Model, saved: Checkpoint, folder: Path | None, backend: Backend) -> Training:
     if folder is None or not saved.model:
-        return Training(model, ScreenGradients(model.n_splats))
+        return Training(model, ScreenGradients(model.n_splats, backend.device))
     try:
         model.restore(saved.model)
-        scores = ScreenGradients(model.n_splats)
-        scores.total = taken(saved.scores, "total", np.float64, model.n_splats)
-        scores.count = taken(saved.scores, "count", np.int32, model.n_splats)
+        scores = ScreenGradients(model.n_splats, backend.device)
+        scores.restore(saved.scores)
     except InputError as error:
         refuse(folder, error)
     return Training(model, scores, saved.iteration)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from reference_trainer.config import Config, Rates
-from reference_trainer.models.adam import RateTable, Variable
+from reference_trainer.models.adam import RateTable, Variable, step_all
 from reference_trainer.models.densify import ScreenGradients
 from reference_trainer.models.saved import Arrays
 from reference_trainer.models.tensors import SplatTensors
@@ -115,16 +115,15 @@ def train(
         if not np.isfinite(training.loss):
             raise NotFiniteError(f"the loss is {training.loss} at iteration {training.iteration}")
         if screen.grad is not None:
-            training.scores.add(screen.grad.cpu().numpy(), view.camera.width, view.camera.height)
+            training.scores.add(screen.grad, view.camera.width, view.camera.height)
         progress = training.iteration / stage.iterations
         variables = model.variables()
         price = stage.rate_weight * training.loss / max(_priced(variables), 1)
         rates = RateTable(stage.rates, stage.extent, progress, price)
-        for variable in variables:
-            variable.step(rates)
+        step_all(variables, rates)
         training.iteration += 1
         if model.densify(training.iteration, stage.iterations, training.scores, stage.cap):
-            training.scores = ScreenGradients(model.n_splats)
+            training.scores = ScreenGradients(model.n_splats, backend.device)
         each(training)
 
 

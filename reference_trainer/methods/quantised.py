@@ -35,7 +35,7 @@ from evogs_codec.render.views import DRAWN, Views
 from reference_trainer.methods.base import Done, Setting
 from reference_trainer.models.adam import Variable, splat_variables
 from reference_trainer.models.axes import one_w
-from reference_trainer.models.blocks import Block, Collinear, Refined, evolve, evolve_plain
+from reference_trainer.models.blocks import Block, Collinear, Evolution, Refined, evolve
 from reference_trainer.models.densify import ScreenGradients
 from reference_trainer.models.saved import Arrays, taken_number
 from reference_trainer.models.tensors import SplatTensors
@@ -64,6 +64,9 @@ class IntegerLevel:
             self._base, self._columns, self._live = _blocks(before, steps, device)
         else:
             self._base, self._columns, self._live = _roots(steps[0], device)
+        self._evolution: Evolution | None = None  # on GPUs
+        if not self._base.means.is_cpu:
+            self._evolution = Evolution(self._base, self._blocks, np.flatnonzero(self._live))
         kinds = [channel_class(c) for c in range(n_channels(before.sh_degree))]
         row = SplatParams.from_channels(np.array(quanta[-1], np.float32)[kinds][:, None])
         # Of roots all numbers move, but for w where it is that of all.
@@ -97,9 +100,13 @@ class IntegerLevel:
         """The leaves that a decoder has, differentiable in the psi that are drawn."""
         for numbers in self._numbers:
             numbers.show()
-        leaves = evolve if self._base.means.is_cpu else evolve_plain
-        blocks = [place.block for place in self._columns]
-        return leaves(self._base, blocks, np.flatnonzero(self._live))
+        if self._evolution is not None:
+            return self._evolution.leaves()
+        return evolve(self._base, self._blocks, np.flatnonzero(self._live))
+
+    @property
+    def _blocks(self) -> list[Block]:
+        return [place.block for place in self._columns]
 
     def variables(self) -> list[Variable]:
         """What is trained, with the gradients of what is drawn."""

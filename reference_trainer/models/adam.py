@@ -20,7 +20,15 @@ from reference_trainer.models.kernels import adam, shrink
 from reference_trainer.models.saved import Arrays, taken, taken_number
 from reference_trainer.models.tensors import SplatTensors
 
-__all__ = ["GROUPS", "RateTable", "Variable", "splat_tensors", "splat_variables"]
+__all__ = [
+    "GROUPS",
+    "RateTable",
+    "Variable",
+    "splat_tensors",
+    "splat_variables",
+    "step_all",
+    "step_together",
+]
 
 GROUPS = ("position", "rotation", "scale", "opacity", "sh")
 N_BAND_0 = 3  # numbers of SH band 0, which come first
@@ -65,34 +73,22 @@ class Variable:
         n = len(self.value)
         tensors = (self.value.detach(), self.value.grad, self.m, self.v)
         x, g, m, v = (tensor.reshape(n, -1) for tensor in tensors)
-        columns = rates.columns(self.group, x.shape[1])
-        columns[: self.n_still] = 0
-        if x.is_cpu:
-            adam(x.numpy(), g.numpy(), m.numpy(), v.numpy(), columns, BETA1, BETA2, EPS, self.t)
-        else:
-            m.lerp_(g, 1 - BETA1)
-            v.mul_(BETA2).addcmul_(g, g, value=1 - BETA2)
-            root = v.div(1 - BETA2**self.t).sqrt_().add_(EPS)
-            scaled = m / (1 - BETA1**self.t) * torch.from_numpy(columns).to(x)
-            x.sub_(scaled.div_(root))
-        if self.quanta is not None and rates.price and self.t > FREE_STEPS:
-            if x.is_cpu:
-                quanta = self.quanta
-                shrink(x.numpy(), v.numpy(), columns, quanta, rates.price, BETA2, EPS, self.t)
-            else:
-                self.shrink_plain(x, v, columns, rates.price)
+        columns = self.columns(rates)
+        adam(x.numpy(), g.numpy(), m.numpy(), v.numpy(), columns, BETA1, BETA2, EPS, self.t)
+        if self.quanta is not None and self.costs(rates):
+            quanta = self.quanta
+            shrink(x.numpy(), v.numpy(), columns, quanta, rates.price, BETA2, EPS, self.t)
         self.value.grad = None
 
-    def shrink_plain(
-        self, x: Tensor, v: Tensor, columns: npt.NDArray[np.float32], price: float
-    ) -> None:
-        """`kernels.shrink` in torch's own operations, for other devices and as its test."""
-        assert self.quanta is not None
-        size, quanta = x.abs(), torch.from_numpy(self.quanta).to(x)
-        root = v.div(1 - BETA2**self.t).sqrt_().add_(EPS)
-        slope = price / math.log(2) / (size + quanta)
-        pull = torch.from_numpy(columns).to(x) * slope / root
-        x.copy_(torch.sign(x) * (size - pull).clamp_(min=0))
+    def columns(self, rates: RateTable) -> npt.NDArray[np.float32]:
+        """(d,) learning rates of the numbers of a row."""
+        columns = rates.columns(self.group, math.prod(self.value.shape[1:]))
+        columns[: self.n_still] = 0
+        return columns
+
+    def costs(self, rates: RateTable) -> bool:
+        """Whether its numbers pay for their bits by now."""
+        return self.quanta is not None and rates.price > 0 and self.t > FREE_STEPS
 
     def rows(self, rows: Tensor) -> Variable:
         """Only these rows, with their moments."""
@@ -128,6 +124,55 @@ class Variable:
         )
         t = taken_number(arrays, f"{prefix}.t", 0, MAX_STEPS)
         return Variable(value.requires_grad_(True), group, m, v, t)
+
+
+def step_all(variables: Sequence[Variable], rates: RateTable) -> None:
+    """`Variable.step` of all; on GPUs at once, where a step each is mostly the calls."""
+    due = [v for v in variables if v.value.grad is not None and v.value.numel()]
+    if not due or due[0].value.is_cpu:
+        for variable in due:
+            variable.step(rates)
+    else:
+        step_together(due, rates)
+
+
+def step_together(variables: Sequence[Variable], rates: RateTable) -> None:
+    """`Variable.step` of variables that all have gradients, by torch's own operations."""
+    for variable in variables:
+        variable.t += 1
+    xs, ms, vs = ([getattr(v, n).detach() for v in variables] for n in ("value", "m", "v"))
+    grads = [v.value.grad for v in variables if v.value.grad is not None]
+    torch._foreach_lerp_(ms, grads, 1 - BETA1)
+    torch._foreach_mul_(vs, BETA2)
+    torch._foreach_addcmul_(vs, grads, grads, 1 - BETA2)
+    roots = torch._foreach_div(vs, [1 - BETA2**v.t for v in variables])
+    torch._foreach_sqrt_(roots)
+    torch._foreach_add_(roots, EPS)
+    steps = torch._foreach_div(ms, [1 - BETA1**v.t for v in variables])
+    torch._foreach_div_(steps, roots)
+    # The rates of a row go to the device where they differ; one for all is a number.
+    columns = [variable.columns(rates) for variable in variables]
+    torch._foreach_mul_(steps, [float(own.max()) for own in columns])
+    for step, own in zip(steps, columns, strict=True):
+        if (own != own.max()).any():
+            step.mul_(_row(own / own.max(), step))
+    torch._foreach_sub_(xs, steps)
+    for variable, x, root, own in zip(variables, xs, roots, columns, strict=True):
+        if variable.quanta is not None and variable.costs(rates):
+            _shrink(x, root, _row(own, x), _row(variable.quanta, x), rates.price)
+        variable.value.grad = None
+
+
+def _shrink(x: Tensor, root: Tensor, columns: Tensor, quanta: Tensor, price: float) -> None:
+    """`kernels.shrink` by torch's own operations; `root` is that of the second moment."""
+    size = x.abs()
+    slope = price / math.log(2) / (size + quanta)
+    x.copy_(torch.sign(x) * (size - columns * slope / root).clamp_(min=0))
+
+
+def _row(numbers: npt.NDArray[np.float32], like: Tensor) -> Tensor:
+    """(d,) numbers as one row of a tensor (n, ...)."""
+    return torch.from_numpy(numbers).to(like).reshape(1, *like.shape[1:])
 
 
 @dataclass(frozen=True)

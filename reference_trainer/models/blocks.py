@@ -24,7 +24,7 @@ from reference_trainer.models.adam import GROUPS, Variable, splat_variables
 from reference_trainer.models.saved import Arrays, taken, taken_number
 from reference_trainer.models.tensors import SplatTensors
 
-__all__ = ["Block", "Collinear", "Free", "Refined", "evolve", "evolve_plain", "restored"]
+__all__ = ["Block", "Collinear", "Evolution", "Free", "Refined", "evolve", "restored"]
 
 Array = npt.NDArray[Any]
 I64 = npt.NDArray[np.int64]
@@ -61,7 +61,7 @@ class Block(Protocol):
         """What is trained."""
 
     def tensors(self) -> list[Tensor]:
-        """What `evolve` reads, as inputs of a torch function."""
+        """What it is evolved with, as inputs of a torch function."""
 
     def evolve(self, group: int, values: Array) -> None:
         """Parents become children, in one group of the values (S, d) of the slots."""
@@ -69,8 +69,11 @@ class Block(Protocol):
     def pull_back(self, group: int, g: Array, grads: list[Array]) -> None:
         """The gradient after `evolve` becomes that before; fills those to `tensors`."""
 
-    def evolve_plain(self, group: int, values: Tensor) -> Tensor:
-        """`evolve` in torch's own operations, for other devices and as its test."""
+    def evolve_rows(self, values: Tensor, rows: Tensor) -> None:
+        """`evolve` of all groups, values (S, D), by torch's own operations; `rows` are `slots`."""
+
+    def pull_back_rows(self, g: Tensor, rows: Tensor) -> list[Tensor]:
+        """The gradient (S, D) after `evolve_rows` becomes that before; those to `tensors`."""
 
     def changes(self, parents: Array) -> tuple[Array, Array]:
         """C1 - P and C2 - P, (m, D) each, for parents (m, D), in channel order."""
@@ -137,15 +140,29 @@ class Collinear:
         if GROUPS[group] not in LEARNED[self.kind]:
             to_alpha[:] = 0
 
-    def evolve_plain(self, group: int, values: Tensor) -> Tensor:
-        """`evolve` in torch's own operations."""
-        slots = torch.from_numpy(self.slots).to(values.device)
-        psi = self.psi[group].value.reshape(len(slots), -1)
-        parents = values[slots]
-        learns = GROUPS[group] in LEARNED[self.kind]
-        alpha = self.alpha.value if learns else self.alpha.value.detach()
-        children = parents - alpha[:, group, None] * psi
-        return torch.cat([values.index_copy(0, slots, parents + psi), children])
+    def evolve_rows(self, values: Tensor, rows: Tensor) -> None:
+        """Parents become children."""
+        psi, parents = _joined(self.psi), values[rows]
+        values[self.first : self.first + len(rows)] = parents - self._factors() * psi
+        values[rows] = parents + psi
+
+    def pull_back_rows(self, g: Tensor, rows: Tensor) -> list[Tensor]:
+        """The gradient after `evolve_rows` becomes that before."""
+        psi, to_c1, to_c2 = _joined(self.psi), g[rows], g[self.first : self.first + len(rows)]
+        to_psi = _split(to_c1 - self._factors() * to_c2, self.psi)
+        to_alpha = torch.zeros_like(self.alpha.value)
+        for group, part in enumerate(_split(psi * to_c2, self.psi)):
+            if GROUPS[group] in LEARNED[self.kind]:
+                to_alpha[:, group] = -part.reshape(len(rows), -1).sum(dim=1)
+        g[rows] = to_c1 + to_c2
+        return [*to_psi, to_alpha]
+
+    def _factors(self) -> Tensor:
+        """(m, D) alpha of each number of psi."""
+        alpha = self.alpha.value.detach()
+        widths = [math.prod(variable.value.shape[1:]) for variable in self.psi]
+        columns = [alpha[:, i, None].expand(-1, width) for i, width in enumerate(widths)]
+        return torch.cat(columns, dim=1)
 
     def changes(self, parents: Array) -> tuple[Array, Array]:
         """C1 - P and C2 - P."""
@@ -209,12 +226,17 @@ class Free:
         outs = _flat(grads[group]), _flat(grads[5 + group])
         kernels.evolve_free_gradient(g, self.slots, self.first, float(self.keep), *outs)
 
-    def evolve_plain(self, group: int, values: Tensor) -> Tensor:
-        """`evolve` in torch's own operations."""
-        slots = torch.from_numpy(self.slots).to(values.device)
-        parents = float(self.keep) * values[slots]
-        psi1, psi2 = (self.variables[i].value.reshape(len(slots), -1) for i in (group, 5 + group))
-        return torch.cat([values.index_copy(0, slots, parents + psi1), parents + psi2])
+    def evolve_rows(self, values: Tensor, rows: Tensor) -> None:
+        """Parents become children."""
+        parents = float(self.keep) * values[rows]
+        values[self.first : self.first + len(rows)] = parents + _joined(self.variables[5:])
+        values[rows] = parents + _joined(self.variables[:5])
+
+    def pull_back_rows(self, g: Tensor, rows: Tensor) -> list[Tensor]:
+        """The gradient after `evolve_rows` becomes that before."""
+        to_c1, to_c2 = g[rows], g[self.first : self.first + len(rows)]
+        g[rows] = float(self.keep) * (to_c1 + to_c2)
+        return [*_split(to_c1, self.variables[:5]), *_split(to_c2.clone(), self.variables[5:])]
 
     def changes(self, parents: Array) -> tuple[Array, Array]:
         """C1 - P and C2 - P."""
@@ -259,11 +281,13 @@ class Refined:
         """The gradient is the same before and after."""
         _flat(grads[group])[:] = g[self.slots]
 
-    def evolve_plain(self, group: int, values: Tensor) -> Tensor:
-        """`evolve` in torch's own operations."""
-        slots = torch.from_numpy(self.slots).to(values.device)
-        psi = self.variables[group].value.reshape(len(slots), -1)
-        return values.index_copy(0, slots, values[slots] + psi)
+    def evolve_rows(self, values: Tensor, rows: Tensor) -> None:
+        """Parents become children."""
+        values[rows] += _joined(self.variables)
+
+    def pull_back_rows(self, g: Tensor, rows: Tensor) -> list[Tensor]:
+        """The gradient is the same before and after."""
+        return _split(g[rows], self.variables)
 
     def changes(self, parents: Array) -> tuple[Array, Array]:
         """C - P, twice."""
@@ -281,16 +305,24 @@ def evolve(base: SplatTensors, blocks: list[Block], live: I64) -> SplatTensors:
     return SplatTensors(*_Evolve.apply(base, blocks, live, *tensors))  # type: ignore[no-untyped-call]
 
 
-def evolve_plain(base: SplatTensors, blocks: list[Block], live: I64) -> SplatTensors:
-    """`evolve` in torch's own operations."""
-    rows = torch.from_numpy(live).to(base.means.device)
-    out = []
-    for group, constants in enumerate(base):
-        values = constants.reshape(len(constants), -1)
-        for block in blocks:
-            values = block.evolve_plain(group, values)
-        out.append(values[rows].reshape(len(live), *constants.shape[1:]))
-    return SplatTensors(*out)
+class Evolution:
+    """`evolve` on any device, by torch's own operations: of many numbers at once, as GPUs want it.
+
+    What it needs of blocks and live slots is copied to the device when it is made.
+    """
+
+    def __init__(self, base: SplatTensors, blocks: list[Block], live: I64) -> None:
+        device = base.means.device
+        self.blocks = list(blocks)
+        self.base = torch.cat([x.reshape(len(x), -1) for x in base], dim=1)
+        self.shapes = [x.shape[1:] for x in base]
+        self.rows = [torch.from_numpy(block.slots).to(device) for block in blocks]
+        self.live = torch.from_numpy(live).to(device)
+
+    def leaves(self) -> SplatTensors:
+        """The leaves in the live slots, differentiable in the blocks' tensors."""
+        tensors = [tensor for block in self.blocks for tensor in block.tensors()]
+        return SplatTensors(*_EvolveRows.apply(self, *tensors))  # type: ignore[no-untyped-call]
 
 
 class _Evolve(torch.autograd.Function):
@@ -322,6 +354,31 @@ class _Evolve(torch.autograd.Function):
             for block, outs in zip(reversed(ctx.blocks), reversed(found), strict=True):
                 block.pull_back(group, g, [x.numpy() for x in outs])
         return (None, None, None, *(x for outs in found for x in outs))
+
+
+class _EvolveRows(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Context, *args: Argument) -> tuple[Tensor, ...]:
+        tree: Evolution = args[0]
+        ctx.tree, n = tree, len(tree.base)
+        values = tree.base.new_empty((n + sum(b.n_new for b in tree.blocks), tree.base.shape[1]))
+        values[:n] = tree.base
+        for block, rows in zip(tree.blocks, tree.rows, strict=True):
+            block.evolve_rows(values, rows)
+        ctx.n_slots = len(values)
+        parts = torch.split(values[tree.live], [math.prod(x) for x in tree.shapes], dim=1)
+        leaves = zip(parts, tree.shapes, strict=True)
+        return tuple(x.reshape(len(x), *shape).contiguous() for x, shape in leaves)
+
+    @staticmethod
+    def backward(ctx: Context, *grads: Tensor) -> tuple[Tensor | None, ...]:
+        tree: Evolution = ctx.tree
+        g = tree.base.new_zeros((ctx.n_slots, tree.base.shape[1]))
+        g[tree.live] = torch.cat([x.reshape(len(x), -1) for x in grads], dim=1)
+        found: list[Tensor] = []
+        for block, rows in zip(reversed(tree.blocks), reversed(tree.rows), strict=True):
+            found = [*block.pull_back_rows(g, rows), *found]
+        return (None, *found)
 
 
 def restored(arrays: Arrays, prefix: str, base: SplatTensors, n_slots: int) -> Block:
@@ -364,6 +421,19 @@ def _saved(prefix: str, block: Block, variables: tuple[Variable, ...]) -> Arrays
     for i, variable in enumerate(variables):
         out |= variable.arrays(f"{prefix}.{i}")
     return out
+
+
+def _joined(variables: tuple[Variable, ...]) -> Tensor:
+    """(m, D) their numbers, one after the other."""
+    values = [variable.value.detach() for variable in variables]
+    return torch.cat([x.reshape(len(x), -1) for x in values], dim=1)
+
+
+def _split(joined: Tensor, variables: tuple[Variable, ...]) -> list[Tensor]:
+    """(m, D) numbers in the shapes of the variables."""
+    shapes = [variable.value.shape for variable in variables]
+    parts = torch.split(joined, [math.prod(shape[1:]) for shape in shapes], dim=1)
+    return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
 
 
 def _array(variable: Variable) -> Array:

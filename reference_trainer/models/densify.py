@@ -6,8 +6,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import torch
+from torch import Tensor
 
 from evogs_codec import SplatParams
+from reference_trainer.models.saved import Arrays, taken
 
 __all__ = ["ScreenGradients", "largest", "useless"]
 
@@ -18,24 +21,39 @@ class ScreenGradients:
     """Mean length of the gradients to the centres of N splats, over the pictures that show them.
 
     Attributes:
-        total: (N,) sum of the lengths, in normalised device coordinates.
-        count: (N,) pictures.
+        total: (N,) float64, sum of the lengths, in normalised device coordinates.
+        count: (N,) int32, pictures.
     """
 
-    def __init__(self, n: int) -> None:
-        self.total = np.zeros(n, np.float64)
-        self.count = np.zeros(n, np.int32)
+    def __init__(self, n: int, device: torch.device | str = "cpu") -> None:
+        self.total = torch.zeros(n, dtype=torch.float64, device=device)
+        self.count = torch.zeros(n, dtype=torch.int32, device=device)
 
-    def add(self, centers: Array, width: int, height: int) -> None:
-        """Count a picture: `centers` (N, 2) per pixel."""
+    def add(self, centers: Tensor, width: int, height: int) -> None:
+        """Count a picture: `centers` (N, 2) per pixel, on the device."""
         x, y = centers[:, 0] * (0.5 * width), centers[:, 1] * (0.5 * height)
-        length = np.sqrt(x * x + y * y)
+        length = torch.sqrt(x * x + y * y)
         self.total += length
         self.count += length > 0
 
     def mean(self) -> npt.NDArray[np.float64]:
         """(N,), zero where no picture showed the splat."""
-        return self.total / np.maximum(self.count, 1)
+        found: npt.NDArray[np.float64] = (self.total / self.count.clamp(min=1)).cpu().numpy()
+        return found
+
+    def arrays(self) -> Arrays:
+        """For a checkpoint."""
+        return {"total": self.total.cpu().numpy(), "count": self.count.cpu().numpy()}
+
+    def restore(self, arrays: Arrays) -> None:
+        """The inverse of `arrays`, of as many splats.
+
+        Raises:
+            InputError: the arrays are of no such gradients.
+        """
+        n, device = len(self.total), self.total.device
+        self.total = torch.from_numpy(taken(arrays, "total", np.float64, n)).to(device)
+        self.count = torch.from_numpy(taken(arrays, "count", np.int32, n)).to(device)
 
 
 def largest(scores: Array, threshold: float, most: int) -> npt.NDArray[np.int64]:

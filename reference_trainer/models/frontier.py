@@ -20,10 +20,10 @@ from reference_trainer.models.axes import one_w
 from reference_trainer.models.blocks import (
     Block,
     Collinear,
+    Evolution,
     Free,
     Refined,
     evolve,
-    evolve_plain,
     restored,
 )
 from reference_trainer.models.densify import ScreenGradients, largest, useless
@@ -72,6 +72,7 @@ class Frontier:
         self.blocks: list[Block] = []
         self.live = np.ones(len(base.means), bool)
         self.has_one_w = option == "M" and one_w(base)
+        self._evolution: Evolution | None = None  # of these blocks and live slots, on GPUs
 
     @property
     def kind(self) -> str:
@@ -86,8 +87,11 @@ class Frontier:
 
     def splats(self, iteration: int) -> SplatTensors:
         """The N leaves, differentiable."""
-        leaves = evolve if self.base.means.is_cpu else evolve_plain
-        return leaves(self.base, self.blocks, np.flatnonzero(self.live))
+        if self.base.means.is_cpu:
+            return evolve(self.base, self.blocks, np.flatnonzero(self.live))
+        if self._evolution is None:
+            self._evolution = Evolution(self.base, self.blocks, np.flatnonzero(self.live))
+        return self._evolution.leaves()
 
     def variables(self) -> list[Variable]:
         """What is trained."""
@@ -120,6 +124,7 @@ class Frontier:
             self._split(slots[rows], leaves.take(rows))
         if iteration == due[-1] and self.growth.refines_rest:
             self._refine_rest()
+        self._evolution = None
         return True
 
     def _refine_all(self) -> None:
@@ -181,6 +186,7 @@ class Frontier:
             n_slots += block.n_new
             blocks.append(block)
         self.live, self.blocks = taken(arrays, "live", bool, n_slots), blocks
+        self._evolution = None
 
 
 def _children(

@@ -16,7 +16,6 @@ from tqdm import tqdm
 
 from evogs_codec import InputError
 from evogs_codec.io.files import FileKind
-from evogs_codec.render import psnr
 from reference_trainer.methods.base import Done, Plan
 from reference_trainer.models.backends import Backend
 from reference_trainer.train import Training
@@ -68,6 +67,8 @@ class Progress:
     def begin(self, stage: int, plan: Plan, data: Dataset, backend: Backend) -> None:
         """A stage begins."""
         self._stage, self._plan, self._data, self._backend = stage, plan, data, backend
+        views = (data.test or data.train)[:LOOKED_AT]
+        self._looked_at = [(view, backend.photograph(view.image)) for view in views]
         self._losses: list[float] = []
         if self._shows_bar:
             name = f"L{plan.level}" if plan.level >= 0 else "first"
@@ -108,16 +109,14 @@ class Progress:
     def _psnr(self, training: Training) -> float:
         """Mean over a few held-out views; of training views where none is held out."""
         backend, background = self._backend, self._data.background
-        views = (self._data.test or self._data.train)[:LOOKED_AT]
         with torch.no_grad():
             splats = training.model.splats(training.iteration)
             screen = backend.screen(splats)
-            images = [backend.render(splats, v.camera, background, screen) for v in views]
-        found = [
-            psnr(image.clamp(0, 1).cpu().numpy(), view.image)
-            for image, view in zip(images, views, strict=True)
-        ]
-        return float(np.mean(found))
+            errors = []
+            for view, photograph in self._looked_at:
+                image = backend.render(splats, view.camera, background, screen).clamp(0, 1)
+                errors.append(float((image.double() - photograph).square().mean()))
+        return float(np.mean([-10 * math.log10(error) if error else math.inf for error in errors]))
 
     def _write(self, mode: str, rows: list[Sequence[object]]) -> None:
         if self._log is None:

@@ -24,7 +24,7 @@ def cloud(n=10, below=0, growth=GROWTH):
 
 def scores(n, high=()):
     found = ScreenGradients(n)
-    found.total[list(high)] = 1 + np.arange(len(high))
+    found.total[list(high)] = 1.0 + torch.arange(len(high), dtype=torch.float64)
     found.count[:] = 1
     return found
 
@@ -95,8 +95,8 @@ def test_useless_splats_are_faint_wide_or_not_finite():
 
 def test_gradients_on_the_screen_are_means_over_pictures_that_show_a_splat():
     found = ScreenGradients(3)
-    found.add(np.array([[3.0, 4.0], [0, 0], [1, 0]]), 2, 2)
-    found.add(np.array([[0.0, 0.0], [0, 0], [3, 0]]), 2, 2)
+    found.add(torch.tensor([[3.0, 4.0], [0, 0], [1, 0]]), 2, 2)
+    found.add(torch.tensor([[0.0, 0.0], [0, 0], [3, 0]]), 2, 2)
     assert list(found.mean()) == [5, 0, 2]
 
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from evogs_codec.render import Camera
-from reference_trainer.models.backends import backend_for
+from reference_trainer.models.backends import backend_for, cuda
 from reference_trainer.models.tensors import SplatTensors
 from tests.trainer import tiny
 
@@ -19,6 +19,20 @@ def test_a_missing_device_is_refused():
         pytest.skip("there is a CUDA device")
     with pytest.raises(ValueError, match="torch finds no CUDA device"):
         backend_for("cuda")
+
+
+def test_the_loss_is_that_of_the_processor(monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(cuda, "find_spec", lambda name: name)
+    rng = np.random.default_rng(0)
+    photograph, picture = rng.random((2, 30, 40, 3), np.float32)
+    found = []
+    for backend in (backend_for("cpu"), cuda.Cuda("cpu")):
+        image = torch.tensor(picture, requires_grad=True)
+        loss = backend.loss(image, backend.photograph(photograph), 0.3)
+        loss.backward()
+        found.append((loss.detach(), image.grad))
+    torch.testing.assert_close(found[0], found[1], rtol=1e-4, atol=1e-7)
 
 
 @pytest.mark.gpu

@@ -11,11 +11,12 @@ from evogs_codec.model.tree import Kind
 from evogs_codec.render import orbit, psnr, render
 from reference_trainer.config import FrontierGrowth
 from reference_trainer.export import frontier_steps, roots
-from reference_trainer.models.blocks import evolve, evolve_plain
+from reference_trainer.models.blocks import Evolution, evolve
 from reference_trainer.models.densify import ScreenGradients
 from reference_trainer.models.frontier import OPTIONS, Frontier
 from reference_trainer.models.tensors import SplatTensors
 from tests.trainer import tiny
+from tests.trainer.plain_torch import evolve_plain
 
 GROWTH = FrontierGrowth(start=1, rounds=3, stop=0.3, threshold=0.0)
 
@@ -28,7 +29,7 @@ def grown(option="D", n=20, prune=(), seed=0, rest=False):
     frontier = Frontier(SplatTensors.of(tree.leaves()), option, growth, 100.0)
     for iteration in (1, 2, 3):
         scores = ScreenGradients(frontier.n_splats)
-        scores.total += rng.random(frontier.n_splats)
+        scores.total += torch.from_numpy(rng.random(frontier.n_splats))
         scores.count += 1
         assert frontier.densify(iteration, 10, scores, 3 * n)
     for variable in frontier.variables():
@@ -40,11 +41,11 @@ def grown(option="D", n=20, prune=(), seed=0, rest=False):
 
 @pytest.mark.parametrize("rest", [False, True])
 @pytest.mark.parametrize("option", OPTIONS)
-def test_compiled_leaves_and_gradients_are_those_of_plain_torch(option, rest):
+def test_leaves_and_gradients_are_those_of_plain_torch(option, rest):
     _, frontier = grown(option, prune=(3, 25), rest=rest)
     live = np.flatnonzero(frontier.live)
     found = []
-    for function in (evolve, evolve_plain):
+    for function in (evolve_plain, evolve, lambda *tree: Evolution(*tree).leaves()):
         leaves = function(frontier.base, frontier.blocks, live)
         weights = [torch.sin(torch.arange(x.numel()).reshape(x.shape).float()) for x in leaves]
         totals = [(x * w).sum() for x, w in zip(leaves, weights, strict=True)]
@@ -53,10 +54,12 @@ def test_compiled_leaves_and_gradients_are_those_of_plain_torch(option, rest):
         for variable in frontier.variables():
             variable.value.grad = None
         found.append((leaves, grads))
-    for one, other in zip(*(leaves for leaves, _ in found), strict=True):
-        torch.testing.assert_close(one, other, rtol=0, atol=1e-6)
-    for one, other in zip(*(grads for _, grads in found), strict=True):
-        torch.testing.assert_close(one, other, rtol=1e-5, atol=1e-5)
+    (expected, expected_grads), *others = found
+    for leaves, grads in others:
+        for one, other in zip(expected, leaves, strict=True):
+            torch.testing.assert_close(one, other, rtol=0, atol=1e-6)
+        for one, other in zip(expected_grads, grads, strict=True):
+            torch.testing.assert_close(one, other, rtol=1e-5, atol=1e-5)
 
 
 @pytest.mark.parametrize("option", OPTIONS)
@@ -89,7 +92,7 @@ def test_a_split_does_not_show():
         growth = FrontierGrowth(start=1, rounds=1, threshold=-1.0, distance=distance)
         frontier = Frontier(base, option, growth, 100.0)
         scores = ScreenGradients(200)
-        scores.total += rng.permutation(200) + 1.0
+        scores.total += torch.from_numpy(rng.permutation(200) + 1.0)
         frontier.densify(1, 10, scores, 220)
         after = frontier.splats(0).params()
         return min(psnr(render(after, c), render(splats, c)) for c in cameras)

@@ -18,11 +18,11 @@ from reference_trainer.methods import quantised
 from reference_trainer.methods.base import Done, Plan, Setting
 from reference_trainer.methods.evogs import Evogs
 from reference_trainer.models.backends import backend_for
-from reference_trainer.models.blocks import evolve_plain
 from reference_trainer.models.densify import ScreenGradients
 from reference_trainer.run import run
 from reference_trainer.train import Stage, Training, train
 from tests.trainer import tiny
+from tests.trainer.plain_torch import evolve_plain
 
 METHODS = ("evogs", "evogs-mixed", "evogs-sym", "evogs-a", "evogs-b")
 

@@ -12,7 +12,14 @@ from reference_trainer.config import PRESETS, Integers, Rates
 from reference_trainer.methods.base import Done, Plan, Setting
 from reference_trainer.methods.evogs import Evogs
 from reference_trainer.models import adam
-from reference_trainer.models.adam import FREE_STEPS, RateTable, Variable
+from reference_trainer.models.adam import (
+    FREE_STEPS,
+    GROUPS,
+    RateTable,
+    Variable,
+    _shrink,
+    step_together,
+)
 from reference_trainer.models.backends import backend_for
 from reference_trainer.models.densify import ScreenGradients
 from reference_trainer.models.kernels import shrink
@@ -71,12 +78,32 @@ def test_torch_pulls_as_compiled_loops_do():
     rates = np.array([0.01, 0.02], np.float32)
     compiled = value.copy()
     shrink(compiled, v, rates, QUANTA, 0.005, 0.999, 1e-15, 3)
-    variable = Variable.of(torch.from_numpy(value.copy()), "sh")
-    variable.t, variable.quanta = 3, QUANTA
-    x = variable.value.detach()
-    variable.shrink_plain(x, torch.from_numpy(v), rates, 0.005)
+    x, root = torch.from_numpy(value.copy()), torch.sqrt(torch.from_numpy(v) / (1 - 0.999**3))
+    _shrink(x, root + 1e-15, torch.from_numpy(rates), torch.from_numpy(QUANTA), 0.005)
     assert (compiled == 0).any()
     np.testing.assert_allclose(x.numpy(), compiled, rtol=1e-5, atol=1e-8)
+
+
+@pytest.mark.parametrize("group", [*GROUPS, "alpha"])
+def test_torch_steps_as_compiled_loops_do(group):
+    rng = np.random.default_rng(1)
+    widths = {"position": (3,), "rotation": (4,), "scale": (3,), "sh": (4, 3), "alpha": (5,)}
+    shape = (50, *widths.get(group, ()))
+    value = torch.from_numpy(rng.normal(0, 0.1, shape).astype(np.float32))
+    d = int(np.prod(shape[1:]))
+    stepped = []
+    for step in (lambda v, rates: v.step(rates), lambda v, rates: step_together([v], rates)):
+        draw = np.random.default_rng(2)
+        variable = Variable.of(value.clone(), group)
+        variable.quanta, variable.n_still = np.full(d, 0.01, np.float32), int(group == "rotation")
+        for i in range(FREE_STEPS + 5):
+            gradient = draw.normal(0, 0.1, shape) * (i != 3)
+            variable.value.grad = torch.from_numpy(gradient.astype(np.float32))
+            step(variable, RateTable(Rates(), 2.0, i / 200, 0.01))
+        assert variable.value.grad is None
+        stepped.append(variable.value.detach())
+    assert not torch.equal(stepped[0], value)
+    torch.testing.assert_close(*stepped, rtol=1e-4, atol=1e-5)
 
 
 def test_a_variable_without_quanta_costs_nothing_nor_does_a_new_one():

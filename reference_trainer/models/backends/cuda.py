@@ -36,6 +36,7 @@ class Cuda:
         x = torch.arange(-RADIUS, RADIUS + 1, dtype=torch.float32, device=self.device)
         window = torch.exp(-(x**2) / (2 * SIGMA**2))
         self._window = (window / window.sum()).reshape(1, 1, -1, 1)
+        self._pinholes: dict[Camera, tuple[Tensor, Tensor]] = {}
 
     def photograph(self, image: npt.NDArray[np.float32]) -> Tensor:
         """A copy on the device."""
@@ -55,23 +56,19 @@ class Cuda:
         """(H, W, 3) picture."""
         from gsplat import rasterization  # type: ignore[import-not-found, unused-ignore]
 
-        view = torch.eye(4, device=self.device)
-        view[:3, :3] = torch.tensor(camera.rotation, device=self.device)
-        view[:3, 3] = torch.tensor(camera.translation, device=self.device)
-        intrinsics = torch.tensor(
-            [[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]],
-            dtype=torch.float32,
-            device=self.device,
-        )
+        view, intrinsics = self._pinhole(camera)
+        means = splats.means
+        if torch.is_grad_enabled() and not means.requires_grad:  # nothing is split yet
+            means = means.detach().requires_grad_(True)  # the centres have gradients all the same
         info: dict[str, Any]
         images, _, info = rasterization(
-            splats.means,
+            means,
             splats.quats,
             splats.log_scales.exp(),
             splats.opacity_logits.sigmoid(),
             splats.sh,
-            view[None],
-            intrinsics[None],
+            view,
+            intrinsics,
             camera.width,
             camera.height,
             near_plane=NEAR,
@@ -89,9 +86,20 @@ class Cuda:
         difference = (image - photograph).abs().mean()
         return (1 - ssim_weight) * difference + ssim_weight * (1 - self._ssim(image, photograph))
 
+    def _pinhole(self, camera: Camera) -> tuple[Tensor, Tensor]:
+        """(1, 4, 4) world to camera and (1, 3, 3) intrinsics, copied to the device once."""
+        if camera not in self._pinholes:
+            view = torch.eye(4)
+            view[:3, :3] = torch.tensor(camera.rotation)
+            view[:3, 3] = torch.tensor(camera.translation)
+            lens = [[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]]
+            found = view[None].to(self.device), torch.tensor([lens]).float().to(self.device)
+            self._pinholes[camera] = found
+        return self._pinholes[camera]
+
     def _ssim(self, a: Tensor, b: Tensor) -> Tensor:
         x, y = (image.permute(2, 0, 1)[:, None] for image in (a, b))
-        moments = [self._blur(m) for m in (x, y, x * x, y * y, x * y)]
+        moments = self._blur(torch.cat([x, y, x * x, y * y, x * y])).chunk(5)
         ma, mb = moments[0], moments[1]
         vab = moments[4] - ma * mb
         va, vb = moments[2] - ma * ma, moments[3] - mb * mb
