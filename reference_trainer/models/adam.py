@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -150,16 +151,19 @@ def step_together(variables: Sequence[Variable], rates: RateTable) -> None:
     torch._foreach_add_(roots, EPS)
     steps = torch._foreach_div(ms, [1 - BETA1**v.t for v in variables])
     torch._foreach_div_(steps, roots)
-    # The rates of a row go to the device where they differ; one for all is a number.
-    columns = [variable.columns(rates) for variable in variables]
-    torch._foreach_mul_(steps, [float(own.max()) for own in columns])
-    for step, own in zip(steps, columns, strict=True):
-        if (own != own.max()).any():
-            step.mul_(_row(own / own.max(), step))
+    # Of rates, what is the same in all iterations is on the device; the rest is a number.
+    largest = [float(variable.columns(rates).max()) for variable in variables]
+    begun = replace(rates, progress=0.0)
+    parts = [variable.columns(begun) for variable in variables]
+    parts = [own / own.max() for own in parts]
+    torch._foreach_mul_(steps, largest)
+    for step, own in zip(steps, parts, strict=True):
+        if (own != 1).any():
+            step.mul_(_row(own, step))
     torch._foreach_sub_(xs, steps)
-    for variable, x, root, own in zip(variables, xs, roots, columns, strict=True):
+    for variable, x, root, own, rate in zip(variables, xs, roots, parts, largest, strict=True):
         if variable.quanta is not None and variable.costs(rates):
-            _shrink(x, root, _row(own, x), _row(variable.quanta, x), rates.price)
+            _shrink(x, root, rate * _row(own, x), _row(variable.quanta, x), rates.price)
         variable.value.grad = None
 
 
@@ -172,7 +176,13 @@ def _shrink(x: Tensor, root: Tensor, columns: Tensor, quanta: Tensor, price: flo
 
 def _row(numbers: npt.NDArray[np.float32], like: Tensor) -> Tensor:
     """(d,) numbers as one row of a tensor (n, ...)."""
-    return torch.from_numpy(numbers).to(like).reshape(1, *like.shape[1:])
+    return _on_device(numbers.tobytes(), like.device).reshape(1, *like.shape[1:])
+
+
+@lru_cache(maxsize=256)
+def _on_device(numbers: bytes, device: torch.device) -> Tensor:
+    """float32 numbers, copied once: a copy waits until the GPU has done all that it was told."""
+    return torch.tensor(np.frombuffer(numbers, np.float32), device=device)
 
 
 @dataclass(frozen=True)
