@@ -109,6 +109,8 @@ class FrontierGrowth:
         all_alphas: splits of mixed trees learn alpha of every group, not of sizes and opacities
             alone: more bytes, but short levels learn faster.
         threshold: least mean gradient to the centre on the screen, in NDC.
+        size_power: leaves of the largest gradients are split first; their gradients count times
+            this power of the mean of their two larger axes. The paper has none.
         distance: children sit this many standard deviations from their parent.
         prune_opacity, prune_scale: as in `CloudGrowth`.
     """
@@ -120,6 +122,7 @@ class FrontierGrowth:
     refines_rest: bool = False
     all_alphas: bool = False
     threshold: float = 2e-4
+    size_power: float = 0.0
     distance: float = 0.3
     prune_opacity: float = 0.005
     prune_scale: float = 0.1
@@ -227,9 +230,10 @@ class Config:
         return len(self.iterations)
 
     def as_published(self) -> Config:
-        """With the loss and the photographs of 3DGS, as all systems of the paper have them."""
+        """With the loss, photographs and growth that all systems of the paper have."""
         plain = Config()
-        return replace(self, ssim_weight=plain.ssim_weight, shifts=plain.shifts)
+        frontier = replace(self.frontier, size_power=plain.frontier.size_power)
+        return replace(self, ssim_weight=plain.ssim_weight, shifts=plain.shifts, frontier=frontier)
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -264,7 +268,7 @@ _TWO_CORES = Config(
     ssim_weight=0.4,
     shifts=True,
     # Fills the budget whatever the gradients, and early: what is not split does not learn.
-    frontier=FrontierGrowth(threshold=0.0, rounds=3, stop=0.25, haste=0.25),
+    frontier=FrontierGrowth(threshold=0.0, size_power=0.5, rounds=3, stop=0.25, haste=0.25),
     integers=Integers(part=0.15),
 )
 PRESETS = {

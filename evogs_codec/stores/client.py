@@ -184,7 +184,7 @@ def _loaded(url: Url) -> Any:  # noqa: ANN401 - a module whose types are not fol
         import obstore.exceptions
         import obstore.store
     except ImportError as error:
-        raise InputError(f"{url}: URLs need obstore: pip install 'evogs[stores]'") from error
+        raise InputError(f"{url}: URLs need obstore: pip install -e '.[stores]'") from error
     return obstore
 
 

@@ -50,7 +50,7 @@ def effort(subjects: Sequence[Subject], folder: Path) -> Rows:
 
     Seconds are of the processor, of all threads, and of the clock beside them; reading the file and
     loading libraries come before, what numba loads when it first runs does not. PSNR is over 24
-    views, half of which weigh errors. "At equal PSNR" are the bytes to those that the default would
+    views, a third of which weigh errors in the default. "At equal PSNR" are the bytes to those that the default would
     take for the PSNR: streams at prices of a bit that differ by a factor of two, interpolated.
     """
     rows: Rows = []

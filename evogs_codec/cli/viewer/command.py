@@ -40,7 +40,7 @@ HELP = "Look at a scene in a browser, which shows it while it arrives."
 EXAMPLES = """examples:
   evogs view scene.evogs
   evogs view scene.ply                      # encoded first, to a temporary file; also .spz, .sog
-  evogs view scene.ply --effort default     # encoded as by `evogs encode`, in three times the time
+  evogs view scene.ply --effort default     # encoded as by `evogs encode`, in about twice the time
   evogs view scenes/                        # a list of the streams in a folder
   evogs view city/tileset.json              # a tileset, file by file
   evogs view https://example.org/scene.evogs
