@@ -50,8 +50,9 @@ def effort(subjects: Sequence[Subject], folder: Path) -> Rows:
 
     Seconds are of the processor, of all threads, and of the clock beside them; reading the file and
     loading libraries come before, what numba loads when it first runs does not. PSNR is over 24
-    views, a third of which weigh errors in the default. "At equal PSNR" are the bytes to those that the default would
-    take for the PSNR: streams at prices of a bit that differ by a factor of two, interpolated.
+    views, a third of which weigh errors in the default. "At equal PSNR" are the bytes to those that
+    the default would take for the PSNR: streams at prices of a bit that differ by a factor of two,
+    interpolated.
     """
     rows: Rows = []
     for subject in subjects:

@@ -275,7 +275,7 @@ def test_the_web_is_not_written_to(site):
 
 def test_a_url_without_the_library_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "obstore", None)
-    with pytest.raises(InputError, match=r"^s3://b/k: URLs need obstore: pip install '.*stores"):
+    with pytest.raises(InputError, match=r"^s3://b/k: URLs need obstore: pip install -e '.*stores"):
         RemoteFile("s3://b/k")
 
 
