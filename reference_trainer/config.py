@@ -109,8 +109,9 @@ class FrontierGrowth:
         all_alphas: splits of mixed trees learn alpha of every group, not of sizes and opacities
             alone: more bytes, but short levels learn faster.
         threshold: least mean gradient to the centre on the screen, in NDC.
-        size_power: leaves of the largest gradients are split first; their gradients count times
-            this power of the mean of their two larger axes. The paper has none.
+        size_power: leaves of the largest gradients are split first. Gradients are multiplied by
+            this power of the width of a leaf, the geometric mean of its two larger standard
+            deviations. In the paper they are not.
         distance: children sit this many standard deviations from their parent.
         prune_opacity, prune_scale: as in `CloudGrowth`.
     """
@@ -230,7 +231,7 @@ class Config:
         return len(self.iterations)
 
     def as_published(self) -> Config:
-        """With the loss, photographs and growth that all systems of the paper have."""
+        """With the loss and photographs of 3DGS, and gradients alone deciding what is split."""
         plain = Config()
         frontier = replace(self.frontier, size_power=plain.frontier.size_power)
         return replace(self, ssim_weight=plain.ssim_weight, shifts=plain.shifts, frontier=frontier)

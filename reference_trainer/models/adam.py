@@ -76,8 +76,8 @@ class Variable:
         x, g, m, v = (tensor.reshape(n, -1) for tensor in tensors)
         columns = self.columns(rates)
         adam(x.numpy(), g.numpy(), m.numpy(), v.numpy(), columns, BETA1, BETA2, EPS, self.t)
-        if self.quanta is not None and self.costs(rates):
-            quanta = self.quanta
+        quanta = self.costly(rates)
+        if quanta is not None:
             shrink(x.numpy(), v.numpy(), columns, quanta, rates.price, BETA2, EPS, self.t)
         self.value.grad = None
 
@@ -87,9 +87,9 @@ class Variable:
         columns[: self.n_still] = 0
         return columns
 
-    def costs(self, rates: RateTable) -> bool:
-        """Whether its numbers pay for their bits by now."""
-        return self.quanta is not None and rates.price > 0 and self.t > FREE_STEPS
+    def costly(self, rates: RateTable) -> npt.NDArray[np.float32] | None:
+        """The quanta, if the numbers cost bits by now."""
+        return self.quanta if rates.price > 0 and self.t > FREE_STEPS else None
 
     def rows(self, rows: Tensor) -> Variable:
         """Only these rows, with their moments."""
@@ -155,15 +155,16 @@ def step_together(variables: Sequence[Variable], rates: RateTable) -> None:
     largest = [float(variable.columns(rates).max()) for variable in variables]
     begun = replace(rates, progress=0.0)
     parts = [variable.columns(begun) for variable in variables]
-    parts = [own / own.max() for own in parts]
+    parts = [own / (own.max() or 1) for own in parts]
     torch._foreach_mul_(steps, largest)
     for step, own in zip(steps, parts, strict=True):
         if (own != 1).any():
             step.mul_(_row(own, step))
     torch._foreach_sub_(xs, steps)
     for variable, x, root, own, rate in zip(variables, xs, roots, parts, largest, strict=True):
-        if variable.quanta is not None and variable.costs(rates):
-            _shrink(x, root, rate * _row(own, x), _row(variable.quanta, x), rates.price)
+        quanta = variable.costly(rates)
+        if quanta is not None:
+            _shrink(x, root, rate * _row(own, x), _row(quanta, x), rates.price)
         variable.value.grad = None
 
 
@@ -176,7 +177,8 @@ def _shrink(x: Tensor, root: Tensor, columns: Tensor, quanta: Tensor, price: flo
 
 def _row(numbers: npt.NDArray[np.float32], like: Tensor) -> Tensor:
     """(d,) numbers as one row of a tensor (n, ...)."""
-    return _on_device(numbers.tobytes(), like.device).reshape(1, *like.shape[1:])
+    data = np.asarray(numbers, np.float32).tobytes()
+    return _on_device(data, like.device).reshape(1, *like.shape[1:])
 
 
 @lru_cache(maxsize=256)

@@ -10,6 +10,7 @@ leaves of all blocks of a level.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias
 
@@ -73,7 +74,10 @@ class Block(Protocol):
         """`evolve` of all groups, values (S, D), by torch's own operations; `rows` are `slots`."""
 
     def pull_back_rows(self, g: Tensor, rows: Tensor) -> list[Tensor]:
-        """The gradient (S, D) after `evolve_rows` becomes that before; those to `tensors`."""
+        """The gradient (S, D) after `evolve_rows` becomes that before.
+
+        Returns the gradients to `tensors`.
+        """
 
     def changes(self, parents: Array) -> tuple[Array, Array]:
         """C1 - P and C2 - P, (m, D) each, for parents (m, D), in channel order."""
@@ -306,15 +310,15 @@ def evolve(base: SplatTensors, blocks: list[Block], live: I64) -> SplatTensors:
 
 
 class Evolution:
-    """`evolve` on any device, by torch's own operations: of many numbers at once, as GPUs want it.
+    """`evolve` on any device, by torch's own operations: few calls, each on many numbers, for GPUs.
 
-    What it needs of blocks and live slots is copied to the device when it is made.
+    Slots of blocks and live slots are copied to the device when it is made.
     """
 
     def __init__(self, base: SplatTensors, blocks: list[Block], live: I64) -> None:
         device = base.means.device
         self.blocks = list(blocks)
-        self.base = torch.cat([x.reshape(len(x), -1) for x in base], dim=1)
+        self.base = _rows_of(base)
         self.shapes = [x.shape[1:] for x in base]
         self.rows = [torch.from_numpy(block.slots).to(device) for block in blocks]
         self.live = torch.from_numpy(live).to(device)
@@ -374,7 +378,7 @@ class _EvolveRows(torch.autograd.Function):
     def backward(ctx: Context, *grads: Tensor) -> tuple[Tensor | None, ...]:
         tree: Evolution = ctx.tree
         g = tree.base.new_zeros((ctx.n_slots, tree.base.shape[1]))
-        g[tree.live] = torch.cat([x.reshape(len(x), -1) for x in grads], dim=1)
+        g[tree.live] = _rows_of(grads)
         found: list[Tensor] = []
         for block, rows in zip(reversed(tree.blocks), reversed(tree.rows), strict=True):
             found = [*block.pull_back_rows(g, rows), *found]
@@ -425,8 +429,12 @@ def _saved(prefix: str, block: Block, variables: tuple[Variable, ...]) -> Arrays
 
 def _joined(variables: tuple[Variable, ...]) -> Tensor:
     """(m, D) their numbers, one after the other."""
-    values = [variable.value.detach() for variable in variables]
-    return torch.cat([x.reshape(len(x), -1) for x in values], dim=1)
+    return _rows_of([variable.value.detach() for variable in variables])
+
+
+def _rows_of(tensors: Sequence[Tensor]) -> Tensor:
+    """(m, D) of tensors (m, ...)."""
+    return torch.cat([x.reshape(len(x), math.prod(x.shape[1:])) for x in tensors], dim=1)
 
 
 def _split(joined: Tensor, variables: tuple[Variable, ...]) -> list[Tensor]:

@@ -25,14 +25,14 @@ class ScreenGradients:
         count: (N,) int32, pictures.
     """
 
-    def __init__(self, n: int, device: torch.device | str = "cpu") -> None:
+    def __init__(self, n: int, device: torch.device) -> None:
         self.total = torch.zeros(n, dtype=torch.float64, device=device)
         self.count = torch.zeros(n, dtype=torch.int32, device=device)
 
     def add(self, centers: Tensor, width: int, height: int) -> None:
         """Count a picture: `centers` (N, 2) per pixel, on the device."""
         x, y = centers[:, 0] * (0.5 * width), centers[:, 1] * (0.5 * height)
-        length = torch.sqrt(x * x + y * y)
+        length = (x * x + y * y).double().sqrt().float()  # torch rounds float32 roots elsewhere
         self.total += length
         self.count += length > 0
 

@@ -119,12 +119,12 @@ class Frontier:
         self.live[slots[dead]] = False
         n = self.n_splats
         room = self._target(due.index(iteration), len(due), cap) - n
-        found = np.where(dead, -np.inf, scores.mean())
-        strong = np.flatnonzero(found > self.growth.threshold)
+        gradients = np.where(dead, -np.inf, scores.mean())
+        over = np.flatnonzero(gradients > self.growth.threshold)
         # Large splats first: what their children change is seen in more pixels.
-        widths = np.sort(leaves.log_scales[strong], axis=1)[:, 1:].mean(axis=1)
-        order = found[strong] * np.exp(self.growth.size_power * widths)
-        rows = strong[largest(order, -np.inf, room)]
+        log_widths = np.sort(leaves.log_scales[over], axis=1)[:, 1:].mean(axis=1)
+        gains = gradients[over] * np.exp(self.growth.size_power * log_widths)
+        rows = over[largest(gains, -np.inf, room)]
         if len(rows):
             self._split(slots[rows], leaves.take(rows))
         if iteration == due[-1] and self.growth.refines_rest:

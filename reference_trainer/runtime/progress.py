@@ -115,6 +115,7 @@ class Progress:
             errors = []
             for view, photograph in self._looked_at:
                 image = backend.render(splats, view.camera, background, screen).clamp(0, 1)
+                assert image.shape == photograph.shape
                 errors.append(float((image.double() - photograph).square().mean()))
         return float(np.mean([-10 * math.log10(error) if error else math.inf for error in errors]))
 

@@ -11,6 +11,8 @@ from reference_trainer.models.densify import ScreenGradients, largest, useless
 from reference_trainer.models.tensors import SplatTensors
 from tests.trainer import tiny
 
+CPU = torch.device("cpu")
+
 GROWTH = CloudGrowth(start=1, every=1, stop=1.0, prune_scale=1e9)
 
 
@@ -23,7 +25,7 @@ def cloud(n=10, below=0, growth=GROWTH):
 
 
 def scores(n, high=()):
-    found = ScreenGradients(n)
+    found = ScreenGradients(n, CPU)
     found.total[list(high)] = 1.0 + torch.arange(len(high), dtype=torch.float64)
     found.count[:] = 1
     return found
@@ -94,10 +96,18 @@ def test_useless_splats_are_faint_wide_or_not_finite():
 
 
 def test_gradients_on_the_screen_are_means_over_pictures_that_show_a_splat():
-    found = ScreenGradients(3)
+    found = ScreenGradients(3, CPU)
     found.add(torch.tensor([[3.0, 4.0], [0, 0], [1, 0]]), 2, 2)
     found.add(torch.tensor([[0.0, 0.0], [0, 0], [3, 0]]), 2, 2)
     assert list(found.mean()) == [5, 0, 2]
+
+
+def test_gradients_on_the_screen_are_rounded_as_numpy_rounds():
+    centers = np.random.default_rng(0).normal(0, 1, (10_000, 2)).astype(np.float32)
+    found = ScreenGradients(len(centers), CPU)
+    found.add(torch.from_numpy(centers), 3, 5)
+    x, y = centers[:, 0] * np.float32(1.5), centers[:, 1] * np.float32(2.5)
+    np.testing.assert_array_equal(found.mean(), np.sqrt(x * x + y * y))
 
 
 def test_splats_start_at_points_as_wide_as_their_spacing():

@@ -9,14 +9,20 @@ import torch
 from evogs_codec import EvolutionTree
 from evogs_codec.model.tree import Kind
 from evogs_codec.render import orbit, psnr, render
-from reference_trainer.config import FrontierGrowth
+from reference_trainer.config import FrontierGrowth, Integers
 from reference_trainer.export import frontier_steps, roots
+from reference_trainer.models.backends import backend_for
 from reference_trainer.models.blocks import Evolution, evolve
+from reference_trainer.models.cloud import Cloud
 from reference_trainer.models.densify import ScreenGradients
 from reference_trainer.models.frontier import OPTIONS, Frontier
 from reference_trainer.models.tensors import SplatTensors
+from reference_trainer.run import run
+from reference_trainer.runtime.progress import Progress
 from tests.trainer import tiny
 from tests.trainer.plain_torch import evolve_plain
+
+CPU = torch.device("cpu")
 
 GROWTH = FrontierGrowth(start=1, rounds=3, stop=0.3, threshold=0.0)
 
@@ -28,7 +34,7 @@ def grown(option="D", n=20, prune=(), seed=0, rest=False):
     growth = replace(GROWTH, refines_rest=rest)
     frontier = Frontier(SplatTensors.of(tree.leaves()), option, growth, 100.0)
     for iteration in (1, 2, 3):
-        scores = ScreenGradients(frontier.n_splats)
+        scores = ScreenGradients(frontier.n_splats, CPU)
         scores.total += torch.from_numpy(rng.random(frontier.n_splats))
         scores.count += 1
         assert frontier.densify(iteration, 10, scores, 3 * n)
@@ -91,7 +97,7 @@ def test_a_split_does_not_show():
     def worst(option, distance):
         growth = FrontierGrowth(start=1, rounds=1, threshold=-1.0, distance=distance)
         frontier = Frontier(base, option, growth, 100.0)
-        scores = ScreenGradients(200)
+        scores = ScreenGradients(200, CPU)
         scores.total += torch.from_numpy(rng.permutation(200) + 1.0)
         frontier.densify(1, 10, scores, 220)
         after = frontier.splats(0).params()
@@ -127,3 +133,54 @@ def test_a_checkpointed_frontier_is_the_same():
         other.restore(frontier.arrays())
         for one, two in zip(frontier.splats(0), other.splats(0), strict=True):
             assert torch.equal(one, two)
+
+
+@pytest.mark.parametrize("power", [0.0, 0.5])
+def test_leaves_of_large_gradients_are_split_and_of_those_the_large_ones(power):
+    splats = tiny.random_splats(np.random.default_rng(0), 6)
+    sizes = np.full((6, 3), 0.01, np.float32)
+    sizes[4, :2] = 0.09  # 3 in the square root
+    splats = replace(splats, log_scales=np.log(sizes))
+    growth = FrontierGrowth(start=1, rounds=1, threshold=0.5, size_power=power)
+    frontier = Frontier(SplatTensors.of(splats), "D", growth, 100.0)
+    scores = ScreenGradients(6, CPU)
+    scores.total += torch.tensor([0.4, 2.0, 0.1, 3.0, 1.2, 0.9], dtype=torch.float64)
+    assert frontier.densify(1, 10, scores, 8)
+    (block,) = frontier.blocks
+    assert list(block.slots) == ([3, 4] if power else [1, 3])
+
+
+def test_a_frontier_without_leaves_has_gradients_of_zero():
+    _, frontier = grown("D")
+    leaves = Evolution(frontier.base, frontier.blocks, np.array([], np.int64)).leaves()
+    torch.stack([x.sum() for x in leaves]).sum().backward()
+    assert all((v.value.grad == 0).all() for v in frontier.variables())
+
+
+@pytest.mark.parametrize("method", ["evogs", "evogs-mixed", "evogs-a", "lapis"])
+def test_runs_on_other_devices_are_those_of_the_processor(method, monkeypatch, tmp_path):
+    """The way of GPUs, on the processor: tensors say that they are elsewhere."""
+    config = tiny.config(method=method, integers=Integers(0.3 if method == "evogs" else 0.0))
+    expected = run(config, tiny.pyramid(), backend_for("cpu"))
+    monkeypatch.setattr(torch.Tensor, "is_cpu", False)
+    whole = run(config, tiny.pyramid(), backend_for("cpu"))
+
+    class StopError(Exception):
+        """In the middle of the last stage."""
+
+    class Stopping(Progress):
+        def each(self, training):
+            if isinstance(training.model, Frontier | Cloud) and training.iteration == 33:
+                self.n_stages = getattr(self, "n_stages", 0) + 1
+                if self.n_stages == 2:
+                    raise StopError
+
+    with pytest.raises(StopError):
+        run(config, tiny.pyramid(), backend_for("cpu"), folder=tmp_path, progress=Stopping())
+    resumed = run(config, tiny.pyramid(), backend_for("cpu"), folder=tmp_path, resume=True)
+    for one, other, again in zip(expected.steps, whole.steps, resumed.steps, strict=True):
+        np.testing.assert_array_equal(one.slots, other.slots)
+        np.testing.assert_array_equal(other.slots, again.slots)
+        np.testing.assert_array_equal(other.psi, again.psi)
+        np.testing.assert_allclose(one.psi, other.psi, atol=0.02)
+        np.testing.assert_allclose(one.adds, other.adds, atol=0.02)

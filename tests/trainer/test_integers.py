@@ -24,6 +24,8 @@ from reference_trainer.train import Stage, Training, train
 from tests.trainer import tiny
 from tests.trainer.plain_torch import evolve_plain
 
+CPU = torch.device("cpu")
+
 METHODS = ("evogs", "evogs-mixed", "evogs-sym", "evogs-a", "evogs-b")
 
 
@@ -160,7 +162,7 @@ def test_training_mends_what_rounding_lost():
     model, data = begun(tree, distortion=0.02)
     before, rates = model.splats(0).params(), Integers(0.5).rates(PRESETS["quick"].rates)
     stage = Stage(data.train, data.background, 1.0, 600, 100, (0,), rates)
-    training = Training(model, ScreenGradients(model.n_splats))
+    training = Training(model, ScreenGradients(model.n_splats, CPU))
     train(training, stage, tiny.config(), backend_for("cpu"), lambda _: None)
     after = EvolutionTree(1, (*tree.steps[:1], *model.finished())).leaves()
     lost = quality(tree.leaves(), data) - quality(before, data)

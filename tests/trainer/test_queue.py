@@ -29,6 +29,12 @@ def test_level_0_comes_first_and_every_method_has_its_runs():
     assert found[0].config.n_levels == 1
 
 
+def test_trees_fill_an_equal_budget_whatever_the_preset():
+    found = jobs(PRESETS["paper"], ["evogs", "lapis"], [0], ["equal", "thresholds"])
+    thresholds = {job.name: job.config.frontier.threshold for job in found}
+    assert thresholds["equal-evogs-0"] == 0 < thresholds["thresholds-evogs-0"]
+
+
 @pytest.fixture
 def small_queue():
     config = tiny.config()

@@ -58,8 +58,9 @@ class Cuda:
 
         view, intrinsics = self._pinhole(camera)
         means = splats.means
-        if torch.is_grad_enabled() and not means.requires_grad:  # nothing is split yet
-            means = means.detach().requires_grad_(True)  # the centres have gradients all the same
+        if torch.is_grad_enabled() and not means.requires_grad:
+            # No input asks for gradients: the centres do, so that `screen` gets its own.
+            means = means.detach().requires_grad_(True)
         info: dict[str, Any]
         images, _, info = rasterization(
             means,

@@ -51,7 +51,8 @@ def trained_again(
             (config.seed, level, AGAIN),
             config.integers.rates(config.rates),
         )
-        train(Training(model, ScreenGradients(model.n_splats)), stage, config, backend, _nothing)
+        training = Training(model, ScreenGradients(model.n_splats, backend.device))
+        train(training, stage, config, backend, _nothing)
         steps += model.finished()
     return replace(tree, steps=steps)
 
