@@ -104,9 +104,9 @@ def register(commands: Commands) -> None:
     parser.add_argument(
         "--as-published",
         action="store_true",
-        help="the loss of 3DGS, photographs on one grid of pixels, and splits by gradients alone, as"
-        " the paper is compared (default: more SSIM, grids that are shifted by half a pixel, too,"
-        " and large splats first)",
+        help="the loss of 3DGS, photographs on one grid of pixels, and splits by gradients alone,"
+        " as the paper is compared (default: more SSIM, grids that are shifted by half a pixel,"
+        " too, and large splats first)",
     )
     parser.add_argument(
         "--seed", type=number(int, 0, 1 << 62), default=0, help="seed of everything random"

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from evogs_codec.cli.argument_types import number
 from evogs_codec.cli.looking import up_asked
+from evogs_codec.common.printable import shown
 from evogs_codec.common.progress import Progress
 from evogs_codec.errors import InputError
-from evogs_codec.io.interchange.scene_files import scene_format
+from evogs_codec.io.files import same_file
+from evogs_codec.io.interchange.scene_files import is_named_as_scene, scene_format
 from evogs_codec.io.ply import PlyBlocks
 from evogs_codec.jobs import Engine, JobOptions, encode_files
 from evogs_codec.jobs.blocks import SplatFiles
@@ -114,6 +117,8 @@ def encode_large(
     """
     engine = engine_of(args)
     files = files_of([args.input, *args.others])
+    if any(same_file(args.output, path) for path in files):
+        raise InputError(f"{args.output}: is one of the inputs; name another output")
     info = info_of(SplatFiles(files).info)
     up = up_asked(args)
     options = JobOptions(
@@ -158,14 +163,24 @@ def _is_large(path: Path) -> bool:
 
 
 def files_of(paths: Sequence[Path]) -> list[Path]:
-    """The scenes of these paths; of a folder, those directly in it."""
+    """The scenes of these paths; of a folder, those directly in it.
+
+    Files of a folder that are named as scenes and are none are left out with a warning: a copy that
+    was interrupted is a part of the scene that is missing.
+    """
     found: list[Path] = []
     for path in paths:
         if not path.is_dir() or scene_format(path) is not None:
             found.append(path)
             continue
-        inside = [one for one in sorted(path.iterdir()) if one.is_file() and scene_format(one)]
-        if not inside:
+        inside = sorted(path.iterdir())
+        scenes = [one for one in inside if one.is_file() and scene_format(one)]
+        if not scenes:
             raise InputError(f"{path}: no scene is in this folder")
-        found += inside
+        others = set(inside) - set(scenes)
+        left = sorted(one for one in others if is_named_as_scene(one) and not one.is_dir())
+        if left:
+            said = f"{len(left):,} files named as scenes are none and are left out"
+            warnings.warn(f"{path}: {said}, first {shown(left[0].name)}", stacklevel=2)
+        found += scenes
     return found

@@ -231,6 +231,9 @@ def decode_tileset(args: argparse.Namespace) -> None:
     if given:
         raise InputError(f"{', '.join(given)} is for one stream: of a tileset --box, --max-splats")
     with Place(args.input) as place, progress_bar() as progress:
+        output = args.output
+        if isinstance(output, Path) and output.exists() and place.holds(output):
+            raise InputError(f"{output}: is in the folder of the tileset; name another output")
         found = take(
             Tileset(place),
             box=args.box,

@@ -56,7 +56,7 @@ def read_ply(path: PathLike) -> SplatParams:
 
     Other properties and elements are ignored. Infinite opacities are made finite as by
     `finite_opacities`, and a warning says how many; other numbers that are not finite are returned
-    as they are.
+    as they are. Doubles become float32; a warning says how many splats that moves by much.
 
     Raises:
         InputError: the file cannot be read or is no 3DGS `.ply`.
@@ -66,7 +66,28 @@ def read_ply(path: PathLike) -> SplatParams:
         rows = _read_rows(path, header)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
-    return with_finite_opacities(path, _splats(rows, _n_rest(path, header.names)))
+    splats = _splats(rows, _n_rest(path, header.names))
+    _warn_of_moved(path, rows, splats)
+    return with_finite_opacities(path, splats)
+
+
+def _warn_of_moved(path: PathLike, rows: npt.NDArray[np.void], splats: SplatParams) -> None:
+    """Say how many splats float32 moves by more than a tenth of their mean size."""
+    n_moved = 0
+    if rows.dtype[MEANS[0]].itemsize <= 4:
+        return
+    for start in range(0, len(rows), BLOCK):
+        part = slice(start, start + BLOCK)
+        block = np.asarray(rows[part])
+        with np.errstate(invalid="ignore", over="ignore"):
+            way = [np.abs(block[m] - splats.means[part, i]) for i, m in enumerate(MEANS)]
+            sizes = np.exp(splats.log_scales[part].mean(axis=1))
+            furthest = np.maximum.reduce(way)
+            n_moved += int(np.count_nonzero(np.isfinite(furthest) & (furthest > 0.1 * sizes)))
+    if n_moved:
+        text = f"{path}: float32 moves {n_moved:,} splats by more than a tenth of their size"
+        said = f"{text}: `evogs encode --workers 2` and `evogs tileset` keep double positions"
+        warnings.warn(said, stacklevel=3)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -23,7 +23,7 @@ from evogs_codec.jobs.merge import merge
 from evogs_codec.jobs.partition import PER_TILE, Partition, rows_of, stand_ins_of, vectors_of
 from evogs_codec.jobs.picks import Entries, number_picks, numbered_of, palette_pays, unnumbered_of
 from evogs_codec.jobs.plan import Plan, Survey, surveyed
-from evogs_codec.jobs.scratch import begin, do_missing, identity_of, partitioned
+from evogs_codec.jobs.scratch import do_missing, identity_of, partitioned, scratch_folder
 from evogs_codec.jobs.tile_job import TileJob, code_tile, survey_tile
 from evogs_codec.jobs.up import up_of_tiles
 from evogs_codec.lifting.lift import N_LEVELS
@@ -106,10 +106,10 @@ def encode_files(
         Path(f"{os.fspath(out)}.parts") if scratch is None else Path(scratch),
         progress or no_progress,
     )
-    run.begin(resume)
-    parts, entries = run.parts()
-    merge(parts, Path(out), entries)
-    shutil.rmtree(run.folder)
+    with run.scratch(Path(out), resume):
+        run.begin()
+        parts, entries = run.parts()
+        merge(parts, Path(out), entries)
     return run.up
 
 
@@ -123,11 +123,15 @@ class _Run:
     partition: Partition = field(init=False)
     up: Up = field(init=False)
 
-    def begin(self, resume: bool) -> None:
-        """Make the scratch folder and the partition, or find them there, and what is up."""
+    def scratch(self, out: Path, resume: bool) -> AbstractContextManager[None]:
+        """While the run has its scratch folder."""
         options = asdict(replace(self.options, info=None))
         identity = identity_of(self.files.paths, options, repr(self.options.info))
-        begin(self.folder, identity, resume=resume)
+        outside = [out, *self.files.paths]
+        return scratch_folder(self.folder, identity, resume=resume, outside=outside)
+
+    def begin(self) -> None:
+        """Make the partition, or find it there, and what is up."""
         per_tile = self.options.per_tile
         distinct = Distinct(self.files.n_declared) if self.options.palette == "auto" else None
         self.partition = partitioned(self.files, self.folder, self.report, per_tile, distinct)

@@ -5,6 +5,7 @@ Only the entries of a palette are packed here: they are of all tiles.
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,6 +23,7 @@ from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.format.write_directory import build_directory
 from evogs_codec.io.files import write_atomic
 from evogs_codec.jobs.picks import Entries, numbered_of, rows_of_picks
+from evogs_codec.jobs.scratch import arrays_of, of_scratch
 from evogs_codec.model.coded_tree import CodedTree
 from evogs_codec.model.components import CORE, PALETTE, PICKS
 from evogs_codec.model.packet_id import PacketId
@@ -109,7 +111,7 @@ class _Packets:
 
     def take_picks(self, number: int, path: Path) -> None:
         """Those of the picks of a tile."""
-        with np.load(rows_of_picks(path)) as found:
+        with arrays_of(rows_of_picks(path)) as found:
             sizes, errors, crcs = found["sizes"], found["errors"], found["crcs"]
             digest = found["digest"].tobytes()
         offsets = np.cumsum(sizes) - sizes
@@ -144,18 +146,24 @@ class _Packets:
         path, offset = self.places[packet]
         with path.open("rb") as part:  # a process may have fewer open files than a scene has tiles
             part.seek(offset)
-            return part.read(self.sizes[packet])
+            data = part.read(self.sizes[packet])
+        with of_scratch(path):
+            if zlib.crc32(data) != int(self.rows[packet]["crc"][0]):
+                raise ValueError("another CRC")
+        return data
 
     def _add(self, packet: PacketId, row: npt.NDArray[np.void]) -> None:
         self.rows[packet], self.sizes[packet] = row, int(row["size"][0])
 
 
 def _directory(part: Path) -> Directory:
-    return read_directory(np.memmap(part, np.uint8, "r").data)
+    with of_scratch(part):
+        return read_directory(np.memmap(part, np.uint8, "r").data)
 
 
 def _gains(part: Path, directory: Directory) -> TileGains:
-    found = np.load(f"{part}.gains")
+    with arrays_of(Path(f"{part}.gains")) as array:
+        found = array
     of_core = directory.packets["component"] == CORE
     order = np.argsort(directory.steps[of_core], kind="stable")
     levels = directory.packets["level"][of_core][order]

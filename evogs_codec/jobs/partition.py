@@ -40,6 +40,7 @@ STAND_IN = 16  # splats of a tile for which one stands in the views of its neigh
 STEPS = 1 << 23  # across a tile at most: a stream stores up to 2**23 of an add, either way
 OF_SIZE = 0.1  # of the size of the smallest splats is a step of positions
 LEAST = 64  # so many times fewer than it was to have may a tile have that is halved, being too wide
+MOST_LOG = 700.0  # of a size: its exponential is a number
 MOST = 4  # times the splats that a tile was to have: more are refused
 SIZES = (-40.0, 40.0, 0.25)  # of logarithms of the size of a splat: lowest, highest, width of a bin
 
@@ -198,7 +199,8 @@ class _Tally:
         for group, part in enumerate(GROUP_CHANNELS):
             most = np.abs(rows[:, part]).max(initial=0)
             self.largest[group] = max(self.largest[group], float(most))
-        bins = ((rows[:, 7:10].mean(axis=1) - SIZES[0]) / SIZES[2]).astype(np.int64)
+        means = np.clip(rows[:, 7:10].mean(axis=1), SIZES[0], SIZES[1])  # of sizes of any kind
+        bins = ((means - SIZES[0]) / SIZES[2]).astype(np.int64)
         bins = np.clip(bins, 0, self.sizes.shape[1] - 1)
         np.add.at(self.sizes, (tiles, bins), 1)
 
@@ -283,8 +285,11 @@ def vectors_of(folder: Path) -> Path:
 
 
 def _append(path: Path, rows: F32) -> None:
-    with path.open("ab") as file:
-        file.write(rows.astype("<f4").tobytes())
+    try:
+        with path.open("ab") as file:
+            file.write(rows.astype("<f4").tobytes())
+    except OSError as error:  # a full disk is that of the scratch folder, not of an input
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def _sample(files: SplatFiles, n: int, report: Progress) -> tuple[F64, F32]:
@@ -307,7 +312,8 @@ def _reach(tree: Tree, sample: F64, sizes: F32) -> float:
     """
     tiles = tree.tile_of(sample)
     medians = [np.median(sizes[tiles == tile]) for tile in np.unique(tiles)]
-    return STEPS * OF_SIZE * math.exp(min(map(float, medians), default=0.0))
+    smallest = min(map(float, medians), default=0.0)
+    return STEPS * OF_SIZE * math.exp(min(smallest, MOST_LOG))
 
 
 def _hash(means: F64) -> npt.NDArray[np.uint64]:

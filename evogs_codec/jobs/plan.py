@@ -24,6 +24,7 @@ from evogs_codec.encoding.sensitivity import steps_of_entries
 from evogs_codec.encoding.settings import Settings
 from evogs_codec.io.files import write_atomic
 from evogs_codec.jobs.partition import Partition
+from evogs_codec.jobs.scratch import arrays_of
 from evogs_codec.lifting.coarse_entries import CoarseEntries
 from evogs_codec.model.arithmetic import AlphaTable, Quantiser
 from evogs_codec.model.channels import N_GROUPS
@@ -122,7 +123,7 @@ class Survey:
     @staticmethod
     def read(path: Path) -> Survey:
         """From a file that `write` wrote."""
-        with np.load(path) as found:
+        with arrays_of(path) as found:
             late = Needs.of_arrays("late", found) if "gain" in found else None
             gain = float(found["gain"]) if "gain" in found else np.inf
             sharing = None

@@ -1,55 +1,147 @@
-"""The scratch folder of a run: made, or found as an earlier run of the same files left it."""
+"""The scratch folder of a run: made, or found as an earlier run of the same files left it.
+
+One run at a time has it. What is deleted there is what runs make, and nothing else.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
+import os
+import re
 import shutil
 import warnings
-from collections.abc import Callable, Sequence
+import zipfile
+from collections.abc import Callable, Iterator, Sequence
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from evogs_codec.common.progress import Progress
 from evogs_codec.common.version import __version__
-from evogs_codec.errors import InputError
+from evogs_codec.errors import EvogsError, InputError
+from evogs_codec.io.files import write_atomic
 from evogs_codec.jobs.blocks import SplatFiles
 from evogs_codec.jobs.distinct import Distinct
 from evogs_codec.jobs.engines import Call, Engine, run_jobs
-from evogs_codec.jobs.partition import Partition, Tree, partition
+from evogs_codec.jobs.partition import Partition, Tree, partition, rows_of, stand_ins_of
 
-__all__ = ["begin", "do_missing", "identity_of", "partitioned"]
+__all__ = ["arrays_of", "do_missing", "identity_of", "of_scratch", "partitioned", "scratch_folder"]
 
-MARK = "evogs-scratch.json"  # a folder that has it is ours to delete
+MARK, LOCK = "evogs-scratch.json", "evogs-scratch.lock"  # a folder with the mark is ours
+# All that runs make there: of tiles by their numbers, of nodes of tilesets, and of all.
+MADE = re.compile(
+    r"\d{6}\..+|.+\.made|\.[0-9a-f]{8}\.tmp|partition\.npz|vectors\.npz|entries\.npz|tileset|streams"
+)
+DAMAGED = (EvogsError, ValueError, EOFError, KeyError, TypeError, zipfile.BadZipFile)
 
 
-def begin(folder: Path, identity: str, *, resume: bool) -> None:
-    """Make the scratch folder, or find it there.
+@contextlib.contextmanager
+def scratch_folder(
+    folder: Path, identity: str, *, resume: bool, outside: Sequence[Path]
+) -> Iterator[None]:
+    """Make the scratch folder, or find it there; at the end of the run it is deleted.
 
     Args:
         folder: where it is.
         identity: of the run.
         resume: what is there may be used.
+        outside: the output and the inputs, which must not be in it.
 
     Raises:
-        InputError: the folder is not ours, or is to be used and of another run.
+        InputError: another run uses the folder, it has files of others, or it is to be used and of
+            another run.
     """
-    mark = folder / MARK
-    ours = {"run": identity, "evogs": __version__}
-    if folder.exists() and any(folder.iterdir()):
-        if not mark.exists():
-            raise InputError(f"{folder}: is not empty and not a scratch folder of evogs")
-        if resume and json.loads(mark.read_text()) != ours:
-            raise InputError(
-                f"{folder}: is of other files, options or another version: without"
-                " --resume it is made anew"
-            )
-        if not resume:
-            shutil.rmtree(folder)
+    for path in outside:
+        if folder.resolve() in (path.resolve(), *path.resolve().parents):
+            raise InputError(f"{path}: is in the folder {folder}: name another one for --scratch")
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / MARK).exists():
+        raise InputError(f"{folder}: is not empty and not a scratch folder of evogs")
     folder.mkdir(parents=True, exist_ok=True)
-    mark.write_text(json.dumps(ours))
+    with _locked(folder):
+        _check_ours(folder)
+        mark, ours = folder / MARK, {"run": identity, "evogs": __version__}
+        if resume and mark.exists():
+            with of_scratch(mark):
+                said = json.loads(mark.read_text())
+            if said != ours:
+                raise InputError(
+                    f"{folder}: is of other files, options or another version: without"
+                    " --resume it is made anew"
+                )
+        else:
+            _clear(folder)
+            write_atomic(mark, json.dumps(ours).encode())
+        yield
+        _clear(folder)
+    (folder / LOCK).unlink(missing_ok=True)
+    with contextlib.suppress(OSError):  # of a link, or where we are, the emptied folder stays
+        folder.rmdir()
+
+
+@contextlib.contextmanager
+def of_scratch(path: Path) -> Iterator[None]:
+    """What is wrong with a file that an earlier run left is said of that file.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    try:
+        yield
+    except DAMAGED as error:
+        raise InputError(f"{path}: is damaged: run again without --resume") from error
+
+
+@contextlib.contextmanager
+def arrays_of(path: Path) -> Iterator[Any]:
+    """What `numpy.load` finds in a file that an earlier run left.
+
+    Raises:
+        InputError: as of `of_scratch`.
+    """
+    with of_scratch(path), path.open("rb") as file:
+        yield np.load(file)
+
+
+@contextlib.contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """While no other run has the folder, where the system has locks of files.
+
+    Raises:
+        InputError: another run has it.
+    """
+    with (folder / LOCK).open("ab") as file:
+        if find_spec("fcntl") is not None:
+            import fcntl
+
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                said = "another run uses it: wait until it ends, or name another --scratch"
+                raise InputError(f"{folder}: {said}") from error
+        yield
+
+
+def _check_ours(folder: Path) -> None:
+    for path in sorted(folder.iterdir()):
+        if path.name not in (MARK, LOCK) and not MADE.fullmatch(path.name):
+            said = f"{path.name} is there, which no run has made: name another --scratch"
+            raise InputError(f"{folder}: {said}")
+
+
+def _clear(folder: Path) -> None:
+    """Delete what runs have made; the mark last, so that the folder is known until then."""
+    for path in folder.iterdir():
+        if not MADE.fullmatch(path.name):
+            continue
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
+    (folder / MARK).unlink(missing_ok=True)
 
 
 def partitioned(
@@ -120,27 +212,43 @@ def identity_of(paths: Sequence[Path], *options: object) -> str:
 
 
 def _write_partition(path: Path, made: Partition) -> None:
-    tree = made.tree
-    temporary = path.with_suffix(".tmp.npz")
-    np.savez(
-        temporary,
-        axis=tree.axis,
-        value=tree.value,
-        child=tree.child,
-        origins=tree.origins,
-        blocks=tree.blocks,
-        counts=made.counts,
-        largest=made.largest,
-        sizes=made.sizes,
-        n_vectors=made.n_vectors,
-    )
-    temporary.replace(path)
+    tree, files = made.tree, _files_of_tiles(path.parent, made.tree.n_tiles)
+    for file in files:  # they are on the disk before it is said that they are whole
+        with file.open("rb") as rows:
+            os.fsync(rows.fileno())
+
+    def fill(out: BinaryIO) -> None:
+        np.savez(
+            out,
+            axis=tree.axis,
+            value=tree.value,
+            child=tree.child,
+            origins=tree.origins,
+            blocks=tree.blocks,
+            counts=made.counts,
+            largest=made.largest,
+            sizes=made.sizes,
+            n_vectors=made.n_vectors,
+            n_bytes=[file.stat().st_size for file in files],
+        )
+
+    write_atomic(path, fill)
 
 
 def _read_partition(folder: Path, path: Path, sh_degree: int) -> Partition:
-    with np.load(path) as found:
+    with arrays_of(path) as found:
         tree = Tree(
             found["axis"], found["value"], found["child"], found["origins"], found["blocks"]
         )
         tallied = found["counts"], found["largest"], found["sizes"]
-        return Partition(folder, tree, sh_degree, *tallied, int(found["n_vectors"]))
+        made = Partition(folder, tree, sh_degree, *tallied, int(found["n_vectors"]))
+        n_bytes = found["n_bytes"].tolist()
+    for file, n in zip(_files_of_tiles(folder, tree.n_tiles), n_bytes, strict=True):
+        with of_scratch(file):
+            if not file.exists() or file.stat().st_size != n:
+                raise ValueError(f"not {n} bytes")
+    return made
+
+
+def _files_of_tiles(folder: Path, n_tiles: int) -> list[Path]:
+    return [of(folder, tile) for tile in range(n_tiles) for of in (rows_of, stand_ins_of)]

@@ -22,6 +22,7 @@ from evogs_codec.io.interchange.frames import transformed
 from evogs_codec.io.ply import write_ply
 from evogs_codec.jobs.encode import JobOptions, encode_files
 from evogs_codec.jobs.engines import Engine
+from evogs_codec.jobs.scratch import of_scratch
 from evogs_codec.jobs.tile_job import sorted_rows
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F64, SplatParams
@@ -98,9 +99,10 @@ def as_glb(stream: str, out: str) -> None:
 
     They turn what they read of glTF from y up to z up: so it is turned the other way.
     """
-    data = np.memmap(stream, np.uint8, "r").data
-    directory = read_directory(data)
-    splats = decode_leaves(data, sh_degree=directory.sh_degree, directory=directory)
+    with of_scratch(Path(stream)):
+        data = np.memmap(stream, np.uint8, "r").data
+        directory = read_directory(data)
+        splats = decode_leaves(data, sh_degree=directory.sh_degree, directory=directory)
     turned = transformed(splats, Y_UP)
     write_atomic(out, gltf.write(turned, directory.info, "evogs tileset"))
 
@@ -109,12 +111,13 @@ def _coarse(children: Sequence[tuple[str, tuple[float, float, float], int]]) -> 
     """The splats of an overview (`code_overview`)."""
     parts = []
     for path, way, most in children:
-        data = np.memmap(path, np.uint8, "r").data
-        directory = read_directory(data)
-        level = _level_of(directory, most)
-        splats = decode_leaves(
-            data, level=level, sh_degree=directory.sh_degree, directory=directory
-        )
+        with of_scratch(Path(path)):
+            data = np.memmap(path, np.uint8, "r").data
+            directory = read_directory(data)
+            level = _level_of(directory, most)
+            splats = decode_leaves(
+                data, level=level, sh_degree=directory.sh_degree, directory=directory
+            )
         rows = splats.channels()
         rows[0:3] += np.array(way, np.float32)[:, None]
         parts.append(rows)

@@ -65,6 +65,10 @@ class Place:
         """Whether files come by URL."""
         return isinstance(self._at, Url)
 
+    def holds(self, path: Path) -> bool:
+        """Whether a path, its links followed, is in the folder of the root."""
+        return isinstance(self._at, Path) and self._at.resolve().parent in path.resolve().parents
+
     def close(self) -> None:
         """Remove what was fetched, but not what the root was given as."""
         self._stack.close()

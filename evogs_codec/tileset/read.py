@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -142,7 +142,7 @@ class Tileset:
         self.n_json += len(data)
         self.n_json_files += 1
         try:
-            found = json.loads(data)
+            found = json.loads(data, parse_constant=_no_number)
         except RecursionError as error:
             raise InputError(f"{self.place.path_of(name)}: is nested too deeply") from error
         except ValueError as error:
@@ -220,6 +220,11 @@ class Tileset:
 
 class _BadError(Exception):
     """A tile is not what it should be."""
+
+
+def _no_number(name: str) -> NoReturn:
+    """NaN and infinities, which Python reads and JSON does not have."""
+    raise ValueError(f"{name} is no number of JSON")
 
 
 def _listed(value: object) -> list[object]:

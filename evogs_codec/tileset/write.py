@@ -22,7 +22,13 @@ from evogs_codec.jobs.blocks import SplatFiles
 from evogs_codec.jobs.encode import JobOptions
 from evogs_codec.jobs.engines import Call, Engine
 from evogs_codec.jobs.partition import rows_of
-from evogs_codec.jobs.scratch import begin, do_missing, identity_of, partitioned
+from evogs_codec.jobs.scratch import (
+    do_missing,
+    identity_of,
+    of_scratch,
+    partitioned,
+    scratch_folder,
+)
 from evogs_codec.jobs.up import up_of_tiles
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F64
@@ -119,20 +125,27 @@ def write_tileset(
     options, report = options or TilesetOptions(), progress or no_progress
     _check_place(options)
     files = SplatFiles([Path(path) for path in paths], options.job.drop_invalid)
-    folder = Path(f"{os.fspath(out).rstrip('/')}.parts")
+    folder = _scratch_of(Path(out))
     said = asdict(replace(options, job=replace(options.job, info=None)))
     identity = identity_of(files.paths, "tileset", said, repr(options.job.info))
-    begin(folder, identity, resume=resume)
-    partition = partitioned(files, folder, report, options.per_file)
-    info = with_generator(options.job.info or files.info)
-    options = _with_place_of(info, options)
-    up = up_of_tiles(partition, options.job.up, info)
-    options = replace(options, job=replace(options.job, up=up.vector))
-    run = _Run(folder, partition.sh_degree, options, info, engine or Engine(), report)
-    root = nodes_of(partition)
-    run.make_contents(root)
-    run.finish(root, Path(out))
+    outside = [Path(out), *files.paths]
+    with scratch_folder(folder, identity, resume=resume, outside=outside):
+        partition = partitioned(files, folder, report, options.per_file)
+        info = with_generator(options.job.info or files.info)
+        options = _with_place_of(info, options)
+        up = up_of_tiles(partition, options.job.up, info)
+        options = replace(options, job=replace(options.job, up=up.vector))
+        run = _Run(folder, partition.sh_degree, options, info, engine or Engine(), report)
+        root = nodes_of(partition)
+        run.make_contents(root)
+        run.finish(root, Path(out))
     return Written(root, up)
+
+
+def _scratch_of(out: Path) -> Path:
+    """`out` with `.parts` behind its name, which `.` and a `/` at the end do not have."""
+    place = out.absolute()
+    return place.with_name(f"{place.name}.parts")
 
 
 def check_folder(folder: Path) -> None:
@@ -221,10 +234,14 @@ class _Run:
             write_atomic(made / name, text)
         for path in made.glob(f"{FOLDER}/*.work"):
             shutil.rmtree(path)
+        if out.is_symlink() or (out.is_dir() and out.samefile(Path.cwd())):
+            for path in sorted(made.iterdir(), key=lambda path: path.suffix == ".json"):
+                shutil.move(path, out / path.name)  # the JSON last: it needs the others
+            made.rmdir()
+            return
         if out.is_dir():
             out.rmdir()
         made.rename(out)
-        shutil.rmtree(self.folder)
 
     def _convert(self, root: Node, ending: str) -> None:
         """Files of another format in place of streams, which stay in the scratch folder."""
@@ -262,7 +279,8 @@ class _Run:
 
     def _measure(self, node: Node) -> None:
         """Box and error, once those of the children are known."""
-        made = made_of(self._known(node))
+        with of_scratch(self._known(node)):
+            made = made_of(self._known(node))
         node.n_splats, node.n_bytes = made.n_splats, made.n_bytes
         boxes = [made.box]
         boxes += [child.box.moved(child.origin - node.origin) for child in node.children]

@@ -27,6 +27,7 @@ from evogs_codec.model.splats import SplatParams
 __all__ = [
     "TARGETS",
     "Scene",
+    "is_named_as_scene",
     "kind_of_stream",
     "kind_to_write",
     "read_scene",
@@ -223,14 +224,18 @@ def kind_to_write(path: Path) -> FileKind:
     return _target(path).kind
 
 
+def is_named_as_scene(path: Path) -> bool:
+    """Whether the ending is that of a scene, not of a stream."""
+    return path.name.lower().endswith((*TARGETS, ".gltf", ".ksplat", ".sog"))
+
+
 def kind_of_stream(path: Path) -> FileKind:
     """The kind of file that a command makes that writes streams, whatever the ending.
 
     Raises:
         InputError: the ending is that of a scene, which a stream would be taken for.
     """
-    is_scene = path.name.lower().endswith((*TARGETS, ".gltf", ".ksplat", ".sog"))
-    if is_scene and not (path.exists() and not path.is_file()):
+    if is_named_as_scene(path) and not (path.exists() and not path.is_file()):
         raise InputError(
             f"{path}: a stream is written, and this is the name of a scene: name an .evogs;"
             " `evogs convert` and `evogs decode` write scenes"

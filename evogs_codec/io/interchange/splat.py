@@ -69,7 +69,11 @@ def read(path: Path) -> tuple[SplatParams, SceneInfo]:
 
 
 def write(splats: SplatParams, _info: SceneInfo, _command: str) -> bytes:
-    """A `.splat`: the splats that fill most of a view first, since viewers draw what is there."""
+    """A `.splat`: the splats that fill most of a view first, since viewers draw what is there.
+
+    Raises:
+        InputError: `read_scene` could not tell the file.
+    """
     if splats.sh_degree:
         warnings.warn("a .splat has no SH above band 0: they are left out", stacklevel=2)
     splats = splats.take(order_of(splats))
@@ -80,7 +84,20 @@ def write(splats: SplatParams, _info: SceneInfo, _command: str) -> bytes:
     rows["colour"][:, :3] = as_bytes((splats.sh[:, 0] * C0 + 0.5) * 255)
     rows["colour"][:, 3] = as_bytes(sigmoid(splats.opacity_logits) * 255)
     rows["rotation"] = as_bytes(unit(splats.quats) * 128 + 128)
+    if not len(rows) or not _plausible(rows[:SAMPLE]):
+        raise InputError(
+            "a .splat is told by its numbers: one without splats, or with positions or scales of"
+            f" {FARTHEST:g} and more, could not be read again; name a .ply"
+        )
+    _warn_of_clipped(splats)
     return rows.tobytes()
+
+
+def _warn_of_clipped(splats: SplatParams) -> None:
+    n_beyond = int(np.count_nonzero((np.abs(splats.sh[:, 0]) > 0.5 / C0).any(1)))
+    if n_beyond:
+        text = f"{n_beyond:,} of {len(splats):,} splats have colours beyond what a .splat"
+        warnings.warn(f"{text} holds: the nearest that it holds are taken", stacklevel=2)
 
 
 def order_of(splats: SplatParams) -> I64:

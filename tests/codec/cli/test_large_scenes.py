@@ -127,3 +127,22 @@ def test_a_disk_that_is_full_is_one_line_and_leaves_no_stream(evogs, parts, tmp_
     assert code == 1
     assert "No space left on device" in err
     assert not (tmp_path / "a.evogs").exists()
+
+
+def test_files_of_a_folder_that_are_no_scenes_by_their_bytes_are_named(evogs, parts, tmp_path):
+    folder = tmp_path / "scans"
+    folder.mkdir()
+    (folder / "a.ply").write_bytes((parts / "north.ply").read_bytes())
+    (folder / "b.ply").write_bytes(bytes(1000))
+    (folder / "c.spz").write_bytes(b"")
+    (folder / "d.ply").symlink_to("nowhere.ply")
+    (folder / "notes.txt").write_text("none of them")
+    with pytest.warns(UserWarning, match=r"3 files named as scenes are none.*first b\.ply"):
+        assert large_scenes.files_of([folder]) == [folder / "a.ply"]
+
+
+def test_the_output_is_none_of_the_files_of_a_folder(refused, parts, tmp_path):
+    out = tmp_path / "out.evogs"
+    out.symlink_to(parts / "north.ply")
+    said = refused("encode", parts, out, "--engine", "serial", "--force")
+    assert "is one of the inputs" in said

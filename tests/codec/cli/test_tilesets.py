@@ -175,3 +175,13 @@ def test_a_json_file_that_is_no_tileset_is_refused_in_one_line(refused, tmp_path
     (tmp_path / "b.json").write_text("{")
     refused("info", tmp_path / "b.json", words=["is not JSON"])
     refused("info", tmp_path / "none.json", words=["is not there"])
+
+
+def test_a_tileset_is_not_decoded_over_its_own_files(refused, small, tmp_path):
+    tile = next(small.rglob("*.evogs"))
+    before = tile.read_bytes()
+    (tmp_path / "link.ply").symlink_to(tile)
+    for root in (small, small / "tileset.json"):
+        said = refused("decode", root, tmp_path / "link.ply", "--force")
+        assert "is in the folder of the tileset" in said
+    assert tile.read_bytes() == before

@@ -184,13 +184,15 @@ def test_extreme_numbers_become_the_nearest_that_the_format_holds(ending, tmp_pa
         assert np.abs(found.sh[:, 1:] - np.clip(expected.sh[:, 1:], *sh)).max() <= rounding
 
 
-@pytest.mark.parametrize(("ending", "n"), [("spz", 5), ("compressed.ply", 3)])
+@pytest.mark.parametrize(("ending", "n"), [("spz", 5), ("compressed.ply", 3), ("splat", 2)])
 @pytest.mark.filterwarnings("default")
+@pytest.mark.filterwarnings("ignore:a .splat has no SH")
 def test_a_warning_counts_the_splats_that_a_format_cannot_hold(ending, n, tmp_path):
     with pytest.warns(UserWarning, match=f"{n} of 32 splats have .* beyond what"):
         write_scene(tmp_path / f"x.{ending}", extreme_scene())
     with warnings.catch_warnings():
         warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", "a .splat has no SH")
         write_scene(tmp_path / f"x.{ending}", odd_scene())
 
 
@@ -232,6 +234,15 @@ def test_a_scene_without_splats_comes_back(ending, tmp_path):
     empty = odd_scene(4, 2).take(np.arange(0))
     found = there_and_back(empty, ending, tmp_path)
     assert (len(found), found.sh_degree) == (0, 2)
+
+
+@pytest.mark.filterwarnings("ignore:a .splat has no SH")
+def test_a_splat_file_that_could_not_be_told_is_not_written(tmp_path):
+    far = replace(odd_scene(4), means=odd_scene(4).means + np.float32(1e10))
+    for scene in (odd_scene(4).take(np.arange(0)), far):
+        with pytest.raises(InputError, match=r"could not be read again; name a \.ply"):
+            write_scene(tmp_path / "x.splat", scene)
+        assert not (tmp_path / "x.splat").exists()
 
 
 def test_a_glb_without_splats_is_refused(tmp_path):

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from plyfile import PlyData, PlyElement
 
 from evogs_codec.errors import InputError
 from evogs_codec.format.layout import SIGNATURE
@@ -376,3 +377,17 @@ def test_the_real_half_million_splats_are_read(shared):
     scene = read_ply(shared / "data" / "playbot" / "playbot.ply")
     assert (len(scene), scene.sh_degree) == (500_000, 2)
     assert scene.finite().all()
+
+
+def test_a_warning_counts_the_splats_that_float32_moves(tmp_path):
+    scene = make_scene(50)
+    columns = {name: np.array(values, np.float64) for name, values in columns_of(scene).items()}
+    columns["x"][:20] += 5e6
+    columns["x"][20:] += 1e-9  # less than float32 tells, and nothing to see
+    rows = np.zeros(50, [(name, "<f8") for name in columns])
+    for name, values in columns.items():
+        rows[name] = values
+    PlyData([PlyElement.describe(rows, "vertex")]).write(tmp_path / "a.ply")
+    with pytest.warns(UserWarning, match="float32 moves .* splats by more than a tenth") as said:
+        read_ply(tmp_path / "a.ply")
+    assert 10 <= int(str(said[0].message).split("moves ")[1].split()[0]) <= 20

@@ -2,17 +2,20 @@
 
 import hashlib
 import math
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from evogs_codec import (
     InputError,
+    NotRepresentableError,
     SceneInfo,
     decode,
     encode_scene,
@@ -22,6 +25,7 @@ from evogs_codec import (
 from evogs_codec.jobs import Engine, JobOptions, encode_files
 from evogs_codec.jobs.engines import run_jobs
 from evogs_codec.jobs.merge import merge
+from evogs_codec.jobs.partition import _append
 from evogs_codec.render import Views
 from evogs_codec.render.demo_scene import make_scene
 from tests.support.dying_jobs import dies_always, dies_at_first, doubled, process_of
@@ -187,6 +191,102 @@ def test_the_scratch_of_other_options_is_not_resumed(folder, tmp_path, monkeypat
     other = JobOptions(levels=2, per_tile=PER_TILE)
     with pytest.raises(InputError, match="is of other files, options or another version"):
         encode_files([folder / "whole.ply"], tmp_path / "a.evogs", other, resume=True)
+
+
+@pytest.fixture(scope="module")
+def left(folder, tmp_path_factory):
+    """The scratch folder of a run that was stopped before its tiles were joined."""
+    out = tmp_path_factory.mktemp("left") / "a.evogs"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("evogs_codec.jobs.encode.merge", None)
+        with pytest.raises(TypeError):
+            encode_files([folder / "whole.ply"], out, OPTIONS, engine=SERIAL)
+    return out.with_name("a.evogs.parts")
+
+
+@pytest.fixture
+def stopped(left, tmp_path):
+    """The same, of this test alone."""
+    return shutil.copytree(left, tmp_path / "a.evogs.parts")
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["000000.rows", "000001.stand-ins", "partition.npz", "*.survey", "*.gains", "000000.*.evogs"],
+)
+@pytest.mark.parametrize("kept", [0, 0.5, -1])
+def test_a_scratch_folder_that_was_damaged_is_named(stopped, folder, tmp_path, name, kept):
+    path = next(iter(sorted(stopped.glob(name))))
+    data = bytearray(path.read_bytes())
+    if kept < 0 and path.suffix == ".evogs":
+        data[-5] ^= 1  # in the last packet
+    elif kept < 0:
+        data.append(0)
+    else:
+        del data[int(kept * len(data)) :]
+    path.write_bytes(data)
+    if kept < 0 and path.suffix not in (".evogs", ".rows", ".stand-ins"):
+        return  # what is behind an archive is not read
+    out = tmp_path / "a.evogs"
+    with pytest.raises(InputError, match="is damaged: run again without --resume") as said:
+        encode_files([folder / "whole.ply"], out, OPTIONS, engine=SERIAL, resume=True)
+    assert str(path) in str(said.value)
+    assert not out.exists()
+
+
+def test_a_mark_that_was_damaged_is_named(stopped, folder, tmp_path):
+    (stopped / "evogs-scratch.json").write_text("")
+    with pytest.raises(InputError, match=r"evogs-scratch\.json: is damaged"):
+        encode_files([folder / "whole.ply"], tmp_path / "a.evogs", OPTIONS, resume=True)
+
+
+def test_one_run_at_a_time_has_a_scratch_folder(stopped, folder, tmp_path):
+    fcntl = pytest.importorskip("fcntl")
+    there = sorted(stopped.iterdir())
+    with (stopped / "evogs-scratch.lock").open("ab") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        for resume in (False, True):
+            with pytest.raises(InputError, match="another run uses it"):
+                encode_files([folder / "whole.ply"], tmp_path / "a.evogs", OPTIONS, resume=resume)
+    assert sorted(stopped.iterdir()) == there
+
+
+def test_the_scratch_folder_has_neither_inputs_nor_the_output_nor_files_of_others(
+    stopped, folder, tmp_path
+):
+    scene, mine = folder / "whole.ply", stopped / "mine.ply"
+    with pytest.raises(InputError, match=r"is in the folder .*: name another one for --scratch"):
+        encode_files([scene], stopped / "b.evogs", OPTIONS, scratch=stopped)
+    mine.write_bytes(scene.read_bytes())
+    with pytest.raises(InputError, match="is in the folder"):
+        encode_files([mine], tmp_path / "b.evogs", OPTIONS, scratch=stopped)
+    with pytest.raises(InputError, match=r"mine\.ply is there, which no run has made"):
+        encode_files([scene], tmp_path / "a.evogs", OPTIONS)
+    assert mine.read_bytes() == scene.read_bytes()
+
+
+@pytest.mark.thorough
+def test_a_link_may_lead_to_the_scratch_folder(folder, right, tmp_path):
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "disk")
+    out, scratch = tmp_path / "a.evogs", tmp_path / "link"
+    encode_files([folder / "whole.ply"], out, OPTIONS, engine=SERIAL, scratch=scratch)
+    assert out.read_bytes() == right
+    assert list((tmp_path / "disk").iterdir()) == []
+
+
+def test_a_full_disk_is_said_of_the_scratch_folder(tmp_path):
+    rows = np.zeros((3, 14), np.float32)
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full here")
+    with pytest.raises(OSError, match="No space left on device: '/dev/full'"):
+        _append(Path("/dev/full"), rows)
+
+
+def test_sizes_beyond_all_numbers_are_refused_in_one_line(scene, tmp_path):
+    write_ply(tmp_path / "a.ply", replace(scene, log_scales=scene.log_scales * 0 + 1e30))
+    with pytest.raises((NotRepresentableError, InputError)):
+        encode_files([tmp_path / "a.ply"], tmp_path / "a.evogs", OPTIONS, engine=SERIAL)
 
 
 def test_a_folder_that_is_not_ours_is_not_deleted(folder, tmp_path):

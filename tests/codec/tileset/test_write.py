@@ -206,3 +206,17 @@ def test_a_folder_with_files_is_refused_and_left_as_it_is(folder, tmp_path):
     with pytest.raises(FileNotFoundError):
         write_tileset([folder / "whole.ply"], tmp_path / "b" / "c", OPTIONS, engine=SERIAL)
     assert contents(tmp_path) == {"a/photo.png": b"mine"}
+
+
+@pytest.mark.thorough
+def test_the_folder_may_be_a_link_or_where_we_are(folder, right, tmp_path, monkeypatch):
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "disk")
+    scene = [folder / "whole.ply"]
+    write_tileset(scene, tmp_path / "link", OPTIONS, engine=SERIAL)
+    assert contents(tmp_path / "disk") == contents(right)
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    write_tileset(scene, ".", OPTIONS, engine=SERIAL)
+    assert contents(tmp_path / "here") == contents(right)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["disk", "here", "link"]
