@@ -55,10 +55,13 @@ def scratch_folder(
         InputError: another run uses the folder, it has files of others, or it is to be used and of
             another run.
     """
+    inner = Path(os.path.realpath(folder))
     for path in outside:
-        if folder.resolve() in (path.resolve(), *path.resolve().parents):
+        place = Path(os.path.realpath(path))
+        if inner in (place, *place.parents):
             raise InputError(f"{path}: is in the folder {folder}: name another one for --scratch")
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / MARK).exists():
+    there = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    if there - {LOCK} and MARK not in there:
         raise InputError(f"{folder}: is not empty and not a scratch folder of evogs")
     folder.mkdir(parents=True, exist_ok=True)
     with _locked(folder):
@@ -119,9 +122,10 @@ def _locked(folder: Path) -> Iterator[None]:
 
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                said = "another run uses it: wait until it ends, or name another --scratch"
-                raise InputError(f"{folder}: {said}") from error
+            except OSError as error:  # others are of file systems that have no locks
+                if isinstance(error, BlockingIOError):
+                    said = "another run uses it: wait until it ends, or name another --scratch"
+                    raise InputError(f"{folder}: {said}") from error
         yield
 
 

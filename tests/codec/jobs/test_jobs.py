@@ -251,6 +251,22 @@ def test_one_run_at_a_time_has_a_scratch_folder(stopped, folder, tmp_path):
     assert sorted(stopped.iterdir()) == there
 
 
+@pytest.mark.thorough
+def test_file_systems_without_locks_will_do(folder, right, tmp_path, monkeypatch):
+    fcntl = pytest.importorskip("fcntl")
+
+    def without(*_arguments):
+        raise OSError(95, "Operation not supported")
+
+    monkeypatch.setattr(fcntl, "flock", without)
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "evogs-scratch.lock").touch()  # of a run that was killed at its end
+    out, scratch = tmp_path / "a.evogs", tmp_path / "parts"
+    encode_files([folder / "whole.ply"], out, OPTIONS, engine=SERIAL, scratch=scratch)
+    assert out.read_bytes() == right
+    assert not scratch.exists()
+
+
 def test_the_scratch_folder_has_neither_inputs_nor_the_output_nor_files_of_others(
     stopped, folder, tmp_path
 ):
