@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import logging
 import multiprocessing
 import os
 import signal
@@ -178,7 +179,10 @@ def _dask(engine: Engine) -> Iterator[Executor]:
     if engine.scheduler is None:
         with (
             LocalCluster(
-                n_workers=engine.n_workers, threads_per_worker=1, dashboard_address=None
+                n_workers=engine.n_workers,
+                threads_per_worker=1,
+                dashboard_address=None,
+                silence_logs=logging.CRITICAL,  # after Ctrl-C it would say what it kills
             ) as cluster,
             Client(cluster) as client,
         ):

@@ -155,7 +155,10 @@ class Camera:
 
 
 def _centred(width: int, height: int, fov_x: float, rotation: F64, translation: F64) -> Camera:
-    focal = 0.5 * width / math.tan(0.5 * fov_x)
+    slope = math.tan(0.5 * fov_x) if 0 < fov_x < math.pi else 0.0
+    if slope <= 0:
+        raise ValueError(f"fov_x is {fov_x:g} radians, expected above 0 and below pi")
+    focal = 0.5 * width / slope
     return Camera(width, height, focal, focal, width / 2, height / 2, rotation, translation)
 
 

@@ -1,5 +1,6 @@
 """Camera conventions, and files of cameras."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -126,3 +127,9 @@ def test_an_impossible_camera_is_refused(wrong):
     Camera(**right)
     with pytest.raises(ValueError, match=r"."):
         Camera(**{**right, **wrong})
+
+
+@pytest.mark.parametrize("fov_x", [0.0, 5e-324, -1.0, math.pi, math.nan, math.inf])
+def test_a_camera_without_a_field_of_view_is_refused(fov_x):
+    with pytest.raises(ValueError, match="expected above 0 and below pi"):
+        Camera.look_at((0, -4, 1), (0, 0, 0), width=8, height=8, fov_x=fov_x)
