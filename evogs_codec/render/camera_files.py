@@ -129,6 +129,8 @@ def _of_path(path: Path, found: dict[str, Any]) -> list[Camera]:
 
     def camera(row: dict[str, Any]) -> Camera:
         width, height = found["render_width"], found["render_height"]
+        if not (width > 0 and height > 0):
+            raise ValueError(f"{width} x {height} pixels, expected 1 or more a side")
         matrix = np.array(row["camera_to_world"], np.float64)
         if matrix.size != 16 or not np.isfinite(matrix).all():
             raise ValueError("camera_to_world is not 16 finite numbers")
