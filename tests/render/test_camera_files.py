@@ -144,6 +144,8 @@ def test_an_impossible_row_is_named(change, tmp_path):
         {"camera_path": [{"camera_to_world": [0] * 15, "fov": 50}]},
         {"camera_path": [{"camera_to_world": np.eye(4).tolist(), "fov": 180}]},
         {"camera_path": [{"camera_to_world": np.eye(4).tolist(), "fov": "x"}]},
+        {"camera_path": [{"camera_to_world": np.eye(4).tolist(), "fov": 50}], "render_width": 0},
+        {"camera_path": [{"camera_to_world": np.eye(4).tolist(), "fov": 50}], "render_height": 0},
         {"camera_type": "equirectangular", "camera_path": [{}]},
         {"frames": []},
         {"frames": [3]},
