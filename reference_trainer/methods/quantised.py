@@ -35,8 +35,9 @@ from evogs_codec.render.views import DRAWN, Views
 from reference_trainer.methods.base import Done, Setting
 from reference_trainer.models.adam import Variable, splat_variables
 from reference_trainer.models.axes import one_w
-from reference_trainer.models.blocks import Block, Collinear, Evolution, Refined, evolve
+from reference_trainer.models.blocks import Block, Collinear, Refined, evolve
 from reference_trainer.models.densify import ScreenGradients
+from reference_trainer.models.evolution import Evolution
 from reference_trainer.models.saved import Arrays, taken_number
 from reference_trainer.models.tensors import SplatTensors
 

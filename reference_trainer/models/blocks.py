@@ -25,7 +25,7 @@ from reference_trainer.models.adam import GROUPS, Variable, splat_variables
 from reference_trainer.models.saved import Arrays, taken, taken_number
 from reference_trainer.models.tensors import SplatTensors
 
-__all__ = ["Block", "Collinear", "Evolution", "Free", "Refined", "evolve", "restored"]
+__all__ = ["Block", "Collinear", "Free", "Refined", "evolve", "restored", "rows_of"]
 
 Array = npt.NDArray[Any]
 I64 = npt.NDArray[np.int64]
@@ -309,26 +309,6 @@ def evolve(base: SplatTensors, blocks: list[Block], live: I64) -> SplatTensors:
     return SplatTensors(*_Evolve.apply(base, blocks, live, *tensors))  # type: ignore[no-untyped-call]
 
 
-class Evolution:
-    """`evolve` on any device, by torch's own operations: few calls, each on many numbers, for GPUs.
-
-    Slots of blocks and live slots are copied to the device when it is made.
-    """
-
-    def __init__(self, base: SplatTensors, blocks: list[Block], live: I64) -> None:
-        device = base.means.device
-        self.blocks = list(blocks)
-        self.base = _rows_of(base)
-        self.shapes = [x.shape[1:] for x in base]
-        self.rows = [torch.from_numpy(block.slots).to(device) for block in blocks]
-        self.live = torch.from_numpy(live).to(device)
-
-    def leaves(self) -> SplatTensors:
-        """The leaves in the live slots, differentiable in the blocks' tensors."""
-        tensors = [tensor for block in self.blocks for tensor in block.tensors()]
-        return SplatTensors(*_EvolveRows.apply(self, *tensors))  # type: ignore[no-untyped-call]
-
-
 class _Evolve(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Context, *args: Argument) -> tuple[Tensor, ...]:
@@ -358,31 +338,6 @@ class _Evolve(torch.autograd.Function):
             for block, outs in zip(reversed(ctx.blocks), reversed(found), strict=True):
                 block.pull_back(group, g, [x.numpy() for x in outs])
         return (None, None, None, *(x for outs in found for x in outs))
-
-
-class _EvolveRows(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx: Context, *args: Argument) -> tuple[Tensor, ...]:
-        tree: Evolution = args[0]
-        ctx.tree, n = tree, len(tree.base)
-        values = tree.base.new_empty((n + sum(b.n_new for b in tree.blocks), tree.base.shape[1]))
-        values[:n] = tree.base
-        for block, rows in zip(tree.blocks, tree.rows, strict=True):
-            block.evolve_rows(values, rows)
-        ctx.n_slots = len(values)
-        parts = torch.split(values[tree.live], [math.prod(x) for x in tree.shapes], dim=1)
-        leaves = zip(parts, tree.shapes, strict=True)
-        return tuple(x.reshape(len(x), *shape).contiguous() for x, shape in leaves)
-
-    @staticmethod
-    def backward(ctx: Context, *grads: Tensor) -> tuple[Tensor | None, ...]:
-        tree: Evolution = ctx.tree
-        g = tree.base.new_zeros((ctx.n_slots, tree.base.shape[1]))
-        g[tree.live] = _rows_of(grads)
-        found: list[Tensor] = []
-        for block, rows in zip(reversed(tree.blocks), reversed(tree.rows), strict=True):
-            found = [*block.pull_back_rows(g, rows), *found]
-        return (None, *found)
 
 
 def restored(arrays: Arrays, prefix: str, base: SplatTensors, n_slots: int) -> Block:
@@ -416,6 +371,11 @@ def restored(arrays: Arrays, prefix: str, base: SplatTensors, n_slots: int) -> B
     return Free(slots, first, (*psi(0), *psi(5)), kind == "residuals")
 
 
+def rows_of(tensors: Sequence[Tensor]) -> Tensor:
+    """(m, D) of tensors (m, ...)."""
+    return torch.cat([x.reshape(len(x), math.prod(x.shape[1:])) for x in tensors], dim=1)
+
+
 def _saved(prefix: str, block: Block, variables: tuple[Variable, ...]) -> Arrays:
     out: Arrays = {
         f"{prefix}.kind": np.array(KINDS.index(block.kind)),
@@ -429,12 +389,7 @@ def _saved(prefix: str, block: Block, variables: tuple[Variable, ...]) -> Arrays
 
 def _joined(variables: tuple[Variable, ...]) -> Tensor:
     """(m, D) their numbers, one after the other."""
-    return _rows_of([variable.value.detach() for variable in variables])
-
-
-def _rows_of(tensors: Sequence[Tensor]) -> Tensor:
-    """(m, D) of tensors (m, ...)."""
-    return torch.cat([x.reshape(len(x), math.prod(x.shape[1:])) for x in tensors], dim=1)
+    return rows_of([variable.value.detach() for variable in variables])
 
 
 def _split(joined: Tensor, variables: tuple[Variable, ...]) -> list[Tensor]:

@@ -20,13 +20,13 @@ from reference_trainer.models.axes import one_w
 from reference_trainer.models.blocks import (
     Block,
     Collinear,
-    Evolution,
     Free,
     Refined,
     evolve,
     restored,
 )
 from reference_trainer.models.densify import ScreenGradients, largest, useless
+from reference_trainer.models.evolution import Evolution
 from reference_trainer.models.saved import Arrays, taken, taken_number
 from reference_trainer.models.split import moment_matched, symmetric
 from reference_trainer.models.tensors import SplatTensors

@@ -12,9 +12,10 @@ from evogs_codec.render import orbit, psnr, render
 from reference_trainer.config import FrontierGrowth, Integers
 from reference_trainer.export import frontier_steps, roots
 from reference_trainer.models.backends import backend_for
-from reference_trainer.models.blocks import Evolution, evolve
+from reference_trainer.models.blocks import evolve
 from reference_trainer.models.cloud import Cloud
 from reference_trainer.models.densify import ScreenGradients
+from reference_trainer.models.evolution import Evolution
 from reference_trainer.models.frontier import OPTIONS, Frontier
 from reference_trainer.models.tensors import SplatTensors
 from reference_trainer.run import run
