@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from evogs_codec.encoding.ranges import Ranges
-from evogs_codec.encoding.settings import Settings, StepTable
+from evogs_codec.encoding.settings import FixedSteps, Settings, StepTable
 from evogs_codec.errors import EvogsError, InputError
 from evogs_codec.model.arithmetic import Quantiser
 from evogs_codec.model.channels import (
@@ -34,11 +34,13 @@ __all__ = [
     "grid_exponents",
     "largest_of_rows",
     "warn_if_coarser",
+    "warn_if_moved",
     "with_fewer_units",
 ]
 
 FINEST_STEP = 16  # grid units of the finest step: steps are then right to a few per cent
 MAX_STATE = 1 << 27  # |X| aimed at: leaves room for errors and for Delta of adds (R-7.3-1)
+FAR_MOVED, NEAR_MOVED = 0.3, 0.1  # of its size a splat is moved: too far, and as it should be
 MAX_ORIGIN = 1 << 52  # R-5.5-1
 MAX_EXACT = 1 << 22  # near-lossless: differences of two states fit 24 bits
 COARSEST = -16  # grid exponent (R-5.1-7)
@@ -133,7 +135,7 @@ class TooFineError(EvogsError):
 
 
 class AccuracyWarning(UserWarning):
-    """Values span so much that a grid is coarser than the step asked for."""
+    """Numbers are coarser than was asked for, or than their splats are small."""
 
 
 def with_fewer_units(exponents: tuple[int, ...], group: int) -> tuple[int, ...]:
@@ -175,6 +177,20 @@ def warn_if_coarser(grid: Grid, steps: F64, settings: Settings) -> None:
                 AccuracyWarning,
                 stacklevel=3,
             )
+
+
+def warn_if_moved(steps: F64, settings: Settings, ranges: Ranges) -> None:
+    """Warn the caller of `quantise` where fixed steps (1 + n_levels, K) move small splats far."""
+    by = float(steps[-1, 0]) / 2
+    if isinstance(settings.accuracy, FixedSteps) and by > FAR_MOVED * ranges.size:
+        finer = math.ceil(by / (NEAR_MOVED * ranges.size))
+        warnings.warn(
+            f"position: splats are moved by up to {by:.3g}, and one in 20 has a size of"
+            f" {ranges.size:.3g} at most: take steps {finer} times finer (--finer {finer}), or no"
+            " preset, so that views decide",
+            AccuracyWarning,
+            stacklevel=3,
+        )
 
 
 def largest_of_rows(of: F64 | I32) -> F64 | I32:

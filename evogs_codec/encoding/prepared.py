@@ -88,14 +88,16 @@ class Prepared:
         self.ranges = Ranges.of(self.tiles, self.n_levels)
 
     def holding(self, runs: Sequence[Run], layering: Layering) -> Prepared:
-        """The same with runs of steps held back, and other layers where it has several."""
+        """The same with runs of steps held back, and other layers, or one, where it has several."""
         other = copy(self)
         if self.importance is None:
             return other
         pairs = zip(self.tiles, self.importance.weights, strict=True)
         tiles, weights = zip(*(held(tile, own, runs) for tile, own in pairs), strict=True)
         other.tiles, other.importance = list(tiles), replace(self.importance, weights=weights)
-        if self.layered is not None:
+        if self.layered is not None and layering.n == 1:
+            other.layered = None
+        elif self.layered is not None:
             other.layered = Layered.of(other.tiles, self.n_levels, other.importance, layering)
         if any(tile is not own for tile, own in zip(tiles, self.tiles, strict=True)):
             other.ranges = Ranges.of(other.tiles, self.n_levels)

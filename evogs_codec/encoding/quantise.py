@@ -31,6 +31,7 @@ from evogs_codec.encoding.grids import (
     grid_exponents,
     largest_of_rows,
     warn_if_coarser,
+    warn_if_moved,
     with_fewer_units,
 )
 from evogs_codec.encoding.packet_gains import LeafTracker
@@ -117,6 +118,7 @@ def quantise(
             exponents = with_fewer_units(exponents, error.group)
             continue
         warn_if_coarser(grid, steps, settings)
+        warn_if_moved(steps, settings, ranges)
         return coded
 
 

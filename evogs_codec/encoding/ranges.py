@@ -14,6 +14,7 @@ import numpy as np
 from evogs_codec.model.channels import (
     GROUP_CHANNELS,
     N_CORE,
+    N_GEOMETRY,
     N_GROUPS,
     channel_class,
     n_channels,
@@ -25,6 +26,8 @@ from evogs_codec.model.tree import EvolutionTree
 __all__ = ["Ranges", "middle_of"]
 
 SAMPLED, MANY = 16, 4096  # every 16th splat tells the extent, where there are many
+SMALL = 5  # percentile of the sizes of leaves
+MOST_LOG = 700.0  # of a size: its exponential is a number
 FEW = 256  # points, of which one far away would move a percentile that is interpolated
 
 
@@ -39,6 +42,7 @@ class Ranges:
         psi: [level][class] range of psi; [n_levels] of adds, and of the entries of a palette.
         sharing: leaves for each entry that one picks; 0 without a palette. Classes above 4 are
             those of its entries.
+        size: of one leaf in 20, at most: its longest half axis.
     """
 
     extent: float
@@ -46,6 +50,7 @@ class Ranges:
     furthest: float
     psi: tuple[tuple[float, ...], ...]
     sharing: float = 0.0
+    size: float = math.inf
 
     @staticmethod
     def of(tiles: Sequence[EvolutionTree], n_levels: int) -> Ranges:
@@ -73,19 +78,20 @@ class Ranges:
                         np.minimum.at(psi[row, :, 0], channels, numbers.min(axis=1))
                         np.maximum.at(psi[row, :, 1], channels, numbers.max(axis=1))
             if state is not None:
-                leaves.append(state.values[0:3][:, state.live][:, ::every])
+                leaves.append(state.values[:N_GEOMETRY, np.flatnonzero(state.live)[::every]])
         if palette is not None and palette.entries.size:
             largest[4] = max(largest[4], float(np.abs(palette.entries).max()))
             for c, row in enumerate(palette.entries, start=N_CORE):
                 low, high = psi[n_levels, channel_class(c)]
                 psi[n_levels, channel_class(c)] = min(low, row.min()), max(high, row.max())
-        points = np.concatenate([np.zeros((3, 0)), *leaves], axis=1)
+        some = np.concatenate([np.zeros((N_GEOMETRY, 0)), *leaves], axis=1)
         return Ranges(
-            extent=_extent(points),
+            extent=_extent(some[GROUP_CHANNELS[0]]),
             largest=tuple(largest),
             furthest=max(float(np.abs(middle_of(tile)).max()) for tile in tiles),
             psi=tuple(tuple(np.ptp(row, axis=1)) for row in psi),
             sharing=0.0 if palette is None else _sharing(tiles),
+            size=_size(some[GROUP_CHANNELS[2]]),
         )
 
 
@@ -96,6 +102,13 @@ def _sharing(tiles: Sequence[EvolutionTree]) -> float:
     some = np.concatenate(picks)
     some = some[some > 0]
     return max(len(some) / max(len(np.unique(some)), 1), 1.0)
+
+
+def _size(log_scales: F64) -> float:
+    """The 5th percentile of the longest half axes of log-scales (3, n); infinite without any."""
+    if not log_scales.shape[1]:
+        return math.inf
+    return math.exp(min(float(np.percentile(log_scales.max(axis=0), SMALL)), MOST_LOG))
 
 
 def _extent(points: F64) -> float:

@@ -92,7 +92,7 @@ class FoundStream:
     @property
     def is_layered(self) -> bool:
         """Whether it has several layers of precision."""
-        return self.aim is not None and self.aim.layers > 1
+        return self._layered is not None
 
     @property
     def layering(self) -> Layering:

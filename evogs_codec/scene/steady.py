@@ -2,9 +2,12 @@
 
 The state after each step of the levels is rendered. If a state looks worse than one before it, its
 step is held back until it looks better (`held_steps`). If all coarse splats together look worse
-than some of them, all are made more exact. If the last level, at coarse steps, looks hardly better
-than the level before it, it comes late (`late_level`). It comes late too if all coarse splats look
-far worse than the PSNR that is aimed at: then there are three layers, and it comes with the second.
+than some of them, all are made more exact; if they look worse than level 0 then, there is one layer
+of precision.
+
+If the last level, at coarse steps, looks hardly better than the level before it, it comes late
+(`late_level`). It comes late too if all coarse splats look far worse than the PSNR that is aimed
+at: then there are three layers, and it comes with the second.
 
 Only coarse levels are made for that, at the price of a bit that was found; the whole stream is made
 when they do not fall.
@@ -43,7 +46,7 @@ GAIN = 0.5
 WIDE = 16.0  # dB; if coarse splats look worse than what is aimed at by more, a layer comes between
 FINER, LEAST_RATIO = 4.0, 2.0  # of the price of a bit, from a layer to the next
 NEAR = 0.1  # of the logarithm of a price of a bit: states at prices this near are not looked at
-TRIES = 6  # streams that are made again, at most
+TRIES = 8  # streams that are made again, at most
 
 
 def steady(found: FoundStream, request: Request) -> FoundStream:
@@ -150,6 +153,10 @@ class _Mending:
         finer = self.layering.ratio / FINER
         if is_coarse and found.is_layered and finer >= LEAST_RATIO:
             self.layering = replace(self.layering, ratio=finer)
+            return found.holding((), self.layering)
+        falls = len(states) > 1 and not states[-1].keeps_up_with(states[0])
+        if falls and found.is_layered and self.may_be_late:
+            self.layering, self.before = Layering(1), []
             return found.holding((), self.layering)
         if runs and runs != self.before:  # else they could not be held back
             self.before = runs

@@ -1,5 +1,6 @@
 """`encode_scene` and `encode_tree` do what `evogs encode` does, and say what they cannot do."""
 
+import re
 import warnings
 from dataclasses import replace
 from functools import cache
@@ -10,6 +11,7 @@ import pytest
 import evogs_codec
 from evogs_codec import (
     PRESETS,
+    AccuracyWarning,
     InputError,
     RangeBits,
     SceneInfo,
@@ -281,3 +283,17 @@ def test_a_target_below_all_streams_says_to_leave_it_out():
     said = "45 dB cannot be met: every stream has more than 120 dB; leave the target out"
     with pytest.raises(evogs_codec.TargetMissedError, match=said):
         encode_scene(clear, target_psnr=45.0, up="z", effort=1)
+
+
+def test_fixed_steps_that_move_splats_far_for_their_size_are_a_warning():
+    splats = small()
+    far = replace(splats, means=splats.means * np.float32(50))
+    with pytest.warns(
+        AccuracyWarning, match=r"splats are moved by up to .*\(--finer \d+\)"
+    ) as said:
+        encode_scene(far, preset="scene", effort=1)
+    (finer,) = re.findall(r"--finer (\d+)", str(said[0].message))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        encode_scene(far, preset=PRESETS["scene"].finer(int(finer)), effort=1)
+        encode_scene(splats, preset="scene", effort=1)
