@@ -41,6 +41,7 @@ __all__ = [
 FINEST_STEP = 16  # grid units of the finest step: steps are then right to a few per cent
 MAX_STATE = 1 << 27  # |X| aimed at: leaves room for errors and for Delta of adds (R-7.3-1)
 FAR_MOVED, NEAR_MOVED = 0.3, 0.1  # of its size a splat is moved: too far, and as it should be
+MOST_FINER = 1000.0  # as advice
 MAX_ORIGIN = 1 << 52  # R-5.5-1
 MAX_EXACT = 1 << 22  # near-lossless: differences of two states fit 24 bits
 COARSEST = -16  # grid exponent (R-5.1-7)
@@ -183,11 +184,11 @@ def warn_if_moved(steps: F64, settings: Settings, ranges: Ranges) -> None:
     """Warn the caller of `quantise` where fixed steps (1 + n_levels, K) move small splats far."""
     by = float(steps[-1, 0]) / 2
     if isinstance(settings.accuracy, FixedSteps) and by > FAR_MOVED * ranges.size:
-        finer = math.ceil(by / (NEAR_MOVED * ranges.size))
+        finer = by / max(NEAR_MOVED * ranges.size, 1e-300)
+        advice = f"--finer {math.ceil(finer)}, or " if finer <= MOST_FINER else ""
         warnings.warn(
             f"position: splats are moved by up to {by:.3g}, and one in 20 has a size of"
-            f" {ranges.size:.3g} at most: take steps {finer} times finer (--finer {finer}), or no"
-            " preset, so that views decide",
+            f" {ranges.size:.3g} at most: try {advice}no preset, so that views decide",
             AccuracyWarning,
             stacklevel=3,
         )

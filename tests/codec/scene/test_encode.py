@@ -288,12 +288,13 @@ def test_a_target_below_all_streams_says_to_leave_it_out():
 def test_fixed_steps_that_move_splats_far_for_their_size_are_a_warning():
     splats = small()
     far = replace(splats, means=splats.means * np.float32(50))
-    with pytest.warns(
-        AccuracyWarning, match=r"splats are moved by up to .*\(--finer \d+\)"
-    ) as said:
+    with pytest.warns(AccuracyWarning, match=r"moved by up to .*: try --finer \d+, or") as said:
         encode_scene(far, preset="scene", effort=1)
     (finer,) = re.findall(r"--finer (\d+)", str(said[0].message))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         encode_scene(far, preset=PRESETS["scene"].finer(int(finer)), effort=1)
         encode_scene(splats, preset="scene", effort=1)
+    dots = replace(splats, log_scales=np.full_like(splats.log_scales, -1000))
+    with pytest.warns(AccuracyWarning, match="a size of 0 at most: try no preset"):
+        encode_scene(dots, preset="scene", effort=1)
