@@ -5,7 +5,17 @@ import random
 import numpy as np
 import pytest
 
-from evogs_codec import PRESETS, Cut, Decoder, Fault, StreamError, encode, lift, read_ply
+from evogs_codec import (
+    PRESETS,
+    AccuracyWarning,
+    Cut,
+    Decoder,
+    Fault,
+    StreamError,
+    encode,
+    lift,
+    read_ply,
+)
 from evogs_codec.decoding.compiled import dispatch
 from evogs_codec.decoding.decode import decode, decode_prefix
 from evogs_codec.decoding.replay import packet_body
@@ -170,7 +180,8 @@ def check_random_flips(data, n_flips, seed):
 @pytest.mark.thorough
 def test_random_flips_in_a_medium_stream_are_all_noticed():
     tree = EvolutionTree.of_splats(make_scene(20_000))
-    data = encode(tree, PRESETS["scene"].finer(0.25), n_tiles=4, digests=False)
+    with pytest.warns(AccuracyWarning, match="splats are moved by up to"):
+        data = encode(tree, PRESETS["scene"].finer(0.25), n_tiles=4, digests=False)
     check_random_flips(data, 3000, seed=1)
     for bit in random.Random(2).sample(range(8 * len(data)), 3):
         with pytest.raises(StreamError):
