@@ -136,7 +136,7 @@ class TooFineError(EvogsError):
 
 
 class AccuracyWarning(UserWarning):
-    """Numbers are coarser than was asked for, or than their splats are small."""
+    """A grid is coarser than the steps asked for, or fixed steps move splats far for their size."""
 
 
 def with_fewer_units(exponents: tuple[int, ...], group: int) -> tuple[int, ...]:
@@ -187,8 +187,8 @@ def warn_if_moved(steps: F64, settings: Settings, ranges: Ranges) -> None:
         finer = by / max(NEAR_MOVED * ranges.size, 1e-300)
         advice = f"--finer {math.ceil(finer)}, or " if finer <= MOST_FINER else ""
         warnings.warn(
-            f"position: splats are moved by up to {by:.3g}, and one in 20 has a size of"
-            f" {ranges.size:.3g} at most: try {advice}no preset, so that views decide",
+            f"position: splats are moved by up to {by:.3g} along an axis, and one in 20 has"
+            f" a size of {ranges.size:.3g} at most: try {advice}no preset, so that views decide",
             AccuracyWarning,
             stacklevel=3,
         )

@@ -42,7 +42,7 @@ class Ranges:
         psi: [level][class] range of psi; [n_levels] of adds, and of the entries of a palette.
         sharing: leaves for each entry that one picks; 0 without a palette. Classes above 4 are
             those of its entries.
-        size: of one leaf in 20, at most: its longest half axis.
+        size: one leaf in 20 has a longest half axis of this at most; infinite without leaves.
     """
 
     extent: float
