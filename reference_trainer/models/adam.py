@@ -161,18 +161,78 @@ def step_together(variables: Sequence[Variable], rates: RateTable) -> None:
         if (own != 1).any():
             step.mul_(_row(own, step))
     torch._foreach_sub_(xs, steps)
-    for variable, x, root, own, rate in zip(variables, xs, roots, parts, largest, strict=True):
-        quanta = variable.costly(rates)
-        if quanta is not None:
-            _shrink(x, root, rate * _row(own, x), _row(quanta, x), rates.price)
+    _shrink_costly(variables, roots, parts, largest, rates)
+    for variable in variables:
         variable.value.grad = None
 
 
-def _shrink(x: Tensor, root: Tensor, columns: Tensor, quanta: Tensor, price: float) -> None:
-    """`kernels.shrink` by torch's own operations; `root` is that of the second moment."""
-    size = x.abs()
-    slope = price / math.log(2) / (size + quanta)
-    x.copy_(torch.sign(x) * (size - columns * slope / root).clamp_(min=0))
+def _shrink_costly(
+    variables: Sequence[Variable],
+    roots: Sequence[Tensor],
+    parts: Sequence[npt.NDArray[np.float32]],
+    largest: Sequence[float],
+    rates: RateTable,
+) -> None:
+    """`_shrink` of the variables whose numbers cost bits by now.
+
+    Args:
+        variables: that were stepped.
+        roots: of their second moments.
+        parts: (d,) rates of their numbers, as parts of the largest.
+        largest: of these rates.
+        rates: of the iteration.
+    """
+    costly = []
+    for variable, root, part, rate in zip(variables, roots, parts, largest, strict=True):
+        quanta = variable.costly(rates)
+        if quanta is not None:
+            x = variable.value.detach()
+            costly.append((x, root, (part.tobytes(), quanta.tobytes(), x.shape), rate))
+    if not costly:
+        return
+    xs, of, rows, factors = (list(column) for column in zip(*costly, strict=True))
+    columns, quanta_of = _spread(tuple(rows), xs[0].device)
+    _shrink(xs, of, columns, quanta_of, [rate * rates.price for rate in factors])
+
+
+def _shrink(
+    xs: list[Tensor],
+    roots: list[Tensor],
+    columns: list[Tensor],
+    quanta: list[Tensor],
+    factors: list[float],
+) -> None:
+    """`kernels.shrink` of many tensors, by torch's own operations.
+
+    Args:
+        xs: the numbers.
+        roots: of their second moments.
+        columns: their rates, as parts of a factor each.
+        quanta: in which their bits are counted.
+        factors: of each tensor, rate times price.
+    """
+    sizes = torch._foreach_abs(xs)
+    slopes = torch._foreach_add(sizes, quanta)
+    torch._foreach_mul_(slopes, roots)
+    falls = torch._foreach_div(columns, slopes)
+    torch._foreach_mul_(falls, [factor / math.log(2) for factor in factors])
+    torch._foreach_sub_(sizes, falls)
+    torch._foreach_clamp_min_(sizes, 0.0)
+    torch._foreach_mul_(sizes, torch._foreach_sign(xs))
+    torch._foreach_copy_(xs, sizes)
+
+
+@lru_cache(maxsize=1)  # of the variables that are trained now
+def _spread(
+    rows: tuple[tuple[bytes, bytes, torch.Size], ...], device: torch.device
+) -> tuple[list[Tensor], list[Tensor]]:
+    """Rates and quanta of every number: calls on lists are one launch only if shapes are equal."""
+    found: tuple[list[Tensor], list[Tensor]] = ([], [])
+    for own, quanta, shape in rows:
+        for numbers, tensors in zip((own, quanta), found, strict=True):
+            row = _on_device(numbers, device).reshape(1, *shape[1:])
+            tensors.append(row.expand(shape).contiguous())
+    return found
 
 
 def _row(numbers: npt.NDArray[np.float32], like: Tensor) -> Tensor:

@@ -81,7 +81,8 @@ def test_torch_pulls_as_compiled_loops_do():
     compiled = value.copy()
     shrink(compiled, v, rates, QUANTA, 0.005, 0.999, 1e-15, 3)
     x, root = torch.from_numpy(value.copy()), torch.sqrt(torch.from_numpy(v) / (1 - 0.999**3))
-    _shrink(x, root + 1e-15, torch.from_numpy(rates), torch.from_numpy(QUANTA), 0.005)
+    row, quanta = torch.from_numpy(rates / rates.max()), torch.from_numpy(QUANTA)
+    _shrink([x], [root + 1e-15], [row], [quanta], [0.005 * float(rates.max())])
     assert (compiled == 0).any()
     np.testing.assert_allclose(x.numpy(), compiled, rtol=1e-5, atol=1e-8)
 
