@@ -63,6 +63,12 @@ class Rates:
     cool: float = 0.1
     cool_span: float = 0.3
 
+    def slower(self, part: float) -> Rates:
+        """With this part of the rates of positions."""
+        return replace(
+            self, position=part * self.position, position_final=part * self.position_final
+        )
+
 
 @dataclass(frozen=True)
 class CloudGrowth:
@@ -112,6 +118,8 @@ class FrontierGrowth:
         size_power: leaves of the largest gradients are split first. Gradients are multiplied by
             this power of the width of a leaf, the geometric mean of its two larger standard
             deviations. In the paper they are not.
+        position_part: positions of a level learn at this part of the rates of the level before,
+            since splats are smaller. In the paper the rates are the same.
         distance: children sit this many standard deviations from their parent.
         prune_opacity, prune_scale: as in `CloudGrowth`.
     """
@@ -124,6 +132,7 @@ class FrontierGrowth:
     all_alphas: bool = False
     threshold: float = 2e-4
     size_power: float = 0.0
+    position_part: float = 1.0
     distance: float = 0.3
     prune_opacity: float = 0.005
     prune_scale: float = 0.1
@@ -231,9 +240,13 @@ class Config:
         return len(self.iterations)
 
     def as_published(self) -> Config:
-        """With the loss and photographs of 3DGS, and gradients alone deciding what is split."""
+        """With the loss and photographs of 3DGS, and trees that grow and learn as published."""
         plain = Config()
-        frontier = replace(self.frontier, size_power=plain.frontier.size_power)
+        frontier = replace(
+            self.frontier,
+            size_power=plain.frontier.size_power,
+            position_part=plain.frontier.position_part,
+        )
         return replace(self, ssim_weight=plain.ssim_weight, shifts=plain.shifts, frontier=frontier)
 
     def as_dict(self) -> dict[str, Any]:
@@ -269,7 +282,9 @@ _TWO_CORES = Config(
     ssim_weight=0.4,
     shifts=True,
     # Fills the budget whatever the gradients, and early: what is not split does not learn.
-    frontier=FrontierGrowth(threshold=0.0, size_power=0.5, rounds=3, stop=0.25, haste=0.25),
+    frontier=FrontierGrowth(
+        threshold=0.0, size_power=0.5, position_part=0.6, rounds=3, stop=0.25, haste=0.25
+    ),
     integers=Integers(part=0.15),
 )
 PRESETS = {

@@ -138,6 +138,7 @@ def _run_stage(
             replace(saved, iteration=at, model=arrays, scores=scores).write(folder)
 
     order = setting.seed(VIEWS)
+    rates = config.rates.slower(plan.position_part)
     stage = Stage(
         photographs(scales, plan.scale, config, shifts=config.shifts),
         data.background,
@@ -145,7 +146,7 @@ def _run_stage(
         plan.iterations,
         plan.cap,
         order,
-        config.integers.rates(config.rates) if plan.in_integers else config.rates,
+        config.integers.rates(rates) if plan.in_integers else rates,
         config.integers.thrift * config.integers.distortion if config.integers.part else 0.0,
     )
     train(training, stage, config, backend, each)

@@ -15,13 +15,13 @@ import pytest
 
 from evogs_codec import InputError
 from evogs_codec.io.tree_npz import write_tree
-from reference_trainer.config import PRESETS, Integers
+from reference_trainer.config import PRESETS, FrontierGrowth, Integers
 from reference_trainer.models.backends import backend_for
 from reference_trainer.models.backends.cpu import Cpu
 from reference_trainer.run import photographs, run
 from reference_trainer.runtime.checkpoint import FILE, Checkpoint
 from reference_trainer.runtime.progress import Progress
-from reference_trainer.train import NotFiniteError
+from reference_trainer.train import NotFiniteError, train
 from tests.trainer import tiny
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -262,11 +262,30 @@ def test_levels_of_too_many_photographs_have_one_grid(monkeypatch):
     assert counts == [4 * n, n, n]  # of the first level, of one too large, of one without a larger
 
 
+@pytest.mark.parametrize("method", ["evogs", "lapis"])
+def test_positions_of_finer_levels_of_a_tree_learn_slower(method, monkeypatch):
+    seen = []
+
+    def watched(training, stage, *rest):
+        seen.append((stage.rates.position, stage.rates.position_final))
+        train(training, stage, *rest)
+
+    monkeypatch.setattr("reference_trainer.run.train", watched)
+    growth = FrontierGrowth(start=1, rounds=1, threshold=0.0, position_part=0.5)
+    config = tiny.config(method=method, frontier=growth)
+    run(config, tiny.pyramid(), backend_for("cpu"))
+    assert len(seen) == config.n_levels
+    rates, is_tree = config.rates, method == "evogs"
+    parts = [0.5**level if is_tree else 1.0 for level in range(config.n_levels)]
+    assert seen == [(part * rates.position, part * rates.position_final) for part in parts]
+
+
 def test_the_preset_that_takes_long_has_shifted_grids_but_as_published_it_has_none():
     best = PRESETS["two-cores"]
     assert (best.shifts, best.ssim_weight) == (True, 0.4)
-    frontier = replace(best.frontier, size_power=0.0)
+    frontier = replace(best.frontier, size_power=0.0, position_part=1.0)
     assert best.frontier.size_power > 0
+    assert best.frontier.position_part < 1
     plain = replace(best, shifts=False, ssim_weight=0.2, frontier=frontier)
     assert best.as_published() == plain
     for name in ("paper", "quick"):
