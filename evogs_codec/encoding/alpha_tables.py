@@ -36,6 +36,7 @@ Bools: TypeAlias = npt.NDArray[np.bool_]
 FEW_ALPHAS = 64  # of which each has an entry, if there are shifts that hold them
 FEW_ALPHA_BITS = 9  # K of a table that has an entry for every alpha of the tree
 N_INDICES = 256  # an index is a byte
+KEPT = 1 << 21  # costs of alphas that are kept from pass to pass; more are found again in each
 ALPHA_RATE = 0.2  # error, in squared steps, that a bit of an alpha index is worth
 
 
@@ -184,13 +185,14 @@ def cheapest_alphas(
     values = table.values
     bits = np.zeros(len(values))
     index = np.zeros(n_splits, np.uint8)
+    kept = [cost(a) for a in values] if len(values) * n_splits <= KEPT else []
     for _ in range(passes):
         best = np.full(n_splits, np.inf)
-        for k, a in enumerate(values):
-            total = cost(a) + bit * bits[k]
+        for k, own in enumerate(kept or map(cost, values)):
+            total = own + bit * bits[k]
             better = total < best
-            best[better] = total[better]
-            index[better] = k
+            np.copyto(best, total, where=better)
+            np.copyto(index, np.uint8(k), where=better)
         counts = np.bincount(index, minlength=len(values))
         bits = -np.log2((counts + 0.5) / (counts.sum() + 0.5 * len(values)))
     return index

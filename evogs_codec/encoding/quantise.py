@@ -251,14 +251,16 @@ class _TileCoder:
         grid, n = self.grid, self.n
         plan = StepPlan.of(step.slots, step.kinds, n, step.n_adds)
         new_adds = slice(n + plan.n_splits, plan.n_after)
-        inherited = np.abs(self.target[:, plan.split_slots] - self.x[:, plan.split_slots])
+        own = None if self.weights is None else self.weights[number]
+        inherited = np.empty((len(self.x), 0))  # nobody asks for it where there are weights
+        if own is None:
+            inherited = np.abs(self.target[:, plan.split_slots] - self.x[:, plan.split_slots])
         self._advance_target(step, plan)
         is_kept = self.weights is not None and self.weights[number] is None
         aim = self.target if self.settings.closed_loop and not is_kept else None
         indices = np.zeros((N_GROUPS, plan.n_splits), np.uint8)
         psi = np.zeros(step.psi.shape, np.int32)
         stored = psi
-        own = None if self.weights is None else self.weights[number]
         if own is not None and own.siblings is not None:
             stored = psi.copy()  # differences, whose sums are psi
         quantisers = grid.channel_quantisers[1 + step.level]

@@ -359,7 +359,7 @@ def _apply(step: Step, values: F64, rows: range, live: npt.NDArray[np.bool_], n:
     has_psi = step.kinds != Kind.DROP
     is_split = step.kinds[has_psi] == Kind.SPLIT
     splits = slice(None) if is_split.all() else np.flatnonzero(is_split)
-    target = step.slots[has_psi]
+    target = step.slots[has_psi].astype(np.intp)  # once: numpy would for each channel
     new = slice(n, n + step.alpha.shape[1])
     for alpha, group in zip(step.alpha.astype(np.float64), GROUP_CHANNELS, strict=True):
         channels = _common(range(len(step.psi))[group], rows)
@@ -367,9 +367,9 @@ def _apply(step: Step, values: F64, rows: range, live: npt.NDArray[np.bool_], n:
             continue  # as of the layers of precision
         own = slice(channels.start - rows.start, channels.stop - rows.start)
         for x, psi in zip(values[own], step.psi[channels].astype(np.float64), strict=True):
-            parents = x[target]
+            parents = x.take(target)
             x[target] = parents + psi
-            x[new] = parents[splits] - alpha * psi[splits]
+            np.subtract(parents[splits], alpha * psi[splits], out=x[new])
     values[:, new.stop : n + step.n_new] = step.adds[rows.start : rows.stop]
     live[n : n + step.n_new] = True
     dropped = step.slots[~has_psi]

@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from evogs_codec.render import projection as p
 from evogs_codec.render.compiled import (
+    Scalar,
     inlined,
     kernel,
     n_threads,
@@ -39,10 +40,10 @@ CHUNK = 1 << 22  # entries of one chunk: 16 MB of lists, 150 MB of gradients
 _AHEAD = 32  # splats of an order from one whose span is asked for to the one that is counted
 _MIN_BLOCK = 2048  # splats that are worth a thread
 _MAX_BLOCKS = 16  # each counts all tiles: 2 MB of a picture of 8192 x 8192 pixels
-_DIGIT = 11  # bits of one pass of the radix sort
+_DIGIT = 12  # bits of one of the two passes of the radix sort
 _DIGITS = 1 << _DIGIT
-_UPPER = 3 * _DIGIT  # bits that tell nearly all depths apart
-_FAR = 16  # places that a key is moved by, at most, when it is inserted
+_ABOVE, _INDEX = np.uint64(32), np.uint64(0xFFFFFFFF)  # bits of a word: above an index, and it
+_FAR = 16  # places that a word is moved by, at most, when it is inserted
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,63 +141,74 @@ def depth_order(depths: npt.NDArray[np.float64], status: npt.NDArray[np.uint8]) 
     if not len(drawn):
         return drawn
     # Positive floats are in the order of their bits.
-    keys = depths[drawn].view(np.uint64)
-    keys -= keys.min()
-    return _radix_sort(keys, drawn, int(keys.max()).bit_length())
+    keys = depths.view(np.uint64)
+    own = keys[drawn]
+    least = own.min()
+    words = _by_upper_bits(own, drawn, least, int(own.max() - least).bit_length())
+    if not _put_in_order(words, keys):
+        return drawn[np.argsort(own, kind="stable")]
+    order: I64 = (words & _INDEX).astype(np.int64)
+    return order
 
 
 @kernel
-def _radix_sort(keys: Array, values: Array, n_bits: int) -> Array:
-    """`values` in the order of `keys`, stable; both are scratch.
+def _by_upper_bits(keys: Array, drawn: Array, least: Scalar, n_bits: int) -> Array:
+    """Words (n,) in the order of the upper bits of keys, stable; these tell nearly all apart.
 
-    The upper bits of depths differ for nearly all splats. So keys are sorted by these, and the few
-    that have them in common are put in order one by one. If there are many, all bits are sorted by.
+    A word has the upper bits of a key above the index of its splat.
+
+    Arguments, several to a line:
+        keys: (n,).
+        drawn: (n,) the index of the splat of each.
+        least: of the keys, which is taken from all.
+        n_bits: of the largest of these differences.
     """
-    keys, values = _sort_by(keys, values, max(0, n_bits - _UPPER), n_bits)
-    if not _put_in_order(keys, values):
-        keys, values = _sort_by(keys, values, 0, n_bits)
-    return values
-
-
-@kernel
-def _sort_by(keys: Array, values: Array, low: int, high: int) -> tuple[Array, Array]:
-    """Keys and values in the order of the bits low .. high - 1 of the keys, stable."""
     n = len(keys)
-    other_keys, other_values = np.empty_like(keys), np.empty_like(values)
-    starts = np.empty(_DIGITS, np.int64)
-    mask = np.uint64(_DIGITS - 1)
-    for begin in range(low, high, _DIGIT):
-        shift = np.uint64(begin)
-        starts[:] = 0
-        for i in range(n):
-            starts[np.int64((keys[i] >> shift) & mask)] += 1
-        total = 0
-        for digit in range(_DIGITS):
-            total, starts[digit] = total + starts[digit], total
-        for i in range(n):
-            bucket = np.int64((keys[i] >> shift) & mask)
-            at = starts[bucket]
-            starts[bucket] = at + 1
-            other_keys[at] = keys[i]
-            other_values[at] = values[i]
-        keys, other_keys = other_keys, keys
-        values, other_values = other_values, values
-    return keys, values
+    shift, mask = np.uint64(max(0, n_bits - 2 * _DIGIT)), np.uint64(_DIGITS - 1)
+    words, others = np.empty(n, np.uint64), np.empty(n, np.uint64)
+    lower, upper = np.zeros(_DIGITS, np.int64), np.zeros(_DIGITS, np.int64)  # how often each comes
+    for i in range(n):
+        key = (keys[i] - least) >> shift
+        words[i] = key << _ABOVE | np.uint64(drawn[i])
+        lower[np.int64(key & mask)] += 1
+        upper[np.int64(key >> np.uint64(_DIGIT))] += 1
+    _deal_out(words, _ABOVE, lower, others)
+    _deal_out(others, _ABOVE + np.uint64(_DIGIT), upper, words)
+    return words
+
+
+@inlined
+def _deal_out(words: Array, shift: Scalar, counts: Array, out: Array) -> None:
+    """Words in the order of one digit, which begins at a bit, out; counts of digits are scratch."""
+    total = 0
+    for digit in range(_DIGITS):
+        total, counts[digit] = total + counts[digit], total
+    for i in range(len(words)):
+        word = words[i]
+        own = np.int64(word >> shift & np.uint64(_DIGITS - 1))
+        at = counts[own]
+        counts[own] = at + 1
+        out[at] = word
 
 
 @kernel
-def _put_in_order(keys: Array, values: Array) -> bool:
-    """Insert each key where it belongs; False as soon as that is far from where it is."""
-    for i in range(1, len(keys)):
-        key, value = keys[i], values[i]
-        at = i
-        while at > 0 and keys[at - 1] > key:
+def _put_in_order(words: Array, keys: Array) -> bool:
+    """Insert words with the upper bits of the one before where the keys (N,) of splats belong.
+
+    Returns:
+        False as soon as one would move far.
+    """
+    for i in range(1, len(words)):
+        word, at = words[i], i
+        if word >> _ABOVE != words[i - 1] >> _ABOVE:
+            continue
+        key = keys[np.int64(word & _INDEX)]
+        while at > 0 and keys[np.int64(words[at - 1] & _INDEX)] > key:
             if i - at == _FAR:
-                keys[at], values[at] = key, value
                 return False
-            keys[at], values[at] = keys[at - 1], values[at - 1]
+            words[at] = words[at - 1]
             at -= 1
-        keys[at], values[at] = key, value
+        words[at] = word
     return True
 
 
