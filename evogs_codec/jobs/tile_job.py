@@ -23,7 +23,7 @@ from evogs_codec.encoding.packet_order import gains_of_tile
 from evogs_codec.encoding.palette_worth import bits_of_picks, bits_of_psi
 from evogs_codec.encoding.prepared import Prepared
 from evogs_codec.encoding.quantise import tiles_on
-from evogs_codec.encoding.sensitivity import SEEN_OF_CIRCLE, Importance
+from evogs_codec.encoding.sensitivity import SEEN, SEEN_OF_CIRCLE, Importance
 from evogs_codec.encoding.settings import Settings
 from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.encoding.write import write
@@ -57,9 +57,8 @@ VIEWS = 12  # of a tile, by which its numbers are weighed
 WHITE = (1.0, 1.0, 1.0)  # behind all tiles
 ALPHAS = 4096  # of a level and group that a survey keeps
 # What it costs to move a splat by its own size, in prices of a bit before the factor of an effort:
-# few are moved by a fifth of it.
-KEEP = 20.0
-SEEN = 0.95  # of the worth of a number; stand-ins show less of what is hidden than splats do
+# few are moved by a third of it.
+KEEP = 10.0
 
 
 @dataclass(frozen=True)
