@@ -20,11 +20,19 @@ from evogs_codec.jobs.blocks import SplatFiles
 from evogs_codec.jobs.distinct import Distinct, Vectors
 from evogs_codec.jobs.engines import Call, Engine
 from evogs_codec.jobs.merge import merge
-from evogs_codec.jobs.partition import PER_TILE, Partition, rows_of, stand_ins_of, vectors_of
+from evogs_codec.jobs.partition import (
+    PER_TILE,
+    Partition,
+    Split,
+    panes_of,
+    rows_of,
+    stand_ins_of,
+    vectors_of,
+)
 from evogs_codec.jobs.picks import Entries, number_picks, numbered_of, palette_pays, unnumbered_of
 from evogs_codec.jobs.plan import Plan, Survey, surveyed
 from evogs_codec.jobs.scratch import do_missing, identity_of, partitioned, scratch_folder
-from evogs_codec.jobs.tile_job import TileJob, code_tile, survey_tile
+from evogs_codec.jobs.tile_job import TileJob, code_tile, draw_tile, survey_tile
 from evogs_codec.jobs.up import up_of_tiles
 from evogs_codec.lifting.lift import N_LEVELS
 from evogs_codec.model.scene_info import SceneInfo
@@ -122,6 +130,7 @@ class _Run:
     report: Progress
     partition: Partition = field(init=False)
     up: Up = field(init=False)
+    neighbourhoods: dict[int, Split] = field(init=False)
 
     def scratch(self, out: Path, resume: bool) -> AbstractContextManager[None]:
         """While the run has its scratch folder."""
@@ -137,9 +146,11 @@ class _Run:
         self.partition = partitioned(self.files, self.folder, self.report, per_tile, distinct)
         info = self.options.info or self.files.info
         self.up = up_of_tiles(self.partition, self.options.up, info)
+        self.neighbourhoods = self.partition.tree.neighbourhoods()
 
     def parts(self) -> tuple[list[Path], Entries | None]:
         """The streams of all tiles that have splats, in order, and the entries of a palette."""
+        self._draw()
         info = with_generator(self.options.info or self.files.info)
         plan = Plan.of(self.partition, self._surveys(), self.options.levels, info)
         tiles = np.flatnonzero(self.partition.counts).tolist()
@@ -160,6 +171,14 @@ class _Run:
                 warn_if_coarser(plan.grid((0,) * plan.steps.shape[1]), plan.steps, plan.settings)
                 return parts, entries
             plan = plan.with_less_of(too_fine)
+
+    def _draw(self) -> None:
+        """Panes of each tile that has splats and is not alone in its neighbourhood."""
+        jobs = map(self._job, np.flatnonzero(self.partition.counts).tolist())
+        calls: list[Call] = [
+            (job, str(panes_of(self.folder, job.tile))) for job in jobs if job.panes
+        ]
+        self._do("draw", draw_tile, calls)
 
     def _surveys(self) -> list[Survey]:
         """Of some tiles, with a palette if splats share their SH and that is smaller."""
@@ -199,18 +218,23 @@ class _Run:
     def _job(self, tile: int, *, has_palette: bool = False) -> TileJob:
         tree = self.partition.tree
         x, y, z = tree.origins[tile].tolist()
-        block = np.flatnonzero(tree.blocks == tree.blocks[tile])
-        offsets = tree.origins - tree.origins[tile]
+        block = np.flatnonzero(tree.blocks == tree.blocks[tile]).tolist()
+        offsets = tree.origins[block] - tree.origins[block[0]]
         return TileJob(
             rows=str(rows_of(self.folder, tile)),
             sh_degree=self.partition.sh_degree,
             origin=(x, y, z),
-            stand_ins=str(stand_ins_of(self.folder, tile)),
-            around=tuple(
-                (str(stand_ins_of(self.folder, other)), tuple(offsets[other].tolist()))
-                for other in block.tolist()
-                if other != tile
+            tile=tile,
+            block=tuple(
+                (other, str(stand_ins_of(self.folder, other)), tuple(offset))
+                for other, offset in zip(block, offsets.tolist(), strict=True)
             ),
+            panes=tuple(
+                (other, str(panes_of(self.folder, other)))
+                for other in block
+                if other != tile and self.partition.counts[other]
+            ),
+            split=self.neighbourhoods[int(tree.blocks[tile])],
             n_around=int(self.partition.counts[block].sum()),
             n_levels=self.options.levels,
             n_layers=self.options.layers or N_LAYERS,

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +27,9 @@ __all__ = [
     "PER_TILE",
     "STAND_IN",
     "Partition",
+    "Split",
     "Tree",
+    "panes_of",
     "partition",
     "rows_of",
     "stand_ins_of",
@@ -43,6 +46,11 @@ LEAST = 64  # so many times fewer than it was to have may a tile have that is ha
 MOST_LOG = 700.0  # of a size: its exponential is a number
 MOST = 4  # times the splats that a tile was to have: more are refused
 SIZES = (-40.0, 40.0, 0.25)  # of logarithms of the size of a splat: lowest, highest, width of a bin
+
+
+# Of a tree: the number of a tile; or an axis, the value below which positions are in the first of
+# two parts, and these.
+Split: TypeAlias = "int | tuple[int, float, Split, Split]"
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +118,18 @@ class Tree:
     def n_tiles(self) -> int:
         """T."""
         return len(self.origins)
+
+    def neighbourhoods(self) -> dict[int, Split]:
+        """The part of the tree that each neighbourhood is, by its number."""
+        parts: dict[int, tuple[int, Split]] = {}
+        for node in reversed(range(len(self.axis))):  # children have higher numbers
+            first = int(self.child[node])
+            if self.axis[node] < 0:
+                parts[node] = int(self.blocks[first]), first
+            elif first in parts and first + 1 in parts and parts[first][0] == parts[first + 1][0]:
+                (block, left), (_, right) = parts.pop(first), parts.pop(first + 1)
+                parts[node] = block, (int(self.axis[node]), float(self.value[node]), left, right)
+        return dict(parts.values())
 
     def tile_of(self, points: F64) -> I64:
         """(n,) the tile of each point (n, 3)."""
@@ -277,6 +297,11 @@ def rows_of(folder: Path, tile: int) -> Path:
 def stand_ins_of(folder: Path, tile: int) -> Path:
     """The file of the rows of those splats of a tile that stand for all, one of `STAND_IN`."""
     return folder / f"{tile:06d}.stand-ins"
+
+
+def panes_of(folder: Path, tile: int) -> Path:
+    """The file of what a tile shows in the views of its neighbourhood."""
+    return folder / f"{tile:06d}.panes"
 
 
 def vectors_of(folder: Path) -> Path:

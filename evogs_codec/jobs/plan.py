@@ -35,6 +35,7 @@ from evogs_codec.model.splats import F32, F64, I64
 __all__ = ["Needs", "Plan", "Sharing", "Survey", "surveyed", "worth_of_entries"]
 
 SURVEYED, OF_FEW = 8, 4  # tiles at most; of few, one in so many
+ENOUGH = 1 / 8  # of the splats of the largest tile: fewer do not decide the steps of all
 ROOM = 2.0  # times the largest number of a splat: parents and errors of coarse levels
 MOST_SHIFT = 20
 OF_SIZE = 0.2  # of the size of its splats is the step of the positions of a tile: moved by a tenth
@@ -265,10 +266,13 @@ class Plan:
 
 
 def surveyed(partition: Partition) -> I64:
-    """The tiles that are surveyed: evenly among all in order of the size of their splats."""
+    """The tiles that are surveyed: evenly among all in order of the size of their splats.
+
+    Those of few splats are left out.
+    """
     n = len(partition.counts)
     order = np.array(sorted(range(n), key=lambda tile: (partition.size(tile), tile)))
-    some = order[partition.counts[order] > 0]
+    some = order[partition.counts[order] >= max(1, ENOUGH * partition.counts.max())]
     n_surveyed = min(SURVEYED, -(-len(some) // OF_FEW))
     return np.unique(some[np.linspace(0, len(some) - 1, 1 + n_surveyed).astype(int)[:n_surveyed]])
 

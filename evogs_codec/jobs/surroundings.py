@@ -1,8 +1,9 @@
 """Views of a tile among its neighbours, which hide parts of it and are far larger.
 
 What a tile alone shows, cut out of its scene, is not what a viewer sees: cut faces, insides, all of
-it near. So its views are those of its neighbourhood, where some splats of each other tile, larger
-than they are, stand for all.
+it near. So its views are those of its neighbourhood, with panes of the other tiles (`panes`). The
+cameras stand around some splats of each tile, which stand for all. They are also what is drawn of
+other tiles, larger than they are, where a tile is apart and has views of its own.
 
 Letters: N splats of the tile, D channels.
 """
@@ -10,7 +11,7 @@ Letters: N splats of the tile, D channels.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -21,13 +22,64 @@ from evogs_codec.model.channels import n_channels
 from evogs_codec.model.splats import F32, F64, SplatParams
 
 if TYPE_CHECKING:
-    from evogs_codec.render import Views
+    from evogs_codec.render import Camera, Options, Views
     from evogs_codec.render.up import Direction
+    from evogs_codec.render.views import Between
 
-__all__ = ["Neighbourhood", "enlarged", "price_of"]
+__all__ = ["Neighbourhood", "Standing", "enlarged", "is_apart", "near_middle", "price_of"]
 
 BULK = (20, 80)  # percentiles of the positions
 FAR = 8.0  # times the size of a tile: a neighbourhood that is larger does not show it
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """Where cameras stand around splats.
+
+    Attributes:
+        cameras: of the views.
+        n_circle: of these, the first so many stand on the circle.
+        options: of rendering.
+    """
+
+    cameras: Sequence[Camera]
+    n_circle: int
+    options: Options
+
+    @staticmethod
+    def around(
+        splats: SplatParams, *, up: Direction, n_views: int, all_round: bool, pixels: int | None
+    ) -> Standing:
+        """Around all of the splats.
+
+        Args:
+            splats: at least one.
+            up: axis or vector that is up.
+            n_views: so many.
+            all_round: some of them stand below and far above.
+            pixels: of the longer side, at most; None: as cameras are by default.
+        """
+        from evogs_codec.render import cameras_around, weighing_cameras
+        from evogs_codec.render.framing import options_for
+        from evogs_codec.render.viewpoints import n_on_circle
+
+        cameras = (
+            weighing_cameras(splats, up, n_views)
+            if all_round
+            else cameras_around(splats, up, n=n_views)
+        )
+        if pixels is not None:
+            cameras = [camera.within(pixels) for camera in cameras]
+        n_circle = n_on_circle(n_views) if all_round else n_views
+        return Standing(cameras, n_circle, options_for(splats))
+
+    def seen_from(self, origin: F64) -> Standing:
+        """The same cameras as seen from another origin (3,)."""
+        cameras = [
+            replace(camera, translation=camera.translation + camera.rotation @ origin)
+            for camera in self.cameras
+        ]
+        return replace(self, cameras=cameras)
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +88,7 @@ class Neighbourhood:
 
     Attributes:
         views: of the tile and what is around it.
-        around: what stands for the other tiles.
+        around: splats that stand for the other tiles; none where views have panes of them.
         n_shown: splats for which the views are: those of all tiles, or of this one, if it is so
             small that views of all would not show it.
         n_circle: of the views, the first so many stand on the circle.
@@ -53,66 +105,50 @@ class Neighbourhood:
     @staticmethod
     def of(
         splats: SplatParams,
-        own: SplatParams,
-        around: SplatParams,
-        n_around: int,
+        standing: Standing,
+        n_shown: int,
         *,
-        up: Direction,
-        n_views: int,
-        all_round: bool,
         keep: float,
+        around: SplatParams | None = None,
+        between: Mapping[Camera, Between] | None = None,
     ) -> Neighbourhood:
-        """From cameras around all of it.
+        """From cameras around all of it, or around a tile that is apart.
 
         Args:
             splats: of the tile.
-            own: what stands for them in the views of other tiles.
-            around: the same of the other tiles.
-            n_around: splats of all tiles.
-            up: axis or vector that is up.
-            n_views: so many.
-            all_round: some of them stand below and far above.
+            standing: where cameras stand.
+            n_shown: splats for which the views are.
             keep: times a price of a bit, that of the splats for which the views are.
+            around: what stands for the other tiles.
+            between: of each view, what of other tiles is in front and behind.
         """
-        from evogs_codec.render import Views, cameras_around, weighing_cameras
-        from evogs_codec.render.framing import options_for
-        from evogs_codec.render.viewpoints import n_on_circle
+        from evogs_codec.render import Views
 
-        stands_in = _joined(own, around)
-        middle, size = _bulk(splats)
-        is_apart = not len(stands_in) or _bulk(stands_in)[1] > FAR * size
-        # Of a tile that has an object and a part of the city around it, the object.
-        near = np.abs(splats.means - middle).max(axis=1) <= max(size, 1e-30)
-        shown = splats.take(near) if is_apart else stands_in
-        looked_at = shown if len(shown) else splats
-        cameras = (
-            weighing_cameras(looked_at, up, n_views)
-            if all_round
-            else cameras_around(looked_at, up, n=n_views)
-        )
-        views = Views.of(_joined(splats, around), cameras)
-        options = options_for(shown)
-        n_shown = len(splats) if is_apart else n_around
-        return Neighbourhood(
-            replace(views, options=options),
-            around,
-            n_shown,
-            n_on_circle(n_views) if all_round else n_views,
-            keep * price_of(n_shown),
-        )
+        around = splats.take(slice(0)) if around is None else around
+        views = Views.of(_joined(splats, around), standing.cameras)
+        views = replace(views, options=standing.options, between=between or {})
+        return Neighbourhood(views, around, n_shown, standing.n_circle, keep * price_of(n_shown))
 
     def fewer(self, n_views: int) -> Neighbourhood:
         """At most this many of the views, of those on the circle."""
         circle = replace(self.views, cameras=self.views.cameras[: self.n_circle])
         return replace(self, views=circle.fewer(n_views))
 
-    def within(self, pixels: int | None) -> Neighbourhood:
-        """The views with at most this many pixels along the longer side; None: as they are."""
-        return replace(self, views=self.views.within(pixels))
-
     def psnr(self, splats: SplatParams) -> float:
         """Mean PSNR of the views with the tile as these splats, dB."""
         return self.views.psnr(_joined(splats, self.around))
+
+    def psnr_of_sh(self, splats: SplatParams, each: Iterable[F32]) -> Iterator[float]:
+        """Mean PSNR with each SH (N, K, 3) in place of those of the splats, dB."""
+        joined = _joined(splats, self.around)
+
+        def all_of(sh: F32) -> F32:
+            around = self.around.sh
+            k = max(sh.shape[1], around.shape[1])
+            parts = [np.pad(x, ((0, 0), (0, k - x.shape[1]), (0, 0))) for x in (sh, around)]
+            return np.concatenate(parts)
+
+        return self.views.psnr_of_sh(joined, map(all_of, each))
 
     def sensitivity(self, splats: SplatParams) -> F32:
         """(D, N) mean squared change of the pictures to the squared change of each number."""
@@ -133,6 +169,18 @@ class Neighbourhood:
         sizes = np.exp(np.clip(splats.log_scales.max(axis=1), -40, 40))
         own[0:3] = np.maximum(own[0:3], self.keep / np.square(sizes))
         return own
+
+
+def is_apart(splats: SplatParams, stand_ins: SplatParams) -> bool:
+    """Whether a neighbourhood, with these stand-ins, is too large to show a tile."""
+    return not len(stand_ins) or _bulk(stand_ins)[1] > FAR * _bulk(splats)[1]
+
+
+def near_middle(splats: SplatParams) -> SplatParams:
+    """Of a tile that has an object and a part of the city around it, the object."""
+    middle, size = _bulk(splats)
+    near = splats.take(np.abs(splats.means - middle).max(axis=1) <= max(size, 1e-30))
+    return near if len(near) else splats
 
 
 def _bulk(splats: SplatParams) -> tuple[F64, float]:

@@ -23,16 +23,24 @@ from evogs_codec.encoding.packet_order import gains_of_tile
 from evogs_codec.encoding.palette_worth import bits_of_picks, bits_of_psi
 from evogs_codec.encoding.prepared import Prepared
 from evogs_codec.encoding.quantise import tiles_on
-from evogs_codec.encoding.sensitivity import SEEN_OF_CIRCLE, Importance
+from evogs_codec.encoding.sensitivity import SEEN, SEEN_OF_CIRCLE, Importance
 from evogs_codec.encoding.settings import Settings
 from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.encoding.write import write
 from evogs_codec.io.files import write_atomic
 from evogs_codec.io.finite import bounded_opacities
-from evogs_codec.jobs.partition import STAND_IN
+from evogs_codec.jobs.panes import Panes, between
+from evogs_codec.jobs.partition import STAND_IN, Split
 from evogs_codec.jobs.picks import Unnumbered, unnumbered_of
 from evogs_codec.jobs.plan import Needs, Plan, Sharing, Survey
-from evogs_codec.jobs.surroundings import Neighbourhood, enlarged, price_of
+from evogs_codec.jobs.surroundings import (
+    Neighbourhood,
+    Standing,
+    enlarged,
+    is_apart,
+    near_middle,
+    price_of,
+)
 from evogs_codec.lifting.coarse_entries import CoarseEntries
 from evogs_codec.lifting.lift import Lifted, lift_with_order
 from evogs_codec.lifting.shared_sh import SharedSh, coarse_sh, in_palette
@@ -43,14 +51,14 @@ from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.effort import Effort
 from evogs_codec.scene.prefixes import TreePrefixes
 
-__all__ = ["TileJob", "code_tile", "sorted_rows", "survey_tile"]
+__all__ = ["TileJob", "code_tile", "draw_tile", "sorted_rows", "survey_tile"]
 
 VIEWS = 12  # of a tile, by which its numbers are weighed
+WHITE = (1.0, 1.0, 1.0)  # behind all tiles
 ALPHAS = 4096  # of a level and group that a survey keeps
 # What it costs to move a splat by its own size, in prices of a bit before the factor of an effort:
-# few are moved by a fifth of it.
-KEEP = 20.0
-SEEN = 0.95  # of the worth of a number; stand-ins show less of what is hidden than splats do
+# few are moved by a third of it.
+KEEP = 10.0
 
 
 @dataclass(frozen=True)
@@ -61,9 +69,11 @@ class TileJob:
         rows: file of (n, D) float32, positions from `origin`.
         sh_degree: of its splats.
         origin: scene units.
-        stand_ins: file of the splats that stand for the tile in the views of others.
-        around: the same of each other tile of the neighbourhood, and where the origins of these
-            tiles are from that of this one.
+        tile: number of the tile.
+        block: of each tile of the neighbourhood, this one among them, its number, the file of the
+            splats that stand for it, and where its origin is from that of the first.
+        panes: number and file of those of each other tile that has some.
+        split: the part of the tree that is the neighbourhood.
         n_around: splats of the neighbourhood, those of this tile among them.
         n_levels: of the tree.
         n_layers: of precision.
@@ -77,8 +87,10 @@ class TileJob:
     rows: str
     sh_degree: int
     origin: tuple[float, float, float]
-    stand_ins: str
-    around: tuple[tuple[str, tuple[float, float, float]], ...]
+    tile: int
+    block: tuple[tuple[int, str, tuple[float, float, float]], ...]
+    panes: tuple[tuple[int, str], ...]
+    split: Split
     n_around: int
     n_levels: int
     n_layers: int
@@ -87,6 +99,12 @@ class TileJob:
     effort: str | int = "default"
     has_palette: bool = False
     n_tiles: int = 1
+
+
+def draw_tile(job: TileJob, out: str) -> None:
+    """Write the `Panes` of a tile to a file."""
+    standing = _standing(job, _of_block(job))
+    Panes.of(_splats(job), standing.cameras, standing.options).write(Path(out))
 
 
 def survey_tile(job: TileJob, out: str) -> None:
@@ -248,19 +266,8 @@ def _sharing(
 
 def _prepared(job: TileJob, splats: SplatParams, tree: EvolutionTree) -> tuple[Prepared, int]:
     """The tree of a tile, arranged and weighed; and how many splats its views are for."""
-    own, around = _stand_ins([(job.stand_ins, (0.0,) * 3)], job), _stand_ins(job.around, job)
     effort = Effort.of(job.effort)
-    n_views = min(VIEWS, effort.n_views)
-    views = Neighbourhood.of(
-        splats,
-        own,
-        around,
-        job.n_around,
-        up=job.up,
-        n_views=n_views,
-        all_round=effort.all_round,
-        keep=KEEP,
-    ).within(effort.pixels)
+    views = _views(job, splats)
     aim = TargetEncoder(
         tree,
         Settings.by_views(np.zeros((0, 0))),
@@ -281,16 +288,53 @@ def _splats(job: TileJob) -> SplatParams:
     return bounded_opacities(splats)
 
 
+def _views(job: TileJob, splats: SplatParams) -> Neighbourhood:
+    """Those of its neighbourhood; of a tile that is apart, views of its own."""
+    of_block = _of_block(job)
+    if is_apart(splats, of_block):
+        standing = _around(job, near_middle(splats))
+        others = _stand_ins(job, [part for part in job.block if part[0] != job.tile], job.tile)
+        return Neighbourhood.of(splats, standing, len(splats), keep=KEEP, around=others)
+    standing = _standing(job, of_block)
+    eyes = np.array([camera.position for camera in standing.cameras]) + job.origin
+    panes = {tile: Path(path) for tile, path in job.panes}
+    around = between(job.tile, job.split, panes, standing.cameras, eyes, WHITE)
+    return Neighbourhood.of(splats, standing, job.n_around, keep=KEEP, between=around)
+
+
+def _standing(job: TileJob, of_block: SplatParams) -> Standing:
+    """Where cameras stand around a neighbourhood, seen from the origin of the tile."""
+    own = {tile: offset for tile, _, offset in job.block}[job.tile]
+    return _around(job, of_block).seen_from(np.array(own))
+
+
+def _around(job: TileJob, splats: SplatParams) -> Standing:
+    effort = Effort.of(job.effort)
+    return Standing.around(
+        splats,
+        up=job.up,
+        n_views=min(VIEWS, effort.n_views),
+        all_round=effort.all_round,
+        pixels=effort.pixels,
+    )
+
+
+def _of_block(job: TileJob) -> SplatParams:
+    """What stands for the tiles of a neighbourhood, from the origin of the first."""
+    return _stand_ins(job, job.block, job.block[0][0])
+
+
 def _stand_ins(
-    files: Sequence[tuple[str, tuple[float, float, float]]], job: TileJob
+    job: TileJob, parts: Sequence[tuple[int, str, tuple[float, float, float]]], origin: int
 ) -> SplatParams:
-    """What stands for tiles, whose origins are so far from that of the job."""
-    parts = [np.empty((0, n_channels(job.sh_degree)), np.float32)]
-    for path, offset in files:
+    """What stands for these tiles, from the origin of one of the neighbourhood."""
+    offsets = {tile: np.array(offset) for tile, _, offset in job.block}
+    found = [np.empty((0, n_channels(job.sh_degree)), np.float32)]
+    for tile, path, _ in parts:
         rows = sorted_rows(path, job.sh_degree)
-        rows[:, 0:3] += np.array(offset, np.float32)
-        parts.append(rows)
-    return enlarged(SplatParams.from_channels(np.concatenate(parts).T), STAND_IN)
+        rows[:, 0:3] += (offsets[tile] - offsets[origin]).astype(np.float32)
+        found.append(rows)
+    return enlarged(SplatParams.from_channels(np.concatenate(found).T), STAND_IN)
 
 
 def sorted_rows(path: str, sh_degree: int) -> F32:

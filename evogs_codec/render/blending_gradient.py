@@ -161,7 +161,8 @@ def blend_gradient(
 
     Arguments, several to a line:
         first, n_columns, offsets, entries, order: `tiles.Chunk`, and tiles in a row.
-        records, rows, background, alpha_max, transmittance, last: as `blending.blend` has them.
+        records, rows, alpha_max, transmittance, last: as `blending.blend` has them.
+        background: (H, W, 3).
         gradient: (H, W, 3) of the loss to the picture, of the type of the picture.
         out: (entries, WIDTH), out.
         n_workers: tiles are dealt out to so many, longest lists first.
@@ -188,7 +189,7 @@ def blend_gradient(
                         for c in range(3):
                             g = gradient[y + row, x + lane, c]
                             state[at + (2 + c) * SIDE] = g
-                            state[at + SIDE] += t * background[c] * g
+                            state[at + SIDE] += t * background[y + row, x + lane, c] * g
                         state[at + 5 * SIDE] = state.dtype.type(last[y + row, x + lane])
                         row_last[row] = max(row_last[row], last[y + row, x + lane])
             _unblend_tile(

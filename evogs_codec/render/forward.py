@@ -22,7 +22,7 @@ from evogs_codec.render.options import DEFAULT, Options
 from evogs_codec.render.splats import Real, Splats
 from evogs_codec.render.tiles import Chunk, Tiles, depth_order
 
-__all__ = ["Counts", "Drawing", "Splats", "draw", "render", "render_counted"]
+__all__ = ["Colour", "Counts", "Drawing", "Splats", "draw", "render", "render_counted"]
 
 BLOCK = 1 << 16  # splats of one view that are activated together: what follows from them is large
 Colour = Sequence[float] | Real
@@ -51,7 +51,7 @@ class Drawing:
 
     Attributes:
         camera, options: what was asked for.
-        background: (3,).
+        background: (3,), or a picture (H, W, 3).
         image: (H, W, 3).
         transmittance: (H, W) of the background.
         active: of the splats, `Activated.active`; of no splat where no gradients are asked for.
@@ -89,7 +89,10 @@ def render(
     options: Options = DEFAULT,
     dtype: npt.DTypeLike = np.float32,
 ) -> Real:
-    """(H, W, 3) picture, linear in the colours, not clamped above; float32 or float64."""
+    """(H, W, 3) picture, linear in the colours, not clamped above; float32 or float64.
+
+    The background is a colour, or itself a picture (H, W, 3).
+    """
     return _draw(splats, camera, background, options, dtype, keep=False).image
 
 
@@ -132,8 +135,10 @@ def _draw(
     tiles, status = prepare(splats, camera, options)
     height, width = camera.height, camera.width
     image = np.empty((height, width, 3), dtype)
-    colour = np.asarray(background, dtype)
-    kept = (height, width) if keep else (0, 0)
+    behind = np.asarray(background, dtype)
+    is_picture = behind.ndim > 1
+    colour = np.zeros(3, dtype) if is_picture else behind
+    kept = (height, width) if keep or is_picture else (0, 0)
     transmittance, last = np.empty(kept, dtype), np.empty(kept, np.int32)
     chunk = None
     n_chunks = 0
@@ -144,10 +149,12 @@ def _draw(
             tiles.records, tiles.rows, colour, options.alpha_max,
             image, transmittance, last, n_threads(),
         )  # fmt: skip
+    if is_picture:
+        image += transmittance[..., None] * behind
     active = splats.active if isinstance(splats, Activated) else np.empty((0, ACTIVE))
     kept_chunk = chunk if keep and n_chunks == 1 else None
     return Drawing(
-        camera, options, colour, image, transmittance, active, status, last, tiles, kept_chunk
+        camera, options, behind, image, transmittance, active, status, last, tiles, kept_chunk
     )
 
 

@@ -108,12 +108,13 @@ def _to_records(drawing: Drawing, splats: Splats, image_gradient: Real) -> Real:
     if tiles.counts.max(initial=0) > _MAX_LIST:
         raise ValueError(f"a tile with {tiles.counts.max()} splats, over {_MAX_LIST}")
     g = np.ascontiguousarray(image_gradient, dtype)
+    background = np.ascontiguousarray(np.broadcast_to(drawing.background, g.shape))
     to_records = np.zeros((len(splats.means), len(ENTRY)), np.float64)
     for chunk in [drawing.chunk] if drawing.chunk else tiles.chunks():
         rows = np.empty((len(chunk.entries), len(ENTRY)), dtype)
         blend_gradient(
             chunk.first, tiles.columns, chunk.offsets, chunk.entries, chunk.order,
-            tiles.records, tiles.rows, drawing.background, drawing.options.alpha_max,
+            tiles.records, tiles.rows, background, drawing.options.alpha_max,
             g, drawing.transmittance, drawing.last, rows, n_threads(),
         )  # fmt: skip
         add_up(chunk.offsets, chunk.block_ends, chunk.entries, rows, to_records)

@@ -19,7 +19,7 @@ from evogs_codec.render.activated import Activated, Buffers
 from evogs_codec.render.blending import blend
 from evogs_codec.render.camera import Camera
 from evogs_codec.render.compiled import n_threads, parallel_kernel, prange
-from evogs_codec.render.forward import prepare
+from evogs_codec.render.forward import Colour, prepare
 from evogs_codec.render.harmonics import basis
 from evogs_codec.render.options import Options
 from evogs_codec.render.splats import Real
@@ -37,7 +37,7 @@ class Still:
     Attributes:
         means: (N, 3) of the splats.
         camera, options: of the picture.
-        background: (3,) float32.
+        background: (3,) float32, or a picture (H, W, 3).
         tiles, chunks: which splats are in each tile.
         status: (N,) as of `Drawing`.
     """
@@ -51,9 +51,7 @@ class Still:
     status: npt.NDArray[np.uint8]
 
     @staticmethod
-    def of(
-        splats: Activated, camera: Camera, background: Sequence[float], options: Options
-    ) -> Still:
+    def of(splats: Activated, camera: Camera, background: Colour, options: Options) -> Still:
         """Of splats; in memory of its own."""
         own = replace(splats, buffers=Buffers.of(len(splats)))
         tiles, status = prepare(own, camera, options)
@@ -65,13 +63,18 @@ class Still:
         view = self.camera.view(self.options)
         _recolour(self.means, sh, view, self.status, self.tiles.records, n_threads())
         image = np.empty((self.camera.height, self.camera.width, 3), np.float32)
-        nothing, last = np.empty((0, 0), np.float32), np.empty((0, 0), np.int32)
+        is_picture = self.background.ndim > 1
+        kept = image.shape[:2] if is_picture else (0, 0)
+        transmittance, last = np.empty(kept, np.float32), np.empty(kept, np.int32)
+        colour = np.zeros(3, np.float32) if is_picture else self.background
         for chunk in self.chunks:
             blend(
                 chunk.first, self.tiles.columns, chunk.offsets, chunk.entries, chunk.order,
-                self.tiles.records, self.tiles.rows, self.background, self.options.alpha_max,
-                image, nothing, last, n_threads(),
+                self.tiles.records, self.tiles.rows, colour, self.options.alpha_max,
+                image, transmittance, last, n_threads(),
             )  # fmt: skip
+        if is_picture:
+            image += transmittance[..., None] * self.background
         return image
 
 

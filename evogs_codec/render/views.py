@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -22,10 +22,24 @@ from evogs_codec.render.stills import Still
 from evogs_codec.render.up import Direction, up_of
 from evogs_codec.render.viewpoints import camera_rings, cameras_around, weighing_cameras
 
-__all__ = ["DRAWN", "HELD_OUT", "Colour", "Views", "view_of"]
+__all__ = ["DRAWN", "HELD_OUT", "Between", "Colour", "Views", "view_of"]
 
 Colour = tuple[float, float, float]
 Picture: TypeAlias = npt.NDArray[np.float32]
+
+
+class Between(NamedTuple):
+    """What else a view shows, and where that is.
+
+    Attributes:
+        veil: (H, W, 1) how much of what is behind shows through what is in front.
+        behind: (H, W, 3) picture of what is behind.
+    """
+
+    veil: Picture
+    behind: Picture
+
+
 MOST = 150.0  # dB of a view: of one without any error, for a mean that is a number
 DRAWN = 12  # views that the sensitivity is estimated from
 COMPARED = 6  # of these, at most, compared with the scene
@@ -44,6 +58,8 @@ class Views:
         weighing: cameras that the sensitivity is estimated from; none: of `cameras`.
         options: of rendering.
         n_drawn: views that the sensitivity is estimated from, at most.
+        between: what is in front of and behind the splats in views that show more than them. What
+            is in front is not in pictures of them; it only hides.
         drawn: pictures of the scene so far.
     """
 
@@ -54,6 +70,7 @@ class Views:
     weighing: Sequence[Camera] = ()
     options: Options = DEFAULT
     n_drawn: int = DRAWN
+    between: Mapping[Camera, Between] = field(default_factory=dict, repr=False, compare=False)
     drawn: dict[Camera, Picture] = field(default_factory=dict, repr=False, compare=False)
 
     @staticmethod
@@ -127,11 +144,13 @@ class Views:
         """
         ready = Activated.of(splats)
         stills = {
-            camera: Still.of(ready, camera, self.background, self.options)
+            camera: Still.of(ready, camera, self._behind(camera), self.options)
             for camera in self.cameras
         }
         for sh in each:
-            yield self._psnr(lambda camera, sh=sh: stills[camera].with_sh(sh))  # type: ignore[misc]
+            yield self._psnr(
+                lambda camera, sh=sh: self._veiled(stills[camera].with_sh(sh), camera)  # type: ignore[misc]
+            )
 
     def sensitivity(self, splats: SplatParams) -> F32:
         """(D, N) mean squared change of the pictures to the squared change of each number.
@@ -163,9 +182,10 @@ class Views:
             raise ValueError("there are no other views to descend by")
         view = view_of(iteration, len(self.others))
         camera = self.others[view]
-        drawing = draw(splats, camera, self.background, options=self.options)
-        error = drawing.image - self._picture(camera)
-        gradient = gradients(drawing, splats, error * np.float32(2 / error.size))
+        drawing = draw(splats, camera, self._behind(camera), options=self.options)
+        error = self._veiled(drawing.image, camera) - self._picture(camera)
+        error = self._veiled(error * np.float32(2 / error.size), camera)
+        gradient = gradients(drawing, splats, error)
         return SplatParams(*_parts(gradient)).channels()
 
     @property
@@ -189,8 +209,14 @@ class Views:
         return self.drawn[camera]
 
     def _render(self, splats: Splats, camera: Camera) -> Picture:
-        found: Picture = render(splats, camera, self.background, options=self.options)
-        return found
+        found: Picture = render(splats, camera, self._behind(camera), options=self.options)
+        return self._veiled(found, camera)
+
+    def _behind(self, camera: Camera) -> Colour | Picture:
+        return self.between[camera].behind if camera in self.between else self.background
+
+    def _veiled(self, picture: Picture, camera: Camera) -> Picture:
+        return picture * self.between[camera].veil if camera in self.between else picture
 
     def _psnr(self, of: Callable[[Camera], Picture]) -> float:
         """Mean PSNR of these pictures of the views, as of `psnr`."""
@@ -215,12 +241,13 @@ class Views:
         images = {}
         ready = Activated.of(splats)
         for camera in cameras:
-            drawing = draw(ready, camera, self.background, options=self.options)
-            images[camera] = drawing.image
+            drawing = draw(ready, camera, self._behind(camera), options=self.options)
+            images[camera] = self._veiled(drawing.image, camera)
             if not len(splats):
                 continue
             signs = rng.integers(0, 2, drawing.image.shape).astype(np.float32) * 2 - 1
-            add_squared_gradients(totals, drawing, ready, signs, signs.size)
+            shown = self._veiled(signs, camera)
+            add_squared_gradients(totals, drawing, ready, shown, signs.size)
         for total in totals:
             total /= len(cameras)
         return SplatParams(*totals).channels(), images
