@@ -32,7 +32,6 @@ MIN_COMPILED = 1_000  # slots below which either takes a few ms
 # Loading it takes 0.5 s. With 8 MB of packets a process that decodes one stream saves as much; a
 # slot counts as 4 bytes, since 2 million slots may come in very few.
 LOADING = 8_000  # bytes, for each of MIN_COMPILED
-LOADING_REST = 2_000  # the same where other compiled loops are loaded: it takes 0.15 s then
 OFTEN = 50_000  # slots after which a process may well decode more
 SLOT = 4  # bytes
 KERNELS = "evogs_codec.decoding.compiled.channels"
@@ -55,8 +54,7 @@ def kernels_for(n_slots: int, n_bytes: int) -> ModuleType | None:
     if n_slots < MIN_COMPILED:
         return None
     is_first, _n_decoded = _n_decoded < OFTEN, _n_decoded + n_slots
-    loading = LOADING if sys.modules.get("numba") is None else LOADING_REST
-    is_small = n_bytes + SLOT * n_slots < loading * MIN_COMPILED
+    is_small = n_bytes + SLOT * n_slots < LOADING * MIN_COMPILED
     if is_first and is_small and loaded_kernels(n_slots) is None:
         return None
     try:
