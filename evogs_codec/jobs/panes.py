@@ -106,28 +106,26 @@ def between(
     """
     from evogs_codec.render.views import Between
 
-    shapes = [(camera.height, camera.width) for camera in cameras]
-    veils = [np.ones((*shape, 1), np.float32) for shape in shapes]
-    behind = [np.zeros((*shape, 3), np.float32) for shape in shapes]
-    through = [np.ones((*shape, 1), np.float32) for shape in shapes]
-    found = {other: list(Panes.read(path).each()) for other, path in panes.items()}
-    for view, eye in enumerate(eyes):
-        is_behind = False
+    found = {other: Panes.read(path).each() for other, path in panes.items()}
+    result = {}
+    for camera, eye in zip(cameras, eyes, strict=True):
+        shape = camera.height, camera.width
+        veil, through = np.ones((*shape, 1), np.float32), np.ones((*shape, 1), np.float32)
+        behind, is_behind = np.zeros((*shape, 3), np.float32), False
+        shown = {other: next(each) for other, each in found.items()}
         for other in _from_front(split, eye.tolist()):
             is_behind |= other == tile
-            if other == tile or other not in found:
+            if other not in shown:
                 continue
-            place, pane = found[other][view]
+            place, pane = shown[other]
             if is_behind:
-                behind[view][place] += through[view][place] * pane[..., :3]
-                through[view][place] *= pane[..., 3:]
+                behind[place] += through[place] * pane[..., :3]
+                through[place] *= pane[..., 3:]
             else:
-                veils[view][place] *= pane[..., 3:]
-        behind[view] += through[view] * np.array(background, np.float32)
-    return {
-        camera: Between(veil, back)
-        for camera, veil, back in zip(cameras, veils, behind, strict=True)
-    }
+                veil[place] *= pane[..., 3:]
+        behind += through * np.array(background, np.float32)
+        result[camera] = Between(veil.astype(np.float16), behind.astype(np.float16))
+    return result
 
 
 def _from_front(split: Split, eye: Sequence[float]) -> Iterator[int]:

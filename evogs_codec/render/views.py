@@ -36,8 +36,8 @@ class Between(NamedTuple):
         behind: (H, W, 3) picture of what is behind.
     """
 
-    veil: Picture
-    behind: Picture
+    veil: npt.NDArray[np.floating]
+    behind: npt.NDArray[np.floating]
 
 
 MOST = 150.0  # dB of a view: of one without any error, for a mean that is a number
@@ -212,11 +212,14 @@ class Views:
         found: Picture = render(splats, camera, self._behind(camera), options=self.options)
         return self._veiled(found, camera)
 
-    def _behind(self, camera: Camera) -> Colour | Picture:
+    def _behind(self, camera: Camera) -> Colour | npt.NDArray[np.floating]:
         return self.between[camera].behind if camera in self.between else self.background
 
     def _veiled(self, picture: Picture, camera: Camera) -> Picture:
-        return picture * self.between[camera].veil if camera in self.between else picture
+        if camera not in self.between:
+            return picture
+        found: Picture = picture * self.between[camera].veil
+        return found
 
     def _psnr(self, of: Callable[[Camera], Picture]) -> float:
         """Mean PSNR of these pictures of the views, as of `psnr`."""
