@@ -83,7 +83,6 @@ def test_what_is_said_of_a_scene_is_in_the_stream_of_all_tiles(folder, tmp_path)
 
 @pytest.mark.thorough
 def test_tiles_look_as_the_same_tiles_of_a_scene_encoded_whole(tmp_path):
-    # Fewer bytes for a little less PSNR: neighbours that only stand in let a few more splats show.
     scene = make_scene(12_000)
     write_ply(tmp_path / "a.ply", scene)
     options = JobOptions(levels=4, per_tile=3000)
@@ -91,8 +90,8 @@ def test_tiles_look_as_the_same_tiles_of_a_scene_encoded_whole(tmp_path):
     tiled = (tmp_path / "a.evogs").read_bytes()
     whole = encode_scene(scene, levels=4, palette="never", n_tiles=4)
     views = Views.of(scene, n_views=6)
-    assert len(tiled) < len(whole)
-    assert views.psnr(decode(tiled).leaves()) > views.psnr(decode(whole).leaves()) - 0.8
+    assert len(tiled) < 1.01 * len(whole)
+    assert views.psnr(decode(tiled).leaves()) > views.psnr(decode(whole).leaves()) - 0.1
 
 
 @pytest.mark.thorough
