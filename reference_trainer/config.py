@@ -63,8 +63,9 @@ class Rates:
     cool: float = 0.1
     cool_span: float = 0.3
 
-    def slower(self, part: float) -> Rates:
-        """With this part of the rates of positions."""
+    def at_most(self, position: float) -> Rates:
+        """With both rates of positions times as much as makes the first at most this."""
+        part = min(1.0, position / self.position)
         return replace(
             self, position=part * self.position, position_final=part * self.position_final
         )
@@ -118,8 +119,9 @@ class FrontierGrowth:
         size_power: leaves of the largest gradients are split first. Gradients are multiplied by
             this power of the width of a leaf, the geometric mean of its two larger standard
             deviations. In the paper they are not.
-        position_part: positions of a level learn at this part of the rates of the level before,
-            since splats are smaller. In the paper the rates are the same.
+        reach: where the first rate of positions is more than this part of the median width of the
+            leaves before the level, both rates are lowered: splats of fine levels are small. 0
+            for never, as in the paper.
         distance: children sit this many standard deviations from their parent.
         prune_opacity, prune_scale: as in `CloudGrowth`.
     """
@@ -132,7 +134,7 @@ class FrontierGrowth:
     all_alphas: bool = False
     threshold: float = 2e-4
     size_power: float = 0.0
-    position_part: float = 1.0
+    reach: float = 0.0
     distance: float = 0.3
     prune_opacity: float = 0.005
     prune_scale: float = 0.1
@@ -243,9 +245,7 @@ class Config:
         """With the loss and photographs of 3DGS, and trees that grow and learn as published."""
         plain = Config()
         frontier = replace(
-            self.frontier,
-            size_power=plain.frontier.size_power,
-            position_part=plain.frontier.position_part,
+            self.frontier, size_power=plain.frontier.size_power, reach=plain.frontier.reach
         )
         return replace(self, ssim_weight=plain.ssim_weight, shifts=plain.shifts, frontier=frontier)
 
@@ -283,7 +283,7 @@ _TWO_CORES = Config(
     shifts=True,
     # Fills the budget whatever the gradients, and early: what is not split does not learn.
     frontier=FrontierGrowth(
-        threshold=0.0, size_power=0.5, position_part=0.6, rounds=3, stop=0.25, haste=0.25
+        threshold=0.0, size_power=0.5, reach=0.15, rounds=3, stop=0.25, haste=0.25
     ),
     integers=Integers(part=0.15),
 )

@@ -138,7 +138,7 @@ def _run_stage(
             replace(saved, iteration=at, model=arrays, scores=scores).write(folder)
 
     order = setting.seed(VIEWS)
-    rates = config.rates.slower(plan.position_part)
+    rates = config.rates.at_most(model.reach / setting.extent)
     stage = Stage(
         photographs(scales, plan.scale, config, shifts=config.shifts),
         data.background,

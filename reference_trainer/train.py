@@ -26,7 +26,13 @@ class NotFiniteError(ArithmeticError):
 
 
 class Model(Protocol):
-    """What is trained in a stage."""
+    """What is trained in a stage.
+
+    Attributes:
+        reach: the most that positions may move in the first steps, scene units.
+    """
+
+    reach: float
 
     @property
     def n_splats(self) -> int:

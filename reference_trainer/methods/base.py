@@ -32,7 +32,6 @@ class Plan:
         scale: which level of the image pyramid it is trained on.
         iterations, cap: how long, and the most splats drawn.
         in_integers: whether it trains once more, in integers, what the stage before it did.
-        position_part: of the rates of positions.
     """
 
     level: int
@@ -40,7 +39,6 @@ class Plan:
     iterations: int
     cap: int
     in_integers: bool = False
-    position_part: float = 1.0
 
 
 @dataclass(frozen=True)

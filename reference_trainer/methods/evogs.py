@@ -38,8 +38,7 @@ class Evogs:
         """A stage per level; after each one in integers, where the configuration has them."""
         part = config.integers.part
         found = []
-        for level, plan in enumerate(a_plan_per_level(config)):
-            plan = replace(plan, position_part=config.frontier.position_part**level)
+        for plan in a_plan_per_level(config):
             found.append(plan)
             if part:
                 n = max(1, round(part * plan.iterations))

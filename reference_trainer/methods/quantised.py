@@ -11,6 +11,7 @@ Letters: D channels, K classes (spec 3.2), m records of a block, S slots.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -36,7 +37,7 @@ from reference_trainer.methods.base import Done, Setting
 from reference_trainer.models.adam import Variable, splat_variables
 from reference_trainer.models.axes import one_w
 from reference_trainer.models.blocks import Block, Collinear, Refined, evolve
-from reference_trainer.models.densify import ScreenGradients
+from reference_trainer.models.densify import ScreenGradients, reach_of
 from reference_trainer.models.evolution import Evolution
 from reference_trainer.models.saved import Arrays, taken_number
 from reference_trainer.models.tensors import SplatTensors
@@ -55,12 +56,18 @@ class IntegerLevel:
     Attributes:
         steps: of the level, their numbers multiples of quanta, as the codec rounded them.
         quanta: of what is added, then of psi of each level so far, (K,) each.
+        reach: of the level as it trained in floats (`Frontier`).
     """
 
     def __init__(
-        self, before: EvolutionTree, steps: tuple[Step, ...], quanta: Quanta, device: torch.device
+        self,
+        before: EvolutionTree,
+        steps: tuple[Step, ...],
+        quanta: Quanta,
+        device: torch.device,
+        reach: float = math.inf,
     ) -> None:
-        self.steps, self.quanta = steps, quanta
+        self.steps, self.quanta, self.reach = steps, quanta, reach
         if before.steps:
             self._base, self._columns, self._live = _blocks(before, steps, device)
         else:
@@ -90,7 +97,9 @@ class IntegerLevel:
         coded, quanta = _coded(setting, done)
         steps = tuple(s for s in _in_floats(coded, done.steps) if s.level == level)
         before = EvolutionTree(done.sh_degree, tuple(s for s in done.steps if s.level < level))
-        return IntegerLevel(before, steps, quanta, setting.device)
+        parents = before.leaves().log_scales if level else np.empty((0, 3), np.float32)
+        reach = reach_of(setting.config.frontier.reach, parents)
+        return IntegerLevel(before, steps, quanta, setting.device, reach)
 
     @property
     def n_splats(self) -> int:

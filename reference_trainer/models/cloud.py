@@ -7,6 +7,7 @@ keep everything. Letters: F splats of the foundation, n free ones, N = F + n.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,10 @@ class Cloud:
         growth: how it grows, None for not at all.
         extent: of the cameras, scene units.
         seed: of the places of new splats.
+        reach: they may move as far as rates say.
     """
+
+    reach = math.inf
 
     def __init__(
         self,

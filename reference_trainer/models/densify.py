@@ -1,7 +1,8 @@
-"""Which splats to split or remove: gradients on the screen, and what is of no use."""
+"""Which splats to split or remove: gradients on the screen, and what is of no use; widths."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from torch import Tensor
 from evogs_codec import SplatParams
 from reference_trainer.models.saved import Arrays, taken
 
-__all__ = ["ScreenGradients", "largest", "useless"]
+__all__ = ["ScreenGradients", "largest", "log_widths", "reach_of", "useless"]
 
 Array = npt.NDArray[Any]
 
@@ -69,3 +70,16 @@ def useless(splats: SplatParams, opacity: float, size: float) -> npt.NDArray[np.
     wide = splats.log_scales.max(axis=1) > np.log(size)
     dead: npt.NDArray[np.bool_] = faint | wide | ~splats.finite()
     return dead
+
+
+def log_widths(log_scales: Array) -> Array:
+    """(N,) logarithms of the geometric mean of the two larger standard deviations."""
+    found: Array = np.sort(log_scales, axis=1)[:, 1:].mean(axis=1)
+    return found
+
+
+def reach_of(part: float, log_scales: Array) -> float:
+    """This part of the median width of splats; no limit if it is 0, or without splats."""
+    if not part or not len(log_scales):
+        return math.inf
+    return part * math.exp(np.median(log_widths(log_scales)))

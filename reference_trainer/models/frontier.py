@@ -25,7 +25,7 @@ from reference_trainer.models.blocks import (
     evolve,
     restored,
 )
-from reference_trainer.models.densify import ScreenGradients, largest, useless
+from reference_trainer.models.densify import ScreenGradients, largest, log_widths, reach_of, useless
 from reference_trainer.models.evolution import Evolution
 from reference_trainer.models.saved import Arrays, taken, taken_number
 from reference_trainer.models.split import moment_matched, symmetric
@@ -55,6 +55,7 @@ class Frontier:
         quanta: (D,) in which bits of psi are counted while it trains; None: they cost nothing.
         blocks: in the order in which they change the leaves.
         live: (S,) bool, slots that have a leaf.
+        reach: the most that positions may move in the first steps, scene units.
         has_one_w: of a mixed tree, w of all quaternions is the same, and stays so.
     """
 
@@ -71,6 +72,7 @@ class Frontier:
         self.quanta = quanta
         self.blocks: list[Block] = []
         self.live = np.ones(len(base.means), bool)
+        self.reach = reach_of(growth.reach, base.log_scales.cpu().numpy())
         self.has_one_w = option == "M" and one_w(base)
         self._evolution: Evolution | None = None  # of these blocks and live slots, on GPUs
 
@@ -122,8 +124,8 @@ class Frontier:
         gradients = np.where(dead, -np.inf, scores.mean())
         over = np.flatnonzero(gradients > self.growth.threshold)
         # Large splats first: what their children change is seen in more pixels.
-        log_widths = np.sort(leaves.log_scales[over], axis=1)[:, 1:].mean(axis=1)
-        gains = gradients[over] * np.exp(self.growth.size_power * log_widths)
+        of = log_widths(leaves.log_scales[over])
+        gains = gradients[over] * np.exp(self.growth.size_power * of)
         rows = over[largest(gains, -np.inf, room)]
         if len(rows):
             self._split(slots[rows], leaves.take(rows))

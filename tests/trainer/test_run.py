@@ -263,29 +263,39 @@ def test_levels_of_too_many_photographs_have_one_grid(monkeypatch):
 
 
 @pytest.mark.parametrize("method", ["evogs", "lapis"])
-def test_positions_of_finer_levels_of_a_tree_learn_slower(method, monkeypatch):
+def test_positions_of_small_leaves_move_less(method, monkeypatch):
     seen = []
 
     def watched(training, stage, *rest):
-        seen.append((stage.rates.position, stage.rates.position_final))
+        seen.append((stage.rates.position, stage.rates.position_final, stage.extent))
         train(training, stage, *rest)
 
     monkeypatch.setattr("reference_trainer.run.train", watched)
-    growth = FrontierGrowth(start=1, rounds=1, threshold=0.0, position_part=0.5)
-    config = tiny.config(method=method, frontier=growth)
-    run(config, tiny.pyramid(), backend_for("cpu"))
-    assert len(seen) == config.n_levels
-    rates, is_tree = config.rates, method == "evogs"
-    parts = [0.5**level if is_tree else 1.0 for level in range(config.n_levels)]
-    assert seen == [(part * rates.position, part * rates.position_final) for part in parts]
+    reach, rates = 1e-4, tiny.config().rates
+    growth = FrontierGrowth(start=1, rounds=1, threshold=0.0, reach=reach)
+    config = tiny.config(method=method, frontier=growth, integers=Integers(0.1))
+    tree = run(config, tiny.pyramid(), backend_for("cpu"))
+    assert len(seen) == (4 if method == "evogs" else 2)  # trees train in integers, too
+    widths = np.sort(np.exp(tree.leaves(0).log_scales), axis=1)[:, 1:]
+    slow = reach * np.median(np.sqrt(widths.prod(axis=1))) / seen[0][2]
+    assert slow < rates.position
+    part = slow / rates.position
+    floats = seen[::2] if method == "evogs" else seen
+    parts = [1.0, part if method == "evogs" else 1.0]
+    for (first, last, _), own in zip(floats, parts, strict=True):
+        assert first == pytest.approx(own * rates.position, rel=1e-4)
+        assert last == pytest.approx(own * rates.position_final, rel=1e-4)
+    if method == "evogs":
+        in_integers = [position for position, *_ in seen[1::2]]
+        assert in_integers[1] == pytest.approx(part * in_integers[0], rel=1e-4)
 
 
 def test_the_preset_that_takes_long_has_shifted_grids_but_as_published_it_has_none():
     best = PRESETS["two-cores"]
     assert (best.shifts, best.ssim_weight) == (True, 0.4)
-    frontier = replace(best.frontier, size_power=0.0, position_part=1.0)
+    frontier = replace(best.frontier, size_power=0.0, reach=0.0)
     assert best.frontier.size_power > 0
-    assert best.frontier.position_part < 1
+    assert best.frontier.reach > 0
     plain = replace(best, shifts=False, ssim_weight=0.2, frontier=frontier)
     assert best.as_published() == plain
     for name in ("paper", "quick"):

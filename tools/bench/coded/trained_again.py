@@ -10,7 +10,7 @@ from reference_trainer.config import Config
 from reference_trainer.data.seeding import extent
 from reference_trainer.methods.quantised import IntegerLevel
 from reference_trainer.models.backends import Backend
-from reference_trainer.models.densify import ScreenGradients
+from reference_trainer.models.densify import ScreenGradients, reach_of
 from reference_trainer.run import photographs
 from reference_trainer.train import Stage, Training, train
 from tools.bench.paper.runs import Views
@@ -41,15 +41,17 @@ def trained_again(
         data = views.pyramid[level]
         before = EvolutionTree(tree.sh_degree, steps)
         own = tuple(step for step in tree.steps if step.level == level)
-        model = IntegerLevel(before, own, tree.quanta[: 2 + level], backend.device)
+        reach = reach_of(config.frontier.reach, before.leaves().log_scales)
+        model = IntegerLevel(before, own, tree.quanta[: 2 + level], backend.device, reach)
+        around = extent(data.train)
         stage = Stage(
             photographs(scales, level, config, shifts=config.shifts),
             data.background,
-            extent(data.train),
+            around,
             iterations,
             model.n_splats,
             (config.seed, level, AGAIN),
-            config.integers.rates(config.rates),
+            config.integers.rates(config.rates.at_most(reach / around)),
         )
         training = Training(model, ScreenGradients(model.n_splats, backend.device))
         train(training, stage, config, backend, _nothing)
