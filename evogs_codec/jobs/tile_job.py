@@ -23,7 +23,7 @@ from evogs_codec.encoding.packet_order import gains_of_tile
 from evogs_codec.encoding.palette_worth import bits_of_picks, bits_of_psi
 from evogs_codec.encoding.prepared import Prepared
 from evogs_codec.encoding.quantise import tiles_on
-from evogs_codec.encoding.sensitivity import SEEN, SEEN_OF_CIRCLE, Importance
+from evogs_codec.encoding.sensitivity import SEEN_OF_CIRCLE, Importance
 from evogs_codec.encoding.settings import Settings
 from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.encoding.write import write
@@ -59,6 +59,7 @@ ALPHAS = 4096  # of a level and group that a survey keeps
 # What it costs to move a splat by its own size, in prices of a bit before the factor of an effort:
 # few are moved by a third of it.
 KEEP = 10.0
+SEEN = 0.99  # as of `sensitivity`, which has less: positions that no view shows have `KEEP`, too
 
 
 @dataclass(frozen=True)
