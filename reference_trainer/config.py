@@ -64,8 +64,10 @@ class Rates:
     cool_span: float = 0.3
 
     def at_most(self, position: float) -> Rates:
-        """With both rates of positions times as much as makes the first at most this."""
-        part = min(1.0, position / self.position)
+        """With the first rate of positions at most this, and the last one lowered as much."""
+        if position >= self.position:
+            return self
+        part = position / self.position
         return replace(
             self, position=part * self.position, position_final=part * self.position_final
         )
@@ -119,9 +121,9 @@ class FrontierGrowth:
         size_power: leaves of the largest gradients are split first. Gradients are multiplied by
             this power of the width of a leaf, the geometric mean of its two larger standard
             deviations. In the paper they are not.
-        reach: where the first rate of positions is more than this part of the median width of the
-            leaves before the level, both rates are lowered: splats of fine levels are small. 0
-            for never, as in the paper.
+        first_step: where the first rate of positions is more than this part of the median width
+            of the leaves before the level, both rates are lowered: splats of fine levels are
+            small. 0 for never, as in the paper.
         distance: children sit this many standard deviations from their parent.
         prune_opacity, prune_scale: as in `CloudGrowth`.
     """
@@ -134,7 +136,7 @@ class FrontierGrowth:
     all_alphas: bool = False
     threshold: float = 2e-4
     size_power: float = 0.0
-    reach: float = 0.0
+    first_step: float = 0.0
     distance: float = 0.3
     prune_opacity: float = 0.005
     prune_scale: float = 0.1
@@ -245,7 +247,9 @@ class Config:
         """With the loss and photographs of 3DGS, and trees that grow and learn as published."""
         plain = Config()
         frontier = replace(
-            self.frontier, size_power=plain.frontier.size_power, reach=plain.frontier.reach
+            self.frontier,
+            size_power=plain.frontier.size_power,
+            first_step=plain.frontier.first_step,
         )
         return replace(self, ssim_weight=plain.ssim_weight, shifts=plain.shifts, frontier=frontier)
 
@@ -283,7 +287,7 @@ _TWO_CORES = Config(
     shifts=True,
     # Fills the budget whatever the gradients, and early: what is not split does not learn.
     frontier=FrontierGrowth(
-        threshold=0.0, size_power=0.5, reach=0.15, rounds=3, stop=0.25, haste=0.25
+        threshold=0.0, size_power=0.5, first_step=0.15, rounds=3, stop=0.25, haste=0.25
     ),
     integers=Integers(part=0.15),
 )

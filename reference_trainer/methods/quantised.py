@@ -98,7 +98,7 @@ class IntegerLevel:
         steps = tuple(s for s in _in_floats(coded, done.steps) if s.level == level)
         before = EvolutionTree(done.sh_degree, tuple(s for s in done.steps if s.level < level))
         parents = before.leaves().log_scales if level else np.empty((0, 3), np.float32)
-        reach = reach_of(setting.config.frontier.reach, parents)
+        reach = reach_of(setting.config.frontier.first_step, parents)
         return IntegerLevel(before, steps, quanta, setting.device, reach)
 
     @property

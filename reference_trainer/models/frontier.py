@@ -72,7 +72,7 @@ class Frontier:
         self.quanta = quanta
         self.blocks: list[Block] = []
         self.live = np.ones(len(base.means), bool)
-        self.reach = reach_of(growth.reach, base.log_scales.cpu().numpy())
+        self.reach = reach_of(growth.first_step, base.log_scales.cpu().numpy())
         self.has_one_w = option == "M" and one_w(base)
         self._evolution: Evolution | None = None  # of these blocks and live slots, on GPUs
 

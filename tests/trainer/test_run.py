@@ -271,13 +271,13 @@ def test_positions_of_small_leaves_move_less(method, monkeypatch):
         train(training, stage, *rest)
 
     monkeypatch.setattr("reference_trainer.run.train", watched)
-    reach, rates = 1e-4, tiny.config().rates
-    growth = FrontierGrowth(start=1, rounds=1, threshold=0.0, reach=reach)
+    first_step, rates = 1e-4, tiny.config().rates
+    growth = FrontierGrowth(start=1, rounds=1, threshold=0.0, first_step=first_step)
     config = tiny.config(method=method, frontier=growth, integers=Integers(0.1))
     tree = run(config, tiny.pyramid(), backend_for("cpu"))
     assert len(seen) == (4 if method == "evogs" else 2)  # trees train in integers, too
     widths = np.sort(np.exp(tree.leaves(0).log_scales), axis=1)[:, 1:]
-    slow = reach * np.median(np.sqrt(widths.prod(axis=1))) / seen[0][2]
+    slow = first_step * np.median(np.sqrt(widths.prod(axis=1))) / seen[0][2]
     assert slow < rates.position
     part = slow / rates.position
     floats = seen[::2] if method == "evogs" else seen
@@ -293,9 +293,9 @@ def test_positions_of_small_leaves_move_less(method, monkeypatch):
 def test_the_preset_that_takes_long_has_shifted_grids_but_as_published_it_has_none():
     best = PRESETS["two-cores"]
     assert (best.shifts, best.ssim_weight) == (True, 0.4)
-    frontier = replace(best.frontier, size_power=0.0, reach=0.0)
+    frontier = replace(best.frontier, size_power=0.0, first_step=0.0)
     assert best.frontier.size_power > 0
-    assert best.frontier.reach > 0
+    assert best.frontier.first_step > 0
     plain = replace(best, shifts=False, ssim_weight=0.2, frontier=frontier)
     assert best.as_published() == plain
     for name in ("paper", "quick"):

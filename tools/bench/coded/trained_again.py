@@ -41,7 +41,7 @@ def trained_again(
         data = views.pyramid[level]
         before = EvolutionTree(tree.sh_degree, steps)
         own = tuple(step for step in tree.steps if step.level == level)
-        reach = reach_of(config.frontier.reach, before.leaves().log_scales)
+        reach = reach_of(config.frontier.first_step, before.leaves().log_scales)
         model = IntegerLevel(before, own, tree.quanta[: 2 + level], backend.device, reach)
         around = extent(data.train)
         stage = Stage(
