@@ -45,16 +45,20 @@ __all__ = [
 
 MAX_LAYERS = 8
 N_LAYERS = 2  # by default
-RATIO = 128.0  # of the price of a bit, from a layer to the next: about 20 dB; by default
+RATIO = 256.0  # of the price of a bit, from a layer to the next: about 20 dB; by default
 FINER = 2.8  # than of psi of one leaf: steps of what siblings share, whose errors meet
 BETWEEN = 48.0  # the same between later layers, where `scene.steady` adds a third
 EVEN = 0.5  # power of the weights of leaves in layers before the last: see `_evened`
+# So many times what a bit of an SH band above 0 is worth in layers before the last: at coarse steps
+# such numbers are 0 in most splats, so the errors of all add up.
+EARLY_SH = 4.0
 PARTS, LEAST = 16, 2048  # steps of a layer of a tile at most, and leaves of each at least
-# Likewise, where each part makes its own room, in a step of its own: of one tile at most; and of a
-# stream of several tiles, of all of them together, but of each tile at least.
-LATE_PARTS, ALL_PARTS, FEW_PARTS = 10, 24, 6
+# Likewise, where each part makes its own room, in a step of its own: of one tile of two layers at
+# most, and of more layers; and of a stream of several tiles, of all of them together, but of each
+# tile at least.
+LATE_PARTS, LATER_PARTS, ALL_PARTS, FEW_PARTS = 10, 8, 16, 4
 # Bits of a number of a leaf of mean weight, and at least, about: parts have as many bytes each.
-BITS, FEWEST_BITS = 4.0, 0.25
+BITS, FEWEST_BITS = 2.0, 0.25
 # Leaves of neighbouring ancestors are in the same step, since siblings need each other: so many at
 # least, and so many families of them in a tile at most.
 FAMILY, FAMILIES = 256, 256
@@ -112,7 +116,8 @@ class _Tile:
         born_from, live = tile.lineage()
         ancestors = first_ancestors(born_from)
         slots: I64 = np.flatnonzero(live)
-        late_parts = min(LATE_PARTS, max(FEW_PARTS, ALL_PARTS // n_tiles))
+        most = LATE_PARTS if layering.n == 2 else LATER_PARTS
+        late_parts = min(most, max(FEW_PARTS, ALL_PARTS // n_tiles))
         rows = _parts(weights, ancestors[slots], late_parts if is_late else PARTS)
         late = order = None
         if is_late:
@@ -174,6 +179,16 @@ class Layered:
             for tile, weights in zip(self.plain, self.importance.leaves, strict=True)
         ]
 
+    @cached_property
+    def _early(self) -> Importance:
+        """That of layers before the last."""
+        times = np.ones(self.importance.means.shape[1], np.float32)
+        times[N_GROUPS:] = EARLY_SH
+        return self.importance.times(times)
+
+    def _importance_of(self, layer: int) -> Importance:
+        return self.importance if layer == self.layering.n - 1 else self._early
+
     @property
     def coarse_tiles(self) -> list[EvolutionTree]:
         """With the steps of the first layer."""
@@ -186,7 +201,9 @@ class Layered:
         """What `weights` are of the steps of `coarse_tiles`."""
         part = price / self.layering.prices(price)[0]
         found = []
-        for tile, own in zip(self.plain, self.importance.raised(price / part, extent), strict=True):
+        for tile, own in zip(
+            self.plain, self._importance_of(0).raised(price / part, extent), strict=True
+        ):
             first = own[: _n_until(tile, self.n_coarse)]
             found.append([weights and weights.times(np.float32(part)) for weights in first])
         return found
@@ -218,10 +235,10 @@ class Layered:
         them: what a coarse step of that level leaves is then a whole number of the finer ones.
         """
         first, *others = self.layering.prices(price)
-        table = self.importance.steps(first, extent)[: 1 + self.n_coarse]
+        table = self._importance_of(0).steps(first, extent)[: 1 + self.n_coarse]
         rows = [table]
-        for other in others:
-            wanted = self.importance.steps_of_leaves(other, extent) / FINER
+        for layer, other in enumerate(others, start=1):
+            wanted = self._importance_of(layer).steps_of_leaves(other, extent) / FINER
             rows.append(over_odd(table[-1], wanted)[None])
         found: F64 = np.concatenate(rows)
         if self.importance.entries is not None:
@@ -232,7 +249,10 @@ class Layered:
     def weights(self, price: float, extent: float) -> list[list[StepWeights | None]]:
         """What errors are worth at this price, per step of each tile: less in coarse layers."""
         factors = [price / other for other in self.layering.prices(price)[1:]]
-        leaves = [self.importance.raised_leaves(price / factor, extent) for factor in factors]
+        leaves = [
+            self._importance_of(layer).raised_leaves(price / factor, extent)
+            for layer, factor in enumerate(factors, start=1)
+        ]
         found = self.coarse_weights(price, extent)
         for number, tile in enumerate(self.of_tiles):
             own = found[number]

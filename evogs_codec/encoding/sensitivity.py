@@ -67,8 +67,8 @@ class StepWeights:
     new: F32
     siblings: Siblings | None = None
 
-    def times(self, factor: np.float32) -> StepWeights:
-        """All weights times a number."""
+    def times(self, factor: np.float32 | F32) -> StepWeights:
+        """All weights times a number, or times those of their classes (K, 1)."""
         return replace(self, targets=self.targets * factor, new=self.new * factor)
 
     def more(self, lack: F32) -> StepWeights:
@@ -127,6 +127,19 @@ class Importance:
         of_bands = np.broadcast_to(entries.mean(1), (1 + n_levels, len(entries)))
         means = np.concatenate([means, of_bands], axis=1)
         return Importance(weights, means, tuple(cuts[-1]), entries, seen)
+
+    def times(self, factors: F32) -> Importance:
+        """All weights times those of their classes (K,); of entries the means alone."""
+        column = factors[:, None]
+        return replace(
+            self,
+            weights=tuple(
+                tuple(w and w.times(column[: len(w.targets)]) for w in steps)
+                for steps in self.weights
+            ),
+            means=self.means * factors,
+            leaves=tuple(weights * column[: len(weights)] for weights in self.leaves),
+        )
 
     def steps(self, price: float, extent: float) -> F64:
         """(1 + n_levels, K) steps at which a bit more saves `price` of mean squared error.

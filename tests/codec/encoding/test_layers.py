@@ -22,9 +22,18 @@ from evogs_codec import (
 )
 from evogs_codec.editing.read_tree import read_coded_tree
 from evogs_codec.encoding.arrange import arrange
-from evogs_codec.encoding.layers import EVEN, FINER, MAX_LAYERS, Layered, Layering, _parts
+from evogs_codec.encoding.layers import (
+    EARLY_SH,
+    EVEN,
+    FINER,
+    MAX_LAYERS,
+    Layered,
+    Layering,
+    _parts,
+)
 from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.encoding.write import write
+from evogs_codec.model.channels import N_GROUPS
 from evogs_codec.model.tree import Kind
 from evogs_codec.render.demo_scene import make_scene
 from tests.support.layered import (
@@ -121,12 +130,16 @@ def test_weights_far_apart_make_no_more_parts_than_there_may_be():
     assert_array_equal(np.sort(np.concatenate(parts)), ancestors)
 
 
-@pytest.mark.parametrize(("n_elsewhere", "n_parts"), [(0, 10), (2, 8), (99, 6)])
-def test_late_levels_of_streams_of_many_tiles_have_fewer_parts(monkeypatch, n_elsewhere, n_parts):
+@pytest.mark.parametrize(
+    ("n_elsewhere", "n_layers", "n_parts"), [(0, 2, 10), (0, 3, 8), (2, 2, 5), (99, 3, 4)]
+)
+def test_late_levels_of_streams_of_many_tiles_or_layers_have_fewer_parts(
+    monkeypatch, n_elsewhere, n_layers, n_parts
+):
     tiles, found = layered(many()[0], 2)
     for name in ("LEAST", "FAMILY"):
         monkeypatch.setattr(f"evogs_codec.encoding.layers.{name}", 16)
-    layering = Layering(2, is_late=True)
+    layering = Layering(n_layers, is_late=True)
     late = Layered(tiles, N_LEVELS - 1, found.importance, layering, n_elsewhere)
     (tile,) = late.of_tiles
     assert len(tile.leaves) == n_parts
@@ -182,7 +195,8 @@ def test_layers_between_weigh_leaves_more_alike_than_the_last_with_the_same_mean
     assert between is not None
     assert last is not None
     np.testing.assert_allclose(last.targets, weights[:, rows], rtol=1e-5)
-    np.testing.assert_allclose(between.targets.mean(1), weights.mean(1) / 10, rtol=1e-3)
+    early = np.where(np.arange(len(weights)) < N_GROUPS, 1, EARLY_SH)
+    np.testing.assert_allclose(between.targets.mean(1), early * weights.mean(1) / 10, rtol=1e-3)
     spreads = [np.log(own.targets).std(axis=1) for own in (between, last)]
     np.testing.assert_allclose(spreads[0], EVEN * spreads[1], rtol=1e-3)
 
