@@ -58,7 +58,7 @@ PARTS, LEAST = 16, 2048  # steps of a layer of a tile at most, and leaves of eac
 # tile at least.
 LATE_PARTS, LATER_PARTS, ALL_PARTS, FEW_PARTS = 10, 8, 16, 4
 # Bits of a number of a leaf of mean weight, and at least, about: parts have as many bytes each.
-BITS, FEWEST_BITS = 2.0, 0.25
+BITS, FEWEST_BITS = 4.0, 0.25
 # Leaves of neighbouring ancestors are in the same step, since siblings need each other: so many at
 # least, and so many families of them in a tile at most.
 FAMILY, FAMILIES = 256, 256

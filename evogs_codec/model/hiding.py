@@ -8,7 +8,7 @@ from evogs_codec.model.splats import F64
 
 __all__ = ["hiding"]
 
-HIDES, HIDDEN = -12.5, -7.0  # the same for most, since that takes few bits; and low enough for all
+HIDES, HIDDEN = -14.0, -8.0  # the same for most, since that takes few bits; and low enough for all
 
 
 def hiding(logits: F64) -> F64:
