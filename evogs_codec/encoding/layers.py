@@ -45,12 +45,12 @@ __all__ = [
 
 MAX_LAYERS = 8
 N_LAYERS = 2  # by default
-RATIO = 256.0  # of the price of a bit, from a layer to the next: about 20 dB; by default
+RATIO = 192.0  # of the price of a bit, from a layer to the next: about 20 dB; by default
 FINER = 2.8  # than of psi of one leaf: steps of what siblings share, whose errors meet
 BETWEEN = 48.0  # the same between later layers, where `scene.steady` adds a third
 EVEN = 0.5  # power of the weights of leaves in layers before the last: see `_evened`
-# So many times what a bit of an SH band above 0 is worth in layers before the last: at coarse steps
-# such numbers are 0 in most splats, so the errors of all add up.
+# Of three layers and more, so many times the weights of SH bands above 0 in layers before the last:
+# at coarse steps such numbers are 0 in most splats, so the errors of all add up.
 EARLY_SH = 4.0
 PARTS, LEAST = 16, 2048  # steps of a layer of a tile at most, and leaves of each at least
 # Likewise, where each part makes its own room, in a step of its own: of one tile of two layers at
@@ -182,6 +182,8 @@ class Layered:
     @cached_property
     def _early(self) -> Importance:
         """That of layers before the last."""
+        if self.layering.n <= N_LAYERS:  # coarse splats are few bytes: nothing is gained
+            return self.importance
         times = np.ones(self.importance.means.shape[1], np.float32)
         times[N_GROUPS:] = EARLY_SH
         return self.importance.times(times)
