@@ -81,7 +81,7 @@ def test_several_tiles(n_tiles):
     found = decode(data, verify=True)
     assert len(found.directory.tiles) == n_tiles
     assert found.n_leaves == 400
-    assert psnr(data) == pytest.approx(psnr(one), abs=3)
+    assert psnr(data) > psnr(one) - 3  # of few splats it jumps: they may look better by more
 
 
 def test_a_tree_of_one_level():
