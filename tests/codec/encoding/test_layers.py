@@ -146,18 +146,12 @@ def test_late_levels_of_streams_of_many_tiles_or_layers_have_fewer_parts(
 
 
 @pytest.mark.thorough
-def test_parts_of_a_layer_have_about_as_many_bytes_each(monkeypatch):
+def test_parts_of_a_layer_have_about_as_many_bytes_each():
     """Important leaves take more bits: parts of as many leaves have up to 1.6 times the mean."""
-
-    def spread():
-        directory = read_directory(at_a_price(lift(make_scene(20_000), N_LEVELS), layers=2))
-        sizes = [int(packet["size"]) for packet in directory.packets if packet["level"] == N_LEVELS]
-        assert len(sizes) >= 9
-        return max(sizes) / np.mean(sizes)
-
-    by_bits = spread()
-    monkeypatch.setattr("evogs_codec.encoding.layers.BITS", 1e9)  # of all leaves alike
-    assert by_bits <= 0.85 * spread()
+    directory = read_directory(at_a_price(lift(make_scene(20_000), N_LEVELS), layers=2))
+    sizes = [int(packet["size"]) for packet in directory.packets if packet["level"] == N_LEVELS]
+    assert len(sizes) >= 9
+    assert max(sizes) <= 1.3 * np.mean(sizes)
 
 
 @pytest.mark.parametrize("seed", range(3))

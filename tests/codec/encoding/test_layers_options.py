@@ -76,12 +76,13 @@ def test_a_scene_with_a_palette_meets_its_target_in_layers(layers):
 
 @pytest.mark.parametrize("n_tiles", [2, pytest.param(5, marks=pytest.mark.thorough)])
 def test_several_tiles(n_tiles):
-    one = at_a_price(scene()[0], 2)
-    data = at_a_price(scene()[0], 2, n_tiles=n_tiles)
+    price = 1e-9  # about 48 dB: at 54 dB and more one pixel of these views moves a PSNR by 5 dB
+    one = at_a_price(scene()[0], 2, price)
+    data = at_a_price(scene()[0], 2, price, n_tiles=n_tiles)
     found = decode(data, verify=True)
     assert len(found.directory.tiles) == n_tiles
     assert found.n_leaves == 400
-    assert psnr(data) > psnr(one) - 3  # of few splats it jumps: they may look better by more
+    assert psnr(data) == pytest.approx(psnr(one), abs=1)
 
 
 def test_a_tree_of_one_level():
