@@ -51,7 +51,7 @@ BETWEEN = 48.0  # the same between later layers, where `scene.steady` adds a thi
 EVEN = 0.5  # power of the weights of leaves in layers before the last: see `_evened`
 # Of three layers and more, so many times the weights of SH bands above 0 in layers before the last:
 # at coarse steps such numbers are 0 in most splats, so the errors of all add up.
-EARLY_SH = 4.0
+EARLY_SH = 2.0
 PARTS, LEAST = 16, 2048  # steps of a layer of a tile at most, and leaves of each at least
 # Likewise, where each part makes its own room, in a step of its own: of one tile of two layers at
 # most, and of more layers; and of a stream of several tiles, of all of them together, but of each
