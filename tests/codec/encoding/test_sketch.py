@@ -22,9 +22,9 @@ N = 1500
 PRICE = 4e-6 / N
 
 
-def aim_of(**more):
+def aim_of(width=60, n_views=4, **more):
     splats = make_scene(N)
-    views = Views(splats, cameras_around(splats, "z", 60, n=4))
+    views = Views(splats, cameras_around(splats, "z", width, n=n_views))
     return TargetEncoder(lift(splats, 3), PRESETS["scene"], views, **more)
 
 
@@ -67,9 +67,11 @@ def test_a_sketch_of_a_tree_with_steps_held_back_has_its_families(monkeypatch):
 
 def test_a_search_begins_near_its_target(monkeypatch):
     monkeypatch.setattr(sketch, "LEAST", N // 2)
-    aim = aim_of(layers=2)
-    guess = aim.guess_of_psnr(40.0, PRICE)
-    assert aim.psnr(aim.at_price(guess.price)) == pytest.approx(40.0, abs=0.5)
+    # In fewer pixels the PSNR of the streams themselves is rough: 0.5 dB between prices 3 % apart.
+    aim = aim_of(width=100, n_views=12, layers=2)
+    for target in (38.0, 40.0, 42.0):
+        guess = aim.guess_of_psnr(target, PRICE)
+        assert aim.psnr(aim.at_price(guess.price)) == pytest.approx(target, abs=0.5)
     guess = aim.guess_of_bytes(20_000, PRICE)
     assert len(aim.at_price(guess.price)) == pytest.approx(20_000, rel=0.05)
     assert aim.guess_of_psnr(1e6, PRICE).price == pytest.approx(1e-18)  # an end of the range
