@@ -67,6 +67,12 @@ class Guess:
     price: float
     slope: float
 
+    def at_target(self, target: float, value: float) -> Guess:
+        """Where the target is, if the value is what it is here."""
+        low, high = map(math.log, PRICES)
+        at = math.log(self.price) + (target - value) / self.slope
+        return replace(self, price=math.exp(min(max(at, low), high)))
+
 
 @dataclass(frozen=True)
 class TargetEncoder(Aim):
@@ -199,53 +205,24 @@ class TargetEncoder(Aim):
         return met[0] if len(met) == 1 else max(met, key=lambda one: self.psnr(one.what))
 
     def guess_of_psnr(self, decibels: float, near: float) -> Guess:
-        """Where `nearest_psnr` may begin: by a sketch, and by one stream that is drawn.
+        """Where `nearest_psnr` may begin, by a sketch; `nearer` makes it better.
 
         Args:
             decibels: the target.
             near: a price of a bit to begin with.
         """
+        return _guess(Sketch.of(self.prepared).psnr, decibels, NEAR_SLOPE, near)
 
-        def real(price: float) -> float:
-            return self._psnr_of(self.prepared.coded(price))
-
-        sketch = Sketch.of(self.prepared)
-        return self._guess(sketch.psnr, real, decibels, NEAR_SLOPE, near)
+    def nearer(self, guess: Guess, decibels: float, coded: CodedTree) -> Guess:
+        """A better one, by the PSNR of what is coded at the price of a guess."""
+        return replace(guess, slope=NEAR_SLOPE).at_target(decibels, self._psnr_of(coded))
 
     def guess_of_bytes(self, n_bytes: int, near: float) -> Guess:
-        """Where `nearest_bytes` may begin: by a sketch, and by one stream; likewise."""
-
-        def real(price: float) -> float:
-            return math.log(len(self.written(self.prepared.coded(price))))
-
-        sketch = Sketch.of(self.prepared)
+        """Where `nearest_bytes` may begin, by a sketch, and by one stream; likewise."""
         target = math.log(n_bytes) - BYTES_SLACK
-        return self._guess(sketch.log_bytes, real, target, BYTES_SLOPE, near)
-
-    def _guess(
-        self,
-        rough: Callable[[float], float],
-        real: Callable[[float], float],
-        target: float,
-        slope: float,
-        near: float,
-    ) -> Guess:
-        """By a sketch's rough values, and by how far it is off where it has the target."""
-        low, high = map(math.log, PRICES)
-
-        def at_target(at: float, value: float) -> float:
-            return min(max(at + (target - value) / slope, low), high)
-
-        at, before = math.log(near), None
-        for _ in range(GUESSES):
-            value = rough(math.exp(at))
-            if before is not None and (before[1] - value) * (before[0] - at) < 0:
-                slope = (before[1] - value) / (before[0] - at)
-            before = at, value
-            at = at_target(*before)
-            if abs(at - before[0]) <= NEAR:
-                break
-        return Guess(math.exp(at_target(at, real(math.exp(at)))), slope)
+        guess = _guess(Sketch.of(self.prepared).log_bytes, target, BYTES_SLOPE, near)
+        data = self.written(self.prepared.coded(guess.price))
+        return guess.at_target(target, math.log(len(data)))
 
     def guessing(self, guess: Guess) -> TargetEncoder:
         """The same that begins there; nothing is drawn again."""
@@ -371,6 +348,20 @@ class TargetEncoder(Aim):
     def written(self, coded: CodedTree) -> bytes:
         """The stream of a coded tree, with digests."""
         return write(coded, effort=self.settings.effort, progress=self.progress)
+
+
+def _guess(rough: Callable[[float], float], target: float, slope: float, near: float) -> Guess:
+    """By a sketch's rough values at some prices."""
+    guess, before = Guess(near, slope), None
+    for _ in range(GUESSES):
+        at, value = math.log(guess.price), rough(guess.price)
+        if before is not None and (before[1] - value) * (before[0] - at) < 0:
+            slope = (before[1] - value) / (before[0] - at)
+        before = at, value
+        guess = replace(guess, slope=slope).at_target(target, value)
+        if abs(math.log(guess.price) - at) <= NEAR:
+            break
+    return guess
 
 
 def psnr_reached(least: float, most: float, about: str = "") -> str:

@@ -123,22 +123,37 @@ class FoundStream:
         """
         if self.stream is not None:
             return StreamPrefixes(self.stream)
-        return self._draft(is_whole=True) if is_whole else self._coarse
+        return self._whole if is_whole else self._coarse
+
+    def nearer(self) -> FoundStream:
+        """At a price at which its PSNR is nearer to what it aims at, by that of a draft.
+
+        Itself if it is made, or aims at none.
+        """
+        if self.stream is not None or self.psnr is None:
+            return self
+        assert self.aim is not None, "it aims at a PSNR"
+        assert self.aim.guess is not None, "what aims at a PSNR and is not made begins with one"
+        guess = self.aim.nearer(self.aim.guess, self.psnr, self._whole.tree)
+        return replace(self, aim=self.aim.guessing(guess), price=guess.price)
 
     @property
     def _layered(self) -> Layered | None:
         return None if self.aim is None else self.aim.prepared.layered
 
     @cached_property
-    def _coarse(self) -> Prefixes[Any]:
-        return self._draft(is_whole=False)
-
-    def _draft(self, *, is_whole: bool) -> Prefixes[Any]:
+    def _coarse(self) -> TreePrefixes:
+        if not self.is_layered:
+            return self._whole
         assert self.aim is not None, "it is by views"
         assert self.price is not None, "it is by views"
-        prepared = self.aim.prepared
-        has_more = prepared.layered is not None and not is_whole
-        return TreePrefixes((prepared.coarse if has_more else prepared.coded)(self.price))
+        return TreePrefixes(self.aim.prepared.coarse(self.price))
+
+    @cached_property
+    def _whole(self) -> TreePrefixes:
+        assert self.aim is not None, "it is by views"
+        assert self.price is not None, "it is by views"
+        return TreePrefixes(self.aim.prepared.coded(self.price))
 
     def warn_of_span(self) -> None:
         """Warn where values span so much that they are coarser than views ask."""

@@ -76,6 +76,7 @@ def _steadied(found: FoundStream, views: Views, request: Request) -> FoundStream
     met = found  # the last that is known to meet a target, or else the first
     if found.psnr is not None:  # a third layer takes bytes
         found = mending.with_three_layers(found, found.psnr) or found
+    found = found.nearer()
     try:
         for _ in range(TRIES):
             again = mending.mended(found)

@@ -70,7 +70,8 @@ def test_a_search_begins_near_its_target(monkeypatch):
     # In fewer pixels the PSNR of the streams themselves is rough: 0.5 dB between prices 3 % apart.
     aim = aim_of(width=100, n_views=12, layers=2)
     for target in (38.0, 40.0, 42.0):
-        guess = aim.guess_of_psnr(target, PRICE)
+        rough = aim.guess_of_psnr(target, PRICE)
+        guess = aim.nearer(rough, target, aim.prepared.coded(rough.price))
         assert aim.psnr(aim.at_price(guess.price)) == pytest.approx(target, abs=0.5)
     guess = aim.guess_of_bytes(20_000, PRICE)
     assert len(aim.at_price(guess.price)) == pytest.approx(20_000, rel=0.05)
