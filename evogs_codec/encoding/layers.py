@@ -182,14 +182,17 @@ class Layered:
     @cached_property
     def _early(self) -> Importance:
         """That of layers before the last."""
-        if self.layering.n <= N_LAYERS:  # coarse splats are few bytes: nothing is gained
+        if (
+            self.layering.n <= N_LAYERS or self.importance.missed is not None
+        ):  # coarse splats are few bytes: nothing is gained
             return self.importance
         times = np.ones(self.importance.means.shape[1], np.float32)
         times[N_GROUPS:] = EARLY_SH
         return self.importance.times(times)
 
-    def _importance_of(self, layer: int) -> Importance:
-        return self.importance if layer == self.layering.n - 1 else self._early
+    def _importance_of(self, layer: int, price: float) -> Importance:
+        found = self.importance if layer == self.layering.n - 1 else self._early
+        return found.at(price)
 
     @property
     def coarse_tiles(self) -> list[EvolutionTree]:
@@ -204,7 +207,9 @@ class Layered:
         part = price / self.layering.prices(price)[0]
         found = []
         for tile, own in zip(
-            self.plain, self._importance_of(0).raised(price / part, extent), strict=True
+            self.plain,
+            self._importance_of(0, price / part).raised(price / part, extent),
+            strict=True,
         ):
             first = own[: _n_until(tile, self.n_coarse)]
             found.append([weights and weights.times(np.float32(part)) for weights in first])
@@ -237,22 +242,22 @@ class Layered:
         them: what a coarse step of that level leaves is then a whole number of the finer ones.
         """
         first, *others = self.layering.prices(price)
-        table = self._importance_of(0).steps(first, extent)[: 1 + self.n_coarse]
+        table = self._importance_of(0, first).steps(first, extent)[: 1 + self.n_coarse]
         rows = [table]
         for layer, other in enumerate(others, start=1):
-            wanted = self._importance_of(layer).steps_of_leaves(other, extent) / FINER
+            wanted = self._importance_of(layer, other).steps_of_leaves(other, extent) / FINER
             rows.append(over_odd(table[-1], wanted)[None])
         found: F64 = np.concatenate(rows)
         if self.importance.entries is not None:
             # No layer refines the entries of a palette: their steps are those of one layer.
-            found[:, N_GROUPS:] = self.importance.steps(price, extent)[0, N_GROUPS:]
+            found[:, N_GROUPS:] = self.importance.at(price).steps(price, extent)[0, N_GROUPS:]
         return found
 
     def weights(self, price: float, extent: float) -> list[list[StepWeights | None]]:
         """What errors are worth at this price, per step of each tile: less in coarse layers."""
         factors = [price / other for other in self.layering.prices(price)[1:]]
         leaves = [
-            self._importance_of(layer).raised_leaves(price / factor, extent)
+            self._importance_of(layer, price / factor).raised_leaves(price / factor, extent)
             for layer, factor in enumerate(factors, start=1)
         ]
         found = self.coarse_weights(price, extent)

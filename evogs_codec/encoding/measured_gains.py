@@ -18,7 +18,7 @@ from evogs_codec.model.coded_tree import CodedTree
 from evogs_codec.model.splats import F32, F64, SplatParams
 from evogs_codec.model.tree import EvolutionTree
 
-__all__ = ["ORDERING_VIEWS", "MeasuredGains", "Pictures", "Telling", "nothing_of"]
+__all__ = ["ORDERING_VIEWS", "MeasuredGains", "Pictures", "Telling", "nothing_of", "psnr_of_sh"]
 
 ORDERING_VIEWS = 6  # enough to put packets in order
 LEAST = 1e-12  # mean squared error that anything gains, so that its estimates still order it
@@ -86,7 +86,7 @@ class MeasuredGains:
             shown = [pictures.psnr(cut) for cut in (nothing_of(leaves), *coarse)]
         degrees = range(tree.sh_degree if tree.palette is None else 1)
         plain = (leaves.sh[:, : (k + 1) ** 2] for k in degrees)
-        found = _psnr_of_sh(pictures, leaves, chain(plain, _early_sh(tree) if degrees else ()))
+        found = psnr_of_sh(pictures, leaves, chain(plain, _early_sh(tree) if degrees else ()))
         bands, early = [*islice(found, len(degrees))], [*found]
         return MeasuredGains(
             -np.diff(_errors(shown)),
@@ -120,8 +120,8 @@ class MeasuredGains:
         return replace(tree, tiles=tuple(tiles))
 
 
-def _psnr_of_sh(pictures: Pictures, splats: SplatParams, each: Iterable[F32]) -> Iterator[float]:
-    """PSNR of splats with each SH in place of theirs."""
+def psnr_of_sh(pictures: Pictures, splats: SplatParams, each: Iterable[F32]) -> Iterator[float]:
+    """PSNR of splats with each SH (N, K, 3) in place of theirs, dB."""
     if isinstance(pictures, Recolouring):
         return pictures.psnr_of_sh(splats, each)
     return (pictures.psnr(replace(splats, sh=sh)) for sh in each)

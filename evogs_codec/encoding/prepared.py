@@ -42,6 +42,7 @@ class Aim:
             they stand for: `TargetEncoder.within` adds it to the error of the stream.
         ordering: a few views by which packets are put in order, where those that are drawn for the
             sensitivity do not tell; `views` by default.
+        measuring: a few views by which is measured what estimates miss; None: it is not.
         by_leaves: only the last level is drawn, and only for what its numbers are worth.
         seen: part of the worth of a number that the views decide.
         n_tiles, info, progress: as of `encode`.
@@ -55,6 +56,7 @@ class Aim:
     layers: int = 1
     leaf_error: tuple[float, ...] = (0.0,) * len(GROUPS)
     ordering: Pictures | None = None
+    measuring: Pictures | None = None
     by_leaves: bool = False
     seen: float = SEEN
     n_tiles: int | None = None
@@ -77,15 +79,19 @@ class Prepared:
         report = aim.progress or no_progress
         report("arrange", 0.0)
         self.tiles = arrange(aim.tree, aim.n_tiles or default_tiles(aim.tree.n_leaves))
+        self.ranges = Ranges.of(self.tiles, self.n_levels)
         self.importance = self.gains = self.layered = None
         if aim.views is not None:
             report("draw", 0.0)
             self.importance, self.gains = _drawn(aim, aim.views, self.tiles, self.n_levels)
+            if aim.measuring is not None and aim.tree.n_leaves:
+                self.importance = self.importance.measured(
+                    self.tiles, aim.measuring, self.ranges.extent
+                )
             if aim.layers > 1 and aim.tree.n_leaves:
                 self.layered = Layered.of(
                     self.tiles, self.n_levels, self.importance, Layering(aim.layers)
                 )
-        self.ranges = Ranges.of(self.tiles, self.n_levels)
 
     def holding(self, runs: Sequence[Run], layering: Layering) -> Prepared:
         """The same with runs of steps held back, and other layers, or one, where it has several."""
@@ -108,7 +114,8 @@ class Prepared:
         if self.importance is None:
             return self.quantised(self.aim.settings.finer(1 / at))
         extent = self.ranges.extent
-        weights = (self.layered.weights if self.layered else self.importance.raised)(at, extent)
+        source = self.layered.weights if self.layered else self.importance.at(at).raised
+        weights = source(at, extent)
         return self.quantised(self._settings(at), weights, at)
 
     def coarse(self, price: float) -> CodedTree:
@@ -125,7 +132,7 @@ class Prepared:
 
     def _settings(self, price: float) -> Settings:
         """The settings, with steps by a price of a bit."""
-        source = self.layered or self.importance
+        source = self.layered or (self.importance and self.importance.at(price))
         assert source is not None, "a price needs views"
         return replace(
             self.aim.settings,

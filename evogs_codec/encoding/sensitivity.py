@@ -18,6 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.common.progress import Progress, no_progress
+from evogs_codec.encoding.measured_gains import Pictures
+from evogs_codec.encoding.missed import Missed
 from evogs_codec.model.channels import (
     GROUP_CHANNELS,
     N_GROUPS,
@@ -87,6 +89,7 @@ class Importance:
             Their means stand in `means`, after those of the classes of core.
         leaves: per tile (K, N) of the leaves of the last level, each on its own.
         seen: part of a weight that the views decide; the rest is the mean of the class.
+        missed: what these estimates miss, by the price of a bit; None: nothing.
     """
 
     weights: tuple[tuple[StepWeights | None, ...], ...]
@@ -94,6 +97,7 @@ class Importance:
     leaves: tuple[F32, ...]
     entries: F32 | None = None
     seen: float = SEEN
+    missed: Missed | None = None
 
     @staticmethod
     def of(
@@ -127,6 +131,29 @@ class Importance:
         of_bands = np.broadcast_to(entries.mean(1), (1 + n_levels, len(entries)))
         means = np.concatenate([means, of_bands], axis=1)
         return Importance(weights, means, tuple(cuts[-1]), entries, seen)
+
+    def measured(
+        self, tiles: Sequence[EvolutionTree], pictures: Pictures, extent: float
+    ) -> Importance:
+        """With what estimates of these tiles miss in pictures of their leaves."""
+        leaves = np.concatenate([tile.shared_leaves().channels() for tile in tiles], axis=1)
+        missed = Missed(
+            SplatParams.from_channels(leaves),
+            np.concatenate(self.leaves, axis=1),
+            lambda price: self.steps_of_leaves(price, extent),
+            pictures,
+            tiles[0].palette is not None,
+        )
+        return replace(self, missed=missed)
+
+    def at(self, price: float) -> Importance:
+        """With what its estimates miss at a price of a bit."""
+        if self.missed is None:
+            return self
+        factors = np.ones(self.means.shape[1], np.float32)
+        found = self.missed.at(price)
+        factors[: len(found)] = found
+        return replace(self.times(factors), missed=None)
 
     def times(self, factors: F32) -> Importance:
         """All weights times those of their classes (K,); of entries the means alone."""

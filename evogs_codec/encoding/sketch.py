@@ -101,7 +101,7 @@ class Sketch:
         found = decode(data).leaves(sh_degree=coder.aim.tree.shown_degree).channels()
         kinds = [channel_class(c) for c in range(len(found))]
         error, n = 0.0, 0
-        for tile, weights in zip(coder.tiles, coder.importance.leaves, strict=True):
+        for tile, weights in zip(coder.tiles, coder.importance.at(price).leaves, strict=True):
             right = tile.leaves().channels()
             off = found[:, n : n + right.shape[1]] - right
             error += float((weights[kinds] * np.square(off)).sum(dtype=np.float64))

@@ -19,6 +19,7 @@ from evogs_codec.encoding.alpha_tables import weighted_alphas
 from evogs_codec.encoding.grids import TooFineError
 from evogs_codec.encoding.late_level import can_be_late
 from evogs_codec.encoding.layers import Layered, Layering
+from evogs_codec.encoding.missed import MEASURING
 from evogs_codec.encoding.packet_order import gains_of_tile
 from evogs_codec.encoding.palette_worth import bits_of_picks, bits_of_psi
 from evogs_codec.encoding.prepared import Prepared
@@ -157,8 +158,11 @@ def code_tile(job: TileJob, plan: Plan, out: str) -> int | None:
     layered, importance = prepared.layered, _importance(prepared)
     if layered is not None:
         layered = _layered(prepared, job, is_late=plan.is_late)
-    own = plan.coarser((layered or importance).steps(price, extent))
-    weights = layered.weights(price, extent) if layered else importance.raised(price, extent)
+    source = layered or importance.at(price)
+    own = plan.coarser(source.steps(price, extent))
+    weights = (
+        layered.weights(price, extent) if layered else importance.at(price).raised(price, extent)
+    )
     tiles = layered.tiles if layered else prepared.tiles
     grid = plan.grid(own)
     try:
@@ -275,6 +279,7 @@ def _prepared(job: TileJob, splats: SplatParams, tree: EvolutionTree) -> tuple[P
         views,
         layers=job.n_layers,
         ordering=views.fewer(effort.n_ordering_views),
+        measuring=None if effort.by_leaves else views.fewer(MEASURING),
         by_leaves=effort.by_leaves,
         seen=SEEN if effort.all_round else SEEN_OF_CIRCLE,
         n_tiles=1,

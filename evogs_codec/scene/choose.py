@@ -14,6 +14,7 @@ from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.late_level import can_be_late
 from evogs_codec.encoding.layers import N_LAYERS, Layered, Layering
 from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
+from evogs_codec.encoding.missed import MEASURING
 from evogs_codec.encoding.palette_worth import bits_of_palette, bits_of_psi
 from evogs_codec.encoding.search import Found
 from evogs_codec.encoding.sensitivity import SEEN_OF_CIRCLE
@@ -128,12 +129,13 @@ class FoundStream:
     def nearer(self) -> FoundStream:
         """At a price at which its PSNR is nearer to what it aims at, by that of a draft.
 
-        Itself if it is made, or aims at none.
+        Itself if its price is no guess.
         """
         if self.stream is not None or self.psnr is None:
             return self
         assert self.aim is not None, "it aims at a PSNR"
-        assert self.aim.guess is not None, "what aims at a PSNR and is not made begins with one"
+        if self.aim.guess is None:
+            return self
         guess = self.aim.nearer(self.aim.guess, self.psnr, self._whole.tree)
         return replace(self, aim=self.aim.guessing(guess), price=guess.price)
 
@@ -188,7 +190,10 @@ def best_stream(
         views = request.weighing_views(tree.shared_leaves())
         ordering = None if views is None else views.fewer(request.effort.n_ordering_views)
         aim = replace(whole, views=views, ordering=ordering, layers=_layers(tree, request))
-        aim = replace(aim, by_leaves=request.effort.by_leaves)
+        if request.effort.by_leaves:
+            aim = replace(aim, by_leaves=True)
+        elif views is not None:
+            aim = replace(aim, measuring=views.fewer(MEASURING))
         if request.cameras is None and not request.effort.all_round:
             aim = replace(aim, seen=SEEN_OF_CIRCLE)
         price = request.effort.price * SCENE_PRICE / tree.n_leaves
@@ -225,7 +230,9 @@ def best_stream(
     if request.polish and not moves:
         warnings.warn("polishing changes nothing: the last level refines nothing", stacklevel=3)
     ordering = None if views is None else views.fewer(request.effort.n_ordering_views)
-    aim = replace(whole, views=views, ordering=ordering, polish=request.polish, layers=layers)
+    measuring = None if views is None else views.fewer(MEASURING)
+    aim = replace(whole, views=views, ordering=ordering, measuring=measuring)
+    aim = replace(aim, polish=request.polish, layers=layers)
     near = None if views is None else SCENE_PRICE / tree.n_leaves
     if request.target_bytes is not None:
         most = request.target_bytes
@@ -394,6 +401,7 @@ def at_tree_psnr(tree: EvolutionTree, request: Request) -> FoundStream | None:
         request.settings,
         views,
         ordering=views.fewer(request.effort.n_ordering_views),
+        measuring=views.fewer(MEASURING),
         layers=_layers(tree, request),
         n_tiles=request.n_tiles,
         info=request.info,

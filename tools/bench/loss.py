@@ -16,6 +16,7 @@ import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
 from evogs_codec import PRESETS, Cut, decode, encode_scene, encode_tree, read_directory
+from evogs_codec.encoding.missed import MEASURING
 from evogs_codec.encoding.settings import TREE_PSNR
 from evogs_codec.encoding.targets import PRICES, TargetEncoder, TargetMissedError
 from evogs_codec.render.demo_scene import make_scene
@@ -256,7 +257,9 @@ def _aimed(subject: Subject, n_layers: int, target: float) -> bytes:
 
 
 def _aim(subject: Subject, n_layers: int = 1) -> TargetEncoder:
-    return TargetEncoder(subject.best, subject.settings, subject.views, layers=n_layers)
+    views = subject.views
+    few = views.fewer(MEASURING)
+    return TargetEncoder(subject.best, subject.settings, views, layers=n_layers, measuring=few)
 
 
 @dataclass(frozen=True, eq=False)
