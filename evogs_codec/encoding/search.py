@@ -16,7 +16,7 @@ ROUGH, SPREAD, GOLDEN = 0.02, 0.2, 0.618  # of the logarithm of a price
 # range is tried.
 ONE_SIDED = 3
 FOR_A_JUMP = 5  # tries, before a value is taken to jump
-HARDLY = 0.5  # of the distance of the first try from the target
+HARDLY, SLOW = 0.5, 0.2  # of the distance of the first try from the target, and of a far one
 T = TypeVar("T")
 
 
@@ -59,8 +59,9 @@ def nearest(
         most: a value above it is the best only where none is below.
         tries: at most.
         far: a first value that is further off has the end of the range tried. So have first tries
-            that are all on one side and far, or of which a line meets the target beyond the end.
-            If the end does not reach the target, nothing does.
+            that are all on one side, hardly come nearer and stay a fifth of that off, or of which a
+            line meets the target beyond the end. If the end does not reach the target, nothing
+            does.
         narrow: of the logarithm; after some tries the value jumps over the target between places
             this near.
     """
@@ -91,7 +92,8 @@ def nearest(
             slope = (before[1] - value) / (before[0] - at)
         before = at, value
         there = at + (target - value) / slope
-        is_slow = k + 1 == ONE_SIDED and distances[-1] > HARDLY * distances[0]
+        hardly = max(HARDLY * distances[0], SLOW * far)
+        is_slow = k + 1 == ONE_SIDED and distances[-1] > hardly
         is_beyond = k > 0 and not math.log(bounds[0]) < there < math.log(bounds[1])
         if is_slow or is_beyond or (not k and distances[0] > far):
             end = bounds[0] if value < target else bounds[1]

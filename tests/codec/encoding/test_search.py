@@ -67,3 +67,16 @@ def test_the_end_of_the_range_is_tried_once_a_line_meets_the_target_beyond_it():
     found = nearest(measure, 1.0, -0.2, 1.0, (1e-4, 1e4), 0.01)
     assert found.is_end
     assert tries == [1.0, pytest.approx(math.exp(-5)), 1e-4]
+
+
+def test_the_end_is_not_tried_where_rough_values_are_near_the_target():
+    tries = []
+
+    def measure(at):
+        tries.append(at)
+        rough = 2.1 if len(tries) == 3 else 0.0
+        return 2.9 - 2.0 * math.log(at) + rough, at
+
+    found = nearest(measure, 0.0, -3.0, 1.0, (1e-9, 1e9), 0.1, far=15)
+    assert abs(found.value) <= 0.1
+    assert max(tries) < 100
