@@ -49,9 +49,6 @@ RATIO = 192.0  # of the price of a bit, from a layer to the next: about 20 dB; b
 FINER = 2.8  # than of psi of one leaf: steps of what siblings share, whose errors meet
 BETWEEN = 48.0  # the same between later layers, where `scene.steady` adds a third
 EVEN = 0.5  # power of the weights of leaves in layers before the last: see `_evened`
-# Of three layers and more, so many times the weights of SH bands above 0 in layers before the last:
-# at coarse steps such numbers are 0 in most splats, so the errors of all add up.
-EARLY_SH = 2.0
 PARTS, LEAST = 16, 2048  # steps of a layer of a tile at most, and leaves of each at least
 # Likewise, where each part makes its own room, in a step of its own: of one tile of two layers at
 # most, and of more layers; and of a stream of several tiles, of all of them together, but of each
@@ -179,21 +176,6 @@ class Layered:
             for tile, weights in zip(self.plain, self.importance.leaves, strict=True)
         ]
 
-    @cached_property
-    def _early(self) -> Importance:
-        """That of layers before the last."""
-        if (
-            self.layering.n <= N_LAYERS or self.importance.missed is not None
-        ):  # coarse splats are few bytes: nothing is gained
-            return self.importance
-        times = np.ones(self.importance.means.shape[1], np.float32)
-        times[N_GROUPS:] = EARLY_SH
-        return self.importance.times(times)
-
-    def _importance_of(self, layer: int, price: float) -> Importance:
-        found = self.importance if layer == self.layering.n - 1 else self._early
-        return found.at(price)
-
     @property
     def coarse_tiles(self) -> list[EvolutionTree]:
         """With the steps of the first layer."""
@@ -208,7 +190,7 @@ class Layered:
         found = []
         for tile, own in zip(
             self.plain,
-            self._importance_of(0, price / part).raised(price / part, extent),
+            self.importance.at(price / part).raised(price / part, extent),
             strict=True,
         ):
             first = own[: _n_until(tile, self.n_coarse)]
@@ -242,10 +224,10 @@ class Layered:
         them: what a coarse step of that level leaves is then a whole number of the finer ones.
         """
         first, *others = self.layering.prices(price)
-        table = self._importance_of(0, first).steps(first, extent)[: 1 + self.n_coarse]
+        table = self.importance.at(first).steps(first, extent)[: 1 + self.n_coarse]
         rows = [table]
-        for layer, other in enumerate(others, start=1):
-            wanted = self._importance_of(layer, other).steps_of_leaves(other, extent) / FINER
+        for other in others:
+            wanted = self.importance.at(other).steps_of_leaves(other, extent) / FINER
             rows.append(over_odd(table[-1], wanted)[None])
         found: F64 = np.concatenate(rows)
         if self.importance.entries is not None:
@@ -257,8 +239,8 @@ class Layered:
         """What errors are worth at this price, per step of each tile: less in coarse layers."""
         factors = [price / other for other in self.layering.prices(price)[1:]]
         leaves = [
-            self._importance_of(layer, price / factor).raised_leaves(price / factor, extent)
-            for layer, factor in enumerate(factors, start=1)
+            self.importance.at(price / factor).raised_leaves(price / factor, extent)
+            for factor in factors
         ]
         found = self.coarse_weights(price, extent)
         for number, tile in enumerate(self.of_tiles):

@@ -23,7 +23,6 @@ from evogs_codec import (
 from evogs_codec.editing.read_tree import read_coded_tree
 from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.layers import (
-    EARLY_SH,
     EVEN,
     FINER,
     MAX_LAYERS,
@@ -33,7 +32,6 @@ from evogs_codec.encoding.layers import (
 )
 from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.encoding.write import write
-from evogs_codec.model.channels import N_GROUPS
 from evogs_codec.model.tree import Kind
 from evogs_codec.render.demo_scene import make_scene
 from tests.support.layered import (
@@ -195,8 +193,7 @@ def test_layers_between_weigh_leaves_more_alike_than_the_last_with_the_same_mean
     assert between is not None
     assert last is not None
     np.testing.assert_allclose(last.targets, weights[:, rows], rtol=1e-5)
-    early = np.where(np.arange(len(weights)) < N_GROUPS, 1, EARLY_SH)
-    np.testing.assert_allclose(between.targets.mean(1), early * weights.mean(1) / 10, rtol=1e-3)
+    np.testing.assert_allclose(between.targets.mean(1), weights.mean(1) / 10, rtol=1e-3)
     spreads = [np.log(own.targets).std(axis=1) for own in (between, last)]
     np.testing.assert_allclose(spreads[0], EVEN * spreads[1], rtol=1e-3)
 
