@@ -26,7 +26,7 @@ APART = math.log(192.0)  # between logarithms of the prices of a bit that are me
 # Of positions and of SH bands above 0 the factors are measured. Those of rotations, scales and
 # opacities are what they were of three scenes, about.
 KNOWN = (1.0, 0.6, 0.65, 0.85)
-LEAST, MOST = 0.5, 300.0  # views do not show all that an error changes
+LEAST, MOST = 0.5, 300.0
 LEAST_ERROR = 1e-15  # mean squared error; of less, there is nothing to be measured
 
 
@@ -70,8 +70,9 @@ class Missed:
         found[: len(KNOWN)] = KNOWN
         rounded, estimate = self._rounded(steps, slice(0, 1))
         factor = _times(self.pictures.psnr(rounded), estimate)
-        # What splats that change places add rises less than the squares of steps do.
-        found[0] = min(factor, (1 + factor) / 2)
+        # What splats that change places add rises less than the squares of steps do. Views do not
+        # show all that moves, so no position weighs less.
+        found[0] = max(1.0, (1 + factor) / 2)
         if len(found) > N_GROUPS and not self.has_palette:
             bands = slice(N_GROUPS, None)
             rounded, estimate = self._rounded(steps, bands)

@@ -59,7 +59,7 @@ WHITE = (1.0, 1.0, 1.0)  # behind all tiles
 ALPHAS = 4096  # of a level and group that a survey keeps
 # What it costs to move a splat by its own size, in prices of a bit before the factor of an effort:
 # few are moved by a third of it.
-KEEP = 20.0
+KEEP = 10.0
 SEEN = 0.99  # as of `sensitivity`, which has less: positions that no view shows have `KEEP`, too
 
 

@@ -13,12 +13,11 @@ import numpy as np
 from evogs_codec import SplatParams, decode, read_ply, write_ply
 from evogs_codec.encoding.layers import N_LAYERS
 from evogs_codec.encoding.settings import SCENE_PRICE
-from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.scene.effort import EFFORTS
 from tools.bench.measure import cost
 from tools.bench.page import Rows
 from tools.bench.peers import from_gsply
-from tools.bench.subjects import Subject
+from tools.bench.subjects import Subject, aim_of
 
 __all__ = ["effort", "to_default"]
 
@@ -117,7 +116,7 @@ def _curve(subject: Subject) -> list[tuple[int, float]]:
     """Bytes and dB of streams like the default."""
     views = subject.views.fewer(EFFORTS["default"].n_views)
     ordering = views.fewer(EFFORTS["default"].n_ordering_views)
-    aim = TargetEncoder(subject.best, subject.settings, views, layers=N_LAYERS, ordering=ordering)
+    aim = aim_of(subject.best, subject.settings, views, layers=N_LAYERS, ordering=ordering)
     price = SCENE_PRICE / subject.tree.n_leaves
     found = []
     for data in aim.at_prices([price * 2.0**k for k in DOUBLINGS]):

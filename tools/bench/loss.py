@@ -16,7 +16,6 @@ import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
 from evogs_codec import PRESETS, Cut, decode, encode_scene, encode_tree, read_directory
-from evogs_codec.encoding.missed import MEASURING
 from evogs_codec.encoding.settings import TREE_PSNR
 from evogs_codec.encoding.targets import PRICES, TargetEncoder, TargetMissedError
 from evogs_codec.render.demo_scene import make_scene
@@ -24,7 +23,7 @@ from evogs_codec.render.views import Views
 from tools.bench.measure import seconds_text
 from tools.bench.page import Rows
 from tools.bench.prefix import ends_of_packets, sizes_of_packets
-from tools.bench.subjects import Subject
+from tools.bench.subjects import Subject, aim_of
 
 __all__ = ["Losses", "scene_without_bands"]
 
@@ -257,9 +256,7 @@ def _aimed(subject: Subject, n_layers: int, target: float) -> bytes:
 
 
 def _aim(subject: Subject, n_layers: int = 1) -> TargetEncoder:
-    views = subject.views
-    few = views.fewer(MEASURING)
-    return TargetEncoder(subject.best, subject.settings, views, layers=n_layers, measuring=few)
+    return aim_of(subject.best, subject.settings, subject.views, layers=n_layers)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,12 +19,12 @@ from evogs_codec import (
     with_palette,
 )
 from evogs_codec.encoding.settings import TREE_PSNR
-from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.lifting.lift import N_LEVELS
 from evogs_codec.render import cameras_around, psnr, render
 from evogs_codec.render.views import Views
 from tools.bench.free_parents import free_levels
 from tools.bench.photographs import held_out
+from tools.bench.subjects import aim_of
 
 __all__ = ["levels", "photographs"]
 
@@ -102,7 +102,7 @@ def photographs(tree: EvolutionTree, folder: Path) -> Rows:
 
     rows: Rows = []
     row("float32", None, tree.leaves)
-    aim = TargetEncoder(
+    aim = aim_of(
         tree, PRESETS["trained"], Views(tree.leaves(), cameras_around(tree.leaves(), "z", 400))
     )
     streams = {preset: encode(tree, PRESETS[preset]) for preset in ("trained", "paper")}

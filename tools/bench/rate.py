@@ -10,9 +10,8 @@ import gsply
 
 from evogs_codec import decode
 from evogs_codec.cli.options import DEFAULT_ITERATIONS
-from evogs_codec.encoding.targets import TargetEncoder
 from tools.bench.peers import from_gsply, with_fewer_sh_bits, write_compressed_ply, write_spz
-from tools.bench.subjects import Subject
+from tools.bench.subjects import Subject, aim_of
 
 __all__ = ["rate"]
 
@@ -66,7 +65,7 @@ def _ours(subject: Subject, peers: tuple[float, ...]) -> Iterator[Point]:
 
     yield point("evogs, preset", subject.stream)
     for polish, targets in ((0, (*TARGETS, *peers)), (DEFAULT_ITERATIONS, peers)):
-        aims = [TargetEncoder(tree, subject.settings, views, polish) for tree in trees]
+        aims = [aim_of(tree, subject.settings, views, polish=polish) for tree in trees]
         for decibels in targets:
             data = min((aim.at_psnr(decibels) for aim in aims), key=len)
             name = f"evogs --target-psnr {decibels:.4g}{' --polish' if polish else ''}"

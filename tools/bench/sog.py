@@ -6,11 +6,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from evogs_codec import EvolutionTree, Step, decode
-from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.model.components import component_slice
 from evogs_codec.render.views import Views
 from tools.bench.splat_transform import read_sog, write_sog
-from tools.bench.subjects import Subject
+from tools.bench.subjects import Subject, aim_of
 
 __all__ = ["published", "sog"]
 
@@ -42,7 +41,7 @@ def sog(of: Iterable[Subject], command: str, folder: Path) -> Rows:
         plain = Subject.of_tree(subject.name, tree, subject.settings, views)
         path = write_sog(command, tree.leaves(), folder / f"{subject.name}.sog")
         theirs, _ = plain.gauge(read_sog(command, path))
-        data = TargetEncoder(tree, subject.settings, plain.views).at_psnr(theirs)
+        data = aim_of(tree, subject.settings, plain.views).at_psnr(theirs)
         ours, _ = plain.gauge(decode(data).leaves(sh_degree=0))
         for name, n_bytes, decibels in (
             ("SOG", path.stat().st_size, theirs),

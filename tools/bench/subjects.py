@@ -23,6 +23,8 @@ from evogs_codec import (
     with_palette,
 )
 from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
+from evogs_codec.encoding.missed import MEASURING
+from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.lifting.lift import N_LEVELS, Lifted
 from evogs_codec.render import (
     Camera,
@@ -36,7 +38,7 @@ from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.views import Views
 from tools.bench.photographs import held_out
 
-__all__ = ["SIZE", "WHITE", "Gauge", "Subject", "subjects"]
+__all__ = ["SIZE", "WHITE", "Gauge", "Subject", "aim_of", "subjects"]
 
 SIZE = 400  # pixels to a side of a picture
 WHITE = (1.0, 1.0, 1.0)
@@ -138,6 +140,27 @@ def subjects(args: argparse.Namespace) -> Iterator[Subject]:
             gauge = Gauge([camera for camera, _ in shots], [target for _, target in shots], 1.0)
             subject = replace(subject, gauge=gauge)
         yield subject
+
+
+def aim_of(
+    tree: EvolutionTree,
+    settings: Settings,
+    views: Views,
+    *,
+    layers: int = 1,
+    polish: int = 0,
+    ordering: Views | None = None,
+) -> TargetEncoder:
+    """What `evogs encode` does with a target, by these views."""
+    return TargetEncoder(
+        tree,
+        settings,
+        views,
+        ordering=ordering,
+        measuring=views.fewer(MEASURING),
+        layers=layers,
+        polish=polish,
+    )
 
 
 def _views_of(splats: SplatParams, up: str) -> Views:

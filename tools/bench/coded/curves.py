@@ -10,7 +10,6 @@ from evogs_codec import (
     PRESETS,
     Cut,
     EvolutionTree,
-    TargetEncoder,
     decode,
     encode,
     extract,
@@ -23,6 +22,7 @@ from reference_trainer.config import Config, Integers
 from reference_trainer.queue import Job
 from tools.bench.coded.bd_rate import Curve, bd_rate
 from tools.bench.paper.runs import TITLES, Run, Views
+from tools.bench.subjects import aim_of
 
 __all__ = ["coded_levels", "curve_jobs", "curve_of", "distances", "streams"]
 
@@ -54,7 +54,7 @@ def streams(tree: EvolutionTree) -> Iterator[tuple[str, bytes]]:
         return
     leaves = tree.leaves()
     views = EncodingViews(leaves, cameras_around(leaves, "z", SIZE))
-    aim = TargetEncoder(tree, PRESETS["trained"], views)
+    aim = aim_of(tree, PRESETS["trained"], views)
     n = sum(step.psi.size + step.adds.size for step in tree.steps)
     for decibels in ERRORS:
         # An error of D takes n / 2 log2(1 / D) bits: what a bit saves is D / n, nearly.

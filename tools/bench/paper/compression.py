@@ -9,7 +9,6 @@ from evogs_codec import (
     PRESETS,
     Cut,
     InputError,
-    TargetEncoder,
     decode,
     encode,
     extract,
@@ -23,6 +22,7 @@ from evogs_codec.render.views import Views
 from tools.bench.paper.measured import Bench
 from tools.bench.paper.report import Rows, Section, Table, pivot
 from tools.bench.paper.runs import BUDGETS, TITLES, Run
+from tools.bench.subjects import aim_of
 
 __all__ = ["AIMED", "PRESET", "compressed", "rows", "section"]
 
@@ -111,7 +111,7 @@ def aimed(bench: Bench, run: Run) -> list[dict[str, Any]]:
     if tree.quanta:
         few = Views(leaves, cameras_around(leaves, "z", SIZE, n=ORDERING_VIEWS))
         return _levels(bench, encode(tree, views=few))
-    aim = TargetEncoder(tree, PRESETS["trained"], Views(leaves, cameras_around(leaves, "z", SIZE)))
+    aim = aim_of(tree, PRESETS["trained"], Views(leaves, cameras_around(leaves, "z", SIZE)))
     try:
         return _levels(bench, aim.at_psnr(TREE_PSNR))
     except InputError:

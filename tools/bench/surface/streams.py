@@ -11,9 +11,8 @@ import numpy as np
 
 from evogs_codec import Cut, Directory, InputError, decode_leaves, encode, extract, read_directory
 from evogs_codec.encoding.settings import RangeBits
-from evogs_codec.encoding.targets import TargetEncoder
 from tools.bench.measure import least
-from tools.bench.subjects import Subject
+from tools.bench.subjects import Subject, aim_of
 from tools.bench.surface.fronts import NOISE, better
 
 __all__ = ["streams"]
@@ -83,7 +82,7 @@ def _points(subject: Subject) -> Iterator[Point]:
         yield Point(
             "bits", f"--bits {bits}", encode(tree, replace(settings, accuracy=RangeBits(bits)))
         )
-    aim = TargetEncoder(tree, settings, subject.views)
+    aim = aim_of(tree, settings, subject.views)
     for decibels in TARGETS:
         try:
             yield Point("target", f"--target-psnr {decibels}", aim.at_psnr(decibels))
