@@ -27,7 +27,7 @@ from evogs_codec.jobs.partition import Partition
 from evogs_codec.jobs.scratch import arrays_of
 from evogs_codec.lifting.coarse_entries import CoarseEntries
 from evogs_codec.model.arithmetic import AlphaTable, Quantiser
-from evogs_codec.model.channels import N_GROUPS
+from evogs_codec.model.channels import N_GROUPS, group_of_class
 from evogs_codec.model.coded_tree import CodedTile, CodedTree
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F32, F64, I64
@@ -217,9 +217,18 @@ class Plan:
         return replace(self, exponents=with_fewer_units(self.exponents, group))._with_quantisers()
 
     def coarser(self, steps: F64) -> tuple[int, ...]:
-        """Per class, the power of two by which a tile that has these steps has coarser ones."""
+        """Per class, the power of two by which a tile that has these steps has coarser ones.
+
+        The last steps decide how exact leaves are. A grid may have them coarser than the plan.
+        """
         ratio = np.log2(np.maximum(steps, 1e-300) / self.steps)
-        found = np.clip(np.rint(np.median(ratio, axis=0)), 0, MOST_SHIFT)
+        middle, last = np.median(ratio, axis=0), ratio[-1]
+        units = [
+            q.step * 2.0 ** -self.exponents[group_of_class(kind)]
+            for kind, q in enumerate(self.quantisers[-1])
+        ]
+        last[: len(units)] -= np.maximum(np.log2(units / self.steps[-1, : len(units)]), 0)
+        found = np.clip(np.rint(np.minimum(middle, last)), 0, MOST_SHIFT)
         if self.coarse is not None:
             found[N_GROUPS:] = 0  # of entries, which are of all tiles
         return tuple(int(shift) for shift in found)
