@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -21,6 +21,8 @@ from evogs_codec.encoding.sensitivity import SEEN, Importance, StepWeights
 from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, Settings, StepTable
 from evogs_codec.model.channels import GROUPS
 from evogs_codec.model.coded_tree import CodedTree
+from evogs_codec.model.components import component_classes
+from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F32, F64, SplatParams
 from evogs_codec.model.tree import EvolutionTree
@@ -47,6 +49,7 @@ class Aim:
         seen: part of the worth of a number that the views decide.
         n_tiles, info, progress: as of `encode`.
         n_levels: of the tree at least, where a tile may have fewer.
+        empty: packets of SH bands whose numbers are all 0, of the streams that are made.
     """
 
     tree: EvolutionTree
@@ -63,6 +66,7 @@ class Aim:
     info: SceneInfo | None = None
     progress: Progress | None = None
     n_levels: int = 1
+    empty: frozenset[PacketId] = frozenset()
 
 
 class Prepared:
@@ -115,8 +119,14 @@ class Prepared:
             return self.quantised(self.aim.settings.finer(1 / at))
         extent = self.ranges.extent
         source = self.layered.weights if self.layered else self.importance.at(at).raised
-        weights = source(at, extent)
+        weights = _emptied(source(at, extent), self.aim.empty)
         return self.quantised(self._settings(at), weights, at)
+
+    def leaving_empty(self, aim: Aim) -> Prepared:
+        """The same for an aim that differs in its empty packets."""
+        other = copy(self)
+        other.aim = aim
+        return other
 
     def coarse(self, price: float) -> CodedTree:
         """What `coded` has of the first layer, with the same integers and no gains.
@@ -204,6 +214,20 @@ class Prepared:
     def wanted_steps(self) -> F64:
         """(1 + n_levels, K) steps of the settings."""
         return self.aim.settings.accuracy.wanted_steps(self.ranges, self.n_levels)
+
+
+def _emptied(
+    weights: Sequence[Sequence[StepWeights | None]], empty: Collection[PacketId]
+) -> Sequence[Sequence[StepWeights | None]]:
+    """Weights of the steps of each tile with 0 for all numbers of these packets."""
+    if not empty:
+        return weights
+    found = [list(steps) for steps in weights]
+    for tile, component, step in empty:
+        own = found[tile][step]
+        if own is not None:
+            found[tile][step] = own.without({kind for kind, _ in component_classes(component)})
+    return found
 
 
 def _drawn(

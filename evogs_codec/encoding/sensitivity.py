@@ -9,7 +9,7 @@ Letters: K classes (spec 3.2), n slots, N splats of a cut, P refines and splits 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import repeat
 from typing import TypeAlias
@@ -72,6 +72,12 @@ class StepWeights:
     def times(self, factor: np.float32 | F32) -> StepWeights:
         """All weights times a number, or times those of their classes (K, 1)."""
         return replace(self, targets=self.targets * factor, new=self.new * factor)
+
+    def without(self, classes: Collection[int]) -> StepWeights:
+        """0 for all numbers of some classes."""
+        targets, new = self.targets.copy(), self.new.copy()
+        targets[list(classes)], new[list(classes)] = 0, 0
+        return replace(self, targets=targets, new=new)
 
     def more(self, lack: F32) -> StepWeights:
         """`lack` (K, 1) added to all weights."""

@@ -26,6 +26,7 @@ from evogs_codec.encoding.write import write
 from evogs_codec.errors import InputError
 from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS
 from evogs_codec.model.coded_tree import CodedTree
+from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import F64
 from evogs_codec.model.tree import EvolutionTree
 
@@ -273,6 +274,12 @@ class TargetEncoder(Aim):
         """
         other = replace(self)
         other.__dict__["prepared"] = self.prepared.holding(runs, layering)
+        return other
+
+    def leaving_empty(self, packets: frozenset[PacketId]) -> TargetEncoder:
+        """The same with these packets of SH bands empty; nothing is drawn again."""
+        other = replace(self, empty=packets)
+        other.__dict__["prepared"] = self.prepared.leaving_empty(other)
         return other
 
     def within(self, errors: Mapping[str, float]) -> bytes:

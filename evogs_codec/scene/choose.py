@@ -23,6 +23,7 @@ from evogs_codec.encoding.targets import Guess, TargetEncoder, TargetMissedError
 from evogs_codec.errors import InputError
 from evogs_codec.format.directory import read_directory
 from evogs_codec.format.write_directory import MAX_LEVELS
+from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import I64
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.measure import with_room
@@ -164,6 +165,11 @@ class FoundStream:
             assert self.price is not None, "it is by views"
             exponents = read_directory(self.data).grid_exponents
             self.aim.prepared.warn_of_span(self.price, exponents)
+
+    def leaving_empty(self, packets: frozenset[PacketId]) -> FoundStream:
+        """With these packets of SH bands empty (`TargetEncoder.leaving_empty`), yet to be made."""
+        assert self.aim is not None, "it is by views"
+        return replace(self, stream=None, aim=self.aim.leaving_empty(packets))
 
     def holding(self, runs: Sequence[Run], layering: Layering) -> FoundStream:
         """That of the same tree with runs of steps held back (`TargetEncoder.holding`)."""

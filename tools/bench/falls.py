@@ -16,7 +16,7 @@ from evogs_codec.render.demo_scene import make_scene
 from tools.bench.measure import seconds_text
 from tools.bench.page import Rows
 
-__all__ = ["falls"]
+__all__ = ["falls", "odd_scenes"]
 
 N_SPLATS, SEED = 6_000, 3
 N_VIEWS, PIXELS = 24, 300
@@ -31,7 +31,7 @@ def falls() -> Rows:
     pixels, or over 6 of them. Seconds are those of the processor.
     """
     rows: Rows = []
-    for name, splats in _scenes():
+    for name, splats in odd_scenes():
         start = time.process_time()
         data = encode_scene(splats)
         seconds = time.process_time() - start
@@ -41,7 +41,8 @@ def falls() -> Rows:
     return rows
 
 
-def _scenes() -> Iterator[tuple[str, SplatParams]]:
+def odd_scenes() -> Iterator[tuple[str, SplatParams]]:
+    """By name, splats with odd statistics."""
     splats, rng = make_scene(N_SPLATS, SEED), np.random.default_rng(0)
     logits, sizes = splats.opacity_logits, splats.log_scales
     large, small = rng.random(N_SPLATS) < 0.02, rng.random(N_SPLATS) < 0.4

@@ -1,0 +1,84 @@
+"""Packets of SH bands that make pictures worse are left empty."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("numba", reason="the rasterizer is compiled")
+
+from evogs_codec import PRESETS, Cut, TargetEncoder, decode, encode_scene, lift, read_directory
+from evogs_codec.model.packet_id import PacketId
+from evogs_codec.render import Views, cameras_around
+from evogs_codec.render.demo_scene import make_scene
+from evogs_codec.scene import bands
+from tools.bench.falls import odd_scenes
+
+PRICE = 1e-11
+
+
+def clump(n):
+    """All splats among each other."""
+    splats = make_scene(n, 0)
+    means = np.random.default_rng(0).normal(0, 0.5, splats.means.shape)
+    return replace(splats, means=means.astype(np.float32))
+
+
+def sizes(data):
+    rows = read_directory(data).packets
+    columns, steps = read_directory(data).columns, read_directory(data).steps
+    return {
+        PacketId(int(row["tile"]), int(column), int(step)): int(row["size"])
+        for row, column, step in zip(rows, columns, steps, strict=True)
+    }
+
+
+@pytest.mark.parametrize("layers", [1, 2])
+def test_empty_packets_have_no_bytes_and_later_ones_mend_them(layers):
+    splats = make_scene(1500)
+    views = Views(splats, cameras_around(splats, "z", 60, n=4))
+    aim = TargetEncoder(lift(splats, 3), PRESETS["scene"], views, layers=layers)
+    plain = aim.at_price(PRICE)
+    of_band = sorted(p.step for p, size in sizes(plain).items() if p.component == 2 and size)
+    _, before, *_, last = of_band
+    chosen = frozenset({PacketId(0, 2, before), PacketId(0, 3, last)})
+    data = aim.leaving_empty(chosen).at_price(PRICE)
+    assert all(sizes(data)[packet] == 0 for packet in chosen)
+    assert sizes(plain)[PacketId(0, 3, last)] > 0
+    assert sizes(data)[PacketId(0, 1, last)] == sizes(plain)[PacketId(0, 1, last)]
+    # Adds are not empty, whatever they are worth.
+    first = frozenset({PacketId(0, 2, of_band[0])})
+    assert aim.leaving_empty(first).at_price(PRICE) == plain
+    one, other = (decode(x).leaves().sh[:, 4:9] for x in (plain, data))
+    assert np.abs(one - other).mean() < 0.5 * np.abs(one).mean()
+
+
+def deepest_fall(data, splats):
+    views = Views(splats, cameras_around(splats, "z", 300, n=24))
+    directory = read_directory(data)
+    best = deepest = 0.0
+    for row in np.flatnonzero(directory.packets["size"] > 0):
+        end = int(directory.offsets[row] + directory.packets["size"][row])
+        decibels = views.psnr(decode(data, Cut.of_prefix(directory, end)).leaves(sh_degree=3))
+        deepest, best = max(deepest, best - decibels), max(best, decibels)
+    return deepest, decibels
+
+
+@pytest.mark.thorough
+def test_bands_that_look_worse_are_left_out(monkeypatch):
+    splats = dict(odd_scenes())["one dense clump"]
+    after, _ = deepest_fall(encode_scene(splats), splats)
+    assert after <= 0.05
+    monkeypatch.setattr(bands, "MANY", 0)
+    before, _ = deepest_fall(encode_scene(splats), splats)
+    assert before > 0.05
+
+
+@pytest.mark.thorough
+def test_the_whole_does_not_look_worse_for_that(monkeypatch):
+    """Bands that look worse for a while, and are needed in the end, stay."""
+    splats = clump(1500)
+    _, after = deepest_fall(encode_scene(splats, levels=4), splats)
+    monkeypatch.setattr(bands, "MANY", 0)
+    _, before = deepest_fall(encode_scene(splats, levels=4), splats)
+    assert after > before - 0.1
