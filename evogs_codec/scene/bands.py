@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from evogs_codec.decoding.cut import Cut
+from evogs_codec.encoding.targets import TargetMissedError
 from evogs_codec.model.components import CORE
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.scene.choose import FoundStream
@@ -31,7 +32,7 @@ TRIES = 3
 def without_worse_bands(found: FoundStream, views: Views) -> FoundStream:
     """A stream that is made, without packets of SH bands that these views show to be worse.
 
-    As it is where it would look worse as a whole without them.
+    As it is where it would look worse as a whole without them, or miss its target.
     """
     if not found.is_by_views or found.tree.n_leaves > MANY or found.tree.palette is not None:
         return found
@@ -41,7 +42,10 @@ def without_worse_bands(found: FoundStream, views: Views) -> FoundStream:
         if looks.worse <= empty:  # nothing new: packets of adds cannot be empty
             break
         empty |= looks.worse
-        again = found.leaving_empty(empty).made()
+        try:
+            again = found.leaving_empty(empty).made()
+        except TargetMissedError:
+            break
         other = _Looks.of(again, views)
         if other.whole < looks.whole - FALL or other.fall > looks.fall:
             break

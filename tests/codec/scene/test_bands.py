@@ -82,3 +82,10 @@ def test_the_whole_does_not_look_worse_for_that(monkeypatch):
     monkeypatch.setattr(bands, "MANY", 0)
     _, before = deepest_fall(encode_scene(splats, levels=4), splats)
     assert after > before - 0.1
+
+
+@pytest.mark.thorough
+def test_a_stream_without_bands_meets_its_target():
+    splats = clump(1500)
+    data = encode_scene(splats, levels=4, target_bytes=16_000)
+    assert 0.98 * 16_000 <= len(data) <= 16_000
