@@ -158,11 +158,9 @@ def code_tile(job: TileJob, plan: Plan, out: str) -> int | None:
     layered, importance = prepared.layered, _importance(prepared)
     if layered is not None:
         layered = _layered(prepared, job, is_late=plan.is_late)
-    source = layered or importance.at(price)
-    own = plan.coarser(source.steps(price, extent))
-    weights = (
-        layered.weights(price, extent) if layered else importance.at(price).raised(price, extent)
-    )
+    plain = importance.at(price)
+    own = plan.coarser((layered or plain).steps(price, extent))
+    weights = layered.weights(price, extent) if layered else plain.raised(price, extent)
     tiles = layered.tiles if layered else prepared.tiles
     grid = plan.grid(own)
     try:

@@ -16,7 +16,7 @@ from evogs_codec.decoding.cut import Cut
 from evogs_codec.encoding.targets import TargetMissedError
 from evogs_codec.model.components import CORE
 from evogs_codec.model.packet_id import PacketId
-from evogs_codec.scene.choose import FoundStream
+from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.prefixes import StreamPrefixes
 from evogs_codec.scene.states import FALL
 

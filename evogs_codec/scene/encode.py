@@ -25,7 +25,8 @@ from evogs_codec.model.channels import GROUPS
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree
-from evogs_codec.scene.choose import FoundStream, at_tree_psnr, best_stream, warn_of_preset
+from evogs_codec.scene.choose import at_tree_psnr, best_stream, warn_of_preset
+from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.request import MaxError, Request, SceneOptions, TreeOptions
 from evogs_codec.scene.steady import steady
 

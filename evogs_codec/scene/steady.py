@@ -30,7 +30,7 @@ from evogs_codec.encoding.mends import mends
 from evogs_codec.encoding.targets import TargetMissedError
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.bands import without_worse_bands
-from evogs_codec.scene.choose import FoundStream
+from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.measure import Gauge, without_room
 from evogs_codec.scene.prefixes import StreamPrefixes
 from evogs_codec.scene.request import Request

@@ -172,9 +172,13 @@ def test_training_mends_what_rounding_lost():
 
 def test_more_distortion_makes_smaller_streams():
     streams = [encode(trained(integers=Integers(0.3, distortion=x))) for x in (0.001, 0.05, 1.0)]
-    # Of the numbers: a header is as large, whatever they are.
-    sizes = [int(read_directory(data).packets["size"].sum()) for data in streams]
-    assert sizes[0] > 1.25 * sizes[1] > 1.25 * 1.25 * sizes[2]
+    sizes = [len(data) for data in streams]
+    assert sizes[0] > 1.2 * sizes[1]
+    assert sizes[0] > 1.2 * 1.2 * sizes[2]
+    # Half of the bytes and more are no numbers. Processors differ in a byte or two of the rest.
+    numbers = [int(read_directory(data).packets["size"].sum()) for data in streams]
+    assert numbers[0] > 1.4 * numbers[1]
+    assert numbers[1] > 1.25 * numbers[2]
 
 
 def test_zeros_stay_and_the_others_move():

@@ -23,6 +23,7 @@ from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.forward import draw
 from evogs_codec.scene import choose
 from evogs_codec.scene.effort import EFFORTS, Effort
+from evogs_codec.scene.found_stream import FoundStream
 
 N = 600
 
@@ -92,9 +93,9 @@ def test_fast_encodes_one_of_two_trees(monkeypatch):
     written = []
     monkeypatch.setattr(choose, "SURE", 1e9)
     monkeypatch.setattr(choose, "SURE_OF_PICKS", 1e9)
-    made = choose.FoundStream.made
+    made = FoundStream.made
     monkeypatch.setattr(
-        choose.FoundStream,
+        FoundStream,
         "made",
         lambda one: written.append(one.tree.palette) or made(one),  # type: ignore[func-returns-value]
     )

@@ -27,6 +27,7 @@ from evogs_codec.lifting.shared_sh import with_palette
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.scene import choose, steady
+from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.prefixes import StreamPrefixes, TreePrefixes
 from evogs_codec.scene.request import Request
 from evogs_codec.scene.states import State
@@ -219,7 +220,7 @@ def test_a_target_that_held_steps_miss_is_met_without(monkeypatch):
     """What was made first stays."""
     splats = make_scene(N)
     aim = aim_of(lift(splats, 3), splats, layers=2)
-    first = choose.FoundStream.of(aim, lambda aim, near: aim.nearest_psnr(38, near)).made()
+    first = FoundStream.of(aim, lambda aim, near: aim.nearest_psnr(38, near)).made()
     monkeypatch.setattr(
         steady._Mending,
         "mended",

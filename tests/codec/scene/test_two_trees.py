@@ -12,6 +12,7 @@ pytest.importorskip("numba", reason="the rasterizer is compiled")
 from evogs_codec import TargetMissedError, encode_scene, read_directory
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.scene import choose
+from evogs_codec.scene.found_stream import FoundStream
 
 N = 400
 
@@ -27,7 +28,7 @@ def shared():
 def made(monkeypatch, sure):
     """Whether each tree that is encoded has a palette."""
     trees = []
-    plainly = choose.FoundStream.made
+    plainly = FoundStream.made
 
     def counted(one):
         if one.stream is None:
@@ -36,7 +37,7 @@ def made(monkeypatch, sure):
 
     monkeypatch.setattr(choose, "SURE", sure)
     monkeypatch.setattr(choose, "SURE_OF_PICKS", 1e9)
-    monkeypatch.setattr(choose.FoundStream, "made", counted)
+    monkeypatch.setattr(FoundStream, "made", counted)
     return trees
 
 

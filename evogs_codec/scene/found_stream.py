@@ -1,0 +1,159 @@
+"""A stream that is found to be the best of some: how it is made, and what it is to show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, TypeAlias
+
+from evogs_codec.encoding.held_steps import Run
+from evogs_codec.encoding.late_level import can_be_late
+from evogs_codec.encoding.layers import Layered, Layering
+from evogs_codec.encoding.search import Found
+from evogs_codec.encoding.targets import TargetEncoder
+from evogs_codec.format.directory import read_directory
+from evogs_codec.model.packet_id import PacketId
+from evogs_codec.model.splats import I64
+from evogs_codec.model.tree import EvolutionTree
+from evogs_codec.scene.prefixes import Prefixes, StreamPrefixes, TreePrefixes
+
+__all__ = ["FoundStream", "Make"]
+
+# The stream of an aim, at its price of a bit: looked for from another one on, if there is one.
+Make: TypeAlias = Callable[[TargetEncoder, "float | None"], Found[bytes]]
+
+
+@dataclass(frozen=True, eq=False)
+class FoundStream:
+    """A stream, made or yet to be made, and the tree that it is of.
+
+    Attributes:
+        tree: what is encoded.
+        stream: its bytes; None until it is `made`.
+        aim: how it is made, if not with fixed steps.
+        make: the stream of an aim, and its price of a bit; looked for from a price on.
+        price: of a bit, at which it is made, or near which.
+        psnr: that it aims at, dB; None if it does not.
+    """
+
+    tree: EvolutionTree
+    stream: bytes | None = None
+    aim: TargetEncoder | None = None
+    make: Make | None = None
+    price: float | None = None
+    psnr: float | None = None
+
+    @staticmethod
+    def of(aim: TargetEncoder, make: Make, price: float | None = None) -> FoundStream:
+        """One that is yet to be made."""
+        return FoundStream(aim.tree, aim=aim, make=make, price=price)
+
+    def made(self) -> FoundStream:
+        """With its bytes.
+
+        Raises:
+            TargetMissedError: no stream meets the target.
+        """
+        if self.stream is not None:
+            return self
+        assert self.aim is not None, "what is not made can be"
+        assert self.make is not None, "what is not made can be"
+        found = self.make(self.aim, self.price)
+        return replace(self, stream=found.what, price=found.at)
+
+    @property
+    def data(self) -> bytes:
+        """The bytes of a stream that is made."""
+        assert self.stream is not None, "it is made"
+        return self.stream
+
+    @property
+    def is_by_views(self) -> bool:
+        """Whether views decided how exact numbers are."""
+        return self.aim is not None and self.aim.views is not None and self.price is not None
+
+    @property
+    def is_layered(self) -> bool:
+        """Whether it has several layers of precision."""
+        return self._layered is not None
+
+    @property
+    def layering(self) -> Layering:
+        """Its layers of precision."""
+        return Layering(1) if self._layered is None else self._layered.layering
+
+    @property
+    def n_coarse(self) -> int:
+        """Levels at coarse steps, or all of them where there is one layer."""
+        return self.tree.n_levels if self._layered is None else self._layered.n_coarse
+
+    @property
+    def orders(self) -> Sequence[I64 | None] | None:
+        """What layers did to the order of slots (`EncodedScene`)."""
+        return None if self._layered is None else self._layered.orders
+
+    @property
+    def can_be_late(self) -> bool:
+        """Whether the last level of the tree may come with a second layer."""
+        if self.aim is None or not self.is_layered:
+            return False
+        return can_be_late(self.aim.prepared.tiles, self.tree.n_levels)
+
+    def draft(self, *, is_whole: bool = False) -> Prefixes[Any]:
+        """What is to be looked at: the coarse levels of the stream, with the same integers.
+
+        `is_whole`: all levels. It must be by views.
+        """
+        if self.stream is not None:
+            return StreamPrefixes(self.stream)
+        return self._whole if is_whole else self._coarse
+
+    def nearer(self) -> FoundStream:
+        """At a price at which its PSNR is nearer to what it aims at, by that of a draft.
+
+        Itself if its price is no guess.
+        """
+        if self.stream is not None or self.psnr is None:
+            return self
+        assert self.aim is not None, "it aims at a PSNR"
+        if self.aim.guess is None:
+            return self
+        guess = self.aim.nearer(self.aim.guess, self.psnr, self._whole.tree)
+        return replace(self, aim=self.aim.guessing(guess), price=guess.price)
+
+    @property
+    def _layered(self) -> Layered | None:
+        return None if self.aim is None else self.aim.prepared.layered
+
+    @cached_property
+    def _coarse(self) -> TreePrefixes:
+        if not self.is_layered:
+            return self._whole
+        assert self.aim is not None, "it is by views"
+        assert self.price is not None, "it is by views"
+        return TreePrefixes(self.aim.prepared.coarse(self.price))
+
+    @cached_property
+    def _whole(self) -> TreePrefixes:
+        assert self.aim is not None, "it is by views"
+        assert self.price is not None, "it is by views"
+        return TreePrefixes(self.aim.prepared.coded(self.price))
+
+    def warn_of_span(self) -> None:
+        """Warn where values span so much that they are coarser than views ask."""
+        if self.is_by_views:
+            assert self.aim is not None, "it is by views"
+            assert self.price is not None, "it is by views"
+            exponents = read_directory(self.data).grid_exponents
+            self.aim.prepared.warn_of_span(self.price, exponents)
+
+    def leaving_empty(self, packets: frozenset[PacketId]) -> FoundStream:
+        """With these packets of SH bands empty (`TargetEncoder.leaving_empty`), yet to be made."""
+        assert self.aim is not None, "it is by views"
+        return replace(self, stream=None, aim=self.aim.leaving_empty(packets))
+
+    def holding(self, runs: Sequence[Run], layering: Layering) -> FoundStream:
+        """That of the same tree with runs of steps held back (`TargetEncoder.holding`)."""
+        assert self.aim is not None, "it is by views"
+        return replace(self, stream=None, aim=self.aim.holding(runs, layering))
