@@ -23,7 +23,7 @@ from evogs_codec.scene.states import FALL
 if TYPE_CHECKING:
     from evogs_codec.render import Views
 
-__all__ = ["without_worse_bands"]
+__all__ = ["MANY", "without_worse_bands"]
 
 MANY = 20_000  # splats; of more, errors make up for each other, and packets take long to draw
 TRIES = 3
