@@ -22,6 +22,8 @@ from evogs_codec.model.tree import EvolutionTree, Slots, Step, columns_of
 __all__ = ["LateLevel", "can_be_late", "gains_little"]
 
 LATE = 1.5  # dB; if the last level, at coarse steps, looks better by less, it comes late
+# The same where some steps look worse: held back they cost more bytes than a level that is late.
+LATE_IF_SOME_FALL = 3.0
 
 
 def can_be_late(tiles: Sequence[EvolutionTree], n_levels: int) -> bool:
@@ -33,9 +35,12 @@ def can_be_late(tiles: Sequence[EvolutionTree], n_levels: int) -> bool:
     return n_levels > 1 and any(s.n_new for s in last) and not any(s.n_adds for s in last)
 
 
-def gains_little(decibels: float) -> bool:
-    """Whether the last level, if it looks better than the one before by this, is to come late."""
-    return decibels < LATE
+def gains_little(decibels: float, *, some_fall: bool = False) -> bool:
+    """Whether the last level, if it looks better than the one before by this, is to come late.
+
+    `some_fall`: with some of its steps, or with earlier ones, pictures look worse.
+    """
+    return decibels < (LATE_IF_SOME_FALL if some_fall else LATE)
 
 
 @dataclass(frozen=True, eq=False)

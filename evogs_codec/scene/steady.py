@@ -6,8 +6,9 @@ than some of them, all are made more exact; if they look worse than level 0 then
 of precision.
 
 If the last level, at coarse steps, looks hardly better than the level before it, it comes late
-(`late_level`). It comes late too if all coarse splats look far worse than the PSNR that is aimed
-at: then there are three layers, and it comes with the second.
+(`late_level`); where steps would be held back, it does even if it looks somewhat better. It comes
+late too if all coarse splats look far worse than the PSNR that is aimed at: then there are three
+layers, and it comes with the second.
 
 Only coarse levels are made for that, at the price of a bit that was found; the whole stream is made
 when they do not fall. Of few splats, its packets of SH bands are looked at then (`bands`).
@@ -144,11 +145,9 @@ class _Mending:
         """With finer coarse splats, or with steps held back; None if there is nothing to mend."""
         tree = found.tree
         draft = Draft(found.draft(), found.n_coarse, tree.shown_degree, tree.n_leaves, self.views)
-        if self._could_be_late(found):
-            before, last = draft.last_two()
-            if gains_little(last - before):
-                self.layering = replace(self.layering, is_late=True)
-                return found.holding((), self.layering)
+        gain = self._gain_of_last(found, draft)
+        if gains_little(gain):
+            return self._late(found)
         states = draft.states(self.progress)
         assert found.aim is not None, "it is by views"
         some_mends = set() if self.before else _places_of_mends(found.aim.prepared.tiles)
@@ -161,15 +160,24 @@ class _Mending:
         if falls and found.is_layered and self.may_be_late:
             self.layering, self.before = Layering(1), []
             return found.holding((), self.layering)
+        if runs and gains_little(gain, some_fall=True):
+            return self._late(found)
         if runs and runs != self.before:  # else they could not be held back
             self.before = runs
             return found.holding(runs, self.layering)
         return None
 
-    def _could_be_late(self, found: FoundStream) -> bool:
-        """Whether the last level is not late yet, and may be."""
+    def _gain_of_last(self, found: FoundStream, draft: Draft) -> float:
+        """By how many dB the last level, if it may come late and does not yet, looks better."""
         may = self.may_be_late and found.can_be_late
-        return may and found.n_coarse > 1 and not self.layering.is_late
+        if not may or found.n_coarse < 2 or self.layering.is_late:
+            return math.inf
+        before, last = draft.last_two()
+        return last - before
+
+    def _late(self, found: FoundStream) -> FoundStream:
+        self.layering, self.before = replace(self.layering, is_late=True), []
+        return found.holding((), self.layering)
 
 
 def _falls_late(found: FoundStream, views: Views) -> bool:

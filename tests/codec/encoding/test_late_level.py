@@ -214,7 +214,8 @@ def test_which_trees_can_have_a_late_level():
 def test_a_last_level_that_looks_hardly_better_is_late(monkeypatch):
     n_levels = {}
     for by in (-np.inf, np.inf):
-        monkeypatch.setattr("evogs_codec.encoding.late_level.LATE", by)
+        for limit in ("LATE", "LATE_IF_SOME_FALL"):
+            monkeypatch.setattr(f"evogs_codec.encoding.late_level.{limit}", by)
         data = encode_scene(SPLATS, effort=1)
         n_levels[by] = read_directory(data).n_levels
         assert VIEWS.psnr(decode(data).leaves(sh_degree=3)) > 35

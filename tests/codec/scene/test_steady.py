@@ -19,6 +19,7 @@ from evogs_codec import (
     lift,
     read_directory,
 )
+from evogs_codec.encoding import late_level
 from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.layers import Layering
 from evogs_codec.encoding.targets import TargetMissedError
@@ -214,6 +215,27 @@ def test_layers_that_were_asked_for_stay_where_coarse_splats_are_made_finer(monk
     data = encode_scene(make_scene(N), levels=3, layers=3, up="z", effort=1)
     assert len(tries) > 1
     assert read_directory(data).n_levels == 3 + 2
+
+
+@pytest.mark.parametrize("some_fall", [False, True])
+def test_a_level_that_gains_somewhat_comes_late_where_steps_would_be_held_back(
+    monkeypatch, some_fall
+):
+    real = steady._runs
+
+    def runs_of(states, some_mends):
+        return [Run((1, 0), (1, 9))] if some_fall else [], real(states, some_mends)[1]
+
+    monkeypatch.setattr(steady, "_runs", runs_of)
+    splats = make_scene(N)
+    found = found_of(aim_of(lift(splats, 3), splats, layers=2))
+    draft, views = found.draft(), found.aim.views
+    cuts = [draft.of_level(level) for level in (1, 2)]
+    before, last = map(views.psnr, draft.shown(cuts, 3))
+    monkeypatch.setattr(late_level, "LATE", last - before - 0.5)
+    monkeypatch.setattr(late_level, "LATE_IF_SOME_FALL", last - before + 0.5)
+    steadied = steady._steadied(found, views, Request.of("scene", {}))
+    assert steadied.layering.is_late == some_fall
 
 
 def test_a_target_that_held_steps_miss_is_met_without(monkeypatch):
