@@ -7,6 +7,7 @@ for those of another, so that a band without errors looks worse.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -17,55 +18,94 @@ from evogs_codec.encoding.targets import TargetMissedError
 from evogs_codec.model.components import CORE
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.scene.found_stream import FoundStream
+from evogs_codec.scene.measure import SMALL
 from evogs_codec.scene.prefixes import StreamPrefixes
 from evogs_codec.scene.states import FALL
 
 if TYPE_CHECKING:
     from evogs_codec.render import Views
 
-__all__ = ["MANY", "without_worse_bands"]
+__all__ = ["without_worse_bands"]
 
-MANY = 20_000  # splats; of more, errors make up for each other, and packets take long to draw
-TRIES = 3
+TRIES = 6
+DEEP = FALL / 2  # dB; other views may show twice of it
+FINER = (1.0, 0.93, 0.86)  # of the price of a bit
 
 
-def without_worse_bands(found: FoundStream, views: Views) -> FoundStream:
+def without_worse_bands(found: FoundStream, views: Views, *, may_be_finer: bool) -> FoundStream:
     """A stream that is made, without packets of SH bands that these views show to be worse.
 
-    As it is where it would look worse as a whole without them, or miss its target.
+    It keeps them where it would look worse as a whole without them, or miss its target. Where it
+    looks worse with them for a while, other errors may not: those at another price of a bit.
+
+    Args:
+        found: the stream.
+        views: that judge.
+        may_be_finer: it may be made at other prices of a bit.
     """
-    if not found.is_by_views or found.tree.n_leaves > MANY or found.tree.palette is not None:
+    if not found.is_by_views or found.tree.n_leaves > SMALL or found.tree.palette is not None:
         return found
-    empty: frozenset[PacketId] = frozenset()
+    best: tuple[float, FoundStream] | None = None
+    for factor in FINER if may_be_finer else FINER[:1]:
+        one = found if factor == 1 else found.at(factor)
+        one, fall = _without_worst(one, views)
+        if best is None or fall < best[0]:
+            best = fall, one
+        if fall <= DEEP:
+            break
+    assert best is not None, "there is a price"
+    return best[1]
+
+
+def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, float]:
+    """Without the packets that look worse, as many at once as may be; and how deep a fall is left.
+
+    Packets of adds cannot be empty: with them the stream would be what it was.
+    """
     looks = _Looks.of(found, views)
+    empty: frozenset[PacketId] = frozenset()
+    refused: list[frozenset[PacketId]] = []
     for _ in range(TRIES):
-        if looks.worse <= empty:  # nothing new: packets of adds cannot be empty
+        chosen = [empty | some for some in (looks.worse, looks.worst)]
+        some = next((some for some in chosen if some != empty and some not in refused), None)
+        if some is None:
             break
-        empty |= looks.worse
         try:
-            again = found.leaving_empty(empty).made()
+            again = found.leaving_empty(some).made()
         except TargetMissedError:
-            break
-        other = _Looks.of(again, views)
-        if other.whole < looks.whole - FALL or other.fall > looks.fall:
-            break
-        found, looks = again, other
-    return found
+            refused.append(some)
+            continue
+        then = _Looks.of(again, views)
+        if then.whole < looks.whole - FALL or then.fall > looks.fall:
+            refused.append(some)
+        else:
+            found, looks, empty = again, then, some
+    return found, looks.fall
 
 
 @dataclass(frozen=True)
 class _Looks:
-    """How the packets of SH bands of a stream change pictures.
+    """How the packets of a stream change pictures.
 
     Attributes:
         whole: PSNR of the whole, dB.
-        fall: the deepest with one of them, dB.
-        worse: those that are falls.
+        falls: how much worse pictures are with packets of SH bands than before, dB.
+        fall: the deepest with any packet.
     """
 
     whole: float
+    falls: Mapping[PacketId, float]
     fall: float
-    worse: frozenset[PacketId]
+
+    @property
+    def worse(self) -> frozenset[PacketId]:
+        """Packets that are falls."""
+        return frozenset(self.falls)
+
+    @property
+    def worst(self) -> frozenset[PacketId]:
+        """The one of them that is the deepest."""
+        return frozenset(sorted(self.falls, key=lambda packet: -self.falls[packet])[:1])
 
     @staticmethod
     def of(found: FoundStream, views: Views) -> _Looks:
@@ -75,18 +115,15 @@ class _Looks:
         sizes = directory.packets["size"].astype(np.int64)
         rows = np.flatnonzero(sizes)
         rows = rows[np.argsort(directory.offsets[rows], kind="stable")]
-        if not directory.columns[rows].any():
-            return _Looks(math.inf, 0.0, frozenset())
         cuts = [Cut.of_prefix(directory, int(directory.offsets[row] + sizes[row])) for row in rows]
         deepest, best, before = 0.0, -math.inf, -math.inf
-        worse = []
+        falls: dict[PacketId, float] = {}
         for row, leaves in zip(rows, prefixes.shown(cuts, found.tree.shown_degree), strict=True):
             decibels = views.psnr(leaves)
             component = directory.components.of_tiles[directory.columns[row]]
-            if component != CORE and decibels < before:
-                deepest = max(deepest, best - decibels)
-                if best - decibels > FALL / 2:
-                    tile, step = int(directory.packets["tile"][row]), int(directory.steps[row])
-                    worse.append(PacketId(tile, component, step))
+            deepest = max(deepest, best - decibels)
+            if component != CORE and decibels < before and best - decibels > DEEP:
+                tile, step = int(directory.packets["tile"][row]), int(directory.steps[row])
+                falls[PacketId(tile, component, step)] = best - decibels
             best, before = max(best, decibels), decibels
-        return _Looks(before, deepest, frozenset(worse))
+        return _Looks(before, falls, deepest)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -147,6 +148,17 @@ class FoundStream:
             assert self.price is not None, "it is by views"
             exponents = read_directory(self.data).grid_exponents
             self.aim.prepared.warn_of_span(self.price, exponents)
+
+    def at(self, factor: float) -> FoundStream:
+        """At a price of a bit that is so many times its own, made; whatever it aims at."""
+        assert self.aim is not None, "it is by views"
+        assert self.price is not None, "it is by views"
+        price = factor * self.price
+
+        def make(aim: TargetEncoder, near: float | None) -> Found[bytes]:
+            return Found(price, math.nan, aim.at_price(price))
+
+        return replace(self, stream=None, make=make, price=price).made()
 
     def leaving_empty(self, packets: frozenset[PacketId]) -> FoundStream:
         """With these packets of SH bands empty (`TargetEncoder.leaving_empty`), yet to be made."""

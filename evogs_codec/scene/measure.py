@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 __all__ = ["Gauge", "with_room", "without_room"]
 
 N_VIEWS = 6
+SMALL = 20_000  # splats; of few, errors are chance: more views look for falls
+N_OF_SMALL = 24
 PIXELS = 200  # of the longer side of a view
 
 
@@ -27,7 +29,7 @@ class Gauge:
     Attributes:
         views: of levels.
         said: what they are.
-        many: twice as many, that look for falls.
+        many: twice as many, or more of few splats, that look for falls.
     """
 
     views: Views
@@ -44,7 +46,8 @@ class Gauge:
 
         scene = tree.shared_leaves()
         cameras, said = _cameras(scene, request)
-        more, _ = _cameras(scene, request, 2 * N_VIEWS, 0)
+        n_many = N_OF_SMALL if tree.n_leaves <= SMALL else 2 * N_VIEWS
+        more, _ = _cameras(scene, request, n_many, 0)
         views = Views(scene, cameras, options=options_for(scene))
         if not any((picture != 1.0).any() for picture in views.pictures):  # only background
             return None

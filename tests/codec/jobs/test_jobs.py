@@ -28,7 +28,7 @@ from evogs_codec.jobs.merge import merge
 from evogs_codec.jobs.partition import _append
 from evogs_codec.render import Views
 from evogs_codec.render.demo_scene import make_scene
-from evogs_codec.scene.bands import MANY
+from evogs_codec.scene.measure import SMALL
 from tests.support.dying_jobs import dies_always, dies_at_first, doubled, process_of
 
 pytest.importorskip("numba")
@@ -85,7 +85,7 @@ def test_what_is_said_of_a_scene_is_in_the_stream_of_all_tiles(folder, tmp_path)
 @pytest.mark.thorough
 def test_tiles_look_as_the_same_tiles_of_a_scene_encoded_whole(tmp_path):
     # So many that the whole keeps all packets of SH bands: a tile cannot tell which look worse.
-    scene = make_scene(MANY + 800)
+    scene = make_scene(SMALL + 800)
     write_ply(tmp_path / "a.ply", scene)
     options = JobOptions(levels=4, per_tile=len(scene) // 4)
     encode_files([tmp_path / "a.ply"], tmp_path / "a.evogs", options, engine=SERIAL)

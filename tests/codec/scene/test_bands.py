@@ -11,7 +11,7 @@ from evogs_codec import PRESETS, Cut, TargetEncoder, decode, encode_scene, lift,
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
-from evogs_codec.scene import bands
+from evogs_codec.scene import bands, choose
 from tools.bench.falls import odd_scenes
 
 PRICE = 1e-11
@@ -53,6 +53,29 @@ def test_empty_packets_have_no_bytes_and_later_ones_mend_them(layers):
     assert np.abs(one - other).mean() < 0.5 * np.abs(one).mean()
 
 
+@pytest.mark.parametrize(
+    ("falls", "factor"),
+    [([0.0], 1.0), ([1.0, 0.0], bands.FINER[1]), ([1.0, 0.7, 0.5], bands.FINER[2])],
+)
+@pytest.mark.parametrize("may_be_finer", [False, True])
+def test_where_pictures_stay_worse_another_price_of_a_bit_is_tried(
+    monkeypatch, falls, factor, may_be_finer
+):
+    splats = make_scene(600)
+    views = Views(splats, cameras_around(splats, "z", 60, n=4))
+    aim = TargetEncoder(lift(splats, 3), PRESETS["scene"], views, layers=2)
+    found = choose._at_price([aim], PRICE).made()
+    left = iter(falls)
+    monkeypatch.setattr(bands, "_without_worst", lambda one, _: (one, next(left)))
+    price = PRICE * (factor if may_be_finer else 1.0)
+    chosen = bands.without_worse_bands(found, views, may_be_finer=may_be_finer)
+    assert chosen.price == pytest.approx(price)
+    assert chosen.data == aim.at_price(price)
+    assert next(left, None) is None or not may_be_finer
+    empty = frozenset({PacketId(0, 3, max(p.step for p in sizes(chosen.data)))})
+    assert chosen.leaving_empty(empty).made().data == aim.leaving_empty(empty).at_price(price)
+
+
 def deepest_fall(data, splats):
     views = Views(splats, cameras_around(splats, "z", 300, n=24))
     directory = read_directory(data)
@@ -69,7 +92,7 @@ def test_bands_that_look_worse_are_left_out(monkeypatch):
     splats = dict(odd_scenes())["one dense clump"]
     after, _ = deepest_fall(encode_scene(splats), splats)
     assert after <= 0.05
-    monkeypatch.setattr(bands, "MANY", 0)
+    monkeypatch.setattr(bands, "SMALL", 0)
     before, _ = deepest_fall(encode_scene(splats), splats)
     assert before > 0.05
 
@@ -79,9 +102,17 @@ def test_the_whole_does_not_look_worse_for_that(monkeypatch):
     """Bands that look worse for a while, and are needed in the end, stay."""
     splats = clump(1500)
     _, after = deepest_fall(encode_scene(splats, levels=4), splats)
-    monkeypatch.setattr(bands, "MANY", 0)
+    monkeypatch.setattr(bands, "SMALL", 0)
     _, before = deepest_fall(encode_scene(splats, levels=4), splats)
     assert after > before - 0.1
+
+
+@pytest.mark.thorough
+def test_huge_splats_have_no_fall_in_views_that_judge():
+    splats = make_scene(2000, 101)
+    splats = replace(splats, log_scales=splats.log_scales + np.float32(2))
+    fall, _ = deepest_fall(encode_scene(splats), splats)
+    assert fall <= 0.05
 
 
 @pytest.mark.thorough
