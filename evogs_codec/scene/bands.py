@@ -7,19 +7,21 @@ for those of another, so that a band without errors looks worse.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from evogs_codec.decoding.cut import Cut
+from evogs_codec.encoding.layers import Layering
 from evogs_codec.encoding.targets import TargetMissedError
 from evogs_codec.model.components import CORE
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.measure import SMALL
 from evogs_codec.scene.prefixes import StreamPrefixes
+from evogs_codec.scene.request import Request
 from evogs_codec.scene.states import FALL
 
 if TYPE_CHECKING:
@@ -29,32 +31,37 @@ __all__ = ["without_worse_bands"]
 
 TRIES = 6
 DEEP = FALL / 2  # dB; other views may show twice of it
-FINER = (1.0, 0.93, 0.86)  # of the price of a bit
+FINER = (0.93, 0.86)  # of the price of a bit
 
 
-def without_worse_bands(found: FoundStream, views: Views, *, may_be_finer: bool) -> FoundStream:
+def without_worse_bands(found: FoundStream, views: Views, request: Request) -> FoundStream:
     """A stream that is made, without packets of SH bands that these views show to be worse.
 
     It keeps them where it would look worse as a whole without them, or miss its target. Where it
-    looks worse with them for a while, other errors may not: those at another price of a bit.
-
-    Args:
-        found: the stream.
-        views: that judge.
-        may_be_finer: it may be made at other prices of a bit.
+    looks worse with them for a while, other errors may not: those at another price of a bit, and
+    those of one layer of precision, which has fewer packets. Both only where nobody asked for less.
     """
     if not found.is_by_views or found.tree.n_leaves > SMALL or found.tree.palette is not None:
         return found
-    best: tuple[float, FoundStream] | None = None
-    for factor in FINER if may_be_finer else FINER[:1]:
-        one = found if factor == 1 else found.at(factor)
-        one, fall = _without_worst(one, views)
-        if best is None or fall < best[0]:
-            best = fall, one
-        if fall <= DEEP:
+    best, fall = _without_worst(found, views)
+    for other in _others(found, request):
+        is_enough = DEEP if other.is_layered else FALL
+        if fall <= is_enough:
             break
-    assert best is not None, "there is a price"
-    return best[1]
+        one, of_one = _without_worst(other.made(), views)
+        if of_one < fall:
+            best, fall = one, of_one
+    return best
+
+
+def _others(found: FoundStream, request: Request) -> Iterator[FoundStream]:
+    """Streams that may be made instead, yet to be made."""
+    if not request.is_plain:
+        return
+    for factor in FINER:
+        yield found.at(factor)
+    if found.is_layered and request.layers is None:
+        yield found.holding((), Layering(1))
 
 
 def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, float]:

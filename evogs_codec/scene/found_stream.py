@@ -150,7 +150,7 @@ class FoundStream:
             self.aim.prepared.warn_of_span(self.price, exponents)
 
     def at(self, factor: float) -> FoundStream:
-        """At a price of a bit that is so many times its own, made; whatever it aims at."""
+        """At so many times its price of a bit, whatever it aims at; yet to be made."""
         assert self.aim is not None, "it is by views"
         assert self.price is not None, "it is by views"
         price = factor * self.price
@@ -158,7 +158,7 @@ class FoundStream:
         def make(aim: TargetEncoder, near: float | None) -> Found[bytes]:
             return Found(price, math.nan, aim.at_price(price))
 
-        return replace(self, stream=None, make=make, price=price).made()
+        return replace(self, stream=None, make=make, price=price)
 
     def leaving_empty(self, packets: frozenset[PacketId]) -> FoundStream:
         """With these packets of SH bands empty (`TargetEncoder.leaving_empty`), yet to be made."""

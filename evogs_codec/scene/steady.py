@@ -59,7 +59,7 @@ def steady(found: FoundStream, request: Request) -> FoundStream:
         made.warn_of_span()
         return replace(made, stream=without_room(made.data, request))
     steadied = _steadied(found, gauge.many, request) if found.is_by_views else found.made()
-    steadied = without_worse_bands(steadied, gauge.many, may_be_finer=request.is_plain)
+    steadied = without_worse_bands(steadied, gauge.many, request)
     steadied.warn_of_span()
     data = steadied.data
     prefixes = StreamPrefixes(data)

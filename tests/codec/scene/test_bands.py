@@ -12,6 +12,7 @@ from evogs_codec.model.packet_id import PacketId
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.scene import bands, choose
+from evogs_codec.scene.request import Request
 from tools.bench.falls import odd_scenes
 
 PRICE = 1e-11
@@ -53,27 +54,40 @@ def test_empty_packets_have_no_bytes_and_later_ones_mend_them(layers):
     assert np.abs(one - other).mean() < 0.5 * np.abs(one).mean()
 
 
-@pytest.mark.parametrize(
-    ("falls", "factor"),
-    [([0.0], 1.0), ([1.0, 0.0], bands.FINER[1]), ([1.0, 0.7, 0.5], bands.FINER[2])],
-)
-@pytest.mark.parametrize("may_be_finer", [False, True])
-def test_where_pictures_stay_worse_another_price_of_a_bit_is_tried(
-    monkeypatch, falls, factor, may_be_finer
-):
+@pytest.fixture(scope="module")
+def layered():
     splats = make_scene(600)
     views = Views(splats, cameras_around(splats, "z", 60, n=4))
     aim = TargetEncoder(lift(splats, 3), PRESETS["scene"], views, layers=2)
-    found = choose._at_price([aim], PRICE).made()
+    return choose._at_price([aim], PRICE).made()
+
+
+@pytest.mark.parametrize(
+    ("falls", "options", "factor", "n_layers"),
+    [
+        ([0.02], {}, 1, 2),
+        ([1.0, 0.0], {}, bands.FINER[0], 2),
+        ([1.0, 0.7, 0.04], {}, bands.FINER[1], 2),
+        ([1.0, 0.7, 0.9, 0.8], {}, bands.FINER[0], 2),
+        ([1.0, 0.7, 0.9, 0.1], {}, 1, 1),
+        ([1.0, 0.7, 0.9], {"layers": 2}, bands.FINER[0], 2),
+        ([1.0], {"target_psnr": 40.0}, 1, 2),
+    ],
+)
+def test_where_pictures_stay_worse_other_streams_are_tried(
+    monkeypatch, layered, falls, options, factor, n_layers
+):
     left = iter(falls)
     monkeypatch.setattr(bands, "_without_worst", lambda one, _: (one, next(left)))
-    price = PRICE * (factor if may_be_finer else 1.0)
-    chosen = bands.without_worse_bands(found, views, may_be_finer=may_be_finer)
-    assert chosen.price == pytest.approx(price)
-    assert chosen.data == aim.at_price(price)
-    assert next(left, None) is None or not may_be_finer
+    request = Request.of("scene", options)
+    chosen = bands.without_worse_bands(layered, layered.aim.views, request)
+    assert next(left, None) is None
+    assert chosen.price == pytest.approx(PRICE * factor)
+    assert chosen.layering.n == n_layers
+    assert chosen.data == chosen.aim.at_price(PRICE * factor)
     empty = frozenset({PacketId(0, 3, max(p.step for p in sizes(chosen.data)))})
-    assert chosen.leaving_empty(empty).made().data == aim.leaving_empty(empty).at_price(price)
+    again = chosen.leaving_empty(empty).made()
+    assert again.data == chosen.aim.leaving_empty(empty).at_price(PRICE * factor)
 
 
 def deepest_fall(data, splats):
