@@ -19,13 +19,13 @@ from evogs_codec.encoding.measured_gains import Pictures, psnr_of_sh
 from evogs_codec.model.channels import N_GROUPS, channel_class
 from evogs_codec.model.splats import F32, F64, SplatParams
 
-__all__ = ["MEASURING", "Missed"]
+__all__ = ["KNOWN", "MEASURING", "Missed"]
 
 MEASURING = 2  # views, enough for that
 APART = math.log(192.0)  # between logarithms of the prices of a bit that are measured
 # Of positions and of SH bands above 0 the factors are measured. Those of rotations, scales and
 # opacities are what they were of three scenes, about: `sensitivity.MISSED`, which all of these
-# multiply, is too high for them. Without views to measure, `MISSED` stands alone.
+# multiply, is too high for them. Where nothing is measured, the factor of positions is 1.
 KNOWN = (1.0, 0.6, 0.65, 0.85)
 LEAST, MOST = 0.5, 300.0
 LEAST_ERROR = 1e-15  # mean squared error; of less, there is nothing to be measured

@@ -240,7 +240,7 @@ def _drawn(
         found = Importance.of(
             tiles, n_levels, views.sensitivity, first=first, seen=aim.seen, progress=report
         )
-        return found, None
+        return found.as_others(), None
     if aim.ordering is None or not isinstance(views, Telling):
         found = Importance.of(tiles, n_levels, views.sensitivity, seen=aim.seen, progress=report)
         return found, MeasuredGains.of(aim.tree, aim.ordering or views)

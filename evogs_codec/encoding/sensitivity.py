@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.encoding.measured_gains import Pictures
-from evogs_codec.encoding.missed import Missed
+from evogs_codec.encoding.missed import KNOWN, Missed
 from evogs_codec.model.channels import (
     GROUP_CHANNELS,
     N_GROUPS,
@@ -151,6 +151,12 @@ class Importance:
             tiles[0].palette is not None,
         )
         return replace(self, missed=missed)
+
+    def as_others(self) -> Importance:
+        """With what estimates miss in other scenes (`missed.KNOWN`), where nothing is measured."""
+        factors = np.ones(self.means.shape[1], np.float32)
+        factors[: len(KNOWN)] = KNOWN
+        return self.times(factors)
 
     def at(self, price: float) -> Importance:
         """With what its estimates miss at a price of a bit."""

@@ -150,3 +150,16 @@ def test_a_stream_of_opaque_splats_looks_better_at_as_many_bytes():
         judge.psnr(decode(aim.at_bytes(n_bytes)).leaves()) for aim in (plain, measuring)
     )
     assert after > before + 1
+
+
+def test_what_is_weighed_by_leaves_has_the_factors_of_other_scenes():
+    splats = make_scene(300)
+    views, tree = views_of(splats, 3), lift(splats, 2)
+    aim = TargetEncoder(tree, PRESETS["scene"], views, by_leaves=True)
+    plain = Importance.of(aim.prepared.tiles, 2, views.sensitivity, first=1)
+    found = aim.prepared.importance
+    assert found is not None
+    ratio = found.means / plain.means
+    assert ratio.shape[1] > len(KNOWN)
+    np.testing.assert_allclose(ratio[:, : len(KNOWN)], np.tile(KNOWN, (3, 1)), rtol=1e-5)
+    assert (ratio[:, len(KNOWN) :] == 1).all()
