@@ -11,7 +11,7 @@ late too if all coarse splats look far worse than the PSNR that is aimed at: the
 layers, and it comes with the second.
 
 Only coarse levels are made for that, at the price of a bit that was found; the whole stream is made
-when they do not fall. Of few splats, its packets of SH bands are looked at then (`bands`).
+when they do not fall. Of few splats, all its packets are looked at then (`few_splats`).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from evogs_codec.encoding.layers import BETWEEN, N_LAYERS, Layering
 from evogs_codec.encoding.mends import mends
 from evogs_codec.encoding.targets import TargetMissedError
 from evogs_codec.model.tree import EvolutionTree
-from evogs_codec.scene.bands import without_worse_bands
+from evogs_codec.scene.few_splats import without_falls
 from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.measure import Gauge, without_room
 from evogs_codec.scene.prefixes import StreamPrefixes
@@ -59,7 +59,7 @@ def steady(found: FoundStream, request: Request) -> FoundStream:
         made.warn_of_span()
         return replace(made, stream=without_room(made.data, request))
     steadied = _steadied(found, gauge.many, request) if found.is_by_views else found.made()
-    steadied = without_worse_bands(steadied, gauge.many, request)
+    steadied = without_falls(steadied, gauge.many, request)
     steadied.warn_of_span()
     data = steadied.data
     prefixes = StreamPrefixes(data)

@@ -1,7 +1,8 @@
-"""No step back of SH bands: packets of a band with which pictures are worse are left empty.
+"""No step back of few splats: all packets are looked at, and other streams made where one falls.
 
-What an error is worth is estimated number by number. Of few splats, errors of one band may make up
-for those of another, so that a band without errors looks worse.
+What an error is worth is estimated number by number. Of few splats, errors of one packet may make
+up for those of another, so that pictures are worse without these. Packets of SH bands with which
+they are worse are left empty; if that is not enough, other prices of a bit and one layer are tried.
 """
 
 from __future__ import annotations
@@ -27,19 +28,18 @@ from evogs_codec.scene.states import FALL
 if TYPE_CHECKING:
     from evogs_codec.render import Views
 
-__all__ = ["without_worse_bands"]
+__all__ = ["without_falls"]
 
 TRIES = 6
 DEEP = FALL / 2  # dB; other views may show twice of it
 FINER = (0.93, 0.86)  # of the price of a bit
 
 
-def without_worse_bands(found: FoundStream, views: Views, request: Request) -> FoundStream:
-    """A stream that is made, without packets of SH bands that these views show to be worse.
+def without_falls(found: FoundStream, views: Views, request: Request) -> FoundStream:
+    """A stream that is made, or one instead of it that falls less in these views.
 
-    It keeps them where it would look worse as a whole without them, or miss its target. Where it
-    looks worse with them for a while, other errors may not: those at another price of a bit, and
-    those of one layer of precision, which has fewer packets. Both only where nobody asked for less.
+    A packet that makes pictures worse stays where the whole would look worse without it, or miss
+    its target. Other prices are not tried with a target, nor one layer where layers were asked for.
     """
     if not found.is_by_views or found.tree.n_leaves > SMALL or found.tree.palette is not None:
         return found

@@ -11,7 +11,7 @@ from evogs_codec import PRESETS, Cut, TargetEncoder, decode, encode_scene, lift,
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
-from evogs_codec.scene import bands, choose
+from evogs_codec.scene import choose, few_splats
 from evogs_codec.scene.request import Request
 from tools.bench.falls import odd_scenes
 
@@ -66,11 +66,11 @@ def layered():
     ("falls", "options", "factor", "n_layers"),
     [
         ([0.02], {}, 1, 2),
-        ([1.0, 0.0], {}, bands.FINER[0], 2),
-        ([1.0, 0.7, 0.04], {}, bands.FINER[1], 2),
-        ([1.0, 0.7, 0.9, 0.8], {}, bands.FINER[0], 2),
+        ([1.0, 0.0], {}, few_splats.FINER[0], 2),
+        ([1.0, 0.7, 0.04], {}, few_splats.FINER[1], 2),
+        ([1.0, 0.7, 0.9, 0.8], {}, few_splats.FINER[0], 2),
         ([1.0, 0.7, 0.9, 0.1], {}, 1, 1),
-        ([1.0, 0.7, 0.9], {"layers": 2}, bands.FINER[0], 2),
+        ([1.0, 0.7, 0.9], {"layers": 2}, few_splats.FINER[0], 2),
         ([1.0], {"target_psnr": 40.0}, 1, 2),
     ],
 )
@@ -78,9 +78,9 @@ def test_where_pictures_stay_worse_other_streams_are_tried(
     monkeypatch, layered, falls, options, factor, n_layers
 ):
     left = iter(falls)
-    monkeypatch.setattr(bands, "_without_worst", lambda one, _: (one, next(left)))
+    monkeypatch.setattr(few_splats, "_without_worst", lambda one, _: (one, next(left)))
     request = Request.of("scene", options)
-    chosen = bands.without_worse_bands(layered, layered.aim.views, request)
+    chosen = few_splats.without_falls(layered, layered.aim.views, request)
     assert next(left, None) is None
     assert chosen.price == pytest.approx(PRICE * factor)
     assert chosen.layering.n == n_layers
@@ -106,7 +106,7 @@ def test_bands_that_look_worse_are_left_out(monkeypatch):
     splats = dict(odd_scenes())["one dense clump"]
     after, _ = deepest_fall(encode_scene(splats), splats)
     assert after <= 0.05
-    monkeypatch.setattr(bands, "SMALL", 0)
+    monkeypatch.setattr(few_splats, "SMALL", 0)
     before, _ = deepest_fall(encode_scene(splats), splats)
     assert before > 0.05
 
@@ -116,7 +116,7 @@ def test_the_whole_does_not_look_worse_for_that(monkeypatch):
     """Bands that look worse for a while, and are needed in the end, stay."""
     splats = clump(1500)
     _, after = deepest_fall(encode_scene(splats, levels=4), splats)
-    monkeypatch.setattr(bands, "SMALL", 0)
+    monkeypatch.setattr(few_splats, "SMALL", 0)
     _, before = deepest_fall(encode_scene(splats, levels=4), splats)
     assert after > before - 0.1
 
