@@ -19,5 +19,6 @@ def psnr(a: Real, b: Real) -> float:
     """Peak signal to noise ratio of two pictures with peak 1, dB; infinite where they are equal."""
     if a.shape != b.shape:
         raise ValueError(f"pictures of shapes {a.shape} and {b.shape}")
-    error = float(np.mean(np.square(a.astype(np.float64) - b.astype(np.float64))))
+    off = np.subtract(a, b, dtype=np.float64)
+    error = float(np.mean(np.square(off, out=off)))
     return math.inf if error == 0 else -10 * math.log10(error)

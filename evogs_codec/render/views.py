@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -203,6 +204,12 @@ class Views:
                     self.drawn[camera] = self._render(ready, camera)
         return [self.drawn[camera] for camera in self.cameras]
 
+    @cached_property
+    def _shows(self) -> Sequence[bool]:
+        """Of each view, whether the scene is in it."""
+        empty = np.array(self.background, np.float32)
+        return [bool((picture != empty).any()) for picture in self.pictures]
+
     def _picture(self, camera: Camera) -> Picture:
         if camera not in self.drawn:
             self.drawn[camera] = self._render(self.scene, camera)
@@ -226,11 +233,10 @@ class Views:
         return float(np.mean(self._psnr_of_each(of)))
 
     def _psnr_of_each(self, of: Callable[[Camera], Picture]) -> F64:
-        empty = np.array(self.background, np.float32)
-        shows = [bool((picture != empty).any()) for picture in self.pictures]
+        shows, pictures = self._shows, self.pictures
         found = [
             min(psnr(of(camera), picture), MOST)
-            for camera, picture, is_shown in zip(self.cameras, self.pictures, shows, strict=True)
+            for camera, picture, is_shown in zip(self.cameras, pictures, shows, strict=True)
             if is_shown or not any(shows)
         ]
         return np.array(found)
