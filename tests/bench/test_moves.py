@@ -1,6 +1,7 @@
 """What comes while a camera moves, and in which order it is asked for."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -128,11 +129,14 @@ def test_pieces_without_bytes_come_with_those_before_them():
 
 
 @pytest.mark.thorough
-def test_a_small_scene_while_the_camera_moves(tmp_path):
+def test_a_small_scene_while_the_camera_moves(tmp_path, monkeypatch):
     pytest.importorskip("gsply")
     from tools.bench.moves import moves
     from tools.bench.subjects import Subject
 
+    # How the packets come is looked at, whatever effort they were made with.
+    fast = partial(encode_scene, effort="fast")
+    monkeypatch.setattr("tools.bench.moves.encode_scene", fast)
     rows = moves([Subject.of_scene("small", make_scene(1500), "z")], tmp_path)
     assert len(rows) == 5 * len(TRACES)
     for row in rows:
