@@ -28,8 +28,9 @@ from evogs_codec.jobs.merge import merge
 from evogs_codec.jobs.partition import _append
 from evogs_codec.render import Views
 from evogs_codec.render.demo_scene import make_scene
-from evogs_codec.scene.measure import SMALL
+from evogs_codec.scene.measure import SMALL as FEW
 from tests.support.dying_jobs import dies_always, dies_at_first, doubled, process_of
+from tests.support.view_sizes import FULL, SMALL, views_of
 
 pytest.importorskip("numba")
 
@@ -38,9 +39,18 @@ OPTIONS = JobOptions(levels=3, per_tile=PER_TILE, effort=3)
 SERIAL = Engine("serial")
 
 
-@pytest.fixture
+@pytest.fixture(scope="module", autouse=True)
 def small_views():
-    """Views keep their size: processes that jobs start would not know of another."""
+    """Of what this process encodes itself, wherever nothing else is said."""
+    with views_of(SMALL):
+        yield
+
+
+@pytest.fixture
+def full_views():
+    """For what views decide, and for processes that jobs start, which have no others."""
+    with views_of(FULL):
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -66,8 +76,16 @@ def right(folder):
     return (folder / "right.evogs").read_bytes()
 
 
-def test_the_stream_has_all_splats_in_tiles(scene, right):
-    decoded = decode(right, verify=True)
+@pytest.fixture(scope="module")
+def right_of_full_views(folder):
+    """The same, by views as processes that jobs start have them."""
+    with views_of(FULL):
+        encode_files([folder / "whole.ply"], folder / "full.evogs", OPTIONS, engine=SERIAL)
+    return (folder / "full.evogs").read_bytes()
+
+
+def test_the_stream_has_all_splats_in_tiles(scene, right_of_full_views, full_views):
+    decoded = decode(right_of_full_views, verify=True)
     assert len(decoded.directory.tiles) == 4
     assert decoded.n_leaves == N
     assert Views.of(scene, n_views=6).psnr(decoded.leaves()) > 36
@@ -83,9 +101,9 @@ def test_what_is_said_of_a_scene_is_in_the_stream_of_all_tiles(folder, tmp_path)
 
 
 @pytest.mark.thorough
-def test_tiles_look_as_the_same_tiles_of_a_scene_encoded_whole(tmp_path):
+def test_tiles_look_as_the_same_tiles_of_a_scene_encoded_whole(tmp_path, full_views):
     # So many that the whole keeps all packets of SH bands: a tile cannot tell which look worse.
-    scene = make_scene(SMALL + 800)
+    scene = make_scene(FEW + 800)
     write_ply(tmp_path / "a.ply", scene)
     options = JobOptions(levels=4, per_tile=len(scene) // 4)
     encode_files([tmp_path / "a.ply"], tmp_path / "a.evogs", options, engine=SERIAL)
@@ -117,15 +135,15 @@ def test_the_order_of_files_and_splats_changes_no_byte(folder, right, tmp_path):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("engine", [Engine(workers=1), Engine(workers=2), Engine("dask", 2)])
-def test_no_engine_changes_a_byte(engine, folder, right, tmp_path):
+def test_no_engine_changes_a_byte(engine, folder, right_of_full_views, tmp_path):
     if engine.name == "dask":
         pytest.importorskip("distributed")
     encode_files([folder / "whole.ply"], tmp_path / "a.evogs", OPTIONS, engine=engine)
-    assert (tmp_path / "a.evogs").read_bytes() == right
+    assert (tmp_path / "a.evogs").read_bytes() == right_of_full_views
 
 
 @pytest.mark.thorough
-def test_a_run_that_was_killed_is_resumed(folder, right, tmp_path):
+def test_a_run_that_was_killed_is_resumed(folder, right_of_full_views, full_views, tmp_path):
     out = tmp_path / "a.evogs"
     code = (
         "from evogs_codec.jobs import *;"
@@ -144,7 +162,8 @@ def test_a_run_that_was_killed_is_resumed(folder, right, tmp_path):
     kept = {path: path.stat().st_mtime_ns for path in scratch.glob("*.evogs")}
     assert 1 <= len(kept) < 4
     encode_files([folder / "whole.ply"], out, OPTIONS, engine=SERIAL, resume=True)
-    assert hashlib.sha256(out.read_bytes()).digest() == hashlib.sha256(right).digest()
+    found, right = out.read_bytes(), right_of_full_views
+    assert hashlib.sha256(found).digest() == hashlib.sha256(right).digest()
     assert not scratch.exists()
 
 

@@ -14,6 +14,7 @@ from evogs_codec.model.components import PALETTE
 from evogs_codec.render import Views
 from evogs_codec.render.demo_scene import make_scene
 from tests.support.shared_scenes import shared_scene
+from tests.support.view_sizes import FULL, SMALL, views_of
 
 pytest.importorskip("numba")
 
@@ -22,9 +23,18 @@ OPTIONS = JobOptions(levels=3, per_tile=PER_TILE, effort=3)
 SERIAL = Engine("serial")
 
 
-@pytest.fixture
+@pytest.fixture(scope="module", autouse=True)
 def small_views():
-    """Views keep their size: processes that jobs start would not know of another."""
+    """Of what this process encodes itself, wherever nothing else is said."""
+    with views_of(SMALL):
+        yield
+
+
+@pytest.fixture
+def full_views():
+    """For what views decide, and for processes that jobs start, which have no others."""
+    with views_of(FULL):
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -162,8 +172,10 @@ def test_the_order_of_files_and_splats_changes_no_byte(folder, right, tmp_path):
 
 
 @pytest.mark.thorough
-def test_two_processes_change_no_byte(folder, right, tmp_path):
-    assert coded(tmp_path / "a.evogs", [folder / "whole.ply"], engine=Engine(workers=2)) == right
+def test_two_processes_change_no_byte(folder, full_views, tmp_path):
+    files = [folder / "whole.ply"]
+    right = coded(tmp_path / "right.evogs", files)
+    assert coded(tmp_path / "a.evogs", files, engine=Engine(workers=2)) == right
 
 
 @pytest.mark.thorough
@@ -198,7 +210,7 @@ def test_too_many_vectors_are_as_none(folder, plain, tmp_path, monkeypatch):
 
 
 @pytest.mark.thorough
-def test_tiles_may_be_without_sh(tmp_path):
+def test_tiles_may_be_without_sh(tmp_path, full_views):
     splats = shared_scene(N, n_vectors=40)
     sh = splats.sh.copy()
     sh[splats.means[:, 0] < np.median(splats.means[:, 0]), 1:] = 0
@@ -210,7 +222,7 @@ def test_tiles_may_be_without_sh(tmp_path):
 
 
 @pytest.mark.thorough
-def test_tiles_with_a_palette_are_near_a_scene_encoded_whole(tmp_path):
+def test_tiles_with_a_palette_are_near_a_scene_encoded_whole(tmp_path, full_views):
     rng = np.random.default_rng(0)
     scene = make_scene(12_000)
     entries = rng.normal(0, 0.1, (300, scene.sh.shape[1] - 1, 3)).astype(np.float32)

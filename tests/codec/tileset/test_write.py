@@ -25,6 +25,7 @@ from evogs_codec.tileset.places import Place
 from evogs_codec.tileset.read import Tileset
 from evogs_codec.tileset.take import take
 from evogs_codec.tileset.write import _with_place_of
+from tests.support.view_sizes import FULL, SMALL, views_of
 
 pytest.importorskip("numba")
 
@@ -32,6 +33,13 @@ N = 400
 JOB = JobOptions(levels=2, effort=1, up="y", info=SceneInfo(unit=2))
 OPTIONS = TilesetOptions(per_file=200, overview=120, job=JOB, crs="EPSG:32632")
 SERIAL = Engine("serial")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_views():
+    """Of what this process encodes itself, wherever nothing else is said."""
+    with views_of(SMALL):
+        yield
 
 
 def contents(folder):
@@ -100,10 +108,12 @@ def test_an_overview_is_made_of_the_coarse_levels_of_its_children(right):
 
 
 @pytest.mark.thorough
-def test_the_order_of_files_changes_no_byte(folder, right, tmp_path):
+def test_neither_the_order_of_files_nor_another_process_changes_a_byte(folder, tmp_path):
     parts = [folder / "part-1.ply", folder / "part-0.ply"]
     write_tileset(parts, tmp_path / "a", OPTIONS, engine=Engine(workers=1))
-    assert contents(tmp_path / "a") == contents(right)
+    with views_of(FULL):  # the other process has no others
+        write_tileset([folder / "whole.ply"], tmp_path / "right", OPTIONS, engine=SERIAL)
+    assert contents(tmp_path / "a") == contents(tmp_path / "right")
 
 
 @pytest.mark.thorough
@@ -141,7 +151,8 @@ def test_positions_two_thousand_kilometres_away_stay_as_exact_as_near(tmp_path):
     header += [f"property double {name}" for name in names] + ["end_header", ""]
     (tmp_path / "far.ply").write_bytes("\n".join(header).encode() + rows.tobytes())
     options = TilesetOptions(per_file=75, overview=50, job=JobOptions(levels=2, effort=1))
-    write_tileset([tmp_path / "far.ply"], tmp_path / "far", options, engine=SERIAL)
+    with views_of(FULL):  # they decide how exact positions are
+        write_tileset([tmp_path / "far.ply"], tmp_path / "far", options, engine=SERIAL)
     with Place(tmp_path / "far") as place:
         found = take(Tileset(place))
     mine = found.splats.means.astype(np.float64) + found.origin
