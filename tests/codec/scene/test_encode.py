@@ -264,8 +264,12 @@ def test_the_default_has_two_layers_and_is_smaller_than_the_preset_at_its_psnr()
 @pytest.mark.thorough
 def test_a_tree_of_all_levels_has_no_room_for_a_layer():
     pytest.importorskip("numba", reason="views are rendered")
+    from evogs_codec.render import cameras_around
+
     splats = small()
-    assert read_directory(encode_scene(splats, levels=64, effort=1)).n_levels == 64
+    few = cameras_around(splats, "z", 60, n=2)  # any views will do
+    data = encode_scene(splats, levels=64, effort=1, cameras=few)
+    assert read_directory(data).n_levels == 64
 
 
 def test_splats_far_from_all_others_are_a_warning_by_default():
