@@ -166,13 +166,15 @@ def _tried(entries: Sequence[Entry], files: Mapping[str, bytes]) -> Entry:
 
 def killers(entries: Sequence[Entry], fingerprints: Entry) -> None:
     """Fill in `kills`: the mutants that a vector tells from a right decoder, by verdict or code."""
+    killed_by: dict[str, list[str]] = {}
+    for name, found in fingerprints.items():
+        for run in found["outcomes"].keys() | found["codes"].keys():
+            killed_by.setdefault(run, []).append(name)
+    numbers = {name: number for number, name in enumerate(fingerprints)}
     for entry in entries:
-        runs = {f"{entry['id']}#{number}" for number in range(len(entry["runs"]))}
-        entry["kills"] = [
-            name
-            for name, found in fingerprints.items()
-            if runs & (found["outcomes"].keys() | found["codes"].keys())
-        ]
+        runs = [f"{entry['id']}#{number}" for number in range(len(entry["runs"]))]
+        names = {name for run in runs for name in killed_by.get(run, ())}
+        entry["kills"] = sorted(names, key=numbers.__getitem__)
 
 
 def redundant(entries: Sequence[Entry]) -> dict[str, str]:
