@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tools.bench.coded.bd_rate import bd_rate, log_bytes
+from tools.bench.coded.bd_rate import at_worst, bd_rate, log_bytes
 
 CURVE = [(1000, 30.0), (2000, 33.0), (4000, 35.0), (8000, 36.0)]
 
@@ -38,6 +38,14 @@ def test_against_several_curves_the_best_at_each_psnr_counts():
     assert worst == pytest.approx(-50)
     assert -50 < best < 0  # type: ignore[operator]
     assert bd_rate(CURVE[:2], *others) == pytest.approx(0, abs=1e-9)
+
+
+def test_the_worst_psnr_of_a_curve_that_crosses_another_is_found():
+    crossing, straight = [(50, 30.0), (400, 32.0)], [(100, 30.0), (200, 32.0)]
+    assert bd_rate(crossing, straight) == pytest.approx(0, abs=1e-6)
+    assert at_worst(crossing, straight) == pytest.approx(100)
+    assert at_worst(scaled(0.8), CURVE) == pytest.approx(-20)
+    assert at_worst([(1, 20), (2, 29)], CURVE) is None
 
 
 def test_interpolation_keeps_the_points_and_does_not_swing_over():

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
-__all__ = ["Curve", "bd_rate", "bytes_at", "log_bytes", "psnr_at"]
+__all__ = ["Curve", "at_worst", "bd_rate", "bytes_at", "log_bytes", "psnr_at"]
 
 Curve: TypeAlias = Sequence[tuple[float, float]]  # bytes and PSNR in dB of each point
 F64: TypeAlias = npt.NDArray[np.float64]
@@ -32,18 +32,14 @@ def bd_rate(curve: Curve, *others: Curve) -> float | None:
     Raises:
         ValueError: a curve has fewer than two points, or its bytes and PSNR do not rise together.
     """
-    curves = [_in_order(points) for points in (curve, *others)]
-    low = max(curves[0][1][0], min(psnr[0] for _, psnr in curves[1:]))
-    high = min(curves[0][1][-1], max(psnr[-1] for _, psnr in curves[1:]))
-    if not low < high:
-        return None
-    at = np.linspace(low, high, SAMPLES)
-    own, *of_others = (log_bytes(points, at) for points in (curve, *others))
-    best = np.fmin.reduce(of_others)
-    there = np.isfinite(best)
-    if not there.any():
-        return None
-    return float(100 * np.expm1((own - best)[there].mean()))
+    found = _beyond(curve, others)
+    return None if found is None else float(100 * np.expm1(found.mean()))
+
+
+def at_worst(curve: Curve, *others: Curve) -> float | None:
+    """As `bd_rate`, at the one PSNR where `curve` takes most bytes beyond the best of `others`."""
+    found = _beyond(curve, others)
+    return None if found is None else float(100 * np.expm1(found.max()))
 
 
 def log_bytes(curve: Curve, at: F64) -> F64:
@@ -80,6 +76,21 @@ def bytes_at(curve: Curve, psnr: float) -> float | None:
         return float(np.exp(log_bytes(curve, np.array([psnr]))[0]))
     slope = np.log(sizes[-1] / sizes[-2]) / (decibels[-1] - decibels[-2])
     return float(sizes[-1] * np.exp(slope * (psnr - decibels[-1])))
+
+
+def _beyond(curve: Curve, others: Sequence[Curve]) -> F64 | None:
+    """Logarithms of bytes less those of the best of others, at samples of the PSNR in common."""
+    curves = [_in_order(points) for points in (curve, *others)]
+    low = max(curves[0][1][0], min(psnr[0] for _, psnr in curves[1:]))
+    high = min(curves[0][1][-1], max(psnr[-1] for _, psnr in curves[1:]))
+    if not low < high:
+        return None
+    at = np.linspace(low, high, SAMPLES)
+    own, *of_others = (log_bytes(points, at) for points in (curve, *others))
+    best = np.fmin.reduce(of_others)
+    there = np.isfinite(best)
+    found: F64 = (own - best)[there]
+    return found if there.any() else None
 
 
 def _in_order(curve: Curve) -> tuple[F64, F64]:

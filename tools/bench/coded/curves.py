@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -20,7 +21,7 @@ from evogs_codec.render.viewpoints import SIZE
 from evogs_codec.render.views import Views as EncodingViews
 from reference_trainer.config import Config, Integers
 from reference_trainer.queue import Job
-from tools.bench.coded.bd_rate import Curve, bd_rate
+from tools.bench.coded.bd_rate import Curve, at_worst, bd_rate
 from tools.bench.paper.runs import TITLES, Run, Views
 from tools.bench.subjects import aim_of
 
@@ -84,8 +85,8 @@ def coded_levels(views: Views, run: Run) -> Rows:
 def distances(rows: Rows, of: str, rivals: Iterable[Sequence[str]]) -> Rows:
     """BD-rates of a method against rivals, each several methods of which the best counts.
 
-    A row for each rival, with a column for every level above 0; None where curves share no PSNR or
-    do not rise.
+    A row for each rival, with two columns for every level above 0: the BD-rate, and bytes at the
+    PSNR where they compare worst. None where curves share no PSNR or do not rise.
     """
     levels = sorted({row["level"] for row in rows} - {0})
     out: Rows = []
@@ -96,10 +97,10 @@ def distances(rows: Rows, of: str, rivals: Iterable[Sequence[str]]) -> Rows:
         }
         for level in levels:
             curves = [curve_of(rows, method, level) for method in (of, *names)]
-            try:
-                found[f"L{level} BD-rate, %"] = bd_rate(*curves)
-            except ValueError:
-                found[f"L{level} BD-rate, %"] = None
+            mean, worst = f"L{level} BD-rate, %", f"L{level} at worst, %"
+            found |= {mean: None, worst: None}
+            with suppress(ValueError):
+                found |= {mean: bd_rate(*curves), worst: at_worst(*curves)}
         out.append(found)
     return out
 

@@ -54,7 +54,13 @@ def write_page(path: Path, rows: Rows, command: str, of: str, needed: Rows, size
     tables = [Table("points", "All points", points, shown)]
     if rivals:
         found = distances(rows, of, rivals)
-        tables.append(Table("bd-rate", "BD-rate: negative is smaller", found))
+        tables.append(
+            Table(
+                "bd-rate",
+                "BD-rate, and bytes at the PSNR where they compare worst: negative is smaller",
+                found,
+            )
+        )
     figures = [Figure("curves", "PSNR against coded bytes", partial(_figure, rows))]
     sections = [Section("Curves", "", tables, figures)]
     if needed:
