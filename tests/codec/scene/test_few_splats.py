@@ -82,6 +82,7 @@ def test_where_pictures_stay_worse_other_streams_are_tried(
     request = Request.of("scene", options)
     chosen = few_splats.without_falls(layered, layered.aim.views, request)
     assert next(left, None) is None
+    assert chosen.aim is not None
     assert chosen.price == pytest.approx(PRICE * factor)
     assert chosen.layering.n == n_layers
     assert chosen.data == chosen.aim.at_price(PRICE * factor)
