@@ -72,7 +72,7 @@ def test_an_object_of_5_cm_in_a_kilometre_is_as_exact_as_alone_for_few_more_byte
     for name, parts in (("both", [city, thing]), ("thing", [thing]), ("city", [city])):
         write_doubles(tmp_path / f"{name}.ply", parts)
         out = tmp_path / f"{name}.evogs"
-        options = JobOptions(levels=4, per_tile=1000)
+        options = JobOptions(levels=2, per_tile=1000)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", AccuracyWarning)  # a step is a quarter coarser
             encode_files([tmp_path / f"{name}.ply"], out, options, engine=Engine("serial"))
