@@ -1,7 +1,9 @@
 """What the pages say to run runs, and what they link to is there."""
 
+import io
 import re
 import shlex
+from contextlib import chdir, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from evogs_codec import encode_scene, write_ply
 from evogs_codec.cli.commands import main as evogs
 from evogs_codec.render.demo_scene import main as make_demo
 from evogs_codec.render.demo_scene import make_scene
+from tests.support.view_sizes import SMALL, views_of
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -62,6 +65,12 @@ def test_the_example_of_the_page_on_edits_runs(tmp_path, monkeypatch):
 
 
 def run_the_readme():
+    """All that it says, with small views: what is tested is that it runs."""
+    with views_of(SMALL):
+        _run_the_readme()
+
+
+def _run_the_readme():
     lines = next(block for block in blocks(README, "") if "pip install" in block).splitlines()
     assert len(lines) == 10
     for line in lines[1:]:
@@ -77,22 +86,30 @@ def run_the_readme():
     exec(compile(program, "README.md", "exec"), {})
 
 
-@pytest.mark.thorough
-def test_the_commands_and_the_python_of_the_readme_run(tmp_path, monkeypatch, capsys):
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory):
+    """Where the commands and the Python of the README ran once, and what they printed."""
     pytest.importorskip("numba", reason="the rasterizer is compiled")
-    monkeypatch.chdir(tmp_path)
-    run_the_readme()
-    assert "splats" in capsys.readouterr().out
-    assert (tmp_path / "prefix.ply").is_file()
+    folder, said = tmp_path_factory.mktemp("readme"), io.StringIO()
+    with chdir(folder), redirect_stdout(said):
+        run_the_readme()
+    return folder, said.getvalue()
 
 
 @pytest.mark.thorough
-def test_they_run_a_second_time_over_what_they_made(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_the_commands_and_the_python_of_the_readme_run(ran):
+    folder, said = ran
+    assert "splats" in said
+    assert (folder / "prefix.ply").is_file()
+
+
+@pytest.mark.thorough
+def test_they_run_a_second_time_over_what_they_made(ran, monkeypatch):
+    folder, _ = ran
+    monkeypatch.chdir(folder)
+    made = {path.name: path.read_bytes() for path in folder.iterdir()}
     run_the_readme()
-    made = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    run_the_readme()
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == made
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == made
 
 
 def test_the_readme_is_short_and_begins_with_its_two_commands():

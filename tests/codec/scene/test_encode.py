@@ -33,6 +33,7 @@ from evogs_codec.cli.commands import main
 from evogs_codec.render.demo_scene import make_scene
 from tests.support.quanta import in_quanta
 from tests.support.shared_scenes import shared_scene
+from tests.support.view_sizes import SMALL, views_of
 
 
 @cache
@@ -56,12 +57,20 @@ def by_command(tmp_path, source, *options):
 # --- the same bytes as the command ----------------------------------------------------------------
 
 
+@pytest.fixture
+def one_size_of_views():
+    """Of the command and of the library. Small ones show as well that both do the same."""
+    with views_of(SMALL):
+        yield
+
+
 def test_a_scene_is_encoded_as_the_command_does(tmp_path):
     write_ply(tmp_path / "s.ply", make_scene(500))
     assert encode_scene(read_ply(tmp_path / "s.ply")) == by_command(tmp_path, tmp_path / "s.ply")
 
 
 @pytest.mark.thorough
+@pytest.mark.usefixtures("one_size_of_views")
 @pytest.mark.parametrize(
     ("words", "options"),
     [
@@ -88,6 +97,7 @@ def test_every_option_of_the_command_is_one_of_the_library(tmp_path, words, opti
 
 
 @pytest.mark.thorough
+@pytest.mark.usefixtures("one_size_of_views")
 @pytest.mark.parametrize("palette", ["auto", "never"])
 def test_a_palette_is_taken_by_both(tmp_path, palette):
     write_ply(tmp_path / "s.ply", shared_scene())
@@ -98,6 +108,7 @@ def test_a_palette_is_taken_by_both(tmp_path, palette):
 
 
 @pytest.mark.thorough
+@pytest.mark.usefixtures("one_size_of_views")
 @pytest.mark.parametrize("preset", [None, "trained"])
 @pytest.mark.parametrize("name", ["floats", "integers"])
 def test_a_tree_is_encoded_as_the_command_does(tmp_path, name, preset):
