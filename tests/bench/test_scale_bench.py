@@ -32,6 +32,7 @@ def test_the_cost_of_code_is_its_own_peak():
     assert cost("", before=large, after="print('later')").peak - base < 16 << 20
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not Path("/proc/self/smaps_rollup").exists(), reason="Linux alone tells")
 def test_the_memory_of_a_command_is_that_of_all_its_processes(tmp_path):
     fill = "x = bytes(range(256)) * (80 << 12)"

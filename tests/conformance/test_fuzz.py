@@ -277,6 +277,7 @@ def test_a_stream_with_trailing_bytes_is_refused_alike() -> None:
     assert check(build(SMALL) + b"x", Run(verify=True)) == ("1 E_TRAILING", "")
 
 
+@pytest.mark.thorough
 def test_the_command_prints_what_it_found(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["--count", "10", "--seed", "3"]) == 0
     assert "0 findings" in capsys.readouterr().out

@@ -77,6 +77,7 @@ def test_the_cut_by_the_highest_level_has_all_packets():
         assert SPEC.packets_of(cut, rows) == rows
 
 
+@pytest.mark.thorough
 def test_cuts_are_valid_exactly_if_the_oracle_takes_them():
     rng, n_valid, n_wrong = Random("cuts"), 0, 0
     for data in streams():

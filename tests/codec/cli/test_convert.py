@@ -220,6 +220,7 @@ def test_a_dash_is_standard_input_or_output(scenes, made, tmp_path):
     assert said.startswith("evogs: standard input: is not an EvoGS stream")
 
 
+@pytest.mark.thorough
 def test_messages_about_a_dash_say_standard_input_and_no_temporary_path(scenes, made, tmp_path):
     code, out, said = piped("decode", "-", "-", data=(scenes / "x.spz").read_bytes())
     assert (code, out, said.count("\n")) == (1, b"", 1)

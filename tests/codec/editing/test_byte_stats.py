@@ -56,6 +56,7 @@ def test_alphas_that_are_not_learned_take_0_bytes_and_the_others_some():
     assert set(ALPHA_NAMES) <= empty(encode(tree(), PRESETS["near-lossless"]))
 
 
+@pytest.mark.thorough
 def test_bands_that_are_not_there_take_0_bytes():
     for degree in range(4):
         data = encode(tree(degree=degree), PRESETS["near-lossless"])

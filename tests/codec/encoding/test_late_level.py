@@ -178,6 +178,7 @@ def test_drops_of_a_late_level_come_with_the_room():
     np.testing.assert_allclose(found, tree.leaves().channels(), atol=1e-4)
 
 
+@pytest.mark.thorough
 def test_a_stream_far_better_than_its_coarse_splats_has_a_layer_between(monkeypatch):
     refined = {}  # splats that the last level of the tree refines
     for wide in (-np.inf, np.inf):
@@ -211,6 +212,7 @@ def test_which_trees_can_have_a_late_level():
     assert not can_be_late([replace(TREE, steps=(TREE.steps[0], adds))], 2)
 
 
+@pytest.mark.thorough
 def test_a_last_level_that_looks_hardly_better_is_late(monkeypatch):
     n_levels = {}
     for by in (-np.inf, np.inf):
@@ -224,6 +226,7 @@ def test_a_last_level_that_looks_hardly_better_is_late(monkeypatch):
     assert read_directory(asked).n_levels == LAST + 2
 
 
+@pytest.mark.thorough
 def test_the_order_of_a_scene_is_that_of_a_stream_whose_last_level_is_late(monkeypatch):
     monkeypatch.setattr("evogs_codec.encoding.late_level.LATE", np.inf)
     monkeypatch.setattr("evogs_codec.encoding.layers.LEAST", 150)

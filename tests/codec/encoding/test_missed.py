@@ -136,6 +136,7 @@ def test_layers_weigh_by_what_is_missed_at_their_own_prices():
     np.testing.assert_allclose(other.targets / last.targets, 9, rtol=1e-3)
 
 
+@pytest.mark.thorough
 def test_a_stream_of_opaque_splats_looks_better_at_as_many_bytes():
     splats = shell()
     views = views_of(splats)

@@ -40,6 +40,7 @@ def tile_packets(n):
     return [*(PacketId(0, CORE, k) for k in range(n)), PacketId(0, PICKS, 0)]
 
 
+@pytest.mark.thorough
 def test_a_large_packet_of_a_palette_comes_in_parts_for_hardly_more_bytes(tree, monkeypatch):
     data = encode(tree, PRESETS["scene"])
     directory = read_directory(data)

@@ -65,6 +65,7 @@ def test_a_sketch_of_a_tree_with_steps_held_back_has_its_families(monkeypatch):
     assert Sketch.of(held.prepared).log_bytes(PRICE) > 0
 
 
+@pytest.mark.thorough
 def test_a_search_begins_near_its_target(monkeypatch):
     monkeypatch.setattr(sketch, "LEAST", N // 2)
     # In fewer pixels the PSNR of the streams themselves is rough: 0.5 dB between prices 3 % apart.

@@ -59,6 +59,7 @@ def test_a_split_that_needs_no_alpha_has_the_most_frequent_one_of_its_step():
     assert found == [0.5, 0.5, 0.5, 0.75, 0.5, 0.5, 0.5, 0.5]
 
 
+@pytest.mark.thorough
 @given(coded_trees())
 def test_what_a_decoder_has_stays(tree):
     before, after = decode(write(tree)), decode(write(with_used_entries(tree)))

@@ -114,6 +114,7 @@ def test_a_scene_with_infinite_opacities_looks_as_well_as_one_with_clamped_logit
         assert n_bytes <= 1.01 * other_bytes, found
 
 
+@pytest.mark.thorough
 def test_logits_that_render_the_same_give_the_same_stream():
     large, bounded = with_opacities(60, -60), with_opacities(OPAQUE, -OPAQUE)
     assert encode_scene(large) == encode_scene(bounded)

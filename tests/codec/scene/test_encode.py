@@ -300,6 +300,7 @@ def test_a_target_below_all_streams_says_to_leave_it_out():
         encode_scene(clear, target_psnr=45.0, up="z", effort=1)
 
 
+@pytest.mark.thorough
 def test_fixed_steps_that_move_splats_far_for_their_size_are_a_warning():
     splats = small()
     far = replace(splats, means=splats.means * np.float32(50))

@@ -44,6 +44,7 @@ def test_a_target_far_out_of_reach_is_refused_by_a_few_splats(monkeypatch, targe
     assert max(sizes) < N / 2
 
 
+@pytest.mark.thorough
 def test_targets_are_met_from_a_guess():
     splats = make_scene(N)
     views = Views.of(splats, cameras_around(splats, "z"))
@@ -53,6 +54,7 @@ def test_targets_are_met_from_a_guess():
     assert 24_500 <= len(data) <= 25_000
 
 
+@pytest.mark.thorough
 def test_a_tree_is_met_from_a_guess():
     splats = make_scene(N)
     views = Views.of(splats, cameras_around(splats, "z"))

@@ -94,6 +94,7 @@ def test_no_packet_of_core_makes_pictures_worse(name):
     assert deepest_fall(encode_scene(splats, effort=1), splats) <= WORST
 
 
+@pytest.mark.thorough
 def test_without_looking_some_scenes_fall(monkeypatch):
     monkeypatch.setattr(steady, "TRIES", 0)
     splats = odd_scenes()["all haze"]
@@ -204,6 +205,7 @@ def test_coarse_splats_that_look_worse_than_some_of_them_are_too_coarse():
     assert steady._runs(states, set())[1]
 
 
+@pytest.mark.thorough
 def test_layers_that_were_asked_for_stay_where_coarse_splats_are_made_finer(monkeypatch):
     real, tries = steady._runs, []
 

@@ -50,6 +50,7 @@ def test_both_are_tried_unless_an_estimate_is_sure(monkeypatch, target, sure, ex
     assert len(data) <= target.get("target_bytes", 1e9)
 
 
+@pytest.mark.thorough
 def test_a_target_that_both_miss_is_refused_with_what_the_nearer_reaches(monkeypatch):
     trees = made(monkeypatch, 1e9)
     with pytest.raises(TargetMissedError) as with_either:
