@@ -28,7 +28,7 @@ DEMO_SPLATS := 40000
 
 help:
 	@echo "make demo       encode, decode, extract and draw the scene that ships with the project"
-	@echo "make test       the first ring of tests: at most 3 minutes on two cores, without torch"
+	@echo "make test       the first ring of tests: four minutes on two cores, without torch"
 	@echo "make test-all   every test that CI runs, with random examples; installs torch"
 	@echo "make test-rest  what is left of test-all after test, as CI runs it"
 	@echo "make test-slow  tests that take minutes each; CI does not run them"
