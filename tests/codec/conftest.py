@@ -2,8 +2,10 @@
 
 import pytest
 
-# What is encoded in fixtures of modules, or in other processes, has views as they are.
-WITH_FULL_VIEWS = {"jobs", "tileset"}
+from tests.support.view_sizes import FULL, views_of
+
+# Fixtures of modules encode here, and other processes: each module says how large its views are.
+WITH_VIEWS_OF_THEIR_OWN = {"jobs", "tileset"}
 
 
 @pytest.fixture(autouse=True)
@@ -11,5 +13,12 @@ def small_views(request, monkeypatch):
     """Of commands, and of the first ring; other thorough tests measure what views decide."""
     package = request.path.parent.name
     is_measured = package != "cli" and request.node.get_closest_marker("thorough")
-    if package not in WITH_FULL_VIEWS and not is_measured:
+    if package not in WITH_VIEWS_OF_THEIR_OWN and not is_measured:
         monkeypatch.setattr("evogs_codec.render.viewpoints.SIZE", 100)
+
+
+@pytest.fixture
+def full_views():
+    """For what views decide, and for processes that jobs start, which have no others."""
+    with views_of(FULL):
+        yield

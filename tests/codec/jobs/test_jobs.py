@@ -46,13 +46,6 @@ def small_views():
         yield
 
 
-@pytest.fixture
-def full_views():
-    """For what views decide, and for processes that jobs start, which have no others."""
-    with views_of(FULL):
-        yield
-
-
 @pytest.fixture(scope="module")
 def scene():
     return make_scene(N)

@@ -14,7 +14,7 @@ from evogs_codec.model.components import PALETTE
 from evogs_codec.render import Views
 from evogs_codec.render.demo_scene import make_scene
 from tests.support.shared_scenes import shared_scene
-from tests.support.view_sizes import FULL, SMALL, views_of
+from tests.support.view_sizes import SMALL, views_of
 
 pytest.importorskip("numba")
 
@@ -27,13 +27,6 @@ SERIAL = Engine("serial")
 def small_views():
     """Of what this process encodes itself, wherever nothing else is said."""
     with views_of(SMALL):
-        yield
-
-
-@pytest.fixture
-def full_views():
-    """For what views decide, and for processes that jobs start, which have no others."""
-    with views_of(FULL):
         yield
 
 
