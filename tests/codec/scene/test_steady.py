@@ -97,7 +97,7 @@ def test_no_packet_of_core_makes_pictures_worse(name):
 @pytest.mark.thorough
 def test_without_looking_some_scenes_fall(monkeypatch):
     monkeypatch.setattr(steady, "TRIES", 0)
-    splats = odd_scenes()["all haze"]
+    splats = odd_scenes()["hardly there"]
     assert deepest_fall(encode_scene(splats, effort=1), splats) > 1.0
 
 
