@@ -41,7 +41,7 @@ def first(of: Sequence[Subject], folder: Path) -> Rows:
     rows: Rows = []
     for subject in of:
         camera = subject.gauge.cameras[0]
-        for picture in (*_prefixes(subject.stream), *_files(subject, folder)):
+        for picture in (*_prefixes(subject.encoded()), *_files(subject, folder)):
             splats = picture.read()
             worth, _ = subject.gauge(splats)
             decode = least(picture.read, TURNS)

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
-from evogs_codec import PRESETS, Cut, decode, encode_scene, encode_tree, read_directory
+from evogs_codec import Cut, decode, read_directory
 from evogs_codec.encoding.settings import TREE_PSNR
 from evogs_codec.encoding.targets import PRICES, TargetEncoder, TargetMissedError
 from evogs_codec.render.demo_scene import make_scene
@@ -229,12 +229,12 @@ def _streams(subject: Subject) -> Iterator[_Stream]:
     yield preset
     target = TREE_PSNR
     ways: dict[str, Callable[[Subject], bytes]] = {}
-    if _is_scene(subject):
-        ways[DEFAULT] = lambda fresh: encode_scene(fresh.views.scene, up=fresh.up)
+    if subject.is_scene:
+        ways[DEFAULT] = lambda fresh: fresh.encoded()
         leaves = decode(preset.data).leaves(sh_degree=subject.best.shown_degree)
         target = round(subject.views.psnr(leaves), 2)
     else:
-        ways[DEFAULT] = lambda fresh: encode_tree(fresh.best, target_psnr=target, up=fresh.up)
+        ways[DEFAULT] = lambda fresh: fresh.encoded(target_psnr=target)
     for n_layers in LAYERS:
         name = f"--target-psnr {target:g} --layers {n_layers}"
         ways[name] = partial(_aimed, n_layers=n_layers, target=target)
@@ -244,11 +244,6 @@ def _streams(subject: Subject) -> Iterator[_Stream]:
             yield timed(name, make)
         except TargetMissedError as error:
             print(f"{subject.name}, {name} is left out: {error}", file=sys.stderr)
-
-
-def _is_scene(subject: Subject) -> bool:
-    """Whether it is a scene, and no trained tree."""
-    return subject.settings == PRESETS["scene"]
 
 
 def _aimed(subject: Subject, n_layers: int, target: float) -> bytes:

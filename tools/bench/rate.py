@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypedDict, Unpack
 
 import gsply
 
-from evogs_codec import decode
+from evogs_codec import SplatParams, decode
 from evogs_codec.cli.options import DEFAULT_ITERATIONS
+from evogs_codec.encoding.targets import TargetMissedError
+from evogs_codec.render import Views, cameras_around
+from tools.bench.measure import seconds_text
 from tools.bench.peers import from_gsply, with_fewer_sh_bits, write_compressed_ply, write_spz
-from tools.bench.subjects import Subject, aim_of
+from tools.bench.subjects import SIZE, Subject
 
 __all__ = ["rate"]
 
@@ -21,67 +26,100 @@ TARGETS = (40, 45, 50)  # dB
 
 
 class Point(NamedTuple):
-    """A file and what its pictures are worth."""
+    """A file: its bytes, the splats that it shows, and the seconds that writing it took."""
 
     name: str
     n_bytes: int
-    decibels: float
+    splats: SplatParams
+    seconds: float
+
+
+class Options(TypedDict, total=False):
+    """Of `Subject.encoded`."""
+
+    target_psnr: float
+    polish: int
 
 
 def rate(of: Sequence[Subject], folder: Path) -> Rows:
-    """Bytes a splat and PSNR against the scene, over 24 views; ours have all levels in them.
+    """Bytes a splat and PSNR against the scene; ours have all levels and layers in them.
 
-    The views that polishing goes by are others. The scene playbot was decoded from SOG: its SH are
-    entries of a palette, which our streams have too, where that is smaller, and which Zstandard
-    in SPZ finds in part.
+    Our streams are those of `evogs encode` with the options that are named. It aims by the 24 views
+    on a circle. Other views are 12, nearer, half of them from above and half from below, which
+    nothing aims by. Seconds are processor time of one run. The scene playbot was decoded from SOG:
+    its SH are entries of a palette, which our streams have too, where that is smaller, and which
+    Zstandard in SPZ finds in part.
     """
     rows: Rows = []
     for subject in of:
-        splats = subject.views.scene
+        others = _other_views(subject)
         peers = list(_peers(subject, folder))
         spz, fewer = (next(p for p in peers if p.name == name) for name in ("SPZ 4", FEWER))
-        ours = _ours(subject, (fewer.decibels, spz.decibels))
-        rows += [
-            {
+        for point in (*peers, *_ours(subject, (fewer, spz))):
+            n_bytes, shown = point.n_bytes, point.splats
+            row: dict[str, object] = {
                 "scene": subject.name,
                 "stream": point.name,
-                "bytes a splat": f"{point.n_bytes / len(splats):.2f}",
-                "PSNR, dB": f"{point.decibels:.2f}",
-                "to SPZ 4": f"{point.n_bytes / spz.n_bytes:.2f}",
-                "to that with fewer SH bits": f"{point.n_bytes / fewer.n_bytes:.2f}",
+                "bytes a splat": f"{n_bytes / len(subject.views.scene):.2f}",
+                "PSNR, dB": f"{subject.views.psnr(shown):.2f}",
+                "of other views, dB": f"{others.psnr(shown):.2f}",
+                "to SPZ 4": f"{n_bytes / spz.n_bytes:.2f}",
+                "to that with fewer SH bits": f"{n_bytes / fewer.n_bytes:.2f}",
+                "encode, s": seconds_text(point.seconds),
             }
-            for point in (*peers, *ours)
-        ]
+            print("  ".join(str(cell) for cell in row.values()), file=sys.stderr, flush=True)
+            rows.append(row)
     return rows
 
 
-def _ours(subject: Subject, peers: tuple[float, ...]) -> Iterator[Point]:
-    """At round targets and at the PSNR of peers, there polished too."""
-    views, degree = subject.views, subject.best.shown_degree
-    trees = [subject.best, subject.tree] if subject.best is not subject.tree else [subject.tree]
+def _other_views(subject: Subject) -> Views:
+    scene = subject.views.scene
+    cameras = [
+        camera
+        for elevation in (0.9, -0.3)
+        for camera in cameras_around(
+            scene, subject.up, SIZE, n=6, elevation=elevation, distance=1.4
+        )
+    ]
+    return Views(scene, cameras)
 
-    def point(name: str, data: bytes) -> Point:
-        return Point(name, len(data), views.psnr(decode(data).leaves(sh_degree=degree)))
 
-    yield point("evogs, preset", subject.stream)
-    for polish, targets in ((0, (*TARGETS, *peers)), (DEFAULT_ITERATIONS, peers)):
-        aims = [aim_of(tree, subject.settings, views, polish=polish) for tree in trees]
-        for decibels in targets:
-            data = min((aim.at_psnr(decibels) for aim in aims), key=len)
-            name = f"evogs --target-psnr {decibels:.4g}{' --polish' if polish else ''}"
-            yield point(name, data)
+def _ours(subject: Subject, peers: Sequence[Point]) -> Iterator[Point]:
+    """The default, at round targets, and at the PSNR of peers, there polished too."""
+
+    def point(**options: Unpack[Options]) -> Point:
+        named = [f"--{name.replace('_', '-')} {value:.4g}" for name, value in options.items()]
+        start = time.process_time()
+        data = subject.encoded(**options)
+        seconds = time.process_time() - start
+        shown = decode(data).leaves(sh_degree=subject.tree.shown_degree)
+        return Point(" ".join(["evogs encode", *named]), len(data), shown, seconds)
+
+    yield point()
+    theirs = [round(subject.views.psnr(peer.splats), 2) for peer in peers]
+    ways: list[Options] = [{"target_psnr": decibels} for decibels in (*TARGETS, *theirs)]
+    ways += [{"target_psnr": decibels, "polish": DEFAULT_ITERATIONS} for decibels in theirs]
+    for options in ways:
+        try:
+            yield point(**options)
+        except TargetMissedError as error:
+            print(f"{subject.name}, {options} is left out: {error}", file=sys.stderr)
 
 
 def _peers(subject: Subject, folder: Path) -> Iterator[Point]:
     splats, name = subject.views.scene, subject.name
     fewer = with_fewer_sh_bits(splats)
-    files = {
-        "SPZ 3": write_spz(splats, folder / f"rate-{name}-3.spz", version=3),
-        "SPZ 4": write_spz(splats, folder / f"rate-{name}-4.spz"),
-        FEWER: write_spz(fewer, folder / f"rate-{name}-4-fewer.spz"),
-        "compressed PLY": write_compressed_ply(splats, folder / f"rate-{name}.compressed.ply"),
+    files: dict[str, Callable[[], Path]] = {
+        "SPZ 3": lambda: write_spz(splats, folder / f"rate-{name}-3.spz", version=3),
+        "SPZ 4": lambda: write_spz(splats, folder / f"rate-{name}-4.spz"),
+        FEWER: lambda: write_spz(fewer, folder / f"rate-{name}-4-fewer.spz"),
+        "compressed PLY": lambda: write_compressed_ply(
+            splats, folder / f"rate-{name}.compressed.ply"
+        ),
     }
-    for kind, path in files.items():
+    for kind, write in files.items():
+        start = time.process_time()
+        path = write()
+        seconds = time.process_time() - start
         read = gsply.plyread if path.suffix == ".ply" else gsply.read_spz
-        found = subject.views.psnr(from_gsply(read(path), splats))
-        yield Point(kind, path.stat().st_size, found)
+        yield Point(kind, path.stat().st_size, from_gsply(read(path), splats), seconds)

@@ -17,6 +17,8 @@ from evogs_codec import (
     Settings,
     SplatParams,
     encode,
+    encode_scene,
+    encode_tree,
     lift_with_order,
     read_ply,
     read_tree,
@@ -90,6 +92,18 @@ class Subject:
     gauge: Gauge
     up: str = "z"
     lifted: Lifted | None = None
+
+    @property
+    def is_scene(self) -> bool:
+        """Whether it is a scene, and no trained tree."""
+        return self.settings == PRESETS["scene"]
+
+    def encoded(self, *, target_psnr: float | None = None, polish: int = 0) -> bytes:
+        """What `evogs encode` makes of it with these options."""
+        if self.is_scene:
+            scene = self.views.scene
+            return encode_scene(scene, up=self.up, target_psnr=target_psnr, polish=polish)
+        return encode_tree(self.tree, up=self.up, target_psnr=target_psnr, polish=polish)
 
     @cached_property
     def best(self) -> EvolutionTree:
