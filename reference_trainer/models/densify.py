@@ -64,11 +64,12 @@ def largest(scores: Array, threshold: float, most: int) -> npt.NDArray[np.int64]
 
 
 def useless(splats: SplatParams, opacity: float, size: float) -> npt.NDArray[np.bool_]:
-    """(N,) True for splats less opaque, or wider, than this, or not finite."""
+    """(N,) True for splats less opaque, or wider, than this, or not finite; none is too wide for 0."""
     logit = np.log(opacity / (1 - opacity))
     faint = splats.opacity_logits < logit
-    wide = splats.log_scales.max(axis=1) > np.log(size)
-    dead: npt.NDArray[np.bool_] = faint | wide | ~splats.finite()
+    dead: npt.NDArray[np.bool_] = faint | ~splats.finite()
+    if size:
+        dead |= splats.log_scales.max(axis=1) > np.log(size)
     return dead
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple, TypedDict, Unpack
 
@@ -55,7 +56,7 @@ def rate(of: Sequence[Subject], folder: Path) -> Rows:
         others = _other_views(subject)
         peers = list(_peers(subject, folder))
         spz, fewer = (next(p for p in peers if p.name == name) for name in ("SPZ 4", FEWER))
-        for point in (*peers, *_ours(subject, (fewer, spz))):
+        for point in chain(peers, _ours(subject, (fewer, spz))):
             n_bytes, shown = point.n_bytes, point.splats
             row: dict[str, object] = {
                 "scene": subject.name,
