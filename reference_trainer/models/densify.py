@@ -64,7 +64,7 @@ def largest(scores: Array, threshold: float, most: int) -> npt.NDArray[np.int64]
 
 
 def useless(splats: SplatParams, opacity: float, size: float) -> npt.NDArray[np.bool_]:
-    """(N,) True for splats less opaque, or wider, than this, or not finite; none is too wide for 0."""
+    """(N,) True for splats less opaque, or wider, than this, or not finite; 0 is no size."""
     logit = np.log(opacity / (1 - opacity))
     faint = splats.opacity_logits < logit
     dead: npt.NDArray[np.bool_] = faint | ~splats.finite()

@@ -92,7 +92,9 @@ def test_useless_splats_are_faint_wide_or_not_finite():
     arrays["opacity_logits"][0] = -8
     arrays["log_scales"][1, 2] = 9
     arrays["sh"][2, 0, 0] = np.nan
-    assert list(useless(type(splats)(**arrays), 0.005, 100.0)) == [True, True, True, False, False]
+    some = type(splats)(**arrays)
+    assert list(useless(some, 0.005, 100.0)) == [True, True, True, False, False]
+    assert list(useless(some, 0.005, 0.0)) == [True, False, True, False, False]
 
 
 def test_gradients_on_the_screen_are_means_over_pictures_that_show_a_splat():
