@@ -245,7 +245,7 @@ class Config:
         return len(self.iterations)
 
     def as_published(self) -> Config:
-        """With the loss, the photographs and the pruning of 3DGS, and trees that grow as published."""
+        """With the loss, photographs and pruning of 3DGS, and trees that grow as published."""
         plain = Config()
         frontier = replace(
             self.frontier,
