@@ -16,6 +16,12 @@ from functools import cached_property
 import numpy as np
 
 from evogs_codec.encoding.late_level import LateLevel, can_be_late
+from evogs_codec.encoding.layer_parts import (
+    MOST_PARTS,
+    first_ancestors,
+    most_late_parts,
+    parts_of_leaves,
+)
 from evogs_codec.encoding.packet_order import leaf_shares
 from evogs_codec.encoding.sensitivity import Importance, StepWeights
 from evogs_codec.errors import InputError
@@ -39,7 +45,6 @@ __all__ = [
     "Layered",
     "Layering",
     "expect_levels",
-    "first_ancestors",
     "over_odd",
 ]
 
@@ -49,16 +54,6 @@ RATIO = 192.0  # of the price of a bit, from a layer to the next: about 20 dB; b
 FINER = 2.8  # than of psi of one leaf: steps of what siblings share, whose errors meet
 BETWEEN = 48.0  # the same between later layers, where `scene.steady` adds a third
 EVEN = 0.5  # power of the weights of leaves in layers before the last: see `_evened`
-PARTS, LEAST = 16, 2048  # steps of a layer of a tile at most, and leaves of each at least
-# Likewise, where each part makes its own room, in a step of its own: of one tile of two layers at
-# most, and of more layers; and of a stream of several tiles, of all of them together, but of each
-# tile at least.
-LATE_PARTS, LATER_PARTS, ALL_PARTS, FEW_PARTS = 10, 8, 16, 4
-# Bits of a number of a leaf of mean weight, and at least, about: parts have as many bytes each.
-BITS, FEWEST_BITS = 4.0, 0.25
-# Leaves of neighbouring ancestors are in the same step, since siblings need each other: so many at
-# least, and so many families of them in a tile at most.
-FAMILY, FAMILIES = 256, 256
 
 
 @dataclass(frozen=True)
@@ -113,9 +108,8 @@ class _Tile:
         born_from, live = tile.lineage()
         ancestors = first_ancestors(born_from)
         slots: I64 = np.flatnonzero(live)
-        most = LATE_PARTS if layering.n == 2 else LATER_PARTS
-        late_parts = min(most, max(FEW_PARTS, ALL_PARTS // n_tiles))
-        rows = _parts(weights, ancestors[slots], late_parts if is_late else PARTS)
+        most = most_late_parts(layering.n, n_tiles) if is_late else MOST_PARTS
+        rows = parts_of_leaves(weights, ancestors[slots], most)
         late = order = None
         if is_late:
             part_of = np.zeros(len(live), np.int64)
@@ -328,14 +322,6 @@ def _n_until(tile: EvolutionTree, level: int) -> int:
     return sum(step.level < level for step in tile.steps)
 
 
-def first_ancestors(born_from: I64) -> I64:
-    """(n,) the first ancestor of each slot, which an add made."""
-    ancestors = np.where(born_from < 0, np.arange(len(born_from)), born_from)
-    while (born_from[ancestors] >= 0).any():
-        ancestors = ancestors[ancestors]  # twice as far back each time
-    return ancestors
-
-
 def _evened(weights: F32) -> F32:
     """Weights (K, P) of a layer before the last, nearer to their means.
 
@@ -346,35 +332,6 @@ def _evened(weights: F32) -> F32:
     powers = np.power(weights, np.float32(EVEN))
     found: F32 = powers * (means / np.maximum(powers.mean(axis=1, keepdims=True), 1e-30))
     return found
-
-
-def _parts(weights: F32, ancestors: I64, most: int) -> list[I64]:
-    """Rows of leaves with weights (K, N) for at most this many parts, the most important first.
-
-    Leaves of one first ancestor (N,) are in the same step, and those of neighbours are.
-    """
-    n = weights.shape[1]
-    if not n:
-        return [np.empty(0, np.int64)]
-    order = np.argsort(ancestors, kind="stable")
-    begins = np.flatnonzero(np.diff(ancestors[order], prepend=-1))  # of the leaves of an ancestor
-    starts = begins[np.flatnonzero(np.diff(begins // max(FAMILY, n // FAMILIES), prepend=-1))]
-    means = np.maximum(weights.mean(axis=1, keepdims=True), np.float32(1e-30))
-    relative = (weights / means)[:, order]
-    of_families = np.add.reduceat(relative.mean(axis=0), starts)
-    of_families /= np.diff(np.append(starts, n))
-    n_parts = min(most, max(1, n // LEAST))
-    families = np.split(order, starts[1:])
-    first = np.argsort(-of_families, kind="stable")
-    # A step half as large, for a weight four times as high, takes a bit more of each channel.
-    of_leaves = BITS + np.log2(np.maximum(relative, np.float32(1e-6))).mean(axis=0) / 2
-    bits = np.add.reduceat(np.maximum(of_leaves, FEWEST_BITS), starts)[first]
-    middles = np.cumsum(bits) - bits / 2
-    part_of = (middles * n_parts / bits.sum()).astype(np.int64)
-    return [
-        np.sort(np.concatenate([families[k] for k in part]))
-        for part in np.split(first, np.flatnonzero(np.diff(part_of)) + 1)
-    ]
 
 
 def _steps(

@@ -20,7 +20,8 @@ import numpy.typing as npt
 from evogs_codec.common.morton import morton_order
 from evogs_codec.decoding.decode import decode
 from evogs_codec.encoding.arrange import Renumbered
-from evogs_codec.encoding.layers import Layered, first_ancestors
+from evogs_codec.encoding.layer_parts import first_ancestors
+from evogs_codec.encoding.layers import Layered
 from evogs_codec.encoding.palette_worth import stored_bits
 from evogs_codec.encoding.prepared import Prepared
 from evogs_codec.encoding.sensitivity import StepWeights

@@ -229,7 +229,7 @@ def test_a_last_level_that_looks_hardly_better_is_late(monkeypatch):
 @pytest.mark.thorough
 def test_the_order_of_a_scene_is_that_of_a_stream_whose_last_level_is_late(monkeypatch):
     monkeypatch.setattr("evogs_codec.encoding.late_level.LATE", np.inf)
-    monkeypatch.setattr("evogs_codec.encoding.layers.LEAST", 150)
+    monkeypatch.setattr("evogs_codec.encoding.layer_parts.LEAST_LEAVES", 150)
     found = encode_scene_with_order(SPLATS, cameras=VIEWS.cameras, effort=1)
     assert read_directory(found.data).n_levels == LAST + 1
     assert sorted(found.leaf_order) == list(range(len(SPLATS)))
@@ -246,7 +246,7 @@ def test_the_order_of_a_scene_is_that_of_a_stream_whose_last_level_is_late(monke
 @pytest.mark.thorough
 def test_the_order_of_a_tree_is_that_of_a_stream_whose_last_level_is_late(monkeypatch):
     monkeypatch.setattr("evogs_codec.encoding.late_level.LATE", np.inf)
-    monkeypatch.setattr("evogs_codec.encoding.layers.LEAST", 150)
+    monkeypatch.setattr("evogs_codec.encoding.layer_parts.LEAST_LEAVES", 150)
     found = encode_tree_with_order(TREE, target_psnr=40, cameras=VIEWS.cameras, effort=1)
     assert found.orders is not None
     leaves = TREE.leaves()

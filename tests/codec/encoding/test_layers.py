@@ -22,13 +22,13 @@ from evogs_codec import (
 )
 from evogs_codec.editing.read_tree import read_coded_tree
 from evogs_codec.encoding.arrange import arrange
+from evogs_codec.encoding.layer_parts import parts_of_leaves
 from evogs_codec.encoding.layers import (
     EVEN,
     FINER,
     MAX_LAYERS,
     Layered,
     Layering,
-    _parts,
 )
 from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.encoding.write import write
@@ -123,7 +123,7 @@ def test_weights_far_apart_make_no_more_parts_than_there_may_be():
     ancestors = np.arange(20_000)
     weights = np.full((5, 20_000), 1e-9, np.float32)
     weights[:, :300] = 1.0
-    parts = _parts(weights, ancestors, 4)
+    parts = parts_of_leaves(weights, ancestors, 4)
     assert len(parts) == 4
     assert_array_equal(np.sort(np.concatenate(parts)), ancestors)
 
@@ -135,8 +135,8 @@ def test_late_levels_of_streams_of_many_tiles_or_layers_have_fewer_parts(
     monkeypatch, n_elsewhere, n_layers, n_parts
 ):
     tiles, found = layered(many()[0], 2)
-    for name in ("LEAST", "FAMILY"):
-        monkeypatch.setattr(f"evogs_codec.encoding.layers.{name}", 16)
+    for name in ("LEAST_LEAVES", "FAMILY"):
+        monkeypatch.setattr(f"evogs_codec.encoding.layer_parts.{name}", 16)
     layering = Layering(n_layers, is_late=True)
     late = Layered(tiles, N_LEVELS - 1, found.importance, layering, n_elsewhere)
     (tile,) = late.of_tiles
@@ -158,7 +158,7 @@ def test_the_most_important_leaves_are_refined_first(monkeypatch, seed):
     shape = found.importance.leaves[0].shape
     weights = np.random.default_rng(seed).lognormal(sigma=3, size=shape).astype(np.float32)
     importance = replace(found.importance, leaves=[weights])
-    monkeypatch.setattr("evogs_codec.encoding.layers.LEAST", 256)
+    monkeypatch.setattr("evogs_codec.encoding.layer_parts.LEAST_LEAVES", 256)
     again = Layered.of(arrange(many()[0], 1), N_LEVELS, importance, Layering(2))
     of_leaves = (weights / weights.mean(axis=1, keepdims=True)).mean(axis=0)
     of_parts = [of_leaves[part].mean() for part in again.of_tiles[0].leaves]
