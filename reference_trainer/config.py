@@ -83,8 +83,8 @@ class CloudGrowth:
         threshold: least mean gradient to the centre on the screen, in NDC.
         dense: above this part of the extent a splat is split, below it is cloned.
         prune_opacity: splats less opaque than this are removed.
-        prune_scale: splats wider than this part of the extent are removed; 0 for none. The extent
-            is that of the cameras: where their path is short, a background needs wider splats.
+        prune_scale: splats wider than this part of the extent are removed, or of the distance to
+            the nearest camera if that is more.
         reset_every: opacities fall to 0.01 this often; 0 for never.
         most: at most this part of the splats densifies at once.
         sh_every: iterations until the next SH band comes in.
@@ -245,21 +245,14 @@ class Config:
         return len(self.iterations)
 
     def as_published(self) -> Config:
-        """With the loss, photographs and pruning of 3DGS, and trees that grow as published."""
+        """With the loss and photographs of 3DGS, and trees that grow and learn as published."""
         plain = Config()
         frontier = replace(
             self.frontier,
             size_power=plain.frontier.size_power,
             first_step=plain.frontier.first_step,
-            prune_scale=plain.frontier.prune_scale,
         )
-        return replace(
-            self,
-            ssim_weight=plain.ssim_weight,
-            shifts=plain.shifts,
-            cloud=replace(self.cloud, prune_scale=plain.cloud.prune_scale),
-            frontier=frontier,
-        )
+        return replace(self, ssim_weight=plain.ssim_weight, shifts=plain.shifts, frontier=frontier)
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -293,16 +286,9 @@ _TWO_CORES = Config(
     rates=_FAST,
     ssim_weight=0.4,
     shifts=True,
-    cloud=CloudGrowth(prune_scale=0.0),
     # Fills the budget whatever the gradients, and early: what is not split does not learn.
     frontier=FrontierGrowth(
-        threshold=0.0,
-        size_power=0.5,
-        first_step=0.15,
-        rounds=3,
-        stop=0.25,
-        haste=0.25,
-        prune_scale=0.0,
+        threshold=0.0, size_power=0.5, first_step=0.15, rounds=3, stop=0.25, haste=0.25
     ),
     integers=Integers(part=0.15),
 )
@@ -320,13 +306,15 @@ PRESETS = {
     ),
     # Eleven to sixteen minutes at 400 x 400 on two cores.
     "two-cores": _TWO_CORES,
-    # A minute at 200 x 200. Shifted grids are no gain before what is there is learned.
+    # A minute at 200 x 200. Splats may be as wide as what cameras surround: in so few iterations
+    # the background is made of few, and 3DGS prunes by width only after 3,000. Shifted grids are
+    # no gain before what is there is learned.
     "quick": replace(
         _TWO_CORES.as_published(),
         sh_degree=1,
         iterations=(2000, 600, 600, 600),
         max_splats=(500, 1_500, 4_000, 10_000),
-        cloud=CloudGrowth(start=100, every=50, n_random=1000, sh_every=200, prune_scale=0.0),
+        cloud=CloudGrowth(start=100, every=50, n_random=1000, sh_every=200, prune_scale=1.0),
         frontier=FrontierGrowth(
             start=50,
             rounds=3,
@@ -334,7 +322,7 @@ PRESETS = {
             all_alphas=True,
             threshold=0.0,
             haste=0.25,
-            prune_scale=0.0,
+            prune_scale=1.0,
         ),
         checkpoint_every=100,
     ),

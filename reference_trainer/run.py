@@ -12,10 +12,10 @@ import numpy as np
 from evogs_codec import EvolutionTree, InputError
 from reference_trainer.config import MOST_SHIFTED, Config
 from reference_trainer.data.pyramid import on_shifted_grids
-from reference_trainer.data.seeding import extent
 from reference_trainer.methods import method_named
 from reference_trainer.methods.base import Done, Method, Plan, Setting
 from reference_trainer.models.backends import Backend
+from reference_trainer.models.camera_path import CameraPath
 from reference_trainer.models.densify import ScreenGradients
 from reference_trainer.runtime.checkpoint import Checkpoint, refuse, run_identity
 from reference_trainer.runtime.progress import Progress
@@ -125,7 +125,9 @@ def _run_stage(
     """Train the stage of a checkpoint; the checkpoint at its end."""
     plan = plans[saved.stage]
     data = replace(scales[plan.scale], train=photographs(scales, plan.scale, config))
-    setting = Setting(config, plan, data, extent(data.train), backend.device)
+    setting = Setting(
+        config, plan, data, CameraPath.of([view.camera for view in data.train]), backend.device
+    )
     model = method.begin(setting, saved.done)
     training = _restored(model, saved, folder, backend)
     progress.begin(saved.stage, plan, data, backend)
@@ -138,11 +140,11 @@ def _run_stage(
             replace(saved, iteration=at, model=arrays, scores=scores).write(folder)
 
     order = setting.seed(VIEWS)
-    rates = config.rates.at_most(model.reach / setting.extent)
+    rates = config.rates.at_most(model.reach / setting.path.extent)
     stage = Stage(
         photographs(scales, plan.scale, config, shifts=config.shifts),
         data.background,
-        setting.extent,
+        setting.path.extent,
         plan.iterations,
         plan.cap,
         order,

@@ -13,7 +13,7 @@ from evogs_codec import SplatParams
 if TYPE_CHECKING:
     from reference_trainer.data import Dataset, View
 
-__all__ = ["extent", "first_splats"]
+__all__ = ["first_splats"]
 
 C0 = 0.28209479177387814  # of spherical harmonics, band 0
 OPACITY = 0.1
@@ -22,7 +22,6 @@ CUBE = 1.3  # least half side of the cube that random points fill; objects of Bl
 # that is usual for them; cameras that stand twice as far away see things twice as large.
 SEEN = 0.95
 NEIGHBOURS = 3
-ONE_PLACE = 1e-6  # of the distance from the origin: cameras nearer to each other are in one place
 F32 = npt.NDArray[np.float32]
 
 
@@ -73,14 +72,3 @@ def _spacing(points: F32) -> npt.NDArray[np.float64]:
     squares = (distances**2).mean(axis=1) if k > 1 else np.ones(len(points))
     spacing: npt.NDArray[np.float64] = np.sqrt(np.maximum(squares, 1e-7))
     return spacing
-
-
-def extent(views: tuple[View, ...]) -> float:
-    """1.1 times the largest distance of a camera from the mean of all, scene units.
-
-    Of cameras in one place, which say nothing of the size of the scene, about that from the origin.
-    """
-    places = np.stack([view.camera.position for view in views])
-    furthest = np.linalg.norm(places - places.mean(axis=0), axis=1).max()
-    away = max(CUBE, float(np.linalg.norm(places.mean(axis=0))))
-    return float(1.1 * furthest) if furthest > ONE_PLACE * away else away

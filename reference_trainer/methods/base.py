@@ -15,6 +15,7 @@ import torch
 from evogs_codec import EvolutionTree, SplatParams
 from evogs_codec.model.tree import Step
 from reference_trainer.config import Config
+from reference_trainer.models.camera_path import CameraPath
 from reference_trainer.train import Model
 
 if TYPE_CHECKING:
@@ -76,14 +77,14 @@ class Setting:
         config: of the run.
         plan: of the stage.
         data: photographs at the scale of the plan.
-        extent: of the cameras, scene units.
+        path: of the cameras.
         device: where tensors live.
     """
 
     config: Config
     plan: Plan
     data: Dataset
-    extent: float
+    path: CameraPath
     device: torch.device
 
     def seed(self, purpose: int) -> tuple[int, ...]:

@@ -56,7 +56,7 @@ class Evogs:
         if done.quanta and self.option == "M":  # those of the level before are near enough
             kinds = [channel_class(c) for c in range(n_channels(done.sh_degree))]
             quanta = np.array(done.quanta[-1], np.float32)[kinds]
-        return Frontier(leaves, self.option, setting.config.frontier, setting.extent, quanta)
+        return Frontier(leaves, self.option, setting.config.frontier, setting.path, quanta)
 
     def finish(self, setting: Setting, done: Done, model: Model) -> Done:
         """Roots, then splits."""

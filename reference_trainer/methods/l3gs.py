@@ -55,7 +55,7 @@ class L3gs:
         return Cloud(
             SplatTensors.of(bucket, setting.device),
             None,
-            setting.extent,
+            setting.path,
             setting.seed(SPLITS),
             foundation=below,
         )

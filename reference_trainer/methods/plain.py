@@ -23,7 +23,7 @@ def plain_cloud(
     return Cloud(
         SplatTensors.of(splats, setting.device),
         config.cloud,
-        setting.extent,
+        setting.path,
         setting.seed(SPLITS),
         foundation=foundation,
         dynamic_opacity=dynamic_opacity,

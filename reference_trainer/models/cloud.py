@@ -17,6 +17,7 @@ import torch
 from evogs_codec import SplatParams
 from reference_trainer.config import CloudGrowth
 from reference_trainer.models.adam import GROUPS, Variable, splat_tensors, splat_variables
+from reference_trainer.models.camera_path import CameraPath
 from reference_trainer.models.densify import ScreenGradients, largest, useless
 from reference_trainer.models.saved import Arrays
 from reference_trainer.models.split import rotations
@@ -37,7 +38,7 @@ class Cloud:
         foundation: F frozen splats, or None.
         opacities: (F,) opacity logits of the foundation, trained, or None where they are frozen.
         growth: how it grows, None for not at all.
-        extent: of the cameras, scene units.
+        path: of the cameras.
         seed: of the places of new splats.
         reach: they may move as far as rates say.
     """
@@ -48,7 +49,7 @@ class Cloud:
         self,
         layer: SplatTensors,
         growth: CloudGrowth | None,
-        extent: float,
+        path: CameraPath,
         seed: tuple[int, ...],
         *,
         foundation: SplatTensors | None = None,
@@ -59,7 +60,7 @@ class Cloud:
         self.opacities: Variable | None = None
         if foundation is not None and dynamic_opacity:
             self.opacities = Variable.of(foundation.opacity_logits.clone(), "opacity")
-        self.growth, self.extent, self.seed = growth, extent, seed
+        self.growth, self.path, self.seed = growth, path, seed
 
     @property
     def n_foundation(self) -> int:
@@ -120,7 +121,9 @@ class Cloud:
         below = self.n_foundation
         rows = largest(scores, growth.threshold, round(growth.most * self.n_splats))
         chosen = everything.rows(torch.from_numpy(rows).to(layer.means.device)).params()
-        wide = chosen.log_scales.max(axis=1, initial=-np.inf) > np.log(growth.dense * self.extent)
+        wide = chosen.log_scales.max(axis=1, initial=-np.inf) > np.log(
+            growth.dense * self.path.extent
+        )
         # A clone is one more; so are two halves, unless what they replace may not be removed.
         cost = np.where(wide & (rows < below), 2, 1)
         by_score = np.argsort(-scores[rows], kind="stable")
@@ -140,7 +143,8 @@ class Cloud:
 
     def _prune(self, growth: CloudGrowth) -> None:
         splats = splat_tensors(self.layer).params()
-        dead = useless(splats, growth.prune_opacity, growth.prune_scale * self.extent)
+        widest = growth.prune_scale * self.path.sizes(splats.means)
+        dead = useless(splats, growth.prune_opacity, widest)
         self._keep(np.flatnonzero(~dead))
 
     def _keep(self, rows: npt.NDArray[np.int64]) -> None:

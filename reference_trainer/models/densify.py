@@ -63,13 +63,14 @@ def largest(scores: Array, threshold: float, most: int) -> npt.NDArray[np.int64]
     return np.sort(order[scores[order] > threshold])
 
 
-def useless(splats: SplatParams, opacity: float, size: float) -> npt.NDArray[np.bool_]:
-    """(N,) True for splats less opaque, or wider, than this, or not finite; 0 is no size."""
+def useless(
+    splats: SplatParams, opacity: float, widest: npt.NDArray[np.floating]
+) -> npt.NDArray[np.bool_]:
+    """(N,) True for splats less opaque than this, wider than their `widest` (N,), or not finite."""
     logit = np.log(opacity / (1 - opacity))
     faint = splats.opacity_logits < logit
-    dead: npt.NDArray[np.bool_] = faint | ~splats.finite()
-    if size:
-        dead |= splats.log_scales.max(axis=1) > np.log(size)
+    wide = splats.log_scales.max(axis=1) > np.log(widest)
+    dead: npt.NDArray[np.bool_] = faint | wide | ~splats.finite()
     return dead
 
 

@@ -25,6 +25,7 @@ from reference_trainer.models.blocks import (
     evolve,
     restored,
 )
+from reference_trainer.models.camera_path import CameraPath
 from reference_trainer.models.densify import ScreenGradients, largest, log_widths, reach_of, useless
 from reference_trainer.models.evolution import Evolution
 from reference_trainer.models.saved import Arrays, taken, taken_number
@@ -51,7 +52,7 @@ class Frontier:
         base: (n, ...) leaves of the finished levels, in slots 0..n-1.
         option: of `OPTIONS`.
         growth: how it grows.
-        extent: of the cameras, scene units.
+        path: of the cameras.
         quanta: (D,) in which bits of psi are counted while it trains; None: they cost nothing.
         blocks: in the order in which they change the leaves.
         live: (S,) bool, slots that have a leaf.
@@ -64,11 +65,11 @@ class Frontier:
         base: SplatTensors,
         option: str,
         growth: FrontierGrowth,
-        extent: float,
+        path: CameraPath,
         quanta: npt.NDArray[np.float32] | None = None,
     ) -> None:
         self.base, self.option = base, option
-        self.growth, self.extent = growth, extent
+        self.growth, self.path = growth, path
         self.quanta = quanta
         self.blocks: list[Block] = []
         self.live = np.ones(len(base.means), bool)
@@ -117,7 +118,8 @@ class Frontier:
         if iteration == due[0] and self.option == "M":
             self._refine_all()
         slots = np.flatnonzero(self.live)
-        dead = useless(leaves, self.growth.prune_opacity, self.growth.prune_scale * self.extent)
+        widest = self.growth.prune_scale * self.path.sizes(leaves.means)
+        dead = useless(leaves, self.growth.prune_opacity, widest)
         self.live[slots[dead]] = False
         n = self.n_splats
         room = self._target(due.index(iteration), len(due), cap) - n

@@ -5,7 +5,8 @@ import pytest
 import torch
 
 from reference_trainer.config import CloudGrowth
-from reference_trainer.data.seeding import extent, first_splats
+from reference_trainer.data.seeding import first_splats
+from reference_trainer.models.camera_path import CameraPath
 from reference_trainer.models.cloud import Cloud
 from reference_trainer.models.densify import ScreenGradients, largest, useless
 from reference_trainer.models.tensors import SplatTensors
@@ -21,7 +22,8 @@ def cloud(n=10, below=0, growth=GROWTH):
     foundation = None
     if below:
         foundation = SplatTensors.of(tiny.random_splats(np.random.default_rng(2), below))
-    return Cloud(splats, growth, 5.0, (0,), foundation=foundation, dynamic_opacity=below > 0)
+    path = CameraPath(np.zeros((1, 3)), 5.0)
+    return Cloud(splats, growth, path, (0,), foundation=foundation, dynamic_opacity=below > 0)
 
 
 def scores(n, high=()):
@@ -92,9 +94,14 @@ def test_useless_splats_are_faint_wide_or_not_finite():
     arrays["opacity_logits"][0] = -8
     arrays["log_scales"][1, 2] = 9
     arrays["sh"][2, 0, 0] = np.nan
-    some = type(splats)(**arrays)
-    assert list(useless(some, 0.005, 100.0)) == [True, True, True, False, False]
-    assert list(useless(some, 0.005, 0.0)) == [True, False, True, False, False]
+    widest = np.full(5, 100.0)
+    assert list(useless(type(splats)(**arrays), 0.005, widest)) == [True, True, True, False, False]
+
+
+def test_what_is_far_from_all_cameras_may_be_wide():
+    path = CameraPath(np.array([[0.0, 0, 0], [1, 0, 0]]), 0.55)
+    means = np.array([[0.1, 0, 0], [0, 30, 40], [np.nan, 0, 0]], np.float32)
+    np.testing.assert_allclose(path.sizes(means), [0.55, 50, 0.55])
 
 
 def test_gradients_on_the_screen_are_means_over_pictures_that_show_a_splat():
@@ -120,6 +127,7 @@ def test_splats_start_at_points_as_wide_as_their_spacing():
     d = np.linalg.norm(splats.means[:, None] - splats.means, axis=2)
     expected = np.sqrt((np.sort(d, axis=1)[:, 1:4] ** 2).mean(axis=1))
     np.testing.assert_allclose(np.exp(splats.log_scales), expected[:, None].repeat(3, 1), rtol=1e-5)
-    assert extent(data.train) == pytest.approx(1.1 * 4 * np.cos(0.4), rel=0.1)
-    (view, *_) = data.train
-    assert extent((view,)) == extent((view,) * 7) == pytest.approx(4, rel=0.01)
+    cameras = [view.camera for view in data.train]
+    assert CameraPath.of(cameras).extent == pytest.approx(1.1 * 4 * np.cos(0.4), rel=0.1)
+    one_place = [cameras[:1], cameras[:1] * 7]
+    assert [CameraPath.of(one).extent for one in one_place] == pytest.approx([4, 4], rel=0.01)

@@ -13,6 +13,7 @@ from reference_trainer.config import FrontierGrowth, Integers
 from reference_trainer.export import frontier_steps, roots
 from reference_trainer.models.backends import backend_for
 from reference_trainer.models.blocks import evolve
+from reference_trainer.models.camera_path import CameraPath
 from reference_trainer.models.cloud import Cloud
 from reference_trainer.models.densify import ScreenGradients
 from reference_trainer.models.evolution import Evolution
@@ -25,6 +26,7 @@ from tests.trainer.plain_torch import evolve_plain
 
 CPU = torch.device("cpu")
 
+PATH = CameraPath(np.zeros((1, 3)), 100.0)
 GROWTH = FrontierGrowth(start=1, rounds=3, stop=0.3, threshold=0.0)
 
 
@@ -33,7 +35,7 @@ def grown(option="D", n=20, prune=(), seed=0, rest=False):
     rng = np.random.default_rng(seed)
     tree = EvolutionTree(1, (roots(tiny.random_splats(rng, n)),))
     growth = replace(GROWTH, refines_rest=rest)
-    frontier = Frontier(SplatTensors.of(tree.leaves()), option, growth, 100.0)
+    frontier = Frontier(SplatTensors.of(tree.leaves()), option, growth, PATH)
     for iteration in (1, 2, 3):
         scores = ScreenGradients(frontier.n_splats, CPU)
         scores.total += torch.from_numpy(rng.random(frontier.n_splats))
@@ -97,7 +99,7 @@ def test_a_split_does_not_show():
 
     def worst(option, distance):
         growth = FrontierGrowth(start=1, rounds=1, threshold=-1.0, distance=distance)
-        frontier = Frontier(base, option, growth, 100.0)
+        frontier = Frontier(base, option, growth, PATH)
         scores = ScreenGradients(200, CPU)
         scores.total += torch.from_numpy(rng.permutation(200) + 1.0)
         frontier.densify(1, 10, scores, 220)
@@ -130,7 +132,7 @@ def test_base_leaves_are_never_changed():
 def test_a_checkpointed_frontier_is_the_same():
     for option in OPTIONS:
         _, frontier = grown(option, prune=(1,), rest=True)
-        other = Frontier(frontier.base, option, GROWTH, 100.0)
+        other = Frontier(frontier.base, option, GROWTH, PATH)
         other.restore(frontier.arrays())
         for one, two in zip(frontier.splats(0), other.splats(0), strict=True):
             assert torch.equal(one, two)
@@ -143,7 +145,7 @@ def test_leaves_of_large_gradients_are_split_and_of_those_the_large_ones(power):
     sizes[4, :2] = 0.09  # 3 in the square root
     splats = replace(splats, log_scales=np.log(sizes))
     growth = FrontierGrowth(start=1, rounds=1, threshold=0.5, size_power=power)
-    frontier = Frontier(SplatTensors.of(splats), "D", growth, 100.0)
+    frontier = Frontier(SplatTensors.of(splats), "D", growth, PATH)
     scores = ScreenGradients(6, CPU)
     scores.total += torch.tensor([0.4, 2.0, 0.1, 3.0, 1.2, 0.9], dtype=torch.float64)
     assert frontier.densify(1, 10, scores, 8)

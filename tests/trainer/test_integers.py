@@ -13,11 +13,11 @@ from evogs_codec.model.channels import GROUP_CHANNELS, channel_class, n_channels
 from evogs_codec.model.tree import Kind
 from evogs_codec.render import psnr, render
 from reference_trainer.config import PRESETS, Integers
-from reference_trainer.data.seeding import extent
 from reference_trainer.methods import quantised
 from reference_trainer.methods.base import Done, Plan, Setting
 from reference_trainer.methods.evogs import Evogs
 from reference_trainer.models.backends import backend_for
+from reference_trainer.models.camera_path import CameraPath
 from reference_trainer.models.densify import ScreenGradients
 from reference_trainer.run import run
 from reference_trainer.train import Stage, Training, train
@@ -112,7 +112,8 @@ def test_integers_of_finished_levels_are_found_again():
     done = Done(1, tree.steps, quanta=tree.quanta[:3])
     data = tiny.pyramid(3)[2]
     plan = Plan(2, 2, 10, 120, in_integers=True)
-    setting = Setting(config, plan, data, 1.0, backend_for("cpu").device)
+    path = CameraPath.of([view.camera for view in data.train])
+    setting = Setting(config, plan, data, path, backend_for("cpu").device)
     coded, _ = quantised._coded(setting, done)
     found = quantised._in_floats(coded, done.steps)
     n_alphas = 0
@@ -147,7 +148,13 @@ def begun(tree, distortion):
     level = tree.n_levels - 1
     config, data = tiny.config(integers=Integers(0.5, distortion=distortion)), tiny.pyramid()[1]
     plan = Plan(level, 1, 60, 100, in_integers=True)
-    setting = Setting(config, plan, data, extent(data.train), backend_for("cpu").device)
+    setting = Setting(
+        config,
+        plan,
+        data,
+        CameraPath.of([view.camera for view in data.train]),
+        backend_for("cpu").device,
+    )
     done = Done(tree.sh_degree, tree.steps, quanta=(FINE,) * (1 + level))
     return Evogs("D").begin(setting, done), data
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 from evogs_codec import EvolutionTree
 from reference_trainer.config import Config
-from reference_trainer.data.seeding import extent
 from reference_trainer.methods.quantised import IntegerLevel
 from reference_trainer.models.backends import Backend
+from reference_trainer.models.camera_path import CameraPath
 from reference_trainer.models.densify import ScreenGradients, reach_of
 from reference_trainer.run import photographs
 from reference_trainer.train import Stage, Training, train
@@ -43,7 +43,7 @@ def trained_again(
         own = tuple(step for step in tree.steps if step.level == level)
         reach = reach_of(config.frontier.first_step, before.leaves().log_scales)
         model = IntegerLevel(before, own, tree.quanta[: 2 + level], backend.device, reach)
-        around = extent(data.train)
+        around = CameraPath.of([view.camera for view in data.train]).extent
         stage = Stage(
             photographs(scales, level, config, shifts=config.shifts),
             data.background,

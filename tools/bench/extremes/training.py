@@ -84,6 +84,7 @@ def _train(kind: str, splats: SplatParams, camera: Camera) -> Found:
     from reference_trainer.config import CloudGrowth, Config, FrontierGrowth
     from reference_trainer.data import View
     from reference_trainer.models.backends import backend_for
+    from reference_trainer.models.camera_path import CameraPath
     from reference_trainer.models.cloud import Cloud
     from reference_trainer.models.densify import ScreenGradients
     from reference_trainer.models.frontier import Frontier
@@ -91,16 +92,16 @@ def _train(kind: str, splats: SplatParams, camera: Camera) -> Found:
     from reference_trainer.train import Model, Stage, Training, train
 
     photograph = render(ball(30), camera, BACKGROUND).clip(0, 1)
-    tensors = SplatTensors.of(splats)
+    tensors, path = SplatTensors.of(splats), CameraPath(camera.position[None], 1.0)
     model: Model
     if kind == "cloud":
         cloud = CloudGrowth(start=4, every=4, sh_every=2, threshold=0.0)
         cloud = replace(cloud, prune_opacity=OPACITY, prune_scale=WIDTH)
-        model = Cloud(tensors, cloud, 1.0, (0,))
+        model = Cloud(tensors, cloud, path, (0,))
     else:
         frontier = FrontierGrowth(start=4, rounds=3, threshold=0.0)
         frontier = replace(frontier, prune_opacity=OPACITY, prune_scale=WIDTH)
-        model = Frontier(tensors, "D", frontier, 1.0)
+        model = Frontier(tensors, "D", frontier, path)
     n_wrong, n, at_rest = 0, 0, 0
 
     def count(training: Training) -> None:
