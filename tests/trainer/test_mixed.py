@@ -206,7 +206,8 @@ def test_other_trees_know_no_thrift(soon):
 def test_only_what_a_mixed_tree_refines_and_splits_has_quanta(option):
     tree = trained()
     config, data = tiny.config(integers=Integers(0.3)), tiny.pyramid()[1]
-    setting = Setting(config, Plan(1, 1, 40, 70), data, 100.0, backend_for("cpu").device)
+    path = CameraPath.of([view.camera for view in data.train])
+    setting = Setting(config, Plan(1, 1, 40, 70), data, path, backend_for("cpu").device)
     done = Done(1, tree.steps[:1], quanta=tree.quanta[:2])
     model = Evogs(option).begin(setting, done)
     for iteration in range(1, 41):
