@@ -21,6 +21,7 @@ from reference_trainer.models.adam import (
     step_together,
 )
 from reference_trainer.models.backends import backend_for
+from reference_trainer.models.camera_path import CameraPath
 from reference_trainer.models.densify import ScreenGradients
 from reference_trainer.models.kernels import shrink
 from reference_trainer.run import run
