@@ -24,6 +24,7 @@ __all__ = ["rate"]
 Rows = list[dict[str, object]]
 FEWER = "SPZ 4, SH as its reference encoder rounds"
 TARGETS = (40, 45, 50)  # dB
+MOST_POLISHED = 100_000  # splats: half a million take half an hour
 
 
 class Point(NamedTuple):
@@ -86,7 +87,7 @@ def _other_views(subject: Subject) -> Views:
 
 
 def _ours(subject: Subject, peers: Sequence[Point]) -> Iterator[Point]:
-    """The default, at round targets, and at the PSNR of peers, there polished too."""
+    """The default, at round targets, and at the PSNR of peers: polished, too, of a scene of few."""
 
     def point(**options: Unpack[Options]) -> Point:
         named = [f"--{name.replace('_', '-')} {value:.4g}" for name, value in options.items()]
@@ -99,7 +100,8 @@ def _ours(subject: Subject, peers: Sequence[Point]) -> Iterator[Point]:
     yield point()
     theirs = [round(subject.views.psnr(peer.splats), 2) for peer in peers]
     ways: list[Options] = [{"target_psnr": decibels} for decibels in (*TARGETS, *theirs)]
-    ways += [{"target_psnr": decibels, "polish": DEFAULT_ITERATIONS} for decibels in theirs]
+    if subject.tree.n_leaves <= MOST_POLISHED:
+        ways += [{"target_psnr": decibels, "polish": DEFAULT_ITERATIONS} for decibels in theirs]
     for options in ways:
         try:
             yield point(**options)
