@@ -7,7 +7,12 @@ from evogs_codec.render.gradients import Gradients, gradients
 from evogs_codec.render.metrics import psnr, ssim, ssim_gradient
 from evogs_codec.render.options import Options
 from evogs_codec.render.up import Up, up_of, up_of_cameras
-from evogs_codec.render.viewpoints import camera_rings, cameras_around, weighing_cameras
+from evogs_codec.render.viewpoints import (
+    camera_rings,
+    cameras_all_around,
+    cameras_around,
+    weighing_cameras,
+)
 from evogs_codec.render.views import Views
 
 __all__ = [
@@ -19,6 +24,7 @@ __all__ = [
     "Up",
     "Views",
     "camera_rings",
+    "cameras_all_around",
     "cameras_around",
     "draw",
     "gradients",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -16,6 +17,7 @@ __all__ = [
     "PICTURE_SIZE",
     "SIZE",
     "camera_rings",
+    "cameras_all_around",
     "cameras_around",
     "n_on_circle",
     "weighing_cameras",
@@ -27,6 +29,8 @@ PICTURE_SIZE = 800  # of one that is looked at
 # Number, elevation and distance of the cameras of a circle, as of `cameras_around`. No elevation
 # is that of the 24 cameras which judge.
 RINGS = ((9, 0.05, 1.7), (11, 0.2, 2.4), (11, 0.5, 1.9), (9, 0.8, 2.2))
+# For the integers of a stream, which may not err elsewhere, from below and from far above, too.
+OUTSIDE = ((16, -0.6, 1.7), (12, 1.2, 2.2))
 # Of six cameras that weigh errors one stands below and one far above: elevation and distance.
 ONE_OF = 6
 BELOW, ABOVE = (-0.5, 2.0), (1.1, 2.0)
@@ -73,18 +77,32 @@ def cameras_around(
     )
 
 
-def camera_rings(scene: SplatParams, up: Direction | None = None, times: int = 1) -> list[Camera]:
-    """`times` 40 cameras around the bulk of a scene, at four elevations and distances.
+def camera_rings(scene: SplatParams, up: Direction | None = None) -> list[Camera]:
+    """40 cameras around the bulk of a scene, at four elevations and distances.
 
     They are for gradient descent: none stands where a camera of `cameras_around` does.
     """
+    return _on_rings(RINGS, scene, up)
+
+
+def cameras_all_around(scene: SplatParams, up: Direction | None = None) -> list[Camera]:
+    """108 cameras: 80 where those of `camera_rings` are, 16 below the scene and 12 far above it.
+
+    What descent moves may not look worse from where nobody looked.
+    """
+    twice = [(2 * n, elevation, distance) for n, elevation, distance in RINGS]
+    return _on_rings([*twice, *OUTSIDE], scene, up)
+
+
+def _on_rings(
+    rings: Sequence[tuple[int, float, float]], scene: SplatParams, up: Direction | None
+) -> list[Camera]:
+    """So many cameras at each elevation and distance."""
     above = up_of(scene).vector if up is None else direction(up)
     return [
         camera
-        for n, elevation, distance in RINGS
-        for camera in cameras_around(
-            scene, above, n=times * n, elevation=elevation, distance=distance
-        )
+        for n, elevation, distance in rings
+        for camera in cameras_around(scene, above, n=n, elevation=elevation, distance=distance)
     ]
 
 

@@ -21,7 +21,7 @@ from evogs_codec.render.options import DEFAULT, Options
 from evogs_codec.render.splats import Real, Splats
 from evogs_codec.render.stills import Still
 from evogs_codec.render.up import Direction, up_of
-from evogs_codec.render.viewpoints import camera_rings, cameras_around, weighing_cameras
+from evogs_codec.render.viewpoints import cameras_all_around, cameras_around, weighing_cameras
 
 __all__ = ["DRAWN", "HELD_OUT", "Between", "Colour", "Views", "view_of"]
 
@@ -91,7 +91,7 @@ class Views:
                 `weighing_cameras`.
             up: what is up in the default views, as of `cameras_around`.
             n_views: at most this many views.
-            descent: with `others`, for `loss_gradient`: 80 on circles around the scene, or of
+            descent: with `others`, for `loss_gradient`: 108 all around the scene, or of
                 the `cameras` given all but every 5th, which judges.
 
         Raises:
@@ -102,7 +102,7 @@ class Views:
         if cameras is None:
             above = up_of(scene).vector if up is None else up
             chosen: Sequence[Camera] = cameras_around(scene, above)
-            others = camera_rings(scene, above, 2) if descent else ()
+            others = cameras_all_around(scene, above) if descent else ()
             weighing = weighing_cameras(scene, above, DRAWN if n_views is None else n_views)
         elif descent:
             if len(cameras) < 2:

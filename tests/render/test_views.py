@@ -5,7 +5,13 @@ import pytest
 
 pytest.importorskip("numba", reason="the rasterizer is compiled")
 from evogs_codec import lift
-from evogs_codec.render import Camera, Views, cameras_around, weighing_cameras
+from evogs_codec.render import (
+    Camera,
+    Views,
+    cameras_all_around,
+    cameras_around,
+    weighing_cameras,
+)
 from evogs_codec.render import views as module
 from evogs_codec.render.demo_scene import make_scene
 
@@ -98,3 +104,14 @@ def test_cameras_that_are_given_weigh_alone():
     assert np.array_equal(
         given.sensitivity(splats), Views(splats, cameras, options=given.options).sensitivity(splats)
     )
+
+
+def test_descent_looks_from_all_around():
+    splats = make_scene(300)
+    cameras = cameras_all_around(splats, "z")
+    heights = np.array([camera.position[2] for camera in cameras])
+    circle = cameras_around(splats, "z")[0].position[2]
+    assert (len(cameras), (heights < 0).sum(), (heights > 2.5 * circle).sum()) == (108, 16, 12)
+    assert np.abs(heights - circle).min() > 0.2 * circle  # no camera stands where one judges
+    others = Views.of(splats, up="z", descent=True).others
+    np.testing.assert_array_equal([camera.position[2] for camera in others], heights)

@@ -24,7 +24,7 @@ __all__ = ["rate"]
 Rows = list[dict[str, object]]
 FEWER = "SPZ 4, SH as its reference encoder rounds"
 TARGETS = (40, 45, 50)  # dB
-MOST_POLISHED = 100_000  # splats: half a million take half an hour
+MOST_POLISHED = 50_000  # splats: half a million take half an hour
 
 
 class Point(NamedTuple):

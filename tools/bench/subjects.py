@@ -30,7 +30,7 @@ from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.lifting.lift import N_LEVELS, Lifted
 from evogs_codec.render import (
     Camera,
-    camera_rings,
+    cameras_all_around,
     cameras_around,
     psnr,
     render,
@@ -182,6 +182,6 @@ def _views_of(splats: SplatParams, up: str) -> Views:
     return Views(
         splats,
         cameras_around(splats, up, SIZE),
-        others=camera_rings(splats, up, 2),
+        others=cameras_all_around(splats, up),
         weighing=weighing_cameras(splats, up),
     )
