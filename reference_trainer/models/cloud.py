@@ -143,8 +143,8 @@ class Cloud:
 
     def _prune(self, growth: CloudGrowth) -> None:
         splats = splat_tensors(self.layer).params()
-        widest = growth.prune_scale * self.path.sizes(splats.means)
-        dead = useless(splats, growth.prune_opacity, widest)
+        sizes = self.path.sizes(splats.means)
+        dead = useless(splats, growth.prune_opacity, growth.prune_scale, sizes)
         self._keep(np.flatnonzero(~dead))
 
     def _keep(self, rows: npt.NDArray[np.int64]) -> None:

@@ -64,12 +64,12 @@ def largest(scores: Array, threshold: float, most: int) -> npt.NDArray[np.int64]
 
 
 def useless(
-    splats: SplatParams, opacity: float, widest: npt.NDArray[np.floating]
+    splats: SplatParams, opacity: float, part: float, sizes: npt.NDArray[np.floating]
 ) -> npt.NDArray[np.bool_]:
-    """(N,) True for splats less opaque than this, wider than their `widest` (N,), or not finite."""
+    """(N,) True for splats less opaque, or wider than this part of `sizes`, or not finite."""
     logit = np.log(opacity / (1 - opacity))
     faint = splats.opacity_logits < logit
-    wide = splats.log_scales.max(axis=1) > np.log(widest)
+    wide = splats.log_scales.max(axis=1) > np.log(part) + np.log(sizes)
     dead: npt.NDArray[np.bool_] = faint | wide | ~splats.finite()
     return dead
 

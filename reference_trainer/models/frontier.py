@@ -118,8 +118,8 @@ class Frontier:
         if iteration == due[0] and self.option == "M":
             self._refine_all()
         slots = np.flatnonzero(self.live)
-        widest = self.growth.prune_scale * self.path.sizes(leaves.means)
-        dead = useless(leaves, self.growth.prune_opacity, widest)
+        sizes = self.path.sizes(leaves.means)
+        dead = useless(leaves, self.growth.prune_opacity, self.growth.prune_scale, sizes)
         self.live[slots[dead]] = False
         n = self.n_splats
         room = self._target(due.index(iteration), len(due), cap) - n
