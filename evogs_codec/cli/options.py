@@ -164,7 +164,7 @@ def add_encode(commands: Commands, run: Run, *, many: bool = False) -> None:
         "--polish",
         "adjust the integers of the last level by gradient descent on rendered views; needs"
         " --target-psnr or --target-bytes. It takes minutes and saves 7 to 9 %% of the bytes at"
-        " 42 dB, nothing from 54 dB on. With --camera, every 5th view is held out to"
+        " 42 dB, nothing at 52 dB. With --camera, every 5th view is held out to"
         f" measure the PSNR (default: {DEFAULT_ITERATIONS} iterations)",
     )
     parser.add_argument(

@@ -12,7 +12,7 @@ from evogs_codec.model.splats import F32, I64
 
 __all__ = ["MOST_PARTS", "first_ancestors", "most_late_parts", "parts_of_leaves"]
 
-MOST_PARTS, LEAST_LEAVES = 16, 2048  # parts of a layer of a tile at most, and leaves of each
+MOST_PARTS, LEAST_LEAVES = 16, 2048  # parts of a layer of a tile at most, leaves of each at least
 # A part of a late level takes another step, which makes room for its splats: so there are fewer. Of
 # one tile of two layers at most, of more layers, of all tiles together, and of each tile at least:
 TWO_LAYERS, MORE_LAYERS, ALL_TILES, ONE_TILE = 10, 8, 16, 4
@@ -40,7 +40,8 @@ def first_ancestors(born_from: I64) -> I64:
 def parts_of_leaves(weights: F32, ancestors: I64, most: int) -> list[I64]:
     """Rows of leaves with weights (K, N) for at most this many parts, the most important first.
 
-    Leaves of one first ancestor (N,) are in the same step, and those of neighbours are.
+    `ancestors` (N,) are their first ones. Leaves of one ancestor are in the same part, and so are
+    those of ancestors that are neighbours.
     """
     n = weights.shape[1]
     if not n:

@@ -14,7 +14,8 @@ from evogs_codec.render import Camera
 __all__ = ["CameraPath"]
 
 F64 = npt.NDArray[np.float64]
-OBJECT = 1.3  # scene units, of an object in Blender scenes: how far away cameras are, at least
+# Least extent of cameras in one place, scene units: objects of Blender scenes are so large.
+LEAST = 1.3
 ONE_PLACE = 1e-6  # of the distance from the origin: cameras nearer to each other are in one place
 
 
@@ -37,7 +38,7 @@ class CameraPath:
         places = np.stack([camera.position for camera in cameras])
         middle = places.mean(axis=0)
         furthest = np.linalg.norm(places - middle, axis=1).max()
-        away = max(OBJECT, float(np.linalg.norm(middle)))
+        away = max(LEAST, float(np.linalg.norm(middle)))
         return CameraPath(places, float(1.1 * furthest) if furthest > ONE_PLACE * away else away)
 
     def sizes(self, means: npt.NDArray[np.floating]) -> F64:

@@ -104,6 +104,18 @@ def test_what_is_far_from_all_cameras_may_be_wide():
     np.testing.assert_allclose(path.sizes(means), [0.55, 50, 0.55])
 
 
+def test_a_wide_splat_stays_where_no_camera_is_near():
+    splats = tiny.random_splats(np.random.default_rng(0), 3)
+    splats.means[:] = [[0, 0, 50], [0, 0, 0.1], [0, 0, 50]]
+    splats.log_scales[:] = np.log([[1.0], [1.0], [9.0]])
+    splats.opacity_logits[:] = 2
+    growth = CloudGrowth(start=1, every=1, stop=1.0, threshold=np.inf)
+    path = CameraPath(np.zeros((1, 3)), 0.5)
+    model = Cloud(SplatTensors.of(splats), growth, path, (0,))
+    assert model.densify(1, 10, scores(3), 10)
+    np.testing.assert_array_equal(model.layer_splats().means, [[0, 0, 50]])
+
+
 def test_gradients_on_the_screen_are_means_over_pictures_that_show_a_splat():
     found = ScreenGradients(3, CPU)
     found.add(torch.tensor([[3.0, 4.0], [0, 0], [1, 0]]), 2, 2)
