@@ -1,5 +1,7 @@
 """Plain densification under a cap; a foundation that stays."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -105,10 +107,12 @@ def test_what_is_far_from_all_cameras_may_be_wide():
 
 
 def test_a_wide_splat_stays_where_no_camera_is_near():
-    splats = tiny.random_splats(np.random.default_rng(0), 3)
-    splats.means[:] = [[0, 0, 50], [0, 0, 0.1], [0, 0, 50]]
-    splats.log_scales[:] = np.log([[1.0], [1.0], [9.0]])
-    splats.opacity_logits[:] = 2
+    splats = replace(
+        tiny.random_splats(np.random.default_rng(0), 3),
+        means=np.array([[0, 0, 50], [0, 0, 0.1], [0, 0, 50]], np.float32),
+        log_scales=np.log(np.array([[1], [1], [9]], np.float32)).repeat(3, axis=1),
+        opacity_logits=np.full(3, 2, np.float32),
+    )
     growth = CloudGrowth(start=1, every=1, stop=1.0, threshold=np.inf)
     path = CameraPath(np.zeros((1, 3)), 0.5)
     model = Cloud(SplatTensors.of(splats), growth, path, (0,))
