@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
-__all__ = ["MOST_TRIES", "NARROW", "ONE_SIDED", "Found", "nearest"]
+__all__ = ["MOST_TRIES", "NARROW", "ONE_SIDED", "Found", "Start", "nearest"]
 
 MOST_TRIES = 14
 NARROW = 1e-6  # of the logarithm of a place
@@ -35,11 +35,25 @@ class Found(Generic[T]):
     above: Found[T] | None = None
 
 
+@dataclass(frozen=True)
+class Start:
+    """Where a search begins.
+
+    Attributes:
+        at: the first place.
+        slope: first guess of the change of the value over that of the logarithm of the place.
+        known: a place and its value, about, if one was measured before.
+    """
+
+    at: float
+    slope: float
+    known: tuple[float, float] | None = None
+
+
 def nearest(
     measure: Callable[[float], tuple[float, T]],
     target: float,
-    slope: float,
-    start: float,
+    start: Start,
     bounds: tuple[float, float],
     slack: float,
     most: float = math.inf,
@@ -52,8 +66,7 @@ def nearest(
     Args:
         measure: value at a place, and what has it.
         target: of the value.
-        slope: first guess of the change of the value over that of the logarithm of the place.
-        start: first place.
+        start: where the search begins.
         bounds: no place is outside.
         slack: a value this near is good enough.
         most: a value above it is the best only where none is below.
@@ -70,10 +83,10 @@ def nearest(
         return value > most, abs(value - target)
 
     low, high = (math.log(bound) for bound in bounds)
-    at = math.log(start)
+    at, slope = math.log(start.at), start.slope
     best: Found[T] | None = None
     above: Found[T] | None = None
-    before: tuple[float, float] | None = None
+    before = None if start.known is None else (math.log(start.known[0]), start.known[1])
     middle: float | None = None
     is_above: set[bool] = set()
     tried: set[float] = set()  # ends of the range

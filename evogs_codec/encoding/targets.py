@@ -18,7 +18,7 @@ from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.layers import Layering
 from evogs_codec.encoding.prepared import Aim, Prepared
 from evogs_codec.encoding.replayed import Replayed
-from evogs_codec.encoding.search import MOST_TRIES, NARROW, ONE_SIDED, Found, nearest
+from evogs_codec.encoding.search import MOST_TRIES, NARROW, ONE_SIDED, Found, Start, nearest
 from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.encoding.settings import MOST_PSNR, NearLossless, StepTable
 from evogs_codec.encoding.sketch import Sketch
@@ -63,16 +63,26 @@ class Guess:
     Attributes:
         price: of a bit, at which a target is nearly met.
         slope: change of what is aimed at over that of the logarithm of the price.
+        known: a price and what was measured at it, if anything was.
     """
 
     price: float
     slope: float
+    known: tuple[float, float] | None = None
 
     def at_target(self, target: float, value: float) -> Guess:
         """Where the target is, if the value is what it is here."""
         low, high = map(math.log, PRICES)
         at = math.log(self.price) + (target - value) / self.slope
         return replace(self, price=math.exp(min(max(at, low), high)))
+
+    def measured(self, target: float, value: float) -> Guess:
+        """The same, of a value that was measured."""
+        return replace(self.at_target(target, value), known=(self.price, value))
+
+    def start(self, near: float) -> Start:
+        """Of a search that begins at a price."""
+        return Start(near, self.slope, self.known)
 
 
 @dataclass(frozen=True)
@@ -124,8 +134,7 @@ class TargetEncoder(Aim):
             return nearest(
                 lambda price: measure(code(price)),
                 target,
-                self.guess.slope if self.guess else PSNR_SLOPE,
-                start,
+                self.guess.start(start) if self.guess else Start(start, PSNR_SLOPE),
                 PRICES,
                 slack,
                 tries=tries,
@@ -171,8 +180,6 @@ class TargetEncoder(Aim):
         """`at_bytes`, and the price of a bit; looked for from `near` on."""
         coder = self.prepared
         slope = BYTES_SLOPE if self.views else -0.1
-        if self.guess is not None:
-            slope = self.guess.slope
 
         def search(code: Callable[[float], CodedTree], start: float) -> Found[bytes]:
             def measure(price: float) -> tuple[float, bytes]:
@@ -183,8 +190,7 @@ class TargetEncoder(Aim):
             return nearest(
                 measure,
                 most - BYTES_SLACK,
-                slope,
-                start,
+                self.guess.start(start) if self.guess else Start(start, slope),
                 self._bounds,
                 BYTES_SLACK,
                 most,
@@ -216,14 +222,14 @@ class TargetEncoder(Aim):
 
     def nearer(self, guess: Guess, decibels: float, coded: CodedTree) -> Guess:
         """A better one, by the PSNR of what is coded at the price of a guess."""
-        return replace(guess, slope=NEAR_SLOPE).at_target(decibels, self._psnr_of(coded))
+        return replace(guess, slope=NEAR_SLOPE).measured(decibels, self._psnr_of(coded))
 
     def guess_of_bytes(self, n_bytes: int, near: float) -> Guess:
         """Where `nearest_bytes` may begin, by a sketch, and by one stream; likewise."""
         target = math.log(n_bytes) - BYTES_SLACK
         guess = _guess(Sketch.of(self.prepared).log_bytes, target, BYTES_SLOPE, near)
         data = self.written(self.prepared.coded(guess.price))
-        return guess.at_target(target, math.log(len(data)))
+        return guess.measured(target, math.log(len(data)))
 
     def guessing(self, guess: Guess) -> TargetEncoder:
         """The same that begins there; nothing is drawn again."""

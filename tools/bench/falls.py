@@ -64,6 +64,8 @@ def odd_scenes(n_splats: int = N_SPLATS, seed: int = SEED) -> Iterator[tuple[str
     yield "mixed", replace(splats, log_scales=_f32(of_mixed), opacity_logits=_f32(mixed))
     few = splats.take(np.arange(0, n_splats, 20))
     yield f"{len(few)} splats", few
+    few = splats.take(np.arange(n_splats // 60))
+    yield f"{len(few)} huge splats", replace(few, log_scales=_f32(few.log_scales + 3))
 
 
 def _f32(values: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:

@@ -63,22 +63,25 @@ def layered():
 
 
 @pytest.mark.parametrize(
-    ("falls", "options", "factor", "n_layers"),
+    ("falls", "options", "very_few", "factor", "n_layers"),
     [
-        ([0.02], {}, 1, 2),
-        ([1.0, 0.0], {}, few_splats.FINER[0], 2),
-        ([1.0, 0.7, 0.04], {}, few_splats.FINER[1], 2),
-        ([1.0, 0.7, 0.9, 0.8], {}, few_splats.FINER[0], 2),
-        ([1.0, 0.7, 0.9, 0.1], {}, 1, 1),
-        ([1.0, 0.7, 0.9], {"layers": 2}, few_splats.FINER[0], 2),
-        ([1.0], {"target_psnr": 40.0}, 1, 2),
+        ([0.02], {}, 0, 1, 2),
+        ([1.0, 0.0], {}, 0, few_splats.FINER[0], 2),
+        ([1.0, 0.7, 0.02], {}, 0, few_splats.FINER[1], 2),
+        ([1.0, 0.7, 0.9, 0.8], {}, 0, few_splats.FINER[0], 2),
+        ([1.0, 0.7, 0.9, 0.1], {}, 0, 1, 1),
+        ([1.0, 0.7, 0.9], {"layers": 2}, 0, few_splats.FINER[0], 2),
+        ([1.0], {"target_psnr": 40.0}, 600, 1, 2),
+        ([1.0, 0.7, 0.9, 0.0], {}, 600, few_splats.OTHER_PRICES[0], 2),
+        ([1.0, 0.7, 0.9, *[0.8] * len(few_splats.OTHER_PRICES), 0.04], {}, 600, 1, 1),
     ],
 )
 def test_where_pictures_stay_worse_other_streams_are_tried(
-    monkeypatch, layered, falls, options, factor, n_layers
+    monkeypatch, layered, falls, options, very_few, factor, n_layers
 ):
     left = iter(falls)
-    monkeypatch.setattr(few_splats, "_without_worst", lambda one, _: (one, next(left)))
+    monkeypatch.setattr(few_splats, "_with_least_fall", lambda one, _: (one, next(left)))
+    monkeypatch.setattr(few_splats, "VERY_FEW", very_few)
     request = Request.of("scene", options)
     chosen = few_splats.without_falls(layered, layered.aim.views, request)
     assert next(left, None) is None
@@ -128,6 +131,19 @@ def test_huge_splats_have_no_fall_in_views_that_judge():
     splats = replace(splats, log_scales=splats.log_scales + np.float32(2))
     fall, _ = deepest_fall(encode_scene(splats), splats)
     assert fall <= 0.05
+
+
+@pytest.mark.parametrize(("n", "seed", "n_taken"), [(500, 5, 8), (1000, 1, 16)])
+def test_very_few_huge_splats_do_not_fall(monkeypatch, n, seed, n_taken):
+    """A band that makes pictures worse comes after those that make up for it."""
+    splats = make_scene(n, seed + 100).take(np.arange(n_taken))
+    splats = replace(splats, log_scales=splats.log_scales + np.float32(3))
+    fall, reached = deepest_fall(encode_scene(splats), splats)
+    assert fall <= 0.05
+    assert reached > 37
+    monkeypatch.setattr(few_splats, "VERY_FEW", 0)
+    before, _ = deepest_fall(encode_scene(splats), splats)
+    assert before > 0.05
 
 
 @pytest.mark.thorough

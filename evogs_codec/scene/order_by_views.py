@@ -1,0 +1,180 @@
+"""The last packets of a stream in the order in which its pictures fall least.
+
+Packets are put in order by estimates. Of few splats, an SH band alone may make pictures worse until
+another one is there, whatever estimates say. So all states between some prefix and the whole are
+looked at, and the way through them is taken that falls least.
+
+A state is how many packets of each component are there. Letters: B components.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import product
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from evogs_codec.decoding.cut import Cut
+from evogs_codec.decoding.decode import decode_leaves
+from evogs_codec.format.directory import Directory, read_directory
+from evogs_codec.format.write_directory import rebuild_directory
+from evogs_codec.model.splats import I64
+
+if TYPE_CHECKING:
+    from evogs_codec.render import Views
+
+__all__ = ["ordered_by_views"]
+
+MOST_STATES = 256
+DIGITS = 2  # of a fall, dB: what is less is no difference
+_State: TypeAlias = tuple[int, ...]
+
+
+def ordered_by_views(data: bytes, views: Views, sh_degree: int) -> bytes:
+    """The stream with its last packets in another order; itself if it has several tiles.
+
+    Args:
+        data: a stream.
+        views: that judge.
+        sh_degree: of the splats that are looked at.
+    """
+    directory = read_directory(data)
+    if len(directory.tiles) != 1 or directory.has_palette:
+        return data
+    ends = _Ends.of(directory)
+    looks = _looks(data, directory, ends, views, sh_degree)
+    way = _best_way(ends, looks, directory.packets["size"].astype(np.int64))
+    return _reordered(data, directory, ends.rows(way))
+
+
+@dataclass(frozen=True, eq=False)
+class _Ends:
+    """The packets of each component that are put in order.
+
+    A packet without bytes comes with the next one that has some, or after all others.
+
+    Attributes:
+        first: (n,) rows that stay where they are.
+        chains: per component, the groups of rows that come together.
+        steps: (B,) of each component in the first rows.
+        last: rows without bytes that nothing follows.
+    """
+
+    first: I64
+    chains: tuple[tuple[I64, ...], ...]
+    steps: I64
+    last: I64
+
+    @staticmethod
+    def of(directory: Directory) -> _Ends:
+        """Of as many packets as give no more than `MOST_STATES` states."""
+        n = len(directory.packets)
+        best = _Ends._from(directory, n)
+        for begin in reversed(range(n)):
+            ends = _Ends._from(directory, begin)
+            if math.prod(ends.counts) > MOST_STATES:
+                break
+            best = ends
+        return best
+
+    @staticmethod
+    def _from(directory: Directory, begin: int) -> _Ends:
+        """Of the packets from a row on."""
+        columns, has_bytes = directory.columns, directory.packets["size"] > 0
+        n_columns = len(directory.components.of_tiles)
+        chains, last = [], []
+        for column in range(n_columns):
+            rows = begin + np.flatnonzero(columns[begin:] == column)
+            groups = np.split(rows, np.flatnonzero(has_bytes[rows]) + 1)
+            chains.append(tuple(groups[:-1]))
+            last.append(groups[-1])
+        first = np.arange(begin)
+        steps = np.bincount(columns[first], minlength=n_columns)
+        return _Ends(first, tuple(chains), steps, np.sort(np.concatenate(last)))
+
+    @property
+    def counts(self) -> list[int]:
+        """(B,) states of each component."""
+        return [1 + len(chain) for chain in self.chains]
+
+    def cut(self, state: _State) -> Cut | None:
+        """What a state has; None if a band would have a step that core does not."""
+        steps = self.steps.copy()
+        for column, n in enumerate(state):
+            steps[column] += sum(len(group) for group in self.chains[column][:n])
+        return None if (steps > steps[0]).any() else Cut(steps[None])
+
+    def rows(self, way: _State) -> I64:
+        """All rows, those of the ends in the order in which components take their turns."""
+        turns = [iter(chain) for chain in self.chains]
+        return np.concatenate([self.first, *(next(turns[column]) for column in way), self.last])
+
+
+def _best_way(ends: _Ends, looks: Mapping[_State, float], sizes: I64) -> tuple[int, ...]:
+    """The components in the order in which they take their turns.
+
+    Of ways that fall as little, the one whose prefixes look better, byte for byte.
+    """
+    start = (0,) * len(ends.chains)
+    best = {start: _Way((), 0.0, looks[start], 0.0)}
+    for state in sorted(looks, key=sum)[1:]:
+        ways = []
+        for column, n in enumerate(state):
+            before = best.get((*state[:column], n - 1, *state[column + 1 :]))
+            if before is not None:
+                n_bytes = int(sizes[ends.chains[column][n - 1]].sum())
+                ways.append(before.after(column, looks[state], n_bytes))
+        if ways:
+            best[state] = min(ways, key=lambda way: (round(way.fall, DIGITS), way.lost))
+    return best[max(best, key=sum)].columns
+
+
+@dataclass(frozen=True)
+class _Way:
+    """To a state.
+
+    Attributes:
+        columns: of the components, in the order of their turns.
+        fall: the deepest on it, dB.
+        highest: PSNR on it, dB.
+        lost: what its prefixes lack, dB times bytes; the less, the better they look.
+    """
+
+    columns: tuple[int, ...]
+    fall: float
+    highest: float
+    lost: float
+
+    def after(self, column: int, decibels: float, n_bytes: int) -> _Way:
+        """With a turn of a component, after which the PSNR is this."""
+        return _Way(
+            (*self.columns, column),
+            max(self.fall, self.highest - decibels),
+            max(self.highest, decibels),
+            self.lost - self.highest * n_bytes,
+        )
+
+
+def _looks(
+    data: bytes, directory: Directory, ends: _Ends, views: Views, sh_degree: int
+) -> dict[_State, float]:
+    """PSNR of each state that there is, dB."""
+    found: dict[_State, float] = {}
+    for state in product(*map(range, ends.counts)):
+        cut = ends.cut(state)
+        if cut is not None:
+            leaves = decode_leaves(data, cut, sh_degree=sh_degree, directory=directory)
+            found[state] = views.psnr(leaves)
+    return found
+
+
+def _reordered(data: bytes, directory: Directory, rows: I64) -> bytes:
+    """The stream with its packets in the order of these rows."""
+    packets = directory.packets[rows]
+    head = rebuild_directory(directory, directory.tiles, packets, directory.digests)
+    begins, sizes = directory.offsets[rows].tolist(), packets["size"].tolist()
+    bodies = [data[at : at + size] for at, size in zip(begins, sizes, strict=True)]
+    return b"".join([head, *bodies])
