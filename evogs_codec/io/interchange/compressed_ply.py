@@ -26,7 +26,7 @@ from evogs_codec.io.interchange.values import (
     unit,
 )
 from evogs_codec.io.makers import comment_of
-from evogs_codec.io.ply import PlyHeader, read_ply_header
+from evogs_codec.io.ply_header import PlyHeader, read_ply_header
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F32, I64, SplatParams, sh_degree_of
 

@@ -20,7 +20,8 @@ from evogs_codec.io.foreign import WITHOUT_MAGIC
 from evogs_codec.io.interchange import compressed_ply, gltf, ksplat, ply_comments, sog, splat, spz
 from evogs_codec.io.interchange.frames import frame_of, transformed, turn
 from evogs_codec.io.makers import comment_of
-from evogs_codec.io.ply import read_ply, read_ply_header, write_ply
+from evogs_codec.io.ply import read_ply, write_ply
+from evogs_codec.io.ply_header import read_ply_header
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import SplatParams
 
