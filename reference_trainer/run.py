@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import torch
 
 from evogs_codec import EvolutionTree, InputError
 from reference_trainer.config import MOST_SHIFTED, Config
@@ -129,6 +130,8 @@ def _run_stage(
         config, plan, data, CameraPath.of([view.camera for view in data.train]), backend.device
     )
     model = method.begin(setting, saved.done)
+    with torch.no_grad():
+        scale = setting.path.scale(model.splats(0).means.cpu().numpy())
     training = _restored(model, saved, folder, backend)
     progress.begin(saved.stage, plan, data, backend)
 
@@ -140,11 +143,11 @@ def _run_stage(
             replace(saved, iteration=at, model=arrays, scores=scores).write(folder)
 
     order = setting.seed(VIEWS)
-    rates = config.rates.at_most(model.reach / setting.path.extent)
+    rates = config.rates.at_most(model.reach / scale)
     stage = Stage(
         photographs(scales, plan.scale, config, shifts=config.shifts),
         data.background,
-        setting.path.extent,
+        scale,
         plan.iterations,
         plan.cap,
         order,

@@ -253,13 +253,13 @@ class RateTable:
 
     Attributes:
         rates: of the run.
-        extent: of the cameras, scene units.
+        scale: of the scene, scene units.
         progress: part of the stage that is over, 0..1.
         price: of a bit, as a part of the loss.
     """
 
     rates: Rates
-    extent: float
+    scale: float
     progress: float
     price: float = 0.0
 
@@ -267,7 +267,7 @@ class RateTable:
         """(d,) rates of the numbers of a row."""
         r = self.rates
         if group == "position":
-            rate = self.extent * r.position ** (1 - self.progress) * r.position_final**self.progress
+            rate = self.scale * r.position ** (1 - self.progress) * r.position_final**self.progress
             return np.full(d, rate, np.float32)  # falls by itself
         if group == "sh":
             out = np.full(d, r.sh_rest)

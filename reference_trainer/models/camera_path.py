@@ -41,6 +41,10 @@ class CameraPath:
         away = max(LEAST, float(np.linalg.norm(middle)))
         return CameraPath(places, float(1.1 * furthest) if furthest > ONE_PLACE * away else away)
 
+    def scale(self, means: npt.NDArray[np.floating]) -> float:
+        """The median of `sizes`; the extent without splats."""
+        return float(np.median(self.sizes(means))) if len(means) else self.extent
+
     def sizes(self, means: npt.NDArray[np.floating]) -> F64:
         """(N,) what is large at `means` (N, 3): the extent, or the way to the nearest camera.
 

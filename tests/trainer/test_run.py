@@ -18,6 +18,7 @@ from evogs_codec.io.tree_npz import write_tree
 from reference_trainer.config import PRESETS, FrontierGrowth, Integers
 from reference_trainer.models.backends import backend_for
 from reference_trainer.models.backends.cpu import Cpu
+from reference_trainer.models.camera_path import CameraPath
 from reference_trainer.run import photographs, run
 from reference_trainer.runtime.checkpoint import FILE, Checkpoint
 from reference_trainer.runtime.progress import Progress
@@ -267,7 +268,7 @@ def test_positions_of_small_leaves_move_less(method, monkeypatch):
     seen = []
 
     def watched(training, stage, *rest):
-        seen.append((stage.rates.position, stage.rates.position_final, stage.extent))
+        seen.append((stage.rates.position, stage.rates.position_final, stage.scale))
         train(training, stage, *rest)
 
     monkeypatch.setattr("reference_trainer.run.train", watched)
@@ -288,6 +289,24 @@ def test_positions_of_small_leaves_move_less(method, monkeypatch):
     if method == "evogs":
         in_integers = [position for position, *_ in seen[1::2]]
         assert in_integers[1] == pytest.approx(part * in_integers[0], rel=1e-4)
+
+
+def test_rates_of_positions_follow_the_distance_where_the_path_of_cameras_is_short(monkeypatch):
+    seen = []
+
+    def watched(training, stage, *rest):
+        seen.append((stage.scale, training.model.splats(0).means.detach().numpy().copy()))
+        train(training, stage, *rest)
+
+    monkeypatch.setattr("reference_trainer.run.train", watched)
+    scales = tiny.pyramid()
+    short = [replace(data, train=data.train[:2]) for data in scales]
+    run(tiny.config(), tuple(short), backend_for("cpu"))
+    path = CameraPath.of([view.camera for view in short[0].train])
+    for scale, means in seen:
+        distances = np.linalg.norm(means[:, None] - path.places, axis=2).min(axis=1)
+        assert scale == pytest.approx(np.median(np.maximum(distances, path.extent)))
+    assert all(scale > path.extent for scale, _ in seen)
 
 
 def test_the_preset_that_takes_long_has_shifted_grids_but_as_published_it_has_none():

@@ -43,15 +43,16 @@ def trained_again(
         own = tuple(step for step in tree.steps if step.level == level)
         reach = reach_of(config.frontier.first_step, before.leaves().log_scales)
         model = IntegerLevel(before, own, tree.quanta[: 2 + level], backend.device, reach)
-        around = CameraPath.of([view.camera for view in data.train]).extent
+        path = CameraPath.of([view.camera for view in data.train])
+        scale = path.scale(before.leaves().means)
         stage = Stage(
             photographs(scales, level, config, shifts=config.shifts),
             data.background,
-            around,
+            scale,
             iterations,
             model.n_splats,
             (config.seed, level, AGAIN),
-            config.integers.rates(config.rates.at_most(reach / around)),
+            config.integers.rates(config.rates.at_most(reach / scale)),
         )
         training = Training(model, ScreenGradients(model.n_splats, backend.device))
         train(training, stage, config, backend, _nothing)
