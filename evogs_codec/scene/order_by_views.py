@@ -34,7 +34,7 @@ _State: TypeAlias = tuple[int, ...]
 
 
 def ordered_by_views(data: bytes, views: Views, sh_degree: int) -> bytes:
-    """The stream with its last packets in another order; itself if it has several tiles.
+    """The stream with its last packets in another order; itself with several tiles or a palette.
 
     Args:
         data: a stream.
