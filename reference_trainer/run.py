@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import torch
 
 from evogs_codec import EvolutionTree, InputError
 from reference_trainer.config import MOST_SHIFTED, Config
@@ -130,8 +129,7 @@ def _run_stage(
         config, plan, data, CameraPath.of([view.camera for view in data.train]), backend.device
     )
     model = method.begin(setting, saved.done)
-    with torch.no_grad():
-        scale = setting.path.scale(model.splats(0).means.cpu().numpy())
+    scale = setting.path.scale(model.splats(0).means.detach().cpu().numpy())
     training = _restored(model, saved, folder, backend)
     progress.begin(saved.stage, plan, data, backend)
 
