@@ -42,8 +42,8 @@ class Rates:
     """Learning rates of Adam.
 
     Attributes:
-        position, position_final: of positions and their psi, times the scale of the scene
-            (`CameraPath.scale`); from one to the other, exponentially, in every level.
+        position, position_final: of positions and their psi, times the size of the scene
+            (`CameraPath.scene_size`); from one to the other, exponentially, in every level.
         rotation, scale, opacity: of the raw parameters and their psi.
         sh, sh_rest: of band 0, and of the others.
         alpha: of the factors of splits; a tenth of it starves them.

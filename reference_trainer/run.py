@@ -129,7 +129,7 @@ def _run_stage(
         config, plan, data, CameraPath.of([view.camera for view in data.train]), backend.device
     )
     model = method.begin(setting, saved.done)
-    scale = setting.path.scale(model.splats(0).means.detach().cpu().numpy())
+    scene_size = setting.path.scene_size(model.splats(0).means.detach().cpu().numpy())
     training = _restored(model, saved, folder, backend)
     progress.begin(saved.stage, plan, data, backend)
 
@@ -141,11 +141,11 @@ def _run_stage(
             replace(saved, iteration=at, model=arrays, scores=scores).write(folder)
 
     order = setting.seed(VIEWS)
-    rates = config.rates.at_most(model.reach / scale)
+    rates = config.rates.at_most(model.reach / scene_size)
     stage = Stage(
         photographs(scales, plan.scale, config, shifts=config.shifts),
         data.background,
-        scale,
+        scene_size,
         plan.iterations,
         plan.cap,
         order,

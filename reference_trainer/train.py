@@ -78,7 +78,7 @@ class Stage:
     Attributes:
         views: photographs at the resolution of the level.
         background: behind the splats.
-        scale: of the scene, scene units.
+        scene_size: what rates of positions are multiplied by, scene units.
         iterations, cap: how long, and the most splats.
         seed: of the order of views.
         rates: how fast.
@@ -87,7 +87,7 @@ class Stage:
 
     views: tuple[View, ...]
     background: tuple[float, float, float]
-    scale: float
+    scene_size: float
     iterations: int
     cap: int
     seed: tuple[int, ...]
@@ -125,7 +125,7 @@ def train(
         progress = training.iteration / stage.iterations
         variables = model.variables()
         price = stage.rate_weight * training.loss / max(_priced(variables), 1)
-        rates = RateTable(stage.rates, stage.scale, progress, price)
+        rates = RateTable(stage.rates, stage.scene_size, progress, price)
         step_all(variables, rates)
         training.iteration += 1
         if model.densify(training.iteration, stage.iterations, training.scores, stage.cap):

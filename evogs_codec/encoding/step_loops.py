@@ -1,4 +1,4 @@
-"""The loops of `quantise` over the slots of a step, compiled: no arrays for what is on the way.
+"""The loops of `closed_loop` over the slots of a step, compiled: no arrays for what is on the way.
 
 Optional: without numba the codec uses numpy, which gives the same numbers.
 

@@ -80,6 +80,11 @@ class Guess:
         """The same, of a value that was measured."""
         return replace(self.at_target(target, value), known=(self.price, value))
 
+    @property
+    def unmeasured(self) -> Guess:
+        """The same of a stream that differs: what was measured is not of that."""
+        return replace(self, known=None)
+
     def start(self, near: float) -> Start:
         """Of a search that begins at a price."""
         return Start(near, self.slope, self.known)
@@ -278,13 +283,13 @@ class TargetEncoder(Aim):
             runs: of the streams that this one makes.
             layering: in place of its own layers, if it has several.
         """
-        other = replace(self)
+        other = replace(self, guess=self.guess and self.guess.unmeasured)
         other.__dict__["prepared"] = self.prepared.holding(runs, layering)
         return other
 
     def leaving_empty(self, packets: frozenset[PacketId]) -> TargetEncoder:
         """The same with these packets of SH bands empty; nothing is drawn again."""
-        other = replace(self, empty=packets)
+        other = replace(self, empty=packets, guess=self.guess and self.guess.unmeasured)
         other.__dict__["prepared"] = self.prepared.leaving_empty(other)
         return other
 

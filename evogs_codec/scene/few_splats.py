@@ -35,7 +35,7 @@ __all__ = ["without_falls"]
 TRIES = 6
 DEEP = FALL / 2  # dB; other views may show twice of it
 FINER = (0.93, 0.86)  # of the price of a bit
-# Splats of which other orders of the last packets are tried, and more prices.
+# Of up to so many splats other orders of the last packets, and other prices, are tried.
 VERY_FEW, OTHER_PRICES = 2_000, (0.8, 0.74, 1.08, 0.69, 0.64)
 
 
@@ -75,7 +75,8 @@ def _with_least_fall(found: FoundStream, views: Views) -> tuple[FoundStream, flo
     if fall <= DEEP or found.tree.n_leaves > VERY_FEW:
         return found, fall
     ordered = replace(found, stream=ordered_by_views(found.data, views, found.tree.shown_degree))
-    return ordered, _Looks.of(ordered, views).fall
+    after = _Looks.of(ordered, views).fall
+    return (ordered, after) if after < fall else (found, fall)
 
 
 def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, float]:

@@ -10,7 +10,7 @@ A state is how many packets of each component are there. Letters: B components.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING, TypeAlias
@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 __all__ = ["ordered_by_views"]
 
-MOST_STATES = 256
+# States that are drawn, and splats of all of them together.
+MOST_STATES, MOST_SPLATS = 256, 64_000
 DIGITS = 2  # of a fall, dB: what is less is no difference
 _State: TypeAlias = tuple[int, ...]
 
@@ -45,8 +46,12 @@ def ordered_by_views(data: bytes, views: Views, sh_degree: int) -> bytes:
     if len(directory.tiles) != 1 or directory.has_palette:
         return data
     ends = _Ends.of(directory)
-    looks = _looks(data, directory, ends, views, sh_degree)
-    way = _best_way(ends, looks, directory.packets["size"].astype(np.int64))
+    drawn = _Drawn(data, directory, views, sh_degree)
+    before = max(map(drawn.psnr, ends.before(directory)), default=-math.inf)
+    states = product(*map(range, ends.counts))
+    cuts = {state: cut for state in states if (cut := ends.cut(state)) is not None}
+    looks = {state: drawn.psnr(cut) for state, cut in cuts.items()}
+    way = _best_way(ends, looks, before, directory.packets["size"].astype(np.int64))
     return _reordered(data, directory, ends.rows(way))
 
 
@@ -70,12 +75,13 @@ class _Ends:
 
     @staticmethod
     def of(directory: Directory) -> _Ends:
-        """Of as many packets as give no more than `MOST_STATES` states."""
-        n = len(directory.packets)
+        """Of as many packets as give no more states than may be drawn."""
+        n, n_slots = len(directory.packets), max(int(directory.tile_slots.sum()), 1)
+        most = min(MOST_STATES, MOST_SPLATS // n_slots)
         best = _Ends._from(directory, n)
         for begin in reversed(range(n)):
             ends = _Ends._from(directory, begin)
-            if math.prod(ends.counts) > MOST_STATES:
+            if math.prod(ends.counts) > most:
                 break
             best = ends
         return best
@@ -100,6 +106,12 @@ class _Ends:
         """(B,) states of each component."""
         return [1 + len(chain) for chain in self.chains]
 
+    def before(self, directory: Directory) -> list[Cut]:
+        """Prefixes that end with one of the first packets."""
+        rows = self.first[directory.packets["size"][self.first] > 0]
+        ends = directory.offsets[rows] + directory.packets["size"][rows]
+        return [Cut.of_prefix(directory, int(end)) for end in ends]
+
     def cut(self, state: _State) -> Cut | None:
         """What a state has; None if a band would have a step that core does not."""
         steps = self.steps.copy()
@@ -113,23 +125,39 @@ class _Ends:
         return np.concatenate([self.first, *(next(turns[column]) for column in way), self.last])
 
 
-def _best_way(ends: _Ends, looks: Mapping[_State, float], sizes: I64) -> tuple[int, ...]:
+def _best_way(
+    ends: _Ends, looks: Mapping[_State, float], before: float, sizes: I64
+) -> tuple[int, ...]:
     """The components in the order in which they take their turns.
 
     Of ways that fall as little, the one whose prefixes look better, byte for byte.
+
+    Args:
+        ends: the packets that are put in order.
+        looks: PSNR of each state that there is, dB.
+        before: the highest PSNR of the prefixes of packets that stay where they are, dB.
+        sizes: bytes of each packet.
     """
     start = (0,) * len(ends.chains)
-    best = {start: _Way((), 0.0, looks[start], 0.0)}
+    ways = {start: [_Way((), 0.0, max(before, looks[start]), 0.0)]}
     for state in sorted(looks, key=sum)[1:]:
-        ways = []
+        found: list[_Way] = []
         for column, n in enumerate(state):
-            before = best.get((*state[:column], n - 1, *state[column + 1 :]))
-            if before is not None:
-                n_bytes = int(sizes[ends.chains[column][n - 1]].sum())
-                ways.append(before.after(column, looks[state], n_bytes))
-        if ways:
-            best[state] = min(ways, key=lambda way: (round(way.fall, DIGITS), way.lost))
-    return best[max(best, key=sum)].columns
+            n_bytes = int(sizes[ends.chains[column][n - 1]].sum()) if n else 0
+            there = ways.get((*state[:column], n - 1, *state[column + 1 :]), ())
+            found += [way.after(column, looks[state], n_bytes) for way in there]
+        ways[state] = _not_beaten(found)
+    last = ways[max(ways, key=sum)]
+    return min(last, key=lambda way: (round(way.fall, DIGITS), way.lost)).columns
+
+
+def _not_beaten(ways: Sequence[_Way]) -> list[_Way]:
+    """Ways to a state, those without which another one is as good in all that matters later."""
+    kept: list[_Way] = []
+    for way in sorted(ways, key=lambda way: (way.fall, way.highest, way.lost)):
+        if not any(one.highest <= way.highest and one.lost <= way.lost for one in kept):
+            kept.append(way)
+    return kept
 
 
 @dataclass(frozen=True)
@@ -158,17 +186,20 @@ class _Way:
         )
 
 
-def _looks(
-    data: bytes, directory: Directory, ends: _Ends, views: Views, sh_degree: int
-) -> dict[_State, float]:
-    """PSNR of each state that there is, dB."""
-    found: dict[_State, float] = {}
-    for state in product(*map(range, ends.counts)):
-        cut = ends.cut(state)
-        if cut is not None:
-            leaves = decode_leaves(data, cut, sh_degree=sh_degree, directory=directory)
-            found[state] = views.psnr(leaves)
-    return found
+@dataclass(frozen=True)
+class _Drawn:
+    """What cuts of a stream look like."""
+
+    data: bytes
+    directory: Directory
+    views: Views
+    sh_degree: int
+
+    def psnr(self, cut: Cut) -> float:
+        """Of a cut, dB."""
+        directory = self.directory
+        leaves = decode_leaves(self.data, cut, sh_degree=self.sh_degree, directory=directory)
+        return self.views.psnr(leaves)
 
 
 def _reordered(data: bytes, directory: Directory, rows: I64) -> bytes:

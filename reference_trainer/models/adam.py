@@ -253,13 +253,13 @@ class RateTable:
 
     Attributes:
         rates: of the run.
-        scale: of the scene, scene units.
+        scene_size: what rates of positions are multiplied by, scene units.
         progress: part of the stage that is over, 0..1.
         price: of a bit, as a part of the loss.
     """
 
     rates: Rates
-    scale: float
+    scene_size: float
     progress: float
     price: float = 0.0
 
@@ -267,7 +267,8 @@ class RateTable:
         """(d,) rates of the numbers of a row."""
         r = self.rates
         if group == "position":
-            rate = self.scale * r.position ** (1 - self.progress) * r.position_final**self.progress
+            part = r.position ** (1 - self.progress) * r.position_final**self.progress
+            rate = self.scene_size * part
             return np.full(d, rate, np.float32)  # falls by itself
         if group == "sh":
             out = np.full(d, r.sh_rest)

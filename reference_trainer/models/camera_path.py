@@ -41,8 +41,11 @@ class CameraPath:
         away = max(LEAST, float(np.linalg.norm(middle)))
         return CameraPath(places, float(1.1 * furthest) if furthest > ONE_PLACE * away else away)
 
-    def scale(self, means: npt.NDArray[np.floating]) -> float:
-        """The median of `sizes`; the extent without splats."""
+    def scene_size(self, means: npt.NDArray[np.floating]) -> float:
+        """The median of `sizes`, by which rates of positions are multiplied.
+
+        The extent without splats.
+        """
         return float(np.median(self.sizes(means))) if len(means) else self.extent
 
     def sizes(self, means: npt.NDArray[np.floating]) -> F64:

@@ -39,6 +39,7 @@ SEAL = b"SHA-256 "
 SEAL_SIZE = len(SEAL) + 64 + 1  # in hexadecimal, and the end of the line
 COMMENT = struct.Struct("<H")  # the last field of a zip: how long its comment is
 BLOCK = 1 << 20
+SCHEDULE = 2  # of training: one more where the same configuration trains otherwise than before
 _SPLATS = ("means", "quats", "log_scales", "opacity_logits", "sh")
 # What the head has besides the run, and of which type.
 _HEAD = {"run": dict, "stage": int, "iteration": int, "sh_degree": int, "levels": list,
@@ -176,7 +177,8 @@ def refuse(folder: Path, error: Exception) -> NoReturn:
 
 def run_identity(config: Config, data: dict[str, Any]) -> dict[str, Any]:
     """What two runs must share to be one: JSON-able."""
-    identity: dict[str, Any] = json.loads(json.dumps({"config": config.as_dict(), "data": data}))
+    found = {"config": config.as_dict(), "data": data, "schedule": SCHEDULE}
+    identity: dict[str, Any] = json.loads(json.dumps(found))
     del identity["config"]["checkpoint_every"]  # when it stops does not change where it goes
     return identity
 

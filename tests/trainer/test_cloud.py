@@ -149,9 +149,9 @@ def test_splats_start_at_points_as_wide_as_their_spacing():
     assert [CameraPath.of(one).extent for one in one_place] == pytest.approx([4, 4], rel=0.01)
 
 
-def test_the_scale_is_the_extent_but_where_the_path_is_short():
+def test_the_size_of_a_scene_is_the_extent_but_where_the_path_is_short():
     path = CameraPath(np.array([[0.0, 0, 0], [1, 0, 0]]), 0.55)
     near, far = np.array([[0.5, 0, 0]]), np.array([[0.0, 0, 8], [1, 0, 9], [0, 6, 0]])
-    assert path.scale(near) == path.scale(near[:0]) == 0.55
-    assert path.scale(far) == pytest.approx(8.0)
-    assert path.scale(np.concatenate([near] * 9 + [far])) == 0.55
+    assert path.scene_size(near) == path.scene_size(near[:0]) == 0.55
+    assert path.scene_size(far) == pytest.approx(8.0)
+    assert path.scene_size(np.concatenate([near] * 9 + [far])) == 0.55

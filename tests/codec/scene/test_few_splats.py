@@ -1,6 +1,7 @@
 """Packets of SH bands that make pictures worse are left empty."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -67,7 +68,7 @@ def layered():
     [
         ([0.02], {}, 0, 1, 2),
         ([1.0, 0.0], {}, 0, few_splats.FINER[0], 2),
-        ([1.0, 0.7, 0.02], {}, 0, few_splats.FINER[1], 2),
+        ([1.0, 0.7, 0.04], {}, 0, few_splats.FINER[1], 2),
         ([1.0, 0.7, 0.9, 0.8], {}, 0, few_splats.FINER[0], 2),
         ([1.0, 0.7, 0.9, 0.1], {}, 0, 1, 1),
         ([1.0, 0.7, 0.9], {"layers": 2}, 0, few_splats.FINER[0], 2),
@@ -131,6 +132,18 @@ def test_huge_splats_have_no_fall_in_views_that_judge():
     splats = replace(splats, log_scales=splats.log_scales + np.float32(2))
     fall, _ = deepest_fall(encode_scene(splats), splats)
     assert fall <= 0.05
+
+
+def test_another_order_that_falls_more_is_not_taken(monkeypatch, layered):
+    falls = iter([0.3, 0.2])
+    monkeypatch.setattr(few_splats, "_without_worst", lambda one, _: (one, 0.25))
+    monkeypatch.setattr(few_splats, "ordered_by_views", lambda *_: b"in another order")
+    looks = SimpleNamespace(of=lambda *_: SimpleNamespace(fall=next(falls)))
+    monkeypatch.setattr(few_splats, "_Looks", looks)
+    views = layered.aim.views
+    assert few_splats._with_least_fall(layered, views) == (layered, 0.25)
+    other, fall = few_splats._with_least_fall(layered, views)
+    assert (other.data, fall) == (b"in another order", 0.2)
 
 
 @pytest.mark.parametrize(("n", "seed", "n_taken"), [(500, 5, 8), (1000, 1, 16)])

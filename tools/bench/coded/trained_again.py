@@ -44,15 +44,15 @@ def trained_again(
         reach = reach_of(config.frontier.first_step, before.leaves().log_scales)
         model = IntegerLevel(before, own, tree.quanta[: 2 + level], backend.device, reach)
         path = CameraPath.of([view.camera for view in data.train])
-        scale = path.scale(before.leaves().means)
+        scene_size = path.scene_size(model.splats(0).means.detach().cpu().numpy())
         stage = Stage(
             photographs(scales, level, config, shifts=config.shifts),
             data.background,
-            scale,
+            scene_size,
             iterations,
             model.n_splats,
             (config.seed, level, AGAIN),
-            config.integers.rates(config.rates.at_most(reach / scale)),
+            config.integers.rates(config.rates.at_most(reach / scene_size)),
         )
         training = Training(model, ScreenGradients(model.n_splats, backend.device))
         train(training, stage, config, backend, _nothing)
