@@ -57,24 +57,19 @@ class TargetMissedError(InputError):
 
 
 @dataclass(frozen=True)
-class Guess:
-    """Where a search may begin.
+class Guess(Start):
+    """Where a search may begin: at a price of a bit, at which a target is nearly met."""
 
-    Attributes:
-        price: of a bit, at which a target is nearly met.
-        slope: change of what is aimed at over that of the logarithm of the price.
-        known: a price and what was measured at it, if anything was.
-    """
-
-    price: float
-    slope: float
-    known: tuple[float, float] | None = None
+    @property
+    def price(self) -> float:
+        """Of a bit."""
+        return self.at
 
     def at_target(self, target: float, value: float) -> Guess:
         """Where the target is, if the value is what it is here."""
         low, high = map(math.log, PRICES)
         at = math.log(self.price) + (target - value) / self.slope
-        return replace(self, price=math.exp(min(max(at, low), high)))
+        return replace(self, at=math.exp(min(max(at, low), high)))
 
     def measured(self, target: float, value: float) -> Guess:
         """The same, of a value that was measured."""
@@ -84,10 +79,6 @@ class Guess:
     def unmeasured(self) -> Guess:
         """The same of a stream that differs: what was measured is not of that."""
         return replace(self, known=None)
-
-    def start(self, near: float) -> Start:
-        """Of a search that begins at a price."""
-        return Start(near, self.slope, self.known)
 
 
 @dataclass(frozen=True)
@@ -139,7 +130,7 @@ class TargetEncoder(Aim):
             return nearest(
                 lambda price: measure(code(price)),
                 target,
-                self.guess.start(start) if self.guess else Start(start, PSNR_SLOPE),
+                replace(self.guess, at=start) if self.guess else Start(start, PSNR_SLOPE),
                 PRICES,
                 slack,
                 tries=tries,
@@ -195,7 +186,7 @@ class TargetEncoder(Aim):
             return nearest(
                 measure,
                 most - BYTES_SLACK,
-                self.guess.start(start) if self.guess else Start(start, slope),
+                replace(self.guess, at=start) if self.guess else Start(start, slope),
                 self._bounds,
                 BYTES_SLACK,
                 most,
