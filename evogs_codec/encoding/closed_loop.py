@@ -138,10 +138,9 @@ class TileCoder:
                     stored[part], q = cheapest_differences(u, weights.targets, own.siblings)
                 else:
                     q = weights.integers(u, table, indices[group], s)
-            limit = np.array([min(k.max_q, MAX_STORED // 2 - 1) for k in quantisers[part]])
-            of_both = (q,) if stored is psi else (q, stored[part])
-            if any(np.any(largest_of_rows(of) > limit) for of in of_both):
-                raise TooFineError(group)
+            _expect_in_range(q, quantisers[part], group, 1 + step.level)
+            if stored is not psi:
+                _expect_in_range(stored[part], quantisers[part], group, 1 + step.level)
             psi[part] = q
             self._keep_products(group, part, psi, indices, plan, table, quantisers)
         adds = self._code_adds(step, new_adds)
@@ -250,9 +249,8 @@ class TileCoder:
             return np.zeros((len(quantisers), 0), np.int32)
         steps = np.array([[q.step] for q in quantisers], np.float64)
         q = np.rint(self.target[:, new] / steps)
-        for channel, quantiser in enumerate(quantisers):
-            if np.abs(q[channel]).max() > min(quantiser.max_q, MAX_STORED // 2 - 1):
-                raise TooFineError(group_of_class(self.grid.classes[channel]))
+        for group, part in enumerate(GROUP_CHANNELS):
+            _expect_in_range(q[part], quantisers[part], group, 0)
         return q.astype(np.int32)
 
     def _apply(self, plan: StepPlan, level: int, psi: I32, indices: U8, adds: I32) -> None:
@@ -307,6 +305,15 @@ def _loops() -> ModuleType | None:
     except ImportError:
         return None
     return step_loops
+
+
+def _expect_in_range(q: F64 | I32, quantisers: Sequence[Quantiser], group: int, row: int) -> None:
+    """Raise TooFineError if integers of a group (C, n) need more than 24 bits, or a Delta 28."""
+    largest = largest_of_rows(q)
+    if np.any(largest > MAX_STORED // 2 - 1):
+        raise TooFineError(group, row)
+    if np.any(largest > np.array([k.max_q for k in quantisers])):
+        raise TooFineError(group)
 
 
 def _rows_of_splits(plan: StepPlan) -> I64:

@@ -23,7 +23,7 @@ from evogs_codec.model.channels import (
     group_of_class,
     n_channels,
 )
-from evogs_codec.model.splats import F64, I32
+from evogs_codec.model.splats import F64, I32, I64
 
 __all__ = [
     "AccuracyWarning",
@@ -35,6 +35,7 @@ __all__ = [
     "largest_of_rows",
     "warn_if_coarser",
     "warn_if_moved",
+    "with_a_coarser_row",
     "with_fewer_units",
 ]
 
@@ -128,11 +129,17 @@ class Grid:
 
 
 class TooFineError(EvogsError):
-    """A number of this group leaves its range on its grid."""
+    """A number of a group leaves its range.
 
-    def __init__(self, group: int) -> None:
-        super().__init__(group)
-        self.group = group
+    Attributes:
+        group: of the number.
+        row: of the steps of `Grid.quantisers` that are too fine for 24 bits a number; None where
+            its grid is too fine.
+    """
+
+    def __init__(self, group: int, row: int | None = None) -> None:
+        super().__init__(group, row)
+        self.group, self.row = group, row
 
 
 class AccuracyWarning(UserWarning):
@@ -150,10 +157,28 @@ def with_fewer_units(exponents: tuple[int, ...], group: int) -> tuple[int, ...]:
     return tuple(e - (g == group) for g, e in enumerate(exponents))
 
 
-def warn_if_coarser(grid: Grid, steps: F64, settings: Settings) -> None:
+def with_a_coarser_row(steps: F64, grid: Grid, group: int, row: int) -> F64:
+    """Of these steps (1 + n_levels, K), those of a group in a row twice as coarse as on the grid.
+
+    What a coarse step is off, the steps that follow mend.
+    """
+    part = slice(group, group + 1 if group < 4 else None)
+    coarser = steps.copy()
+    units = np.array([q.step for q in grid.quantisers[row][part]])
+    coarser[row, part] = 2.0 * units / 2.0 ** grid.exponents[group]
+    return coarser
+
+
+def warn_if_coarser(grid: Grid, steps: F64, settings: Settings, rows: I64 | None = None) -> None:
     """Warn the caller of `quantise` where a grid is coarser than the steps asked for.
 
     Of a tree in integers, where its quanta are not steps of the grid.
+
+    Args:
+        grid: of the stream.
+        steps: (1 + n_levels, K) asked for.
+        settings: of the stream.
+        rows: of steps, of which the numbers of leaves are; without, the finest of each group count.
     """
     if settings.is_near_lossless:
         return
@@ -168,13 +193,19 @@ def warn_if_coarser(grid: Grid, steps: F64, settings: Settings) -> None:
                     stacklevel=3,
                 )
         return
+    shown = np.arange(len(steps)) if rows is None else rows
     for group in range(N_GROUPS):
-        asked = float(steps[:, group].min())
-        got = min(row[group].step for row in grid.quantisers) * 2.0 ** -grid.exponents[group]
-        if got > 1.1 * asked:
+        part = slice(group, group + 1 if group < 4 else None)
+        asked = steps[shown, part].min(axis=1)
+        got = np.array([min(q.step for q in grid.quantisers[row][part]) for row in shown])
+        got = got * 2.0 ** -grid.exponents[group]
+        if rows is None:
+            asked, got = asked[[asked.argmin()]], got[[got.argmin()]]
+        worst = int((got / asked).argmax())
+        if got[worst] > 1.1 * asked[worst]:
             warnings.warn(
-                f"{GROUPS[group]}: values span so much that the step is {got:.3g}, not {asked:.3g}:"
-                " drop outliers or use more tiles",
+                f"{GROUPS[group]}: values span so much that the step is {got[worst]:.3g}, not"
+                f" {asked[worst]:.3g}: drop outliers or use more tiles",
                 AccuracyWarning,
                 stacklevel=3,
             )

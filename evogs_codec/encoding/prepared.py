@@ -15,10 +15,11 @@ from evogs_codec.encoding.held_steps import Run, held
 from evogs_codec.encoding.layers import Layered, Layering, expect_levels
 from evogs_codec.encoding.measured_gains import MeasuredGains, Pictures, Telling, nothing_of
 from evogs_codec.encoding.polish import polished
-from evogs_codec.encoding.quantise import quantise
+from evogs_codec.encoding.quantise import quantise, rows_of_leaves
 from evogs_codec.encoding.ranges import Ranges
 from evogs_codec.encoding.sensitivity import SEEN, Importance, StepWeights
 from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, Settings, StepTable
+from evogs_codec.format.directory import Directory
 from evogs_codec.model.channels import GROUPS
 from evogs_codec.model.coded_tree import CodedTree
 from evogs_codec.model.components import component_classes
@@ -198,18 +199,21 @@ class Prepared:
             )
         return with_used_entries(coded) if estimates else coded
 
-    def warn_of_span(self, price: float, exponents: tuple[int, ...]) -> None:
+    def warn_of_span(self, price: float, made: Directory) -> None:
         """Warn where values span so much that steps are coarser than this price of a bit asks.
 
         Args:
             price: of a bit.
-            exponents: of the grids of the stream that was made.
+            made: of the stream that was made.
         """
         settings = self._settings(price)
         n_levels = self.layered.n_levels if self.layered else self.n_levels
         steps = settings.accuracy.wanted_steps(self.ranges, n_levels)
-        grid = Grid.of(self.tiles[0].sh_degree, n_levels, exponents, steps, settings)
-        warn_if_coarser(grid, steps, settings)
+        degree, exponents = self.tiles[0].sh_degree, made.grid_exponents
+        grid = Grid.of(degree, n_levels, exponents, steps, settings)
+        grid = replace(grid, quantisers=made.quantisers)
+        tiles = self.layered.tiles if self.layered else self.tiles
+        warn_if_coarser(grid, steps, settings, rows_of_leaves(tiles))
 
     def wanted_steps(self) -> F64:
         """(1 + n_levels, K) steps of the settings."""

@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from evogs_codec.common.parallel import parallel_map
 from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.encoding.alpha_tables import alpha_tables
@@ -18,6 +20,7 @@ from evogs_codec.encoding.grids import (
     grid_exponents,
     warn_if_coarser,
     warn_if_moved,
+    with_a_coarser_row,
     with_fewer_units,
 )
 from evogs_codec.encoding.packet_gains import LeafTracker
@@ -28,10 +31,10 @@ from evogs_codec.encoding.settings import Settings
 from evogs_codec.model.arithmetic import AlphaTable
 from evogs_codec.model.coded_tree import CodedTile, CodedTree
 from evogs_codec.model.scene_info import SceneInfo
-from evogs_codec.model.splats import F32
+from evogs_codec.model.splats import F32, I64
 from evogs_codec.model.tree import EvolutionTree
 
-__all__ = ["quantise", "quantise_on", "tiles_on"]
+__all__ = ["quantise", "quantise_on", "rows_of_leaves", "tiles_on"]
 
 
 def quantise(
@@ -70,8 +73,9 @@ def quantise(
     steps = settings.accuracy.wanted_steps(ranges, n_levels)
     exponents = grid_exponents(settings, ranges, steps)
     alpha = alpha_tables(tiles, settings)
+    own = steps
     while True:
-        grid = Grid.of(sh_degree, n_levels, exponents, steps, settings)
+        grid = Grid.of(sh_degree, n_levels, exponents, own, settings)
         try:
             coded = quantise_on(
                 tiles,
@@ -86,11 +90,28 @@ def quantise(
                 progress=progress,
             )
         except TooFineError as error:
-            exponents = with_fewer_units(exponents, error.group)
+            if error.row is None or not settings.closed_loop or settings.is_near_lossless:
+                exponents = with_fewer_units(exponents, error.group)
+            else:
+                own = with_a_coarser_row(own, grid, error.group, error.row)
             continue
-        warn_if_coarser(grid, steps, settings)
+        warn_if_coarser(grid, steps, settings, None if own is steps else rows_of_leaves(tiles))
         warn_if_moved(steps, settings, ranges)
         return coded
+
+
+def rows_of_leaves(tiles: Sequence[EvolutionTree]) -> I64:
+    """Rows of steps, of which the numbers of leaves are at last: 0 of adds, 1 + level of psi."""
+    found = np.zeros(0, np.int64)
+    for tile in tiles:
+        _, live = tile.lineage()
+        row, n = np.zeros(len(live), np.int64), 0
+        for step in tile.steps:
+            row[step.slots] = 1 + step.level
+            row[n : n + step.alpha.shape[1]] = 1 + step.level
+            n += step.n_new
+        found = np.union1d(found, row[live])
+    return found
 
 
 def quantise_on(

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
-__all__ = ["MOST_TRIES", "NARROW", "ONE_SIDED", "Found", "Start", "nearest"]
+__all__ = ["MOST_TRIES", "NARROW", "ONE_SIDED", "Found", "Goal", "Start", "nearest"]
 
 MOST_TRIES = 14
 NARROW = 1e-6  # of the logarithm of a place
@@ -50,26 +50,48 @@ class Start:
     known: tuple[float, float] | None = None
 
 
+@dataclass(frozen=True)
+class Goal:
+    """What a search is for.
+
+    Attributes:
+        value: that is wanted.
+        slack: a value this near is good enough.
+        most: a value above it is the best only where none is below.
+        late_slack: a value this near is good enough once another was measured, if that is more.
+    """
+
+    value: float
+    slack: float
+    most: float = math.inf
+    late_slack: float = 0.0
+
+    def badness(self, value: float) -> tuple[bool, float]:
+        """Of two values the one of which this is less is better."""
+        return value > self.most, abs(value - self.value)
+
+    def is_met(self, value: float, *, is_first: bool) -> bool:
+        """Whether the search may end with a value."""
+        slack = self.slack if is_first else max(self.slack, self.late_slack)
+        return abs(value - self.value) <= slack
+
+
 def nearest(
     measure: Callable[[float], tuple[float, T]],
-    target: float,
+    goal: Goal,
     start: Start,
     bounds: tuple[float, float],
-    slack: float,
-    most: float = math.inf,
     tries: int = MOST_TRIES,
     far: float = math.inf,
     narrow: float = NARROW,
 ) -> Found[T]:
-    """Where a value that falls is nearest to `target`: secants in the logarithm, kept in brackets.
+    """Where a value that falls is nearest to a goal: secants in the logarithm, kept in brackets.
 
     Args:
         measure: value at a place, and what has it.
-        target: of the value.
+        goal: what is wanted.
         start: where the search begins.
         bounds: no place is outside.
-        slack: a value this near is good enough.
-        most: a value above it is the best only where none is below.
         tries: at most.
         far: a first value that is further off has the end of the range tried. So have first tries
             that are all on one side, hardly come nearer and stay a fifth of that off, or of which a
@@ -78,10 +100,7 @@ def nearest(
         narrow: of the logarithm; after some tries the value jumps over the target between places
             this near.
     """
-
-    def badness(value: float) -> tuple[bool, float]:
-        return value > most, abs(value - target)
-
+    target = goal.value
     low, high = (math.log(bound) for bound in bounds)
     at, slope = math.log(start.at), start.slope
     best: Found[T] | None = None
@@ -93,11 +112,11 @@ def nearest(
     distances: list[float] = []
     for k in range(tries):
         value, what = measure(math.exp(at))
-        if best is None or badness(value) < badness(best.value):
+        if best is None or goal.badness(value) < goal.badness(best.value):
             best = Found(math.exp(at), value, what)
         if value >= target and (above is None or value < above.value):
             above = Found(math.exp(at), value, what)
-        if abs(value - target) <= slack:
+        if goal.is_met(value, is_first=k == 0 and before is None):
             break
         is_above.add(value > target)
         distances.append(abs(value - target))
@@ -113,7 +132,7 @@ def nearest(
             if len(is_above) == 1 and end not in tried:
                 tried.add(end)
                 last, at_end = measure(end)
-                if abs(last - target) <= slack and last <= most:
+                if goal.is_met(last, is_first=False) and last <= goal.most:
                     return Found(end, last, at_end)
                 if (last > target) == (value > target):
                     return Found(end, last, at_end, is_end=True)

@@ -18,7 +18,7 @@ from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.layers import Layering
 from evogs_codec.encoding.prepared import Aim, Prepared
 from evogs_codec.encoding.replayed import Replayed
-from evogs_codec.encoding.search import MOST_TRIES, NARROW, ONE_SIDED, Found, Start, nearest
+from evogs_codec.encoding.search import MOST_TRIES, NARROW, ONE_SIDED, Found, Goal, Start, nearest
 from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.encoding.settings import MOST_PSNR, NearLossless, StepTable
 from evogs_codec.encoding.sketch import Sketch
@@ -39,10 +39,11 @@ MORE_TRIES = 60  # of few splats, where a rounding moves a PSNR
 TRIED = 200_000  # splats, those of all tries together
 PSNR_SLACK, BYTES_SLACK = 0.15, 0.01  # dB, and part of the bytes asked for
 MISSED_BY = 0.2  # dB from a target, at most
+ROUGH_PSNR, ROUGHLY = 70.0, 2.5  # above so many dB a PSNR jumps: so many times as far is near
 JUMP = 0.05  # of the logarithm of a price: 0.2 dB, where a PSNR does not jump
 BYTES_SLOPE = -0.25  # of the logarithm of the bytes over that of the price, about
 PSNR_SLOPE = -10 / math.log(10)  # dB, likewise: 3 dB for a price twice as high
-NEAR_SLOPE = -3.0  # dB, likewise, between 35 and 50 dB
+NEAR_SLOPE, STEEP = -3.0, 45.0  # dB, likewise, up to so many dB
 GUESSES, NEAR = 2, 0.3  # of a sketch; one alone if its price is this near, in the logarithm
 POLISH_GAIN = 2.0  # dB, about
 FAR_PSNR, FAR_BYTES = 15.0, math.log(8.0)  # from the first try: the end of the range is tried next
@@ -71,9 +72,10 @@ class Guess(Start):
         at = math.log(self.price) + (target - value) / self.slope
         return replace(self, at=math.exp(min(max(at, low), high)))
 
-    def measured(self, target: float, value: float) -> Guess:
-        """The same, of a value that was measured."""
-        return replace(self.at_target(target, value), known=(self.price, value))
+    def measured(self, target: float, value: float, slack: float = 0.0) -> Guess:
+        """The same, of a value that was measured: as it is where that is off by no more."""
+        there = self if abs(value - target) <= slack else self.at_target(target, value)
+        return replace(there, known=(self.price, value))
 
     @property
     def unmeasured(self) -> Guess:
@@ -94,7 +96,8 @@ class TargetEncoder(Aim):
     def at_psnr(self, decibels: float) -> bytes:
         """The stream whose leaves have this PSNR against the tree's, within 0.2 dB.
 
-        Where the PSNR jumps over that, the smallest that was found above.
+        Above 70 dB within 0.5 dB. Where the PSNR jumps over that, the smallest that was found
+        above.
 
         Raises:
             InputError: no price of a bit gives it.
@@ -110,10 +113,10 @@ class TargetEncoder(Aim):
         Args:
             decibels: the target.
             near: a price of a bit to begin with.
-            missed_by: dB that the stream may be off; `MISSED_BY` without.
+            missed_by: dB that the stream may be off; without, as of `at_psnr`.
         """
-        missed_by = MISSED_BY if missed_by is None else missed_by
-        coder = self.prepared
+        goal, coder = _goal(decibels), self.prepared
+        missed_by = goal.late_slack if missed_by is None else missed_by
         tries = max(MOST_TRIES, min(MORE_TRIES, TRIED // max(self.tree.n_leaves, 1)))
 
         def measure(coded: CodedTree) -> tuple[float, CodedTree]:
@@ -121,18 +124,16 @@ class TargetEncoder(Aim):
 
         def search(
             code: Callable[[float], CodedTree],
-            target: float,
+            goal: Goal,
             start: float,
-            slack: float,
             tries: int = MOST_TRIES,
             narrow: float = NARROW,
         ) -> Found[CodedTree]:
             return nearest(
                 lambda price: measure(code(price)),
-                target,
+                goal,
                 replace(self.guess, at=start) if self.guess else Start(start, PSNR_SLOPE),
                 PRICES,
-                slack,
                 tries=tries,
                 far=FAR_PSNR,
                 narrow=narrow,
@@ -140,7 +141,7 @@ class TargetEncoder(Aim):
 
         first = near or FIRST_PRICE
         narrow = NARROW if tries > MOST_TRIES else JUMP  # of few splats a PSNR is rough
-        plain = search(coder.coded, decibels, first, PSNR_SLACK, tries, narrow)
+        plain = search(coder.coded, goal, first, tries, narrow)
         room = missed_by + (2 * POLISH_GAIN if coder.polishes else 0)
         if plain.is_end and abs(plain.value - decibels) > room:
             other = PRICES[plain.at == PRICES[0]]
@@ -153,8 +154,9 @@ class TargetEncoder(Aim):
             raise TargetMissedError(said, abs(plain.value - decibels))
         found = [plain]
         if coder.polishes:
-            below = search(coder.coded, decibels - POLISH_GAIN, first, POLISH_GAIN / 4)
-            found.append(search(coder.polished, decibels, below.at, PSNR_SLACK))
+            lower = Goal(decibels - POLISH_GAIN, POLISH_GAIN / 4)
+            below = search(coder.coded, lower, first)
+            found.append(search(coder.polished, goal, below.at))
         met = [one for one in found if abs(one.value - decibels) <= missed_by]
         if not met and plain.above is not None and not plain.is_end:
             met = [plain.above]
@@ -185,11 +187,9 @@ class TargetEncoder(Aim):
             most = math.log(n_bytes)
             return nearest(
                 measure,
-                most - BYTES_SLACK,
+                Goal(most - BYTES_SLACK, BYTES_SLACK, most),
                 replace(self.guess, at=start) if self.guess else Start(start, slope),
                 self._bounds,
-                BYTES_SLACK,
-                most,
                 far=FAR_BYTES,
             )
 
@@ -218,7 +218,9 @@ class TargetEncoder(Aim):
 
     def nearer(self, guess: Guess, decibels: float, coded: CodedTree) -> Guess:
         """A better one, by the PSNR of what is coded at the price of a guess."""
-        return replace(guess, slope=NEAR_SLOPE).measured(decibels, self._psnr_of(coded))
+        found, goal = self._psnr_of(coded), _goal(decibels)
+        slope = NEAR_SLOPE if decibels < STEEP else PSNR_SLOPE
+        return replace(guess, slope=slope).measured(decibels, found, goal.slack)
 
     def guess_of_bytes(self, n_bytes: int, near: float) -> Guess:
         """Where `nearest_bytes` may begin, by a sketch, and by one stream; likewise."""
@@ -357,6 +359,12 @@ class TargetEncoder(Aim):
     def written(self, coded: CodedTree) -> bytes:
         """The stream of a coded tree, with digests."""
         return write(coded, effort=self.settings.effort, progress=self.progress)
+
+
+def _goal(decibels: float) -> Goal:
+    """Of a search for a PSNR."""
+    times = ROUGHLY if decibels > ROUGH_PSNR else 1.0
+    return Goal(decibels, PSNR_SLACK * times, late_slack=MISSED_BY * times)
 
 
 def _guess(rough: Callable[[float], float], target: float, slope: float, near: float) -> Guess:

@@ -146,8 +146,7 @@ class FoundStream:
         if self.is_by_views:
             assert self.aim is not None, "it is by views"
             assert self.price is not None, "it is by views"
-            exponents = read_directory(self.data).grid_exponents
-            self.aim.prepared.warn_of_span(self.price, exponents)
+            self.aim.prepared.warn_of_span(self.price, read_directory(self.data))
 
     def at(self, factor: float) -> FoundStream:
         """At so many times its price of a bit, whatever it aims at; yet to be made."""

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from evogs_codec.encoding.search import Start, nearest
+from evogs_codec.encoding.search import Goal, Start, nearest
 
 
 @pytest.mark.parametrize(("most", "found"), [(math.inf, 1.006), (1.0, 0.98), (0.5, 1.006)])
@@ -13,7 +13,7 @@ def test_what_is_below_a_limit_is_better_than_what_is_nearer_above_it(most, foun
         value = 1.006 if at < 3 else 0.98
         return value, value
 
-    assert nearest(jump, 0.995, Start(1.0, -0.1), (0.01, 100.0), 0.005, most).what == found
+    assert nearest(jump, Goal(0.995, 0.005, most), Start(1.0, -0.1), (0.01, 100.0)).what == found
 
 
 def test_a_target_that_only_the_middle_of_the_range_reaches_is_found_though_the_first_is_far():
@@ -23,7 +23,7 @@ def test_a_target_that_only_the_middle_of_the_range_reaches_is_found_though_the_
         tries.append(at)
         return 10 - math.log10(at), at
 
-    found = nearest(measure, 30.0, Start(1.0, -0.1), (1e-40, 1e40), 0.01, far=5)
+    found = nearest(measure, Goal(30.0, 0.01), Start(1.0, -0.1), (1e-40, 1e40), far=5)
     assert found.value == pytest.approx(30, abs=0.01)
     assert not found.is_end
     assert tries[1] == 1e-40
@@ -37,7 +37,7 @@ def test_a_value_that_no_place_has_is_given_up_after_a_few_tries(target):
         tries.append(at)
         return math.tanh(-math.log(at)), at
 
-    found = nearest(measure, target, Start(1.0, -0.1), (1e-4, 1e4), 0.01)
+    found = nearest(measure, Goal(target, 0.01), Start(1.0, -0.1), (1e-4, 1e4))
     assert found.is_end
     assert len(tries) <= 4
     assert abs(found.value) > 0.99
@@ -50,7 +50,7 @@ def test_where_a_value_jumps_over_the_target_the_nearest_above_is_known_after_fe
         tries.append(at)
         return (80.3 if at < 2 else 79.1) - math.log(at), at
 
-    above = nearest(measure, 79.0, Start(1.0, -1.0), (1e-4, 1e4), 0.1, narrow=0.05).above
+    above = nearest(measure, Goal(79.0, 0.1), Start(1.0, -1.0), (1e-4, 1e4), narrow=0.05).above
     assert len(tries) <= 9
     assert above is not None
     assert above.at < 2
@@ -64,7 +64,7 @@ def test_the_end_of_the_range_is_tried_once_a_line_meets_the_target_beyond_it():
         tries.append(at)
         return -0.01 * math.log(at), at
 
-    found = nearest(measure, 1.0, Start(1.0, -0.2), (1e-4, 1e4), 0.01)
+    found = nearest(measure, Goal(1.0, 0.01), Start(1.0, -0.2), (1e-4, 1e4))
     assert found.is_end
     assert tries == [1.0, pytest.approx(math.exp(-5)), 1e-4]
 
@@ -77,7 +77,7 @@ def test_the_end_is_not_tried_where_rough_values_are_near_the_target():
         rough = 2.1 if len(tries) == 3 else 0.0
         return 2.9 - 2.0 * math.log(at) + rough, at
 
-    found = nearest(measure, 0.0, Start(1.0, -3.0), (1e-9, 1e9), 0.1, far=15)
+    found = nearest(measure, Goal(0.0, 0.1), Start(1.0, -3.0), (1e-9, 1e9), far=15)
     assert abs(found.value) <= 0.1
     assert max(tries) < 100
 
@@ -90,9 +90,23 @@ def test_what_was_measured_before_gives_the_slope():
         return -0.2 * math.log(at), at
 
     start = Start(math.exp(2.0), -3.0, known=(math.exp(3.0), -0.6))
-    found = nearest(measure, 1.0, start, (1e-4, 1e4), 0.01)
+    found = nearest(measure, Goal(1.0, 0.01), start, (1e-4, 1e4))
     assert found.value == pytest.approx(1.0)
     assert len(tried) == 2
     tried.clear()
-    nearest(measure, 1.0, Start(math.exp(2.0), -3.0), (1e-4, 1e4), 0.01)
+    nearest(measure, Goal(1.0, 0.01), Start(math.exp(2.0), -3.0), (1e-4, 1e4))
     assert len(tried) > 2
+
+
+@pytest.mark.parametrize("known", [None, (2.0, 1.0)])
+def test_what_is_near_enough_late_ends_a_search_once_another_value_is_known(known):
+    tries = []
+
+    def measure(at):
+        tries.append(at)
+        return -math.log(at), at
+
+    goal = Goal(0.0, 0.01, late_slack=0.2)
+    found = nearest(measure, goal, Start(math.exp(-0.15), -1.0, known), (1e-4, 1e4))
+    assert len(tries) == (2 if known is None else 1)
+    assert abs(found.value) <= 0.2

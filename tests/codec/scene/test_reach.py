@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 pytest.importorskip("numba", reason="the rasterizer is compiled")
@@ -39,8 +41,12 @@ def test_a_target_far_out_of_reach_is_refused_by_a_few_splats(monkeypatch, targe
         return arranging.arrange(tree, n_tiles)
 
     monkeypatch.setattr(prepared, "arrange", arrange)
+    scene = make_scene(N)
+    means = scene.means.copy()
+    means[:2] = [[-3e4] * 3, [3e4] * 3]  # no grid has 119 dB of the others
+    scene = replace(scene, means=means)
     with pytest.raises(TargetMissedError, match=f"{said} [\\d,]+ to [\\d,]+ (dB|bytes) can be"):
-        encode_scene(make_scene(N), up="z", effort=1, **target)
+        encode_scene(scene, up="z", effort=1, **target)
     assert max(sizes) < N / 2
 
 
@@ -50,6 +56,8 @@ def test_targets_are_met_from_a_guess():
     views = Views.of(splats, cameras_around(splats, "z"))
     data = encode_scene(splats, up="z", effort=1, target_psnr=40.0)
     assert views.psnr(decode(data).leaves(sh_degree=3)) == pytest.approx(40.0, abs=0.2)
+    data = encode_scene(splats, up="z", effort=1, target_psnr=90.0)
+    assert views.psnr(decode(data).leaves(sh_degree=3)) == pytest.approx(90.0, abs=0.5)
     data = encode_scene(splats, up="z", effort=1, target_bytes=25_000)
     assert 24_500 <= len(data) <= 25_000
 

@@ -81,10 +81,10 @@ def grids(n: int) -> Iterator[Row]:
     over = _roots(np.array([-(2.0**38), np.nextafter(np.float32(2.0**38), np.float32(np.inf))]))
     beyond = outcome(lambda: _encoded(over, "near-lossless"))
     yield _row("G = -16: values of 2^38", edge, "near-lossless", UNIT, beyond)
-    last = ((1 << 23) - 1) * 2.0**16  # the largest q that 24 bits hold, on the coarsest grid
-    edge, over = _roots(np.array([-last, last])), _roots(np.array([-last, last + 2.0**16]))
-    beyond = f"2^39: {outcome(lambda: _encoded(over, 'trained'))}"
-    yield _row("G = -16: values of 2^39 - 2^16", edge, "trained", ADDS, beyond)
+    last = 2.0**27 * 2.0**16  # the largest state that the encoder aims at, on the coarsest grid
+    edge, over = _roots(np.array([-last, last])), _roots(np.array([-last, 1.001 * last]))
+    beyond = f"1.001 times that: {outcome(lambda: _encoded(over, 'trained'))}"
+    yield _row("G = -16: values of 2^43", edge, "trained", ADDS, beyond)
     alone = EvolutionTree.of_splats(replace(plain(1), means=np.full((1, 3), 1e6, np.float32)))
     yield _row("origin: one splat at 1e6", alone, "near-lossless", UNIT)
 
