@@ -56,8 +56,8 @@ def test_targets_are_met_from_a_guess():
     views = Views.of(splats, cameras_around(splats, "z"))
     data = encode_scene(splats, up="z", effort=1, target_psnr=40.0)
     assert views.psnr(decode(data).leaves(sh_degree=3)) == pytest.approx(40.0, abs=0.2)
-    data = encode_scene(splats, up="z", effort=1, target_psnr=90.0)
-    assert views.psnr(decode(data).leaves(sh_degree=3)) == pytest.approx(90.0, abs=0.5)
+    data = encode_scene(splats, up="z", effort=1, target_psnr=85.0)
+    assert views.psnr(decode(data).leaves(sh_degree=3)) == pytest.approx(85.0, abs=0.5)
     data = encode_scene(splats, up="z", effort=1, target_bytes=25_000)
     assert 24_500 <= len(data) <= 25_000
 
