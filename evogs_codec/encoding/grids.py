@@ -198,11 +198,12 @@ def warn_if_coarser(grid: Grid, steps: F64, settings: Settings, rows: I64 | None
         part = slice(group, group + 1 if group < 4 else None)
         asked = steps[shown, part].min(axis=1)
         got = np.array([min(q.step for q in grid.quantisers[row][part]) for row in shown])
-        got = got * 2.0 ** -grid.exponents[group]
+        unit = 2.0 ** -grid.exponents[group]
+        got = got * unit
         if rows is None:
             asked, got = asked[[asked.argmin()]], got[[got.argmin()]]
         worst = int((got / asked).argmax())
-        if got[worst] > 1.1 * asked[worst]:
+        if got[worst] > max(1.1 * asked[worst], asked[worst] + unit / 2):  # more than rounding
             warnings.warn(
                 f"{GROUPS[group]}: values span so much that the step is {got[worst]:.3g}, not"
                 f" {asked[worst]:.3g}: drop outliers or use more tiles",
