@@ -9,8 +9,9 @@ another order, and other prices of a bit and one layer are tried.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,25 +49,29 @@ def without_falls(found: FoundStream, views: Views, request: Request) -> FoundSt
     if not found.is_by_views or found.tree.n_leaves > SMALL or found.tree.palette is not None:
         return found
     best, fall = _with_least_fall(found, views)
-    for other in _others(found, request):
+    others = _others(found, request)
+    for k, of_other in enumerate(others):
+        other = of_other()
         is_enough = DEEP if other.is_layered else FALL
         if fall <= is_enough:
             break
+        request.progress("try", k / len(others))
         one, of_one = _with_least_fall(other.made(), views)
         if of_one < fall:
             best, fall = one, of_one
     return best
 
 
-def _others(found: FoundStream, request: Request) -> Iterator[FoundStream]:
-    """Streams that may be made instead, yet to be made."""
+def _others(found: FoundStream, request: Request) -> list[Callable[[], FoundStream]]:
+    """What gives streams that may be made instead, yet to be made."""
     if not request.is_plain:
-        return
+        return []
     is_very_few = found.tree.n_leaves <= VERY_FEW
-    for factor in (*FINER, *(OTHER_PRICES if is_very_few else ())):
-        yield found.at(factor)
+    factors = (*FINER, *(OTHER_PRICES if is_very_few else ()))
+    others: list[Callable[[], FoundStream]] = [partial(found.at, factor) for factor in factors]
     if found.is_layered and request.layers is None:
-        yield found.holding((), Layering(1))
+        others.append(partial(found.holding, (), Layering(1)))
+    return others
 
 
 def _with_least_fall(found: FoundStream, views: Views) -> tuple[FoundStream, float]:

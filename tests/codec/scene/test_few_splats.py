@@ -83,9 +83,13 @@ def test_where_pictures_stay_worse_other_streams_are_tried(
     left = iter(falls)
     monkeypatch.setattr(few_splats, "_with_least_fall", lambda one, _: (one, next(left)))
     monkeypatch.setattr(few_splats, "VERY_FEW", very_few)
-    request = Request.of("scene", options)
-    chosen = few_splats.without_falls(layered, layered.aim.views, request)
+    told = []
+    said = options | {"progress": lambda stage, part: told.append((stage, part))}
+    chosen = few_splats.without_falls(layered, layered.aim.views, Request.of("scene", said))
     assert next(left, None) is None
+    assert len(told) == len(falls) - 1  # a line for each stream that is tried
+    assert all(stage == "try" for stage, _ in told)
+    assert sorted(part for _, part in told) == [part for _, part in told]
     assert chosen.aim is not None
     assert chosen.price == pytest.approx(PRICE * factor)
     assert chosen.layering.n == n_layers
