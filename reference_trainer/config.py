@@ -114,6 +114,8 @@ class FrontierGrowth:
         rounds: how often leaves are split.
         haste: below 1, the first rounds split more leaves than the last; leaves that are never
             split do not learn.
+        refines_first: in a mixed tree the leaves of the level before get a psi of their own, which
+            their children share: a refine each.
         refines_rest: after the last round, leaves that were not split get a psi of their own: a
             refine each. The paper leaves them as they are.
         all_alphas: splits of mixed trees learn alpha of every group, not of sizes and opacities
@@ -133,6 +135,7 @@ class FrontierGrowth:
     stop: float = 0.45
     rounds: int = 5
     haste: float = 1.0
+    refines_first: bool = True
     refines_rest: bool = False
     all_alphas: bool = False
     threshold: float = 2e-4

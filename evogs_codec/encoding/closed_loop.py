@@ -9,6 +9,7 @@ units unless a name says otherwise.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from types import ModuleType
@@ -42,6 +43,7 @@ from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
 __all__ = ["TileCoder"]
 
+MAX_INTEGER = MAX_STORED // 2 - 1  # in 24 bits
 NEAR = 0.999  # grid units that near-lossless coding leaves: 1 less what float64 may err
 
 
@@ -138,9 +140,9 @@ class TileCoder:
                     stored[part], q = cheapest_differences(u, weights.targets, own.siblings)
                 else:
                     q = weights.integers(u, table, indices[group], s)
-            _expect_in_range(q, quantisers[part], group, 1 + step.level)
+            self._expect_in_range(q, group, 1 + step.level)
             if stored is not psi:
-                _expect_in_range(stored[part], quantisers[part], group, 1 + step.level)
+                self._expect_in_range(stored[part], group, 1 + step.level)
             psi[part] = q
             self._keep_products(group, part, psi, indices, plan, table, quantisers)
         adds = self._code_adds(step, new_adds)
@@ -250,8 +252,26 @@ class TileCoder:
         steps = np.array([[q.step] for q in quantisers], np.float64)
         q = np.rint(self.target[:, new] / steps)
         for group, part in enumerate(GROUP_CHANNELS):
-            _expect_in_range(q[part], quantisers[part], group, 0)
+            self._expect_in_range(q[part], group, 0)
         return q.astype(np.int32)
+
+    def _expect_in_range(self, q: F64 | I32, group: int, row: int) -> None:
+        """Raise TooFineError if integers (C, n) of a group need more than 24 bits, or a Delta 28.
+
+        `row` is that of their quantisers.
+        """
+        part, largest = GROUP_CHANNELS[group], largest_of_rows(q)
+        over = np.flatnonzero(largest > MAX_INTEGER)
+        if len(over):
+            kinds = self.grid.classes[part]
+            times: dict[int, float] = {}
+            for channel in over.tolist():
+                own = 2.0 ** math.ceil(math.log2(float(largest[channel]) / MAX_INTEGER))
+                times[kinds[channel]] = max(own, times.get(kinds[channel], 1.0))
+            raise TooFineError(group, row, times)
+        quantisers = self.grid.channel_quantisers[row][part]
+        if np.any(largest > np.array([k.max_q for k in quantisers])):
+            raise TooFineError(group)
 
     def _apply(self, plan: StepPlan, level: int, psi: I32, indices: U8, adds: I32) -> None:
         """Do to `x` what a decoder does."""
@@ -305,15 +325,6 @@ def _loops() -> ModuleType | None:
     except ImportError:
         return None
     return step_loops
-
-
-def _expect_in_range(q: F64 | I32, quantisers: Sequence[Quantiser], group: int, row: int) -> None:
-    """Raise TooFineError if integers of a group (C, n) need more than 24 bits, or a Delta 28."""
-    largest = largest_of_rows(q)
-    if np.any(largest > MAX_STORED // 2 - 1):
-        raise TooFineError(group, row)
-    if np.any(largest > np.array([k.max_q for k in quantisers])):
-        raise TooFineError(group)
 
 
 def _rows_of_splits(plan: StepPlan) -> I64:

@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from evogs_codec.encoding.ranges import Ranges
 from evogs_codec.encoding.settings import FixedSteps, Settings, StepTable
@@ -23,7 +25,7 @@ from evogs_codec.model.channels import (
     group_of_class,
     n_channels,
 )
-from evogs_codec.model.splats import F64, I32, I64
+from evogs_codec.model.splats import F64, I32
 
 __all__ = [
     "AccuracyWarning",
@@ -33,6 +35,7 @@ __all__ = [
     "expect_near",
     "grid_exponents",
     "largest_of_rows",
+    "too_coarse",
     "warn_if_coarser",
     "warn_if_moved",
     "with_a_coarser_row",
@@ -133,13 +136,16 @@ class TooFineError(EvogsError):
 
     Attributes:
         group: of the number.
-        row: of the steps of `Grid.quantisers` that are too fine for 24 bits a number; None where
-            its grid is too fine.
+        row: of `Grid.quantisers`, whose steps are too fine for 24 bits a number; None where the
+            grid is too fine.
+        times: by class, how many times as coarse a step of that row has to be.
     """
 
-    def __init__(self, group: int, row: int | None = None) -> None:
-        super().__init__(group, row)
-        self.group, self.row = group, row
+    def __init__(
+        self, group: int, row: int | None = None, times: Mapping[int, float] | None = None
+    ) -> None:
+        super().__init__(group, row, times)
+        self.group, self.row, self.times = group, row, dict(times or {})
 
 
 class AccuracyWarning(UserWarning):
@@ -157,28 +163,29 @@ def with_fewer_units(exponents: tuple[int, ...], group: int) -> tuple[int, ...]:
     return tuple(e - (g == group) for g, e in enumerate(exponents))
 
 
-def with_a_coarser_row(steps: F64, grid: Grid, group: int, row: int) -> F64:
-    """Of these steps (1 + n_levels, K), those of a group in a row twice as coarse as on the grid.
+def with_a_coarser_row(steps: F64, grid: Grid, error: TooFineError) -> F64:
+    """These steps (1 + n_levels, K), those of a row as much coarser as an error says.
 
-    What a coarse step is off, the steps that follow mend.
+    What a coarse step is off, a refine after it mends.
     """
-    part = slice(group, group + 1 if group < 4 else None)
     coarser = steps.copy()
-    units = np.array([q.step for q in grid.quantisers[row][part]])
-    coarser[row, part] = 2.0 * units / 2.0 ** grid.exponents[group]
+    for kind, times in error.times.items():
+        quantiser = grid.quantisers[error.row or 0][kind]
+        exponent = grid.exponents[group_of_class(kind)]
+        coarser[error.row, kind] = times * quantiser.step * 2.0**-exponent
     return coarser
 
 
-def warn_if_coarser(grid: Grid, steps: F64, settings: Settings, rows: I64 | None = None) -> None:
+def too_coarse(got: F64, asked: F64, unit: F64 | float) -> npt.NDArray[np.bool_]:
+    """Whether steps are coarser than asked for by more than rounding to grid units."""
+    found: npt.NDArray[np.bool_] = (got > 1.1 * asked) & ((asked < unit) | (got > asked + unit / 2))
+    return found
+
+
+def warn_if_coarser(grid: Grid, steps: F64, settings: Settings) -> None:
     """Warn the caller of `quantise` where a grid is coarser than the steps asked for.
 
     Of a tree in integers, where its quanta are not steps of the grid.
-
-    Args:
-        grid: of the stream.
-        steps: (1 + n_levels, K) asked for.
-        settings: of the stream.
-        rows: of steps, of which the numbers of leaves are; without, the finest of each group count.
     """
     if settings.is_near_lossless:
         return
@@ -193,20 +200,14 @@ def warn_if_coarser(grid: Grid, steps: F64, settings: Settings, rows: I64 | None
                     stacklevel=3,
                 )
         return
-    shown = np.arange(len(steps)) if rows is None else rows
     for group in range(N_GROUPS):
-        part = slice(group, group + 1 if group < 4 else None)
-        asked = steps[shown, part].min(axis=1)
-        got = np.array([min(q.step for q in grid.quantisers[row][part]) for row in shown])
         unit = 2.0 ** -grid.exponents[group]
-        got = got * unit
-        if rows is None:
-            asked, got = asked[[asked.argmin()]], got[[got.argmin()]]
-        worst = int((got / asked).argmax())
-        if got[worst] > max(1.1 * asked[worst], asked[worst] + unit / 2):  # more than rounding
+        asked = float(steps[:, group].min())
+        got = min(row[group].step for row in grid.quantisers) * unit
+        if too_coarse(np.array(got), np.array(asked), unit):
             warnings.warn(
-                f"{GROUPS[group]}: values span so much that the step is {got[worst]:.3g}, not"
-                f" {asked[worst]:.3g}: drop outliers or use more tiles",
+                f"{GROUPS[group]}: values span so much that the step is {got:.3g}, not {asked:.3g}:"
+                " drop outliers or use more tiles",
                 AccuracyWarning,
                 stacklevel=3,
             )

@@ -10,12 +10,13 @@ from dataclasses import dataclass, replace
 from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.encoding.alpha_tables import with_used_entries
 from evogs_codec.encoding.arrange import arrange, default_tiles
-from evogs_codec.encoding.grids import AccuracyWarning, Grid, warn_if_coarser
+from evogs_codec.encoding.coarse_leaves import warn_of_coarse_leaves
+from evogs_codec.encoding.grids import AccuracyWarning
 from evogs_codec.encoding.held_steps import Run, held
 from evogs_codec.encoding.layers import Layered, Layering, expect_levels
 from evogs_codec.encoding.measured_gains import MeasuredGains, Pictures, Telling, nothing_of
 from evogs_codec.encoding.polish import polished
-from evogs_codec.encoding.quantise import quantise, rows_of_leaves
+from evogs_codec.encoding.quantise import quantise
 from evogs_codec.encoding.ranges import Ranges
 from evogs_codec.encoding.sensitivity import SEEN, Importance, StepWeights
 from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, Settings, StepTable
@@ -118,10 +119,7 @@ class Prepared:
         """At a price of a bit, or at a factor of the steps."""
         if self.importance is None:
             return self.quantised(self.aim.settings.finer(1 / at))
-        extent = self.ranges.extent
-        source = self.layered.weights if self.layered else self.importance.at(at).raised
-        weights = _emptied(source(at, extent), self.aim.empty)
-        return self.quantised(self._settings(at), weights, at)
+        return self.quantised(self._settings(at), self._weights(at), at)
 
     def leaving_empty(self, aim: Aim) -> Prepared:
         """The same for an aim that differs in its empty packets."""
@@ -140,6 +138,12 @@ class Prepared:
         weights = self.layered.coarse_weights(price, self.ranges.extent)
         tiles = self.layered.coarse_tiles
         return self._quantised(tiles, self._settings(price), weights, price, estimates=False)
+
+    def _weights(self, price: float) -> Sequence[Sequence[StepWeights | None]]:
+        """Of the steps of each tile at a price of a bit."""
+        assert self.importance is not None, "a price needs views"
+        source = self.layered.weights if self.layered else self.importance.at(price).raised
+        return _emptied(source(price, self.ranges.extent), self.aim.empty)
 
     def _settings(self, price: float) -> Settings:
         """The settings, with steps by a price of a bit."""
@@ -206,14 +210,11 @@ class Prepared:
             price: of a bit.
             made: of the stream that was made.
         """
-        settings = self._settings(price)
         n_levels = self.layered.n_levels if self.layered else self.n_levels
-        steps = settings.accuracy.wanted_steps(self.ranges, n_levels)
-        degree, exponents = self.tiles[0].sh_degree, made.grid_exponents
-        grid = Grid.of(degree, n_levels, exponents, steps, settings)
-        grid = replace(grid, quantisers=made.quantisers)
+        steps = self._settings(price).accuracy.wanted_steps(self.ranges, n_levels)
         tiles = self.layered.tiles if self.layered else self.tiles
-        warn_if_coarser(grid, steps, settings, rows_of_leaves(tiles))
+        weights = self._weights(price)
+        warn_of_coarse_leaves(tiles, made.quantisers, made.grid_exponents, steps, weights)
 
     def wanted_steps(self) -> F64:
         """(1 + n_levels, K) steps of the settings."""

@@ -8,12 +8,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from evogs_codec.common.parallel import parallel_map
 from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.encoding.alpha_tables import alpha_tables
 from evogs_codec.encoding.closed_loop import TileCoder
+from evogs_codec.encoding.coarse_leaves import warn_of_coarse_leaves
 from evogs_codec.encoding.grids import (
     Grid,
     TooFineError,
@@ -31,10 +30,10 @@ from evogs_codec.encoding.settings import Settings
 from evogs_codec.model.arithmetic import AlphaTable
 from evogs_codec.model.coded_tree import CodedTile, CodedTree
 from evogs_codec.model.scene_info import SceneInfo
-from evogs_codec.model.splats import F32, I64
+from evogs_codec.model.splats import F32
 from evogs_codec.model.tree import EvolutionTree
 
-__all__ = ["quantise", "quantise_on", "rows_of_leaves", "tiles_on"]
+__all__ = ["quantise", "quantise_on", "tiles_on"]
 
 
 def quantise(
@@ -93,25 +92,14 @@ def quantise(
             if error.row is None or not settings.closed_loop or settings.is_near_lossless:
                 exponents = with_fewer_units(exponents, error.group)
             else:
-                own = with_a_coarser_row(own, grid, error.group, error.row)
+                own = with_a_coarser_row(own, grid, error)
             continue
-        warn_if_coarser(grid, steps, settings, None if own is steps else rows_of_leaves(tiles))
+        if own is steps:
+            warn_if_coarser(grid, steps, settings)
+        else:
+            warn_of_coarse_leaves(tiles, grid.quantisers, grid.exponents, steps, weights)
         warn_if_moved(steps, settings, ranges)
         return coded
-
-
-def rows_of_leaves(tiles: Sequence[EvolutionTree]) -> I64:
-    """Rows of steps, of which the numbers of leaves are at last: 0 of adds, 1 + level of psi."""
-    found = np.zeros(0, np.int64)
-    for tile in tiles:
-        _, live = tile.lineage()
-        row, n = np.zeros(len(live), np.int64), 0
-        for step in tile.steps:
-            row[step.slots] = 1 + step.level
-            row[n : n + step.alpha.shape[1]] = 1 + step.level
-            n += step.n_new
-        found = np.union1d(found, row[live])
-    return found
 
 
 def quantise_on(

@@ -58,7 +58,7 @@ class Goal:
         value: that is wanted.
         slack: a value this near is good enough.
         most: a value above it is the best only where none is below.
-        late_slack: a value this near is good enough once another was measured, if that is more.
+        late_slack: a value this near is good enough once another is known, if that is more.
     """
 
     value: float

@@ -43,7 +43,7 @@ ROUGH_PSNR, ROUGHLY = 70.0, 2.5  # above so many dB a PSNR jumps: so many times 
 JUMP = 0.05  # of the logarithm of a price: 0.2 dB, where a PSNR does not jump
 BYTES_SLOPE = -0.25  # of the logarithm of the bytes over that of the price, about
 PSNR_SLOPE = -10 / math.log(10)  # dB, likewise: 3 dB for a price twice as high
-NEAR_SLOPE, STEEP = -3.0, 45.0  # dB, likewise, up to so many dB
+NEAR_SLOPE, STEEP = -3.0, 45.0  # dB, likewise, below so many dB
 GUESSES, NEAR = 2, 0.3  # of a sketch; one alone if its price is this near, in the logarithm
 POLISH_GAIN = 2.0  # dB, about
 FAR_PSNR, FAR_BYTES = 15.0, math.log(8.0)  # from the first try: the end of the range is tried next
@@ -113,10 +113,10 @@ class TargetEncoder(Aim):
         Args:
             decibels: the target.
             near: a price of a bit to begin with.
-            missed_by: dB that the stream may be off; without, as of `at_psnr`.
+            missed_by: dB that the stream may be off, if that is more than of `at_psnr`.
         """
         goal, coder = _goal(decibels), self.prepared
-        missed_by = goal.late_slack if missed_by is None else missed_by
+        missed_by = goal.late_slack if missed_by is None else max(missed_by, goal.late_slack)
         tries = max(MOST_TRIES, min(MORE_TRIES, TRIED // max(self.tree.n_leaves, 1)))
 
         def measure(coded: CodedTree) -> tuple[float, CodedTree]:

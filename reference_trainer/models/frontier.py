@@ -115,7 +115,7 @@ class Frontier:
             return False
         with torch.no_grad():
             leaves = self.splats(iteration).params()
-        if iteration == due[0] and self.option == "M":
+        if iteration == due[0] and self.option == "M" and self.growth.refines_first:
             self._refine_all()
         slots = np.flatnonzero(self.live)
         sizes = self.path.sizes(leaves.means)

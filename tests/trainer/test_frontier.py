@@ -30,11 +30,11 @@ PATH = CameraPath(np.zeros((1, 3)), 100.0)
 GROWTH = FrontierGrowth(start=1, rounds=3, stop=0.3, threshold=0.0)
 
 
-def grown(option="D", n=20, prune=(), seed=0, rest=False):
+def grown(option="D", n=20, prune=(), seed=0, rest=False, first=True):
     """A frontier after three rounds, its variables shaken, some leaves dead; and its tree."""
     rng = np.random.default_rng(seed)
     tree = EvolutionTree(1, (roots(tiny.random_splats(rng, n)),))
-    growth = replace(GROWTH, refines_rest=rest)
+    growth = replace(GROWTH, refines_rest=rest, refines_first=first)
     frontier = Frontier(SplatTensors.of(tree.leaves()), option, growth, PATH)
     for iteration in (1, 2, 3):
         scores = ScreenGradients(frontier.n_splats, CPU)
@@ -46,6 +46,17 @@ def grown(option="D", n=20, prune=(), seed=0, rest=False):
             variable.value += 0.1 * torch.from_numpy(rng.normal(size=variable.value.shape))
     frontier.live[list(prune)] = False
     return tree, frontier
+
+
+@pytest.mark.parametrize("first", [False, True])
+def test_a_mixed_tree_may_leave_out_the_refines_before_its_splits(first):
+    tree, frontier = grown("M", first=first)
+    kinds = [block.kind for block in frontier.blocks]
+    assert kinds == ["refined"] * first + ["shrinking"] * 3
+    steps = frontier_steps(tree, frontier, 1)
+    assert len(steps) == len(kinds)
+    whole = EvolutionTree(1, (*tree.steps, *steps))
+    assert whole.n_leaves == frontier.n_splats
 
 
 @pytest.mark.parametrize("rest", [False, True])

@@ -6,6 +6,7 @@ import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from evogs_codec import EvolutionTree, Settings, decode
 from evogs_codec.encoding.arrange import arrange
@@ -14,13 +15,14 @@ from evogs_codec.encoding.quantise import quantise
 from evogs_codec.encoding.ranges import Ranges
 from evogs_codec.encoding.write import write
 from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS
-from evogs_codec.model.coded_tree import CodedTree
+from evogs_codec.model.coded_tree import CodedTile, CodedTree
 from evogs_codec.model.splats import F64
+from evogs_codec.model.tree import Kind
 from tools.bench.extremes import exact, promise
 
 __all__ = ["Measured", "measure"]
 
-SAME_STEP = 1.1  # a finest step of a group that is coarser than asked by more is warned of
+SAME_STEP = 1.1  # a step that is coarser than asked by more is warned of
 
 
 @dataclass(frozen=True)
@@ -67,14 +69,15 @@ def measure(tree: EvolutionTree, settings: Settings, *, n_tiles: int = 1) -> Mea
         for g, channels in enumerate(GROUP_CHANNELS):
             parts[g] = max(parts[g], (found / bound)[channels][:, live].max(initial=0))
             sizes[g] = max(sizes[g], found[channels][:, live].max(initial=0) * units[g])
-    steps = units * [min(row[g].step for row in coded.quantisers) for g in range(len(GROUPS))]
-    asked = settings.accuracy.wanted_steps(Ranges.of(tiles, n_levels), n_levels)[
-        :, : len(GROUPS)
-    ].min(0)
+    asked = settings.accuracy.wanted_steps(Ranges.of(tiles, n_levels), n_levels)
+    spans: F64 = units * [[q.step for q in row[: len(GROUPS)]] for row in coded.quantisers]
+    is_coarse = np.any(
+        [_is_coarse(tile, spans, asked[:, : len(GROUPS)], units) for tile in coded.tiles], axis=0
+    )
     warned = tuple(str(w.message) for w in caught if w.category is AccuracyWarning)
     for g, name in enumerate(GROUPS):
         is_said = any(text.startswith(name) for text in warned)
-        if not settings.is_near_lossless and steps[g] > SAME_STEP * asked[g] and not is_said:
+        if not settings.is_near_lossless and is_coarse[g] and not is_said:
             parts[g] = np.inf
     worst = int(np.argmax(parts))
     return Measured(
@@ -84,3 +87,27 @@ def measure(tree: EvolutionTree, settings: Settings, *, n_tiles: int = 1) -> Mea
         warned=warned,
         coded=coded,
     )
+
+
+def _is_coarse(tile: CodedTile, got: F64, asked: F64, units: F64) -> npt.NDArray[np.bool_]:
+    """(5,) whether a leaf has a number of a step that is coarser than asked, slot by slot.
+
+    A refine has the steps of its own row alone, a split also those of its parent.
+    """
+    rounding = np.where(asked < units, 0.0, units / 2)
+    over = (got > SAME_STEP * asked) & (got > asked + rounding)
+    slots: list[npt.NDArray[np.bool_] | None] = []
+    for step in tile.steps:
+        children = []
+        for slot, kind in zip(step.slots.tolist(), step.kinds.tolist(), strict=True):
+            before, row = slots[slot], over[1 + step.level]
+            assert before is not None, "a dropped slot changes no more"
+            slots[slot] = None if kind == Kind.DROP else row
+            if kind == Kind.SPLIT:
+                slots[slot] = before | row
+                children.append(before | row)
+        slots += [*children, *([over[0]] * step.adds.shape[1])]
+    found = np.zeros(len(GROUPS), bool)
+    for one in slots:
+        found |= False if one is None else one
+    return found
