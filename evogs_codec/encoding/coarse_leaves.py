@@ -16,10 +16,10 @@ from itertools import repeat
 import numpy as np
 import numpy.typing as npt
 
-from evogs_codec.encoding.grids import AccuracyWarning, too_coarse
+from evogs_codec.encoding.grids import AccuracyWarning, coarse_step, too_coarse
 from evogs_codec.encoding.sensitivity import StepWeights
 from evogs_codec.model.arithmetic import Quantiser
-from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS, N_GROUPS, group_of_class
+from evogs_codec.model.channels import GROUP_CHANNELS, N_GROUPS, group_of_class
 from evogs_codec.model.splats import F64
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
@@ -63,12 +63,8 @@ def warn_of_coarse_leaves(
         row, kind = np.unravel_index(of_group.argmax(), of_group.shape)
         if of_group[row, kind]:
             place = row, group + kind
-            warnings.warn(
-                f"{GROUPS[group]}: values span so much that the step is {got[place]:.3g}, not"
-                f" {asked[place]:.3g}: drop outliers or use more tiles",
-                AccuracyWarning,
-                stacklevel=3,
-            )
+            said = coarse_step(group, float(got[place]), float(asked[place]))
+            warnings.warn(said, AccuracyWarning, stacklevel=3)
 
 
 def _in_leaves(

@@ -32,6 +32,7 @@ __all__ = [
     "Grid",
     "NotRepresentableError",
     "TooFineError",
+    "coarse_step",
     "expect_near",
     "grid_exponents",
     "largest_of_rows",
@@ -168,9 +169,10 @@ def with_a_coarser_row(steps: F64, grid: Grid, error: TooFineError) -> F64:
 
     What a coarse step is off, a refine after it mends.
     """
+    assert error.row is not None, "of a grid that is too fine units are halved"
     coarser = steps.copy()
     for kind, times in error.times.items():
-        quantiser = grid.quantisers[error.row or 0][kind]
+        quantiser = grid.quantisers[error.row][kind]
         exponent = grid.exponents[group_of_class(kind)]
         coarser[error.row, kind] = times * quantiser.step * 2.0**-exponent
     return coarser
@@ -180,6 +182,14 @@ def too_coarse(got: F64, asked: F64, unit: F64 | float) -> npt.NDArray[np.bool_]
     """Whether steps are coarser than asked for by more than rounding to grid units."""
     found: npt.NDArray[np.bool_] = (got > 1.1 * asked) & ((asked < unit) | (got > asked + unit / 2))
     return found
+
+
+def coarse_step(group: int, got: float, asked: float) -> str:
+    """What is said of a step of a group that is too coarse."""
+    return (
+        f"{GROUPS[group]}: values span so much that the step is {got:.3g}, not {asked:.3g}:"
+        " drop outliers or use more tiles"
+    )
 
 
 def warn_if_coarser(grid: Grid, steps: F64, settings: Settings) -> None:
@@ -205,12 +215,7 @@ def warn_if_coarser(grid: Grid, steps: F64, settings: Settings) -> None:
         asked = float(steps[:, group].min())
         got = min(row[group].step for row in grid.quantisers) * unit
         if too_coarse(np.array(got), np.array(asked), unit):
-            warnings.warn(
-                f"{GROUPS[group]}: values span so much that the step is {got:.3g}, not {asked:.3g}:"
-                " drop outliers or use more tiles",
-                AccuracyWarning,
-                stacklevel=3,
-            )
+            warnings.warn(coarse_step(group, got, asked), AccuracyWarning, stacklevel=3)
 
 
 def warn_if_moved(steps: F64, settings: Settings, ranges: Ranges) -> None:

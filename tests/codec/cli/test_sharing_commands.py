@@ -6,8 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
-from evogs_codec import PRESETS, NotRepresentableError, encode, read_directory
+from evogs_codec import (
+    PRESETS,
+    AccuracyWarning,
+    NotRepresentableError,
+    decode,
+    encode,
+    read_directory,
+)
 from evogs_codec.cli.commands import main
 from evogs_codec.io.ply import write_ply
 from evogs_codec.lifting.lift import lift_with_order
@@ -88,6 +96,22 @@ def test_one_vector_that_is_huge_makes_others_no_coarser_than_psi_would(tmp_path
         directory = read_directory(encode(one, PRESETS["scene"]))
         steps.append(directory.quantisers[0][5].step * 2.0 ** -directory.grid_exponents[4])
     assert steps[0] <= steps[1]
+
+
+def test_huge_colours_make_the_entries_of_a_palette_no_coarser():
+    splats = shared_scene(600, 40)
+    sh = splats.sh.copy()
+    sh[:200, 0] = 1e6
+    splats = replace(splats, sh=sh)
+    tree = with_palette(lift_with_order(splats, 3), splats)
+    assert tree is not None
+    with pytest.warns(AccuracyWarning, match="sh: values span so much"):
+        data = encode(tree, PRESETS["scene"])
+    colour, above = (read_directory(data).quantisers[0][kind].step for kind in (4, 5))
+    assert colour >= 2 * above
+    found, right = decode(data).leaves().sh[:, 1:], tree.leaves().sh[:, 1:]
+    off = cKDTree(right.reshape(len(right), -1)).query(found.reshape(len(found), -1), p=np.inf)[0]
+    assert off.max() < 0.02  # with steps as coarse as those of colours 0.06
 
 
 def test_huge_numbers_are_refused_without_warnings():
