@@ -115,11 +115,14 @@ class FrontierGrowth:
         haste: below 1, the first rounds split more leaves than the last; leaves that are never
             split do not learn.
         refines_first: in a mixed tree the leaves of the level before get a psi of their own, which
-            their children share: a refine each.
+            their children share: a refine each. None: level 1 is trained with them, and once more
+            without, and all levels are made as the one that is worth its bytes. Trees in floats
+            have them then.
         refines_rest: after the last round, leaves that were not split get a psi of their own: a
             refine each. The paper leaves them as they are.
         all_alphas: splits of mixed trees learn alpha of every group, not of sizes and opacities
-            alone: more bytes, but short levels learn faster.
+            alone: more bytes, but short levels learn faster. Where level 1 is tried without
+            refines, its splits do, too.
         threshold: least mean gradient to the centre on the screen, in NDC.
         size_power: leaves of the largest gradients are split first. Gradients are multiplied by
             this power of the width of a leaf, the geometric mean of its two larger standard
@@ -135,7 +138,7 @@ class FrontierGrowth:
     stop: float = 0.45
     rounds: int = 5
     haste: float = 1.0
-    refines_first: bool = True
+    refines_first: bool | None = True
     refines_rest: bool = False
     all_alphas: bool = False
     threshold: float = 2e-4
@@ -174,6 +177,16 @@ class Integers:
             raise ValueError(f"thrift is {self.thrift:g}, expected 0 to 100")
         if not 0 < self.rate <= 1:
             raise ValueError(f"rate is {self.rate:g}, expected above 0, at most 1")
+
+    def price(self, error: float, n: int) -> float:
+        """Squared error of the pictures that a bit of a level is worth.
+
+        Args:
+            error: mean squared error of the pictures.
+            n: numbers of the level.
+        """
+        # An error of D takes n / 2 log2(1 / D) bits: what a bit saves is D / n, nearly.
+        return self.distortion * error / max(n, 1)
 
     def rates(self, rates: Rates) -> Rates:
         """Those of a level, as it is trained in integers."""
@@ -254,6 +267,7 @@ class Config:
             self.frontier,
             size_power=plain.frontier.size_power,
             first_step=plain.frontier.first_step,
+            refines_first=plain.frontier.refines_first,
         )
         return replace(self, ssim_weight=plain.ssim_weight, shifts=plain.shifts, frontier=frontier)
 
@@ -291,7 +305,13 @@ _TWO_CORES = Config(
     shifts=True,
     # Fills the budget whatever the gradients, and early: what is not split does not learn.
     frontier=FrontierGrowth(
-        threshold=0.0, size_power=0.5, first_step=0.15, rounds=3, stop=0.25, haste=0.25
+        refines_first=None,
+        threshold=0.0,
+        size_power=0.5,
+        first_step=0.15,
+        rounds=3,
+        stop=0.25,
+        haste=0.25,
     ),
     integers=Integers(part=0.15),
 )
@@ -322,6 +342,7 @@ PRESETS = {
             start=50,
             rounds=3,
             stop=0.3,
+            refines_first=None,
             all_alphas=True,
             threshold=0.0,
             haste=0.25,

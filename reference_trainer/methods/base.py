@@ -33,6 +33,7 @@ class Plan:
         scale: which level of the image pyramid it is trained on.
         iterations, cap: how long, and the most splats drawn.
         in_integers: whether it trains once more, in integers, what the stage before it did.
+        without_refines: of a mixed tree, whether it is a second attempt at the level.
     """
 
     level: int
@@ -40,6 +41,7 @@ class Plan:
     iterations: int
     cap: int
     in_integers: bool = False
+    without_refines: bool = False
 
 
 @dataclass(frozen=True)
@@ -50,12 +52,16 @@ class Done:
         steps: of the tree.
         spare: splats that later stages need and the tree does not have yet.
         quanta: of the levels that are in integers.
+        rival: during the second attempt at a level, what the first one left.
+        refines_first: of a mixed tree, whether its levels begin with refines; None: not decided.
     """
 
     sh_degree: int
     steps: tuple[Step, ...] = ()
     spare: SplatParams | None = field(default=None, repr=False)
     quanta: tuple[tuple[float, ...], ...] = ()
+    rival: Done | None = field(default=None, repr=False)
+    refines_first: bool | None = None
 
     @property
     def tree(self) -> EvolutionTree:

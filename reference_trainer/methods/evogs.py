@@ -14,6 +14,13 @@ from reference_trainer.export import frontier_steps, roots
 from reference_trainer.methods.base import Done, Plan, Setting, a_plan_per_level
 from reference_trainer.methods.plain import plain_cloud
 from reference_trainer.methods.quantised import IntegerLevel
+from reference_trainer.methods.refines_first import (
+    TRIED,
+    better,
+    growth_of,
+    is_tried,
+    second_attempt,
+)
 from reference_trainer.models.axes import with_least_rotations
 from reference_trainer.models.cloud import Cloud
 from reference_trainer.models.frontier import Frontier
@@ -35,14 +42,20 @@ class Evogs:
     takes_base: ClassVar[bool] = True
 
     def plans(self, config: Config) -> list[Plan]:
-        """A stage per level; after each one in integers, where the configuration has them."""
+        """A stage per level; after each one in integers, where the configuration has them.
+
+        Those of level 1 of a mixed tree are there twice, where it is tried without refines.
+        """
         part = config.integers.part
         found = []
         for plan in a_plan_per_level(config):
-            found.append(plan)
+            own = [plan]
             if part:
                 n = max(1, round(part * plan.iterations))
-                found.append(replace(plan, iterations=n, in_integers=True))
+                own.append(replace(plan, iterations=n, in_integers=True))
+            found += own
+            if self._is_tried(config):
+                found += second_attempt(own)
         return found
 
     def begin(self, setting: Setting, done: Done) -> Model:
@@ -56,18 +69,27 @@ class Evogs:
         if done.quanta and self.option == "M":  # those of the level before are near enough
             kinds = [channel_class(c) for c in range(n_channels(done.sh_degree))]
             quanta = np.array(done.quanta[-1], np.float32)[kinds]
-        return Frontier(leaves, self.option, setting.config.frontier, setting.path, quanta)
+        growth = growth_of(setting, done)
+        return Frontier(leaves, self.option, growth, setting.path, quanta)
 
     def finish(self, setting: Setting, done: Done, model: Model) -> Done:
         """Roots, then splits."""
         level = setting.plan.level
         if isinstance(model, IntegerLevel):
-            before = (step for step in done.steps if step.level < level)
-            return replace(done, steps=(*before, *model.finished()), quanta=model.quanta)
+            before = tuple(step for step in done.steps if step.level < level)
+            found = replace(done, steps=(*before, *model.finished()), quanta=model.quanta)
+            if not (level == TRIED and self._is_tried(setting.config)):
+                return found
+            if setting.plan.without_refines:
+                return better(setting, found)
+            return replace(done, steps=before, rival=found)
         if isinstance(model, Cloud):
             return self._turned(done.with_steps(roots(model.layer_splats())))
         assert isinstance(model, Frontier)
         return done.with_steps(*frontier_steps(done.tree, model, level))
+
+    def _is_tried(self, config: Config) -> bool:
+        return self.option == "M" and is_tried(config)
 
     def _turned(self, done: Done) -> Done:
         """The roots of a mixed tree, as long as they are in floats, with least rotations."""

@@ -227,9 +227,7 @@ def _coded(setting: Setting, done: Done) -> tuple[CodedTree, Quanta]:
         for picture, view in zip(scene.pictures, views, strict=True)
     ]
     n = sum(s.psi.size + s.adds.size for s in tree.steps if s.level == level)
-    # An error of D takes n / 2 log2(1 / D) bits: what a bit saves is D / n, nearly.
-    distortion = setting.config.integers.distortion * float(np.mean(wrong))
-    price = max(distortion / max(n, 1), PRICES[0])
+    price = max(setting.config.integers.price(float(np.mean(wrong)), n), PRICES[0])
     importance = Importance.of((tree,), level + 1, scene.sensitivity, first=level)
     table = importance.steps(price, Ranges.of((tree,), level + 1).extent)
     own = _with_few_bits(table[1 + level] if level else table[0])

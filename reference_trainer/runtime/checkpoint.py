@@ -43,7 +43,8 @@ SCHEDULE = 2  # of training: one more where the same configuration trains otherw
 _SPLATS = ("means", "quats", "log_scales", "opacity_logits", "sh")
 # What the head has besides the run, and of which type.
 _HEAD = {"run": dict, "stage": int, "iteration": int, "sh_degree": int, "levels": list,
-         "quanta": list}  # fmt: skip
+         "quanta": list, "rival_levels": list, "rival_quanta": list,
+         "refines_first": list}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,7 @@ class Checkpoint:
 
     def write(self, folder: Path) -> None:
         """Replace the checkpoint in `folder`."""
+        rival = self.done.rival or Done(self.done.sh_degree)
         head = {
             "run": self.run,
             "stage": self.stage,
@@ -74,11 +76,16 @@ class Checkpoint:
             "sh_degree": self.done.sh_degree,
             "levels": [step.level for step in self.done.steps],
             "quanta": self.done.quanta,
+            "rival_levels": [step.level for step in rival.steps],
+            "rival_quanta": rival.quanta,
+            "refines_first": [x for x in (self.done.refines_first,) if x is not None],
         }
         text = json.dumps(head, sort_keys=True).encode()
         arrays: dict[str, npt.NDArray[Any]] = {"head": np.frombuffer(text, np.uint8)}
-        for k, step in enumerate(self.done.steps):
-            arrays |= {f"step{k}.{name}": getattr(step, name) for name in _step_shapes(0)}
+        for owner, steps in (("", self.done.steps), ("rival.", rival.steps)):
+            for k, step in enumerate(steps):
+                own = {f"{owner}step{k}.{name}": getattr(step, name) for name in _step_shapes(0)}
+                arrays |= own
         if self.done.spare is not None:
             arrays |= {f"spare.{name}": getattr(self.done.spare, name) for name in _SPLATS}
         arrays |= {f"model.{name}": array for name, array in self.model.items()}
@@ -106,14 +113,21 @@ class Checkpoint:
         arrays = _arrays(path)
         try:
             head = _head(arrays)
-            shapes = _step_shapes(head["sh_degree"])
-            steps = tuple(
-                Step(level, *(taken(arrays, f"step{k}.{name}", *shapes[name]) for name in shapes))
-                for k, level in enumerate(head["levels"])
+            degree = head["sh_degree"]
+            rival = None
+            if head["rival_levels"]:
+                steps = _steps(arrays, "rival.", degree, head["rival_levels"])
+                rival = Done(degree, steps, quanta=tuple(map(tuple, head["rival_quanta"])))
+                _ = rival.tree  # says what is wrong with its steps
+            done = Done(
+                degree,
+                _steps(arrays, "", degree, head["levels"]),
+                _spare(arrays, degree),
+                tuple(map(tuple, head["quanta"])),
+                rival,
+                *head["refines_first"],
             )
-            quanta = tuple(map(tuple, head["quanta"]))
-            done = Done(head["sh_degree"], steps, _spare(arrays, head["sh_degree"]), quanta)
-            _ = done.tree  # says what is wrong with its steps
+            _ = done.tree  # as above
         except ValueError as error:
             refuse(folder, error)
         model, scores = _named(arrays, "model."), _named(arrays, "scores.")
@@ -151,16 +165,33 @@ class Checkpoint:
         if self.done.sh_degree != sh_degree:
             raise InputError(f"SH degree is {self.done.sh_degree}, expected {sh_degree}")
         # What the finished stages leave.
-        over = plans[: self.stage]
+        over = list(plans[: self.stage])
+        again = self.stage < len(plans) and plans[self.stage].without_refines
+        if again:
+            level = plans[self.stage].level
+            over = [plan for plan in over if plan.level != level or plan.without_refines]
+            self._check_rival(level)
+        elif self.done.rival is not None:
+            raise InputError("there is a first attempt at a level, and no second one")
+        is_decided = not again and any(plan.without_refines for plan in over)
+        if (self.done.refines_first is not None) != is_decided:
+            raise InputError("whether levels begin with refines is missing, or is decided already")
         last = max((plan.level for plan in over), default=-1)
         if self.done.tree.n_levels != last + 1:
             raise InputError(f"{self.done.tree.n_levels} levels are over, expected {last + 1}")
         if (self.done.spare is not None) != any(plan.level < 0 for plan in over):
             raise InputError("splats to spare are missing, or there are some")
-        n_rounded = sum(plan.in_integers for plan in over)
+        n_rounded = len({plan.level for plan in over if plan.in_integers})
         expected = 1 + n_rounded if n_rounded else 0
         if len(self.done.quanta) != expected:
             raise InputError(f"quanta have {len(self.done.quanta)} rows, expected {expected}")
+
+    def _check_rival(self, level: int) -> None:
+        """What the first attempt at a level left is a tree up to there, in integers."""
+        rival = self.done.rival
+        n_levels = 0 if rival is None else rival.tree.n_levels
+        if rival is None or n_levels != level + 1 or len(rival.quanta) != 1 + n_levels:
+            raise InputError(f"the first attempt at level {level} is not there, or is another one")
 
 
 def refuse(folder: Path, error: Exception) -> NoReturn:
@@ -251,14 +282,26 @@ def _head(arrays: Arrays) -> dict[str, Any]:
     degree = head["sh_degree"]
     if not 0 <= degree <= 3:
         raise InputError(f"SH degree is {degree}, expected 0 to 3")
-    if not all(type(level) is int and level >= 0 for level in head["levels"]):
+    if len(head["refines_first"]) > 1 or not all(type(x) is bool for x in head["refines_first"]):
+        raise InputError("refines_first is no list of one answer, or none")
+    levels = (*head["levels"], *head["rival_levels"])
+    if not all(type(level) is int and level >= 0 for level in levels):
         raise InputError("levels are no whole numbers of 0 or more")
-    for row in head["quanta"]:
+    for row in (*head["quanta"], *head["rival_quanta"]):
         if not isinstance(row, list) or len(row) != N_GROUPS + degree:
             raise InputError(f"a row of quanta is no {N_GROUPS + degree} numbers")
         if not all(type(x) is float and 0 < x < math.inf for x in row):
             raise InputError("quanta are no finite numbers above 0")
     return head
+
+
+def _steps(arrays: Arrays, owner: str, sh_degree: int, levels: list[int]) -> tuple[Step, ...]:
+    """The steps of these levels, by the arrays whose names begin with `owner`."""
+    shapes = _step_shapes(sh_degree)
+    return tuple(
+        Step(level, *(taken(arrays, f"{owner}step{k}.{name}", *shapes[name]) for name in shapes))
+        for k, level in enumerate(levels)
+    )
 
 
 def _step_shapes(sh_degree: int) -> dict[str, tuple[npt.DTypeLike, *tuple[int | None, ...]]]:

@@ -72,6 +72,7 @@ class Progress:
         self._losses: list[float] = []
         if self._shows_bar:
             name = f"L{plan.level}" if plan.level >= 0 else "first"
+            name += " without refines" if plan.without_refines else ""
             name += " in integers" if plan.in_integers else ""
             every = 0.1 if sys.stderr.isatty() else SECONDS_OF_A_LINE
             self._bar = tqdm(

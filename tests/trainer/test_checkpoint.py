@@ -15,6 +15,7 @@ import pytest
 
 from evogs_codec import InputError
 from reference_trainer.config import Integers
+from reference_trainer.methods.base import Done
 from reference_trainer.models.backends import backend_for
 from reference_trainer.run import run
 from reference_trainer.runtime.checkpoint import FILE, SEAL, SEAL_SIZE, Checkpoint
@@ -29,6 +30,8 @@ RUNS = {
     "frontier": ("evogs", 0, 75),
     "integers": ("evogs", 0.5, 115),
     "mixed": ("evogs-mixed", 0.5, 90),
+    "second attempt": ("evogs-mixed", 0.5, 145),
+    "second attempt in integers": ("evogs-mixed", 0.5, 175),
     "residuals": ("evogs-b", 0, 75),
     "opacities": ("lapis", 0, 75),
     "splats to spare": ("l3gs", 0, 65),
@@ -61,7 +64,10 @@ class StopsAt(Progress):
 
 def config_of(name):
     method, part, _ = RUNS[name]
-    return tiny.config(method=method, integers=Integers(part))
+    changed = tiny.config(method=method, integers=Integers(part))
+    if name.startswith("second attempt"):
+        changed = replace(changed, frontier=replace(changed.frontier, refines_first=None))
+    return changed
 
 
 def go_on(name, folder, n=0):
@@ -199,6 +205,31 @@ STATES = {
         "integers",
         {"done": lambda saved: replace(saved.done, quanta=((-1.0,) * 6,) * 2)},
         "quanta are no finite numbers above 0",
+    ),
+    "no first attempt": (
+        "second attempt",
+        {"done": done_with(rival=None)},
+        "the first attempt at level 1 is not there",
+    ),
+    "a first attempt at another level": (
+        "second attempt in integers",
+        {"done": lambda saved: replace(saved.done, rival=Done(1, saved.done.steps[:1]))},
+        "the first attempt at level 1 is not there, or is another one",
+    ),
+    "a first attempt and no second": (
+        "mixed",
+        {"done": lambda saved: replace(saved.done, rival=saved.done)},
+        "there is a first attempt at a level, and no second one",
+    ),
+    "decided too early": (
+        "second attempt",
+        {"done": done_with(refines_first=True)},
+        "whether levels begin with refines is missing, or is decided already",
+    ),
+    "decided by text": (
+        "second attempt",
+        {"done": done_with(refines_first="yes")},
+        "refines_first is no list of one answer",
     ),
     "no spare splats": ("splats to spare", {"done": done_with(spare=None)}, "to spare are missing"),
 }
