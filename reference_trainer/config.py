@@ -267,7 +267,6 @@ class Config:
             self.frontier,
             size_power=plain.frontier.size_power,
             first_step=plain.frontier.first_step,
-            refines_first=plain.frontier.refines_first,
         )
         return replace(self, ssim_weight=plain.ssim_weight, shifts=plain.shifts, frontier=frontier)
 

@@ -104,8 +104,12 @@ class Progress:
 
     def end(self, done: Done) -> None:
         """The stage is over."""
-        if self._bar is not None:
-            self._bar.close()
+        if self._bar is None:
+            return
+        self._bar.close()
+        if self._plan.without_refines and done.refines_first is not None:
+            what = "with refines before" if done.refines_first else "without refines before"
+            print(f"all levels are made {what} splits", file=sys.stderr)
 
     def _psnr(self, training: Training) -> float:
         """Mean over a few held-out views; of training views where none is held out."""

@@ -321,7 +321,7 @@ def test_rates_of_positions_follow_the_distance_where_the_path_of_cameras_is_sho
 def test_the_preset_that_takes_long_has_shifted_grids_but_as_published_it_has_none():
     best = PRESETS["two-cores"]
     assert (best.shifts, best.ssim_weight) == (True, 0.4)
-    frontier = replace(best.frontier, size_power=0.0, first_step=0.0, refines_first=True)
+    frontier = replace(best.frontier, size_power=0.0, first_step=0.0)
     assert best.frontier.size_power > 0
     assert best.frontier.first_step > 0
     plain = replace(best, shifts=False, ssim_weight=0.2, frontier=frontier)
