@@ -192,6 +192,7 @@ def run_train(args: argparse.Namespace) -> None:
             raise InputError(f"{folder}: {said}")
         folder.mkdir(parents=True, exist_ok=True)
         log = folder / "log.csv"
+    progress = Progress(log, shows_bar=not args.quiet)
     try:
         tree = run(
             config,
@@ -201,7 +202,7 @@ def run_train(args: argparse.Namespace) -> None:
             resume=args.resume,
             base=base,
             finer=finer,
-            progress=Progress(log, shows_bar=not args.quiet),
+            progress=progress,
         )
     except NotFiniteError as error:
         raise InputError(f"{error}; the last checkpoint is from before") from error
@@ -209,7 +210,11 @@ def run_train(args: argparse.Namespace) -> None:
     pictures = None if folder is None else folder / "pictures"
     rows = evaluate(tree, config.method, pyramid, pictures, made_by=args.command)
     if folder is not None:
-        report = {"config": config.as_dict(), "levels": rows}
+        report = {
+            "config": config.as_dict(),
+            "refines_save": progress.refines_save,
+            "levels": rows,
+        }
         write_atomic(folder / "result.json", (json.dumps(report, indent=1) + "\n").encode())
     for row in rows:
         print(

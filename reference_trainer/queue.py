@@ -172,6 +172,7 @@ def run_job(job: Job, data: Dataset, out: Path, device: str, finer: Dataset | No
         "seconds": round(progress.seconds, 3),
         "machine": machine(device),
         "threads": numba.get_num_threads(),
+        "refines_save": progress.refines_save,
         "levels": evaluate(tree, job.config.method, pyramid, folder / "pictures"),
     }
     write_atomic(result, (json.dumps(report, indent=1) + "\n").encode())

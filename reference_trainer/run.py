@@ -74,6 +74,7 @@ def run(
     for stage in range(saved.stage, len(plans)):
         saved = _run_stage(saved, method, plans, config, scales, backend, folder, progress)
         assert saved.stage == stage + 1
+    progress.finish(saved.done)
     return saved.done.tree
 
 

@@ -53,7 +53,8 @@ class Done:
         spare: splats that later stages need and the tree does not have yet.
         quanta: of the levels that are in integers.
         rival: during the second attempt at a level, what the first one left.
-        refines_first: of a mixed tree, whether its levels begin with refines; None: not decided.
+        refines_save: of a mixed tree whose level 1 was tried both ways, the part of the bits of
+            that level that its refines save.
     """
 
     sh_degree: int
@@ -61,7 +62,7 @@ class Done:
     spare: SplatParams | None = field(default=None, repr=False)
     quanta: tuple[tuple[float, ...], ...] = ()
     rival: Done | None = field(default=None, repr=False)
-    refines_first: bool | None = None
+    refines_save: float | None = None
 
     @property
     def tree(self) -> EvolutionTree:

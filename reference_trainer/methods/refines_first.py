@@ -2,8 +2,9 @@
 
 With them, children have what they share in a number of its own; without, in psi and alpha alone.
 Which takes fewer bytes for the same pictures depends on the scene, and shows at level 1, which is
-the cheapest to train twice. There refines are worth 10 to 40 % of the bytes of an object seen from
-all around, and next to nothing in a capture along a short path, where they lose 16 % at level 3.
+the cheapest to train twice. There refines save 10 to 40 % of the bytes of an object seen from all
+around. In a capture along a short path they save next to nothing there, and cost a third at level
+3.
 """
 
 from __future__ import annotations
@@ -13,14 +14,17 @@ from dataclasses import replace
 import numpy as np
 
 from evogs_codec import encode
+from evogs_codec.encoding.targets import PRICES
 from evogs_codec.render.views import Views
 from reference_trainer.config import Config, FrontierGrowth
 from reference_trainer.methods.base import Done, Plan, Setting
 
-__all__ = ["TRIED", "better", "growth_of", "is_tried", "second_attempt"]
+__all__ = ["TRIED", "WORTH", "better", "growth_of", "is_tried", "saved_by", "second_attempt"]
 
 TRIED = 1  # level
-WORTH = 0.05  # of the bits of level 1 is what its refines have to save: finer levels lose by them
+WORTH = 0.05  # part of the bits of level 1 that its refines have to save: finer levels lose by them
+# Finer than this, a bit is worth more than its price says, for training mends what rounding adds.
+FINEST = 0.07  # distortion
 
 
 def is_tried(config: Config) -> bool:
@@ -39,7 +43,9 @@ def growth_of(setting: Setting, done: Done) -> FrontierGrowth:
     growth = setting.config.frontier
     if growth.refines_first is not None:
         return growth
-    if setting.plan.without_refines or done.refines_first is False:
+    if setting.plan.without_refines or (
+        done.refines_save is not None and done.refines_save <= WORTH
+    ):
         return replace(growth, refines_first=False, all_alphas=True)
     return replace(growth, refines_first=True)
 
@@ -47,30 +53,45 @@ def growth_of(setting: Setting, done: Done) -> FrontierGrowth:
 def better(setting: Setting, done: Done) -> Done:
     """Of two attempts at level 1 the one with refines, if they are worth it, or the one without.
 
-    What refines save is bits that the other attempt takes more, and bits that are worth what its
-    pictures lack, at the price of the run (`Integers.price`).
-
     Args:
         setting: of the second attempt.
         done: what it left, and the first one as its rival.
 
     Returns:
-        One of them, which says what it was made with.
+        One of them, which says what its refines save, or would have.
     """
     first = done.rival
     assert first is not None
-    errors = [_error(setting, attempt) for attempt in (first, done)]
-    n = sum(step.psi.size for step in first.steps if step.level == TRIED)
-    price = setting.config.integers.price(errors[0], n)
-    before = replace(
-        done,
-        steps=tuple(step for step in done.steps if step.level < TRIED),
-        quanta=done.quanta[: 1 + TRIED],
+    saved = saved_by(setting, first, done)
+    return replace(first if saved > WORTH else done, rival=None, refines_save=saved)
+
+
+def saved_by(setting: Setting, first: Done, second: Done) -> float:
+    """The part of the bits of level 1 that its refines save, for pictures as good.
+
+    It is what the attempt without them takes more, and what the error that it has more is worth in
+    bits. Negative: they cost more than they bring.
+
+    Args:
+        setting: of the second attempt.
+        first: the level with refines.
+        second: without.
+    """
+    n, m = (sum(x.psi.size for x in of.steps if x.level == TRIED) for of in (first, second))
+    if not m:
+        return 1.0 if n else 0.0
+    errors = [_error(setting, attempt) for attempt in (first, second)]
+    integers = setting.config.integers
+    integers = replace(integers, distortion=max(integers.distortion, FINEST))
+    price = max(integers.price(errors[0], n), PRICES[0])
+    roots = replace(
+        first,
+        steps=tuple(step for step in first.steps if step.level < TRIED),
+        quanta=first.quanta[: 1 + TRIED],
     )
-    bits = [8 * len(encode(found.tree)) for found in (first, done, before)]
-    saved = price * (bits[1] - bits[0]) + errors[1] - errors[0]
-    chosen = first if saved > WORTH * price * (bits[0] - bits[2]) else done
-    return replace(chosen, rival=None, refines_first=chosen is first)
+    bits = [8 * len(encode(of.tree)) for of in (first, second, roots)]
+    saved = bits[1] - bits[0] + (errors[1] - errors[0]) / price
+    return float(saved / max(bits[0] - bits[2], 1))
 
 
 def _error(setting: Setting, done: Done) -> float:

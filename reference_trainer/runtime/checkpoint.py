@@ -44,7 +44,7 @@ _SPLATS = ("means", "quats", "log_scales", "opacity_logits", "sh")
 # What the head has besides the run, and of which type.
 _HEAD = {"run": dict, "stage": int, "iteration": int, "sh_degree": int, "levels": list,
          "quanta": list, "rival_levels": list, "rival_quanta": list,
-         "refines_first": list}  # fmt: skip
+         "refines_save": list}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Checkpoint:
             "quanta": self.done.quanta,
             "rival_levels": [step.level for step in rival.steps],
             "rival_quanta": rival.quanta,
-            "refines_first": [x for x in (self.done.refines_first,) if x is not None],
+            "refines_save": [x for x in (self.done.refines_save,) if x is not None],
         }
         text = json.dumps(head, sort_keys=True).encode()
         arrays: dict[str, npt.NDArray[Any]] = {"head": np.frombuffer(text, np.uint8)}
@@ -125,7 +125,7 @@ class Checkpoint:
                 _spare(arrays, degree),
                 tuple(map(tuple, head["quanta"])),
                 rival,
-                *head["refines_first"],
+                *head["refines_save"],
             )
             _ = done.tree  # as above
         except ValueError as error:
@@ -174,8 +174,8 @@ class Checkpoint:
         elif self.done.rival is not None:
             raise InputError("there is a first attempt at a level, and no second one")
         is_decided = not again and any(plan.without_refines for plan in over)
-        if (self.done.refines_first is not None) != is_decided:
-            raise InputError("whether levels begin with refines is missing, or is decided already")
+        if (self.done.refines_save is not None) != is_decided:
+            raise InputError("what refines save is missing, or is known already")
         last = max((plan.level for plan in over), default=-1)
         if self.done.tree.n_levels != last + 1:
             raise InputError(f"{self.done.tree.n_levels} levels are over, expected {last + 1}")
@@ -187,11 +187,19 @@ class Checkpoint:
             raise InputError(f"quanta have {len(self.done.quanta)} rows, expected {expected}")
 
     def _check_rival(self, level: int) -> None:
-        """What the first attempt at a level left is a tree up to there, in integers."""
-        rival = self.done.rival
+        """What the first attempt at a level left is a tree up to there, on the same levels."""
+        done, rival = self.done, self.done.rival
         n_levels = 0 if rival is None else rival.tree.n_levels
         if rival is None or n_levels != level + 1 or len(rival.quanta) != 1 + n_levels:
             raise InputError(f"the first attempt at level {level} is not there, or is another one")
+        before = [[step for step in of.steps if step.level < level] for of in (done, rival)]
+        same = len(before[0]) == len(before[1]) and all(
+            np.array_equal(getattr(a, name), getattr(b, name))
+            for a, b in zip(*before, strict=True)
+            for name in _step_shapes(0)
+        )
+        if not same or done.quanta != rival.quanta[: len(done.quanta)]:
+            raise InputError(f"the first attempt at level {level} is on other levels")
 
 
 def refuse(folder: Path, error: Exception) -> NoReturn:
@@ -282,8 +290,9 @@ def _head(arrays: Arrays) -> dict[str, Any]:
     degree = head["sh_degree"]
     if not 0 <= degree <= 3:
         raise InputError(f"SH degree is {degree}, expected 0 to 3")
-    if len(head["refines_first"]) > 1 or not all(type(x) is bool for x in head["refines_first"]):
-        raise InputError("refines_first is no list of one answer, or none")
+    saved = head["refines_save"]
+    if len(saved) > 1 or not all(type(x) is float and math.isfinite(x) for x in saved):
+        raise InputError("refines_save is no list of one finite number, or none")
     levels = (*head["levels"], *head["rival_levels"])
     if not all(type(level) is int and level >= 0 for level in levels):
         raise InputError("levels are no whole numbers of 0 or more")

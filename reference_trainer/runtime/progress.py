@@ -17,6 +17,7 @@ from tqdm import tqdm
 from evogs_codec import InputError
 from evogs_codec.io.files import FileKind
 from reference_trainer.methods.base import Done, Plan
+from reference_trainer.methods.refines_first import WORTH
 from reference_trainer.models.backends import Backend
 from reference_trainer.train import Training
 
@@ -38,7 +39,10 @@ class Progress:
     Attributes:
         log: CSV file that gets a row every `EVERY` iterations, or None.
         shows_bar: whether there is a bar.
+        refines_save: as of `Done`, when the run is over.
     """
+
+    refines_save: float | None = None
 
     def __init__(self, log: Path | None = None, *, shows_bar: bool = False) -> None:
         self._log, self._shows_bar = log, shows_bar
@@ -107,9 +111,14 @@ class Progress:
         if self._bar is None:
             return
         self._bar.close()
-        if self._plan.without_refines and done.refines_first is not None:
-            what = "with refines before" if done.refines_first else "without refines before"
-            print(f"all levels are made {what} splits", file=sys.stderr)
+        if self._plan.without_refines and done.refines_save is not None:
+            have = "all levels have them" if done.refines_save > WORTH else "no level has them"
+            saved = f"{done.refines_save:.1%} of the bits of level {self._plan.level}"
+            print(f"refines before splits save {saved}: {have}", file=sys.stderr)
+
+    def finish(self, done: Done) -> None:
+        """The run is over."""
+        self.refines_save = done.refines_save
 
     def _psnr(self, training: Training) -> float:
         """Mean over a few held-out views; of training views where none is held out."""

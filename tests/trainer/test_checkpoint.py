@@ -187,6 +187,12 @@ def done_with(**fields):
     return lambda saved: replace(saved.done, **fields)
 
 
+def on_other_roots(rival):
+    roots, *others = rival.steps
+    moved = replace(roots, adds=roots.adds + np.float32(0.01))
+    return replace(rival, steps=(moved, *others))
+
+
 STATES = {
     "stage 99": ("cloud", {"stage": lambda _: 99}, "stage is 99, expected 0 to 2"),
     "stage -1": ("cloud", {"stage": lambda _: -1}, "stage is -1, expected 0 to 2"),
@@ -223,13 +229,18 @@ STATES = {
     ),
     "decided too early": (
         "second attempt",
-        {"done": done_with(refines_first=True)},
-        "whether levels begin with refines is missing, or is decided already",
+        {"done": done_with(refines_save=0.5)},
+        "what refines save is missing, or is known already",
     ),
-    "decided by text": (
+    "savings that are no number": (
         "second attempt",
-        {"done": done_with(refines_first="yes")},
-        "refines_first is no list of one answer",
+        {"done": done_with(refines_save="yes")},
+        "refines_save is no list of one finite number",
+    ),
+    "a first attempt on other roots": (
+        "second attempt",
+        {"done": lambda saved: replace(saved.done, rival=on_other_roots(saved.done.rival))},
+        "the first attempt at level 1 is on other levels",
     ),
     "no spare splats": ("splats to spare", {"done": done_with(spare=None)}, "to spare are missing"),
 }

@@ -19,9 +19,8 @@ LEVELS = {"iterations": (40, 40, 40), "max_splats": (20, 40, 60)}
 
 
 def config(refines=None, *, all_alphas=False, **changes):
-    found = tiny.config(
-        method="evogs-mixed", integers=Integers(0.3), rates=PRESETS["quick"].rates, **changes
-    )
+    changes = {"integers": Integers(0.3)} | changes
+    found = tiny.config(method="evogs-mixed", rates=PRESETS["quick"].rates, **changes)
     frontier = replace(found.frontier, refines_first=refines, all_alphas=all_alphas)
     return replace(found, frontier=frontier)
 
@@ -76,8 +75,9 @@ def test_presets_try_it():
 def test_all_levels_are_made_as_the_attempt_that_is_kept(monkeypatch, capsys, kept):
     answers(monkeypatch, *((0.1, 0.2) if kept else (0.2, 0.1)))
     tree = tree_of(progress=Progress(shows_bar=True), **LEVELS)
-    said = "all levels are made " + ("with" if kept else "without") + " refines before splits"
-    assert said in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "refines before splits save" in said
+    assert ("all levels have them" if kept else "no level has them") in said
     assert_same(tree, tree_of(kept, all_alphas=not kept, **LEVELS))
 
 
@@ -89,8 +89,8 @@ def test_of_as_good_pictures_refines_have_to_save_a_twentieth_of_the_level(
 
     def sized(tree):
         if tree.n_levels == 1:
-            return bytes(30)
-        return bytes(1030 if has_refines(tree) else without + 30)
+            return bytes(500)
+        return bytes(1500 if has_refines(tree) else without + 500)
 
     monkeypatch.setattr(refines_first, "encode", sized)
     assert has_refines(tree_of()) == kept
@@ -100,8 +100,9 @@ def has_refines(tree):
     return any((step.kinds == Kind.REFINE).any() for step in tree.steps)
 
 
-def test_what_refines_save_is_bits_and_what_errors_are_worth(monkeypatch):
-    own, seen = config(), []
+@pytest.mark.parametrize("distortion", [0.01, 0.3])
+def test_what_refines_save_is_bits_and_what_errors_are_worth(monkeypatch, distortion):
+    seen = []
     better = refines_first.better
 
     def looked_at(setting, done):
@@ -110,7 +111,8 @@ def test_what_refines_save_is_bits_and_what_errors_are_worth(monkeypatch):
         return found
 
     monkeypatch.setattr("reference_trainer.methods.evogs.better", looked_at)
-    tree_of()
+    progress = Progress()
+    tree_of(progress=progress, integers=Integers(0.3, distortion=distortion))
     ((first, second, found),) = seen
     data = tiny.pyramid()[1]
     errors = [
@@ -122,13 +124,21 @@ def test_what_refines_save_is_bits_and_what_errors_are_worth(monkeypatch):
         )
         for a in (first, second)
     ]
-    price = own.integers.distortion * errors[0] / sum(s.psi.size for s in first.steps if s.level)
+    n = sum(step.psi.size for step in first.steps if step.level)
+    price = max(distortion, 0.07) * errors[0] / n
     roots = EvolutionTree(1, first.steps[:1], first.quanta[:2])
     bits = [8 * len(encode(tree)) for tree in (first.tree, second.tree, roots)]
     saved = bits[1] - bits[0] + (errors[1] - errors[0]) / price
-    assert found.refines_first == (saved > 0.05 * (bits[0] - bits[2]))
+    assert found.refines_save == pytest.approx(saved / (bits[0] - bits[2]), rel=1e-4)
     assert found.rival is None
-    assert found.steps is (first if found.refines_first else second).steps
+    assert found.steps is (first if found.refines_save > 0.05 else second).steps
+    assert progress.refines_save == found.refines_save
+
+
+def test_refines_stay_where_without_them_nothing_is_left_of_the_level():
+    tree = tree_of(max_splats=(30, 10))
+    assert {step.level for step in tree.steps} == {0, 1}
+    assert has_refines(tree)
 
 
 class StopsAt(Progress):
