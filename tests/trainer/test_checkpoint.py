@@ -19,9 +19,9 @@ from reference_trainer.methods.base import Done
 from reference_trainer.models.backends import backend_for
 from reference_trainer.run import run
 from reference_trainer.runtime.checkpoint import FILE, SEAL, SEAL_SIZE, Checkpoint
-from reference_trainer.runtime.progress import Progress
 from tests.support import damaged_files as damage
 from tests.trainer import tiny
+from tests.trainer.stopping import StoppedError, StopsAt
 
 # Method, part in integers, iterations before it stops: levels and stages of every kind.
 RUNS = {
@@ -45,21 +45,6 @@ DAMAGES = [
     damage.with_flipped_arrays,
     damage.with_edited_names,
 ]
-
-
-class StoppedError(Exception):
-    pass
-
-
-class StopsAt(Progress):
-    def __init__(self, n):
-        super().__init__()
-        self.left = n
-
-    def each(self, training):
-        self.left -= 1
-        if self.left < 0:
-            raise StoppedError
 
 
 def config_of(name):

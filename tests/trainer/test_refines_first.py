@@ -14,6 +14,7 @@ from reference_trainer.models.backends import backend_for
 from reference_trainer.run import run
 from reference_trainer.runtime.progress import Progress
 from tests.trainer import tiny
+from tests.trainer.stopping import StoppedError, StopsAt
 
 LEVELS = {"iterations": (40, 40, 40), "max_splats": (20, 40, 60)}
 
@@ -141,17 +142,6 @@ def test_refines_stay_where_without_them_nothing_is_left_of_the_level():
     assert has_refines(tree)
 
 
-class StopsAt(Progress):
-    def __init__(self, n):
-        super().__init__()
-        self.left = n
-
-    def each(self, training):
-        self.left -= 1
-        if self.left < 0:
-            raise InterruptedError
-
-
 @pytest.fixture(scope="module")
 def whole():
     return tree_of(**LEVELS)
@@ -159,6 +149,6 @@ def whole():
 
 @pytest.mark.parametrize("n", [110, 150])
 def test_a_run_that_was_stopped_in_a_second_attempt_goes_on_to_the_same_tree(tmp_path, whole, n):
-    with pytest.raises(InterruptedError):
+    with pytest.raises(StoppedError):
         tree_of(folder=tmp_path, progress=StopsAt(n), **LEVELS)
     assert_same(tree_of(folder=tmp_path, **LEVELS), whole)

@@ -24,23 +24,9 @@ from reference_trainer.runtime.checkpoint import FILE, Checkpoint
 from reference_trainer.runtime.progress import Progress
 from reference_trainer.train import NotFiniteError, train
 from tests.trainer import tiny
+from tests.trainer.stopping import StoppedError, StopsAt
 
 ROOT = Path(__file__).resolve().parents[2]
-
-
-class StoppedError(Exception):
-    pass
-
-
-class StopsAt(Progress):
-    def __init__(self, n):
-        super().__init__()
-        self.left = n
-
-    def each(self, training):
-        self.left -= 1
-        if self.left < 0:
-            raise StoppedError
 
 
 def tree_bytes(tree):
