@@ -19,7 +19,7 @@ from evogs_codec.render.views import Views
 from reference_trainer.config import Config, FrontierGrowth
 from reference_trainer.methods.base import Done, Plan, Setting
 
-__all__ = ["TRIED", "WORTH", "better", "growth_of", "is_tried", "saved_by", "second_attempt"]
+__all__ = ["TRIED", "are_kept", "better", "growth_of", "is_tried", "saved_by", "second_attempt"]
 
 TRIED = 1  # level
 WORTH = 0.05  # part of the bits of level 1 that its refines have to save: finer levels lose by them
@@ -38,16 +38,20 @@ def second_attempt(plans: list[Plan]) -> list[Plan]:
     return [replace(plan, without_refines=True) for plan in plans if plan.level == TRIED]
 
 
+def are_kept(saved: float) -> bool:
+    """Whether levels have refines that save this part of the bits of level 1."""
+    return saved > WORTH
+
+
 def growth_of(setting: Setting, done: Done) -> FrontierGrowth:
     """How a level of a mixed tree grows."""
     growth = setting.config.frontier
     if growth.refines_first is not None:
         return growth
-    if setting.plan.without_refines or (
-        done.refines_save is not None and done.refines_save <= WORTH
-    ):
-        return replace(growth, refines_first=False, all_alphas=True)
-    return replace(growth, refines_first=True)
+    saved = done.refines_save
+    if not setting.plan.without_refines and (saved is None or are_kept(saved)):
+        return replace(growth, refines_first=True)
+    return replace(growth, refines_first=False, all_alphas=True)
 
 
 def better(setting: Setting, done: Done) -> Done:
@@ -63,7 +67,7 @@ def better(setting: Setting, done: Done) -> Done:
     first = done.rival
     assert first is not None
     saved = saved_by(setting, first, done)
-    return replace(first if saved > WORTH else done, rival=None, refines_save=saved)
+    return replace(first if are_kept(saved) else done, rival=None, refines_save=saved)
 
 
 def saved_by(setting: Setting, first: Done, second: Done) -> float:

@@ -17,7 +17,7 @@ from tqdm import tqdm
 from evogs_codec import InputError
 from evogs_codec.io.files import FileKind
 from reference_trainer.methods.base import Done, Plan
-from reference_trainer.methods.refines_first import WORTH
+from reference_trainer.methods.refines_first import are_kept
 from reference_trainer.models.backends import Backend
 from reference_trainer.train import Training
 
@@ -112,7 +112,7 @@ class Progress:
             return
         self._bar.close()
         if self._plan.without_refines and done.refines_save is not None:
-            have = "all levels have them" if done.refines_save > WORTH else "no level has them"
+            have = "all levels have them" if are_kept(done.refines_save) else "no level has them"
             saved = f"{done.refines_save:.1%} of the bits of level {self._plan.level}"
             print(f"refines before splits save {saved}: {have}", file=sys.stderr)
 
