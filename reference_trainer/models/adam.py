@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -152,18 +152,30 @@ def step_together(variables: Sequence[Variable], rates: RateTable) -> None:
     steps = torch._foreach_div(ms, [1 - BETA1**v.t for v in variables])
     torch._foreach_div_(steps, roots)
     # Of rates, what is the same in all iterations is on the device; the rest is a number.
-    largest = [float(variable.columns(rates).max()) for variable in variables]
-    begun = replace(rates, progress=0.0)
-    parts = [variable.columns(begun) for variable in variables]
-    parts = [own / (own.max() or 1) for own in parts]
+    alike = [(v.group, math.prod(v.value.shape[1:]), v.n_still) for v in variables]
+    largest_of = {
+        key: float(variable.columns(rates).max())
+        for key, variable in dict(zip(alike, variables, strict=True)).items()
+    }
+    largest = [largest_of[key] for key in alike]
+    parts = [_parts_of_rates(rates.rates, *key) for key in alike]
     torch._foreach_mul_(steps, largest)
     for step, own in zip(steps, parts, strict=True):
-        if (own != 1).any():
+        if own.min(initial=1) < 1:
             step.mul_(_row(own, step))
     torch._foreach_sub_(xs, steps)
     _shrink_costly(variables, roots, parts, largest, rates)
     for variable in variables:
         variable.value.grad = None
+
+
+@lru_cache(maxsize=256)
+def _parts_of_rates(rates: Rates, group: str, d: int, n_still: int) -> npt.NDArray[np.float32]:
+    """(d,) rates of the numbers of a row, as parts of the largest: the same in all iterations."""
+    columns = RateTable(rates, 1.0, 0.0).columns(group, d)
+    columns[:n_still] = 0
+    parts: npt.NDArray[np.float32] = columns / (columns.max(initial=0) or 1)
+    return parts
 
 
 def _shrink_costly(

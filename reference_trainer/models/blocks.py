@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -154,19 +155,25 @@ class Collinear:
         """The gradient after `evolve_rows` becomes that before."""
         psi, to_c1, to_c2 = _joined(self.psi), g[rows], g[self.first : self.first + len(rows)]
         to_psi = _split(to_c1 - self._factors() * to_c2, self.psi)
-        to_alpha = torch.zeros_like(self.alpha.value)
-        for group, part in enumerate(_split(psi * to_c2, self.psi)):
-            if GROUPS[group] in LEARNED[self.kind]:
-                to_alpha[:, group] = -part.reshape(len(rows), -1).sum(dim=1)
+        if LEARNED[self.kind]:
+            to_alpha = (psi * to_c2) @ self._learned().T
+            to_alpha.neg_()
+        else:
+            to_alpha = torch.zeros_like(self.alpha.value)
         g[rows] = to_c1 + to_c2
         return [*to_psi, to_alpha]
 
     def _factors(self) -> Tensor:
         """(m, D) alpha of each number of psi."""
-        alpha = self.alpha.value.detach()
-        widths = [math.prod(variable.value.shape[1:]) for variable in self.psi]
-        columns = [alpha[:, i, None].expand(-1, width) for i, width in enumerate(widths)]
-        return torch.cat(columns, dim=1)
+        return self.alpha.value.detach() @ _members(self._widths(), GROUPS, self.alpha.value.device)
+
+    def _learned(self) -> Tensor:
+        """(5, D) 1 where a number is of a group whose alpha is learned, else 0."""
+        return _members(self._widths(), LEARNED[self.kind], self.alpha.value.device)
+
+    def _widths(self) -> tuple[int, ...]:
+        """(5,) numbers of psi in each group."""
+        return tuple(math.prod(variable.value.shape[1:]) for variable in self.psi)
 
     def changes(self, parents: Array) -> tuple[Array, Array]:
         """C1 - P and C2 - P."""
@@ -385,6 +392,18 @@ def _saved(prefix: str, block: Block, variables: tuple[Variable, ...]) -> Arrays
     for i, variable in enumerate(variables):
         out |= variable.arrays(f"{prefix}.{i}")
     return out
+
+
+@lru_cache(maxsize=16)
+def _members(widths: tuple[int, ...], groups: tuple[str, ...], device: torch.device) -> Tensor:
+    """(5, D) 1 where a number is of a group, and that is one of `groups`; else 0.
+
+    Made once: a product with it is one call, where a GPU waits for the calls of each group.
+    """
+    found = np.zeros((len(widths), sum(widths)), np.float32)
+    for row, (end, width) in enumerate(zip(np.cumsum(widths), widths, strict=True)):
+        found[row, end - width : end] = GROUPS[row] in groups
+    return torch.from_numpy(found).to(device)
 
 
 def _joined(variables: tuple[Variable, ...]) -> Tensor:

@@ -37,6 +37,7 @@ class Cuda:
         window = torch.exp(-(x**2) / (2 * SIGMA**2))
         self._window = (window / window.sum()).reshape(1, 1, -1, 1)
         self._pinholes: dict[Camera, tuple[Tensor, Tensor]] = {}
+        self._backgrounds: dict[tuple[float, float, float], Tensor] = {}
 
     def photograph(self, image: npt.NDArray[np.float32]) -> Tensor:
         """A copy on the device."""
@@ -74,7 +75,7 @@ class Cuda:
             camera.height,
             near_plane=NEAR,
             sh_degree=round(splats.sh.shape[1] ** 0.5) - 1,
-            backgrounds=torch.tensor([background], device=self.device),
+            backgrounds=self._background(background),
             packed=False,
         )
         if info["means2d"].requires_grad:
@@ -97,6 +98,12 @@ class Cuda:
             found = view[None].to(self.device), torch.tensor([lens]).float().to(self.device)
             self._pinholes[camera] = found
         return self._pinholes[camera]
+
+    def _background(self, colour: tuple[float, float, float]) -> Tensor:
+        """(1, 3) colour, copied to the device once."""
+        if colour not in self._backgrounds:
+            self._backgrounds[colour] = torch.tensor([colour], device=self.device)
+        return self._backgrounds[colour]
 
     def _ssim(self, a: Tensor, b: Tensor) -> Tensor:
         x, y = (image.permute(2, 0, 1)[:, None] for image in (a, b))
