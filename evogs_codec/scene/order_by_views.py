@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -21,7 +21,7 @@ from evogs_codec.decoding.cut import Cut
 from evogs_codec.decoding.decode import decode_leaves
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.format.write_directory import rebuild_directory
-from evogs_codec.model.splats import I64
+from evogs_codec.model.splats import I64, SplatParams
 
 if TYPE_CHECKING:
     from evogs_codec.render import Views
@@ -188,18 +188,37 @@ class _Way:
 
 @dataclass(frozen=True)
 class _Drawn:
-    """What cuts of a stream look like."""
+    """What cuts of a stream of one tile look like.
+
+    Attributes:
+        bands: by steps of core, a band and its steps, the leaves of what has these alone.
+    """
 
     data: bytes
     directory: Directory
     views: Views
     sh_degree: int
+    bands: dict[tuple[int, int, int], SplatParams] = field(default_factory=dict)
 
     def psnr(self, cut: Cut) -> float:
-        """Of a cut, dB."""
-        directory = self.directory
-        leaves = decode_leaves(self.data, cut, sh_degree=self.sh_degree, directory=directory)
-        return self.views.psnr(leaves)
+        """Of a cut, dB. Bands do not depend on each other, so each is decoded once."""
+        core, *others = cut.steps[0].tolist()
+        leaves = self._with_band(core, 0, 0)
+        sh = leaves.sh.copy()
+        for band, n_steps in enumerate(others[: self.sh_degree], 1):
+            part = slice(band**2, (band + 1) ** 2)
+            sh[:, part] = self._with_band(core, band, n_steps).sh[:, part]
+        return self.views.psnr(replace(leaves, sh=sh))
+
+    def _with_band(self, core: int, band: int, n_steps: int) -> SplatParams:
+        key = (core, band, n_steps)
+        if key not in self.bands:
+            steps = np.zeros((1, len(self.directory.components.of_tiles)), np.int64)
+            steps[0, band], steps[0, 0] = n_steps, core
+            self.bands[key] = decode_leaves(
+                self.data, Cut(steps), sh_degree=self.sh_degree, directory=self.directory
+            )
+        return self.bands[key]
 
 
 def _reordered(data: bytes, directory: Directory, rows: I64) -> bytes:

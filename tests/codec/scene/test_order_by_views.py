@@ -163,6 +163,25 @@ def test_states_are_bounded(stream):
     assert 2 ** (1 + N_BANDS) <= judge.n <= MOST_STATES + len(packets(stream))
 
 
+def test_bands_that_are_decoded_one_by_one_are_those_of_the_cut(stream):
+    class Seen(Judge):
+        def psnr(self, leaves):
+            self.leaves = leaves
+            return 0.0
+
+    directory = read_directory(stream)
+    views = Seen(decode(stream).leaves(), {})
+    drawn = order_by_views._Drawn(stream, directory, views, N_BANDS)
+    ends = order_by_views._Ends.of(directory)
+    found = [ends.cut(state) for state in itertools.product(*map(range, ends.counts))]
+    cuts = [cut for cut in found if cut is not None]
+    for cut in cuts[:: max(len(cuts) // 20, 1)]:
+        drawn.psnr(cut)
+        expected = decode(stream, cut).leaves(sh_degree=N_BANDS)
+        for name in ("means", "quats", "log_scales", "opacity_logits", "sh"):
+            assert np.array_equal(getattr(views.leaves, name), getattr(expected, name))
+
+
 def test_several_tiles_stay_as_they_are():
     data = encode_scene(make_scene(200), n_tiles=2, preset="scene")
     assert ordered_by_views(data, Judge(decode(data).leaves(), {}), 3) is data
