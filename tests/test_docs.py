@@ -1,5 +1,6 @@
 """What the pages say to run runs, and what they link to is there."""
 
+import csv
 import io
 import re
 import shlex
@@ -162,3 +163,26 @@ def test_vectors_that_the_pages_explain_are_there():
     assert len(ids) >= 2
     for name in ids:
         assert explain(VECTORS, name), name
+
+
+def tables_of(text):
+    """The rows of each table of a page, its head first."""
+    found, before = [], ""
+    for line in text.splitlines():
+        cells = [cell.strip() for cell in line[1:-1].split("|")]
+        if line.startswith("|---"):
+            found.append([[cell.strip() for cell in before[1:-1].split("|")]])
+        elif line.startswith("|") and before.startswith("|"):
+            found[-1].append(cells)
+        before = line
+    return found
+
+
+def test_files_of_figures_are_the_tables_of_the_page():
+    tables = tables_of((ROOT / "docs" / "figures.md").read_text(encoding="utf-8"))
+    paths = sorted((ROOT / "docs" / "figures").glob("*.csv"))
+    assert len(paths) > 20
+    for path in paths:
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = [[cell.strip() for cell in row] for row in csv.reader(file)]
+        assert rows in tables, path.name
