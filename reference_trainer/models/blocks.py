@@ -398,7 +398,7 @@ def _saved(prefix: str, block: Block, variables: tuple[Variable, ...]) -> Arrays
 def _members(widths: tuple[int, ...], groups: tuple[str, ...], device: torch.device) -> Tensor:
     """(5, D) 1 where a number is of a group, and that is one of `groups`; else 0.
 
-    Made once: a product with it is one call, where a GPU waits for the calls of each group.
+    It is made once. One product with it replaces a call for each group.
     """
     found = np.zeros((len(widths), sum(widths)), np.float32)
     for row, (end, width) in enumerate(zip(np.cumsum(widths), widths, strict=True)):
