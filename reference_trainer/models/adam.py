@@ -83,9 +83,12 @@ class Variable:
 
     def columns(self, rates: RateTable) -> npt.NDArray[np.float32]:
         """(d,) learning rates of the numbers of a row."""
-        columns = rates.columns(self.group, math.prod(self.value.shape[1:]))
-        columns[: self.n_still] = 0
-        return columns
+        return rates.columns(*self._kind)
+
+    @property
+    def _kind(self) -> tuple[str, int, int]:
+        """Group, numbers of a row, and how many of them stay: those that are alike share rates."""
+        return self.group, math.prod(self.value.shape[1:]), self.n_still
 
     def costly(self, rates: RateTable) -> npt.NDArray[np.float32] | None:
         """The quanta, if the numbers cost bits by now."""
@@ -152,13 +155,10 @@ def step_together(variables: Sequence[Variable], rates: RateTable) -> None:
     steps = torch._foreach_div(ms, [1 - BETA1**v.t for v in variables])
     torch._foreach_div_(steps, roots)
     # Of rates, what is the same in all iterations is on the device; the rest is a number.
-    alike = [(v.group, math.prod(v.value.shape[1:]), v.n_still) for v in variables]
-    largest_of = {
-        key: float(variable.columns(rates).max())
-        for key, variable in dict(zip(alike, variables, strict=True)).items()
-    }
-    largest = [largest_of[key] for key in alike]
-    parts = [_parts_of_rates(rates.rates, *key) for key in alike]
+    kinds = [variable._kind for variable in variables]
+    largest_of = {kind: float(rates.columns(*kind).max()) for kind in set(kinds)}
+    largest = [largest_of[kind] for kind in kinds]
+    parts = [_parts_of_rates(rates.rates, *kind) for kind in kinds]
     torch._foreach_mul_(steps, largest)
     for step, own in zip(steps, parts, strict=True):
         if own.min(initial=1) < 1:
@@ -172,8 +172,7 @@ def step_together(variables: Sequence[Variable], rates: RateTable) -> None:
 @lru_cache(maxsize=256)
 def _parts_of_rates(rates: Rates, group: str, d: int, n_still: int) -> npt.NDArray[np.float32]:
     """(d,) rates of the numbers of a row, as parts of the largest: the same in all iterations."""
-    columns = RateTable(rates, 1.0, 0.0).columns(group, d)
-    columns[:n_still] = 0
+    columns = RateTable(rates, 1.0, 0.0).columns(group, d, n_still)
     parts: npt.NDArray[np.float32] = columns / (columns.max(initial=0) or 1)
     return parts
 
@@ -275,8 +274,13 @@ class RateTable:
     progress: float
     price: float = 0.0
 
-    def columns(self, group: str, d: int) -> npt.NDArray[np.float32]:
-        """(d,) rates of the numbers of a row."""
+    def columns(self, group: str, d: int, n_still: int = 0) -> npt.NDArray[np.float32]:
+        """(d,) rates of the numbers of a row, of which the first `n_still` stay as they are."""
+        columns = self._columns(group, d)
+        columns[:n_still] = 0
+        return columns
+
+    def _columns(self, group: str, d: int) -> npt.NDArray[np.float32]:
         r = self.rates
         if group == "position":
             part = r.position ** (1 - self.progress) * r.position_final**self.progress

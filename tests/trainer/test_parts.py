@@ -12,7 +12,7 @@ from tests.trainer import tiny
 
 
 class Constant(RateTable):
-    def columns(self, group, d):
+    def columns(self, group, d, n_still=0):
         return np.full(d, 0.01, np.float32)
 
 
