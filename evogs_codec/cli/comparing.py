@@ -18,7 +18,7 @@ from evogs_codec.cli.common_options import (
     add_partial,
 )
 from evogs_codec.cli.loading import Loaded, load_part, load_whole
-from evogs_codec.cli.looking import add_look, cameras_of, need_numba
+from evogs_codec.cli.looking import add_look, background_of, cameras_of, need_numba
 from evogs_codec.cli.streams import cut_of, limits_of
 from evogs_codec.cli.terminal import progress_bar
 from evogs_codec.common.printable import shown
@@ -106,7 +106,7 @@ def run_compare(args: argparse.Namespace) -> None:
         found = compare(
             subjects,
             cameras,
-            args.background,
+            background_of(args, loaded[0].splats),
             views=f"{where}, {size}",
             n_shown=args.shown if args.page else 0,
             progress=progress,

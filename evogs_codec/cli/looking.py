@@ -20,11 +20,13 @@ from evogs_codec.model.splats import SplatParams
 
 if TYPE_CHECKING:
     from evogs_codec.render import Camera, Up
+    from evogs_codec.render.views import Colour
 
 __all__ = [
     "AXES",
     "add_camera",
     "add_look",
+    "background_of",
     "cameras_of",
     "cameras_to_show",
     "colour",
@@ -82,9 +84,9 @@ def add_look(parser: argparse.ArgumentParser, size: str) -> None:
     parser.add_argument(
         "--background",
         type=colour,
-        default="white",
         metavar="COLOUR",
-        help=f"colour behind the splats: {', '.join(BACKGROUNDS)}, or #rrggbb (default: white)",
+        help=f"colour behind the splats: {', '.join(BACKGROUNDS)}, or #rrggbb (default: white, or"
+        " black if all splats are white)",
     )
 
 
@@ -102,7 +104,7 @@ def axis_or_cameras(text: str) -> str | Path:
     return Path(text)
 
 
-def colour(text: str) -> tuple[float, float, float]:
+def colour(text: str) -> Colour:
     """An argparse type: a name of `BACKGROUNDS`, or `#rrggbb`.
 
     Raises:
@@ -129,6 +131,13 @@ def need_numba() -> None:
     """
     if find_spec("numba") is None:
         raise InputError("pictures need numba: pip install -e '.[render]'")
+
+
+def background_of(args: argparse.Namespace, scene: SplatParams) -> Colour:
+    """The colour of `--background`, or else the one on which a scene shows."""
+    from evogs_codec.render.framing import background_for
+
+    return background_for(scene) if args.background is None else args.background
 
 
 def cameras_of(

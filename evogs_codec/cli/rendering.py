@@ -17,7 +17,13 @@ from tqdm import tqdm
 from evogs_codec.cli.argument_types import path_or_url
 from evogs_codec.cli.common_options import add_limits, add_output, add_partial
 from evogs_codec.cli.loading import Loaded, load_part, load_whole
-from evogs_codec.cli.looking import add_look, cameras_of, cameras_to_show, need_numba
+from evogs_codec.cli.looking import (
+    add_look,
+    background_of,
+    cameras_of,
+    cameras_to_show,
+    need_numba,
+)
 from evogs_codec.cli.streams import describe_part, limits_of, part_there, read_stream
 from evogs_codec.common.printable import shown
 from evogs_codec.decoding.cut import Cut, tiles_meeting
@@ -78,13 +84,13 @@ def run_render(args: argparse.Namespace) -> None:
         raise ValueError("--reference needs --sheet; `evogs psnr` compares two files")
     scene = _load_input(args)
     cameras, up, has_own = cameras_to_show(args, scene.splats, scene.info, size=PICTURE_SIZE)
-    number = args.view or 0
+    number, background = args.view or 0, background_of(args, scene.splats)
     if args.view is None and up is not None and not has_own:
-        number = most_detailed(scene.splats, cameras, args.background)
+        number = most_detailed(scene.splats, cameras, background)
     if not 0 <= number < len(cameras):
         raise ValueError(f"view {number} is not one of 0..{len(cameras) - 1}")
     options = options_for(scene.splats)
-    _write(args, render(scene.splats, cameras[number], args.background, options=options))
+    _write(args, render(scene.splats, cameras[number], background, options=options))
     found = "" if up is None else f"{up}, view {number}, "
     print(f"{shown(args.output)}: {found}{len(scene.splats):,} splats, 1 view{scene.part}")
 
@@ -116,9 +122,9 @@ def _render_sheet(args: argparse.Namespace) -> None:
         names.append("reference")
     cameras, up, _ = cameras_to_show(args, scenes[len(cuts) - 1], directory.info, size=SIZE)
     chosen = cameras[:: max(1, len(cameras) // SHEET_VIEWS)][:SHEET_VIEWS]
-    options = options_for(scenes[-1])
+    options, background = options_for(scenes[-1]), background_of(args, scenes[-1])
     rows = [
-        [render(scene, camera, args.background, options=options) for camera in chosen]
+        [render(scene, camera, background, options=options) for camera in chosen]
         for scene in _with_bar(scenes, "render")
     ]
     labels = [
@@ -164,8 +170,9 @@ def run_psnr(args: argparse.Namespace) -> None:
     scene, reference = _load_input(args), load_whole(args.reference, limits_of(args))
     cameras, up = cameras_of(args, reference.splats, reference.info, size=SIZE)
     options, both = options_for(reference.splats), (scene.splats, reference.splats)
+    background = background_of(args, reference.splats)
     found = [
-        psnr(*(render(one, camera, args.background, options=options) for one in both))
+        psnr(*(render(one, camera, background, options=options) for one in both))
         for camera in _with_bar(cameras, "psnr")
     ]
     mean, least = float(np.mean(found)), min(found)

@@ -20,6 +20,7 @@ from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.model.components import CORE, PALETTE, PICKS
 from evogs_codec.model.splats import I64, SplatParams
 from evogs_codec.render import Camera
+from evogs_codec.render.framing import background_for
 
 __all__ = ["Encoded", "report_page"]
 
@@ -57,7 +58,6 @@ def report_page(
     command: str,
     made_with: str,
     progress: Progress,
-    background: Colour = (1.0, 1.0, 1.0),
 ) -> bytes:
     """The page.
 
@@ -68,7 +68,6 @@ def report_page(
         command: what makes the page.
         made_with: how, for its foot.
         progress: called with a stage and the part of it that is done.
-        background: behind the splats.
 
     Raises:
         StreamError: the stream is not legal.
@@ -80,6 +79,7 @@ def report_page(
         cut = Cut.of_level(directory, level)
         scenes.append(decode(of.data, cut, directory=directory).leaves())
     taken = [cameras[k] for k in evenly(len(cameras), VIEWS)]
+    background = background_for(of.scene)
     seen = look(scenes, taken, background, shown=[len(taken) // 2], progress=progress)
     last = seen.likeness[-1]
     each = len(of.data) / max(len(of.scene), 1)

@@ -24,7 +24,7 @@ from evogs_codec.model.splats import F32, F64, SplatParams
 if TYPE_CHECKING:
     from evogs_codec.render import Camera, Options, Views
     from evogs_codec.render.up import Direction
-    from evogs_codec.render.views import Between
+    from evogs_codec.render.views import Between, Colour
 
 __all__ = ["Neighbourhood", "Standing", "enlarged", "is_apart", "near_middle", "price_of"]
 
@@ -40,11 +40,13 @@ class Standing:
         cameras: of the views.
         n_circle: of these, the first so many stand on the circle.
         options: of rendering.
+        background: behind all.
     """
 
     cameras: Sequence[Camera]
     n_circle: int
     options: Options
+    background: Colour
 
     @staticmethod
     def around(
@@ -60,7 +62,7 @@ class Standing:
             pixels: of the longer side, at most; None: as cameras are by default.
         """
         from evogs_codec.render import cameras_around, weighing_cameras
-        from evogs_codec.render.framing import options_for
+        from evogs_codec.render.framing import background_for, options_for
         from evogs_codec.render.viewpoints import n_on_circle
 
         cameras = (
@@ -71,7 +73,7 @@ class Standing:
         if pixels is not None:
             cameras = [camera.within(pixels) for camera in cameras]
         n_circle = n_on_circle(n_views) if all_round else n_views
-        return Standing(cameras, n_circle, options_for(splats))
+        return Standing(cameras, n_circle, options_for(splats), background_for(splats))
 
     def seen_from(self, origin: F64) -> Standing:
         """The same cameras as seen from another origin (3,)."""
@@ -126,7 +128,12 @@ class Neighbourhood:
 
         around = splats.take(slice(0)) if around is None else around
         views = Views.of(_joined(splats, around), standing.cameras)
-        views = replace(views, options=standing.options, between=between or {})
+        views = replace(
+            views,
+            options=standing.options,
+            background=standing.background,
+            between=between or {},
+        )
         return Neighbourhood(views, around, n_shown, standing.n_circle, keep * price_of(n_shown))
 
     def fewer(self, n_views: int) -> Neighbourhood:

@@ -55,7 +55,6 @@ from evogs_codec.scene.prefixes import TreePrefixes
 __all__ = ["TileJob", "code_tile", "draw_tile", "sorted_rows", "survey_tile"]
 
 VIEWS = 12  # of a tile, by which its numbers are weighed
-WHITE = (1.0, 1.0, 1.0)  # behind all tiles
 ALPHAS = 4096  # of a level and group that a survey keeps
 # What it costs to move a splat by its own size, in prices of a bit before the factor of an effort:
 # few are moved by a third of it.
@@ -302,7 +301,7 @@ def _views(job: TileJob, splats: SplatParams) -> Neighbourhood:
     standing = _standing(job, of_block)
     eyes = np.array([camera.position for camera in standing.cameras]) + job.origin
     panes = {tile: Path(path) for tile, path in job.panes}
-    around = between(job.tile, job.split, panes, standing.cameras, eyes, WHITE)
+    around = between(job.tile, job.split, panes, standing.cameras, eyes, standing.background)
     return Neighbourhood.of(splats, standing, job.n_around, keep=KEEP, between=around)
 
 

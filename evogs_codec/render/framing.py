@@ -14,9 +14,18 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.model.splats import F64, SplatParams
+from evogs_codec.render.harmonics import C0
 from evogs_codec.render.options import DEFAULT, Options
 
-__all__ = ["Bulk", "bulk_of", "options_for", "weighted_quantiles", "worth"]
+__all__ = [
+    "BLACK",
+    "Bulk",
+    "background_for",
+    "bulk_of",
+    "options_for",
+    "weighted_quantiles",
+    "worth",
+]
 
 BULK = (20, 80)  # percentiles of the positions: what is far away does not decide the distance
 REACH = 1.5  # diagonals of the bulk; what is farther from its middle, along an axis, is an outlier
@@ -27,6 +36,8 @@ LARGEST = 90  # percentile of the areas; a larger splat counts as one of this si
 # positions: in diagonals, and as a factor. Most scenes keep the views that they always had.
 FAR, OTHER_SIZE = 0.35, 1.5
 NEAR = 0.2  # of a small bulk, a tenth of the way of the default cameras to it
+WHITE, BLACK = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
+NEARLY = 0.02  # of the range of a colour: no splat is further from white where none is seen on it
 
 
 _found: WeakKeyDictionary[SplatParams, Bulk] = WeakKeyDictionary()
@@ -82,6 +93,16 @@ def options_for(scene: SplatParams) -> Options:
         return DEFAULT
     size = bulk_of(scene).size
     return replace(DEFAULT, near=NEAR * size) if 0 < NEAR * size < DEFAULT.near else DEFAULT
+
+
+def background_for(scene: SplatParams) -> tuple[float, float, float]:
+    """What a scene is rendered on: white, or black if all its splats are white.
+
+    On white nothing would show how exact these have to be.
+    """
+    colours = 0.5 + C0 * scene.sh[:, 0].astype(np.float64)
+    is_white = bool((np.abs(colours - 1) <= NEARLY).all())
+    return BLACK if is_white and len(scene) else WHITE
 
 
 def _of_worth(scene: SplatParams, bulk: Bulk) -> Bulk:

@@ -12,7 +12,7 @@ import numpy as np
 from evogs_codec.model.splats import SplatParams
 from evogs_codec.render.camera import Camera
 from evogs_codec.render.forward import Colour, render
-from evogs_codec.render.framing import options_for
+from evogs_codec.render.framing import background_for, options_for
 
 __all__ = ["most_detailed"]
 
@@ -22,7 +22,7 @@ MOST_SPLATS = 40_000
 
 
 def most_detailed(
-    scene: SplatParams, cameras: Sequence[Camera], background: Colour = (1.0, 1.0, 1.0)
+    scene: SplatParams, cameras: Sequence[Camera], background: Colour | None = None
 ) -> int:
     """The number of the camera whose picture has the most detail, of every second one.
 
@@ -31,14 +31,15 @@ def most_detailed(
     Args:
         scene: N splats.
         cameras: at least one.
-        background: behind the splats.
+        background: behind the splats; by default as `background_for` says.
     """
     options, shown = options_for(scene), _largest(scene)
+    behind = background_for(scene) if background is None else background
     found = []
     for camera in cameras[::EVERY]:
         part = SIDE / max(camera.width, camera.height)
         width, height = (max(2, round(part * side)) for side in (camera.width, camera.height))
-        picture = render(shown, camera.resized(width, height), background, options=options)
+        picture = render(shown, camera.resized(width, height), behind, options=options)
         found.append(sum(float(np.abs(np.diff(picture, axis=axis)).sum()) for axis in (0, 1)))
     return EVERY * int(np.argmax(found))
 

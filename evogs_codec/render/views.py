@@ -14,7 +14,7 @@ from evogs_codec.model.splats import F32, F64, SplatParams
 from evogs_codec.render.activated import Activated
 from evogs_codec.render.camera import Camera
 from evogs_codec.render.forward import draw, render
-from evogs_codec.render.framing import options_for
+from evogs_codec.render.framing import background_for, options_for
 from evogs_codec.render.gradients import add_squared_gradients, gradients
 from evogs_codec.render.metrics import psnr
 from evogs_codec.render.options import DEFAULT, Options
@@ -112,7 +112,14 @@ class Views:
         else:
             chosen = cameras
         few = chosen if n_views is None else _at_most(chosen, n_views)
-        return Views(scene, few, others=others, weighing=weighing, options=options_for(scene))
+        return Views(
+            scene,
+            few,
+            background=background_for(scene),
+            others=others,
+            weighing=weighing,
+            options=options_for(scene),
+        )
 
     def fewer(self, n_views: int) -> Views:
         """At most this many of the views; what one has drawn of the scene, the other has."""

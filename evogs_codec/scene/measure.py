@@ -42,14 +42,15 @@ class Gauge:
         if not _measures(request) or not tree.n_leaves:
             return None
         from evogs_codec.render import Views
-        from evogs_codec.render.framing import options_for
+        from evogs_codec.render.framing import background_for, options_for
 
         scene = tree.shared_leaves()
         cameras, said = _cameras(scene, request)
         n_many = N_OF_SMALL if tree.n_leaves <= SMALL else 2 * N_VIEWS
         more, _ = _cameras(scene, request, n_many, 0)
-        views = Views(scene, cameras, options=options_for(scene))
-        if not any((picture != 1.0).any() for picture in views.pictures):  # only background
+        empty = background_for(scene)
+        views = Views(scene, cameras, background=empty, options=options_for(scene))
+        if not any((picture != empty).any() for picture in views.pictures):
             return None
         return Gauge(views, said, replace(views, cameras=more))
 
@@ -81,6 +82,7 @@ def _cameras(
     One in three of these weighs errors, too.
     """
     from evogs_codec.render import cameras_around
+    from evogs_codec.render.framing import BLACK, background_for
     from evogs_codec.render.viewpoints import N_ORBIT
 
     if request.cameras is None:
@@ -89,4 +91,5 @@ def _cameras(
     else:
         chosen = list(request.cameras[:: -(-len(request.cameras) // n_views)])
         said = f"{len(chosen)} of the {len(request.cameras)} cameras given"
-    return [camera.within(PIXELS) for camera in chosen], f"{said}, {PIXELS} pixels"
+    on = " on black" if background_for(scene) == BLACK else ""
+    return [camera.within(PIXELS) for camera in chosen], f"{said}{on}, {PIXELS} pixels"
