@@ -3,7 +3,8 @@
 What an error is worth is estimated number by number. Of few splats, errors of one packet may make
 up for those of another, so that pictures are worse without these. Packets of SH bands with which
 they are worse are left empty. If that is not enough, the last packets of very few splats are put in
-another order, and other prices of a bit and one layer are tried.
+another order, and other prices of a bit and one layer are tried. At last all levels that split are
+held back until the last of them.
 """
 
 from __future__ import annotations
@@ -17,8 +18,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from evogs_codec.decoding.cut import Cut
+from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.layers import Layering
 from evogs_codec.encoding.targets import TargetMissedError
+from evogs_codec.format.write_directory import MAX_LEVELS
 from evogs_codec.model.components import CORE
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.scene.found_stream import FoundStream
@@ -36,6 +39,7 @@ __all__ = ["without_falls"]
 TRIES = 6
 DEEP = FALL / 2  # dB; other views may show twice of it
 FINER = (0.93, 0.86)  # of the price of a bit
+ALL_ABOVE_ROOTS = Run((1, 0), (MAX_LEVELS, 0))
 # Of up to so many splats other orders of the last packets, and other prices, are tried.
 VERY_FEW, OTHER_PRICES = 2_000, (0.8, 0.74, 1.08, 0.69, 0.64)
 
@@ -71,6 +75,8 @@ def _others(found: FoundStream, request: Request) -> list[Callable[[], FoundStre
     others: list[Callable[[], FoundStream]] = [partial(found.at, factor) for factor in factors]
     if found.is_layered and request.layers is None:
         others.append(partial(found.holding, (), Layering(1)))
+    layering = found.layering if request.layers else Layering(1)
+    others.append(partial(found.holding, (ALL_ABOVE_ROOTS,), layering))
     return others
 
 

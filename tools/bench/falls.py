@@ -13,6 +13,7 @@ import numpy.typing as npt
 from evogs_codec import Cut, SplatParams, decode, encode_scene, read_directory
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
+from evogs_codec.render.framing import background_for
 from tools.bench.measure import seconds_text
 from tools.bench.page import Rows
 
@@ -22,6 +23,7 @@ N_SPLATS, SEED = 6_000, 3
 OTHERS = ((2_000, 4), (1_500, 5))  # splats and seeds on which nothing was tuned
 N_VIEWS, PIXELS = 24, 300
 EVERY = 4  # of these views are the few
+OF_WHITE = 0.5 / 0.28209479177387814  # SH of band 0
 
 
 def falls() -> Rows:
@@ -29,8 +31,8 @@ def falls() -> Rows:
 
     Each scene is the demo scene, of so many splats, changed in one way. A fall is from the best
     prefix to a longer one; "of core" looks at the packets of core alone. PSNR is over 24 views of
-    300 pixels, or over 6 of them. Seconds are those of the processor. The encoder was tuned on the
-    scenes of 6,000 splats.
+    300 pixels, or over 6 of them; white splats are before black. Seconds are those of the
+    processor. The encoder was tuned on the scenes of 6,000 splats.
     """
     rows: Rows = []
     for n_splats, seed in ((N_SPLATS, SEED), *OTHERS):
@@ -62,10 +64,24 @@ def odd_scenes(n_splats: int = N_SPLATS, seed: int = SEED) -> Iterator[tuple[str
     mixed = np.where(large, -3.0, np.where(small, 8.0, logits))
     of_mixed = sizes + 3.0 * large[:, None] - 1.5 * small[:, None]
     yield "mixed", replace(splats, log_scales=_f32(of_mixed), opacity_logits=_f32(mixed))
+    yield "all white", replace(splats, sh=_f32(np.full_like(splats.sh[:, :1], OF_WHITE)))
+    yield "black plane", _black_plane(splats, rng)
     few = splats.take(np.arange(0, n_splats, 20))
     yield f"{len(few)} splats", few
     few = splats.take(np.arange(n_splats // 60))
     yield f"{len(few)} huge splats", replace(few, log_scales=_f32(few.log_scales + 3))
+
+
+def _black_plane(splats: SplatParams, rng: np.random.Generator) -> SplatParams:
+    """As many huge black ones: errors of coarse levels add up there."""
+    n = len(splats)
+    means = np.column_stack([rng.uniform(-5, 5, (n, 2)), np.zeros(n)])
+    return replace(
+        splats,
+        means=_f32(means),
+        log_scales=_f32(rng.normal(0.8, 0.3, (n, 3))),
+        sh=_f32(np.full((n, 1, 3), -OF_WHITE)),
+    )
 
 
 def _f32(values: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
@@ -74,7 +90,8 @@ def _f32(values: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
 
 def _fallen(data: bytes, splats: SplatParams) -> dict[str, object]:
     """Deepest falls of a stream."""
-    views = Views(splats, cameras_around(splats, "z", PIXELS, n=N_VIEWS))
+    cameras = cameras_around(splats, "z", PIXELS, n=N_VIEWS)
+    views = Views(splats, cameras, background=background_for(splats))
     directory = read_directory(data)
     is_core = directory.columns == 0
     shown = np.array([np.nan])

@@ -9,6 +9,7 @@ import pytest
 pytest.importorskip("numba", reason="the rasterizer is compiled")
 
 from evogs_codec import PRESETS, Cut, TargetEncoder, decode, encode_scene, lift, read_directory
+from evogs_codec.encoding.held_steps import Run
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
@@ -69,9 +70,11 @@ def layered():
         ([0.02], {}, 0, 1, 2),
         ([1.0, 0.0], {}, 0, few_splats.FINER[0], 2),
         ([1.0, 0.7, 0.04], {}, 0, few_splats.FINER[1], 2),
-        ([1.0, 0.7, 0.9, 0.8], {}, 0, few_splats.FINER[0], 2),
-        ([1.0, 0.7, 0.9, 0.1], {}, 0, 1, 1),
-        ([1.0, 0.7, 0.9], {"layers": 2}, 0, few_splats.FINER[0], 2),
+        ([1.0, 0.7, 0.9, 0.8, 0.75], {}, 0, few_splats.FINER[0], 2),
+        ([1.0, 0.7, 0.9, 0.1, 0.2], {}, 0, 1, 1),
+        ([1.0, 0.7, 0.9, 0.8, 0.0], {}, 0, 1, 1),
+        ([1.0, 0.7, 0.9, 0.1], {"layers": 2}, 0, 1, 2),
+        ([1.0, 0.7, 0.9, 0.8], {"layers": 2}, 0, few_splats.FINER[0], 2),
         ([1.0], {"target_psnr": 40.0}, 600, 1, 2),
         ([1.0, 0.7, 0.9, 0.0], {}, 600, few_splats.OTHER_PRICES[0], 2),
         ([1.0, 0.7, 0.9, *[0.8] * len(few_splats.OTHER_PRICES), 0.04], {}, 600, 1, 1),
@@ -161,6 +164,19 @@ def test_very_few_huge_splats_do_not_fall(monkeypatch, n, seed, n_taken):
     monkeypatch.setattr(few_splats, "VERY_FEW", 0)
     before, _ = deepest_fall(encode_scene(splats), splats)
     assert before > 0.05
+
+
+@pytest.mark.thorough
+def test_levels_that_fall_whatever_is_done_are_held_back(monkeypatch):
+    """Of huge black splats in a plane, errors of levels add up."""
+    splats = dict(odd_scenes(600, 4))["black plane"]
+    monkeypatch.setattr(few_splats, "OTHER_PRICES", ())
+    fall, reached = deepest_fall(encode_scene(splats), splats)
+    assert fall <= 0.05
+    monkeypatch.setattr(few_splats, "ALL_ABOVE_ROOTS", Run((9, 0), (9, 0)))
+    before, _ = deepest_fall(encode_scene(splats), splats)
+    assert before > 0.05
+    assert reached > 30
 
 
 @pytest.mark.thorough
