@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property, partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -32,7 +33,7 @@ from evogs_codec.jobs.partition import (
 from evogs_codec.jobs.picks import Entries, number_picks, numbered_of, palette_pays, unnumbered_of
 from evogs_codec.jobs.plan import Plan, Survey, surveyed
 from evogs_codec.jobs.scratch import do_missing, identity_of, partitioned, scratch_folder
-from evogs_codec.jobs.tile_job import TileJob, code_tile, draw_tile, survey_tile
+from evogs_codec.jobs.tile_job import TileJob, Weighed, code_tile, draw_tile, survey_tile
 from evogs_codec.jobs.up import up_of_tiles
 from evogs_codec.lifting.lift import N_LEVELS
 from evogs_codec.model.scene_info import SceneInfo
@@ -160,7 +161,8 @@ class _Run:
             calls: list[Call] = [
                 (self._job(tile), plan, str(path)) for tile, path in zip(tiles, parts, strict=True)
             ]
-            too_fine = self._do("encode", code_tile, calls)
+            code = self._knowing(code_tile, has_palette=plan.coarse is not None)
+            too_fine = self._do("encode", code, calls)
             entries = None
             if too_fine is None:
                 try:
@@ -190,7 +192,8 @@ class _Run:
                 (self._job(tile, has_palette=has_palette), str(path))
                 for tile, path in zip(chosen, paths, strict=True)
             ]
-            self._do("survey", survey_tile, calls)
+            survey = self._knowing(survey_tile, has_palette=has_palette)
+            self._do("survey", survey, calls)
             surveys = [Survey.read(path) for path in paths]
             if not has_palette or palette_pays(self.partition, surveys):
                 break
@@ -213,7 +216,22 @@ class _Run:
         return entries
 
     def _do(self, stage: str, function: Callable[..., Any], calls: Sequence[Call]) -> int | None:
-        return do_missing(self.engine, function, calls, self.report, stage)
+        engine = Engine("serial") if self._is_alone else self.engine
+        return do_missing(engine, function, calls, self.report, stage)
+
+    def _knowing(self, job: Callable[..., Any], *, has_palette: bool) -> Callable[..., Any]:
+        """The job, of one tile with what is known of it."""
+        return partial(job, known=self._alone) if self._is_alone and not has_palette else job
+
+    @property
+    def _is_alone(self) -> bool:
+        """Whether there is one tile. This process does it, so that it is weighed once."""
+        return self.engine.name != "dask" and int(np.count_nonzero(self.partition.counts)) == 1
+
+    @cached_property
+    def _alone(self) -> Weighed:
+        """The one tile."""
+        return Weighed.of(self._job(int(np.flatnonzero(self.partition.counts)[0])))
 
     def _job(self, tile: int, *, has_palette: bool = False) -> TileJob:
         tree = self.partition.tree

@@ -52,7 +52,7 @@ from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.effort import Effort
 from evogs_codec.scene.prefixes import TreePrefixes
 
-__all__ = ["TileJob", "code_tile", "draw_tile", "sorted_rows", "survey_tile"]
+__all__ = ["TileJob", "Weighed", "code_tile", "draw_tile", "sorted_rows", "survey_tile"]
 
 VIEWS = 12  # of a tile, by which its numbers are weighed
 ALPHAS = 4096  # of a level and group that a survey keeps
@@ -81,7 +81,7 @@ class TileJob:
         may_be_late: the last level may come late.
         up: what is up in views, an axis or a vector.
         effort: as of `encode_scene`.
-        has_palette: the SH above band 0 of all splats of the stream are in a palette.
+        has_palette: the SH above band 0 of all splats of the stream are in a palette; of a survey.
         n_tiles: of the stream.
     """
 
@@ -108,15 +108,44 @@ def draw_tile(job: TileJob, out: str) -> None:
     Panes.of(_splats(job), standing.cameras, standing.options).write(Path(out))
 
 
-def survey_tile(job: TileJob, out: str) -> None:
-    """Write the `Survey` of a tile to a file."""
-    splats = _splats(job)
-    lifted = _lifted(splats, job)
-    tree, coarse = lifted.tree, None
-    if job.has_palette:
-        coarse = coarse_sh(tree)
-        tree, _ = _sharing(lifted, splats, CoarseEntries.of(coarse, len(splats)))
-    prepared, n_shown = _prepared(job, splats, tree)
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """A tile, lifted and weighed: most of what a job does.
+
+    Attributes:
+        lifted: the tree, whose splats have SH of their own.
+        prepared: that tree, or one with a palette, arranged and weighed.
+        n_shown: splats for which the views are.
+        shared: what splats share of a palette.
+    """
+
+    lifted: Lifted
+    prepared: Prepared
+    n_shown: int
+    shared: SharedSh | None
+
+    @staticmethod
+    def of(job: TileJob, coarse: CoarseEntries | None = None) -> Weighed:
+        """The tile of a job; with a palette if there are entries for the coarse splats of all.
+
+        Where the job says that there is a palette, entries are for those of the tile alone.
+        """
+        splats = _splats(job)
+        lifted = lift_with_order(
+            splats, job.n_levels, n_neighbours=Effort.of(job.effort).n_neighbours
+        )
+        tree, shared = lifted.tree, None
+        if job.has_palette:
+            coarse = CoarseEntries.of(coarse_sh(tree), len(splats))
+        if coarse is not None:
+            tree, shared = _sharing(lifted, splats, coarse)
+        return Weighed(lifted, *_prepared(job, splats, tree), shared)
+
+
+def survey_tile(job: TileJob, out: str, *, known: Weighed | None = None) -> None:
+    """Write the `Survey` of a tile to a file; `known` is the tile without a palette."""
+    tile = known or Weighed.of(job)
+    prepared, n_shown = tile.prepared, tile.n_shown
     price = Effort.of(job.effort).price * price_of(n_shown)
     sharing = late = None
     gain = np.inf
@@ -125,33 +154,35 @@ def survey_tile(job: TileJob, out: str) -> None:
         layered = _layered(prepared, job, is_late=True)
         late = _needs(prepared, layered, layered.tiles, price)
         gain = _gain_of_last(prepared, price)
-    if coarse is not None:
+    if job.has_palette:
         importance = _importance(prepared)
         worth = _in_prices(importance, price)
         sharing = Sharing(
-            coarse,
+            coarse_sh(tile.lifted.tree),
             worth.sum(axis=1, dtype=np.float64),
-            bits_of_picks(tree, np.arange(1 + worth.shape[1])),
-            bits_of_psi(lifted.tree, importance, price),
+            bits_of_picks(prepared.aim.tree, np.arange(1 + worth.shape[1])),
+            bits_of_psi(tile.lifted.tree, importance, price),
         )
     plain = _needs(prepared, prepared.layered, prepared.tiles, price)
     Survey(plain, late, gain, sharing).write(Path(out))
 
 
-def code_tile(job: TileJob, plan: Plan, out: str) -> int | None:
+def code_tile(job: TileJob, plan: Plan, out: str, *, known: Weighed | None = None) -> int | None:
     """Write the stream of a tile to a file, and its gains beside it, which `merge` reads.
 
     With a palette the stream is of core alone, and beside it is what the tile picks (`Unnumbered`).
 
+    Args:
+        job: the tile.
+        plan: what all tiles have in common.
+        out: the file.
+        known: the tile without a palette.
+
     Returns:
         None; or the group whose grid is too fine for a number of the tile, and nothing is written.
     """
-    splats = _splats(job)
-    lifted = _lifted(splats, job)
-    tree, shared = lifted.tree, None
-    if plan.coarse is not None:
-        tree, shared = _sharing(lifted, splats, plan.coarse)
-    prepared, n_shown = _prepared(job, splats, tree)
+    weighed = known or Weighed.of(job, plan.coarse)
+    prepared, n_shown, shared = weighed.prepared, weighed.n_shown, weighed.shared
     price = Effort.of(job.effort).price * price_of(n_shown)
     extent = prepared.ranges.extent
     layered, importance = prepared.layered, _importance(prepared)
@@ -250,10 +281,6 @@ def _moved(tile: CodedTile, way: Sequence[int]) -> CodedTile:
     """A tile elsewhere, by so many grid units along each axis."""
     x, y, z = (a + b for a, b in zip(tile.origin, way, strict=True))
     return replace(tile, origin=(x, y, z))
-
-
-def _lifted(splats: SplatParams, job: TileJob) -> Lifted:
-    return lift_with_order(splats, job.n_levels, n_neighbours=Effort.of(job.effort).n_neighbours)
 
 
 def _sharing(

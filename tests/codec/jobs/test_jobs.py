@@ -23,9 +23,11 @@ from evogs_codec import (
     write_ply,
 )
 from evogs_codec.jobs import Engine, JobOptions, encode_files
+from evogs_codec.jobs import encode as encode_module
 from evogs_codec.jobs.engines import run_jobs
 from evogs_codec.jobs.merge import merge
 from evogs_codec.jobs.partition import _append
+from evogs_codec.jobs.tile_job import Weighed
 from evogs_codec.render import Views
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.scene.measure import SMALL as FEW
@@ -174,6 +176,18 @@ def test_what_was_done_is_not_done_again(folder, right, tmp_path, monkeypatch):
     monkeypatch.setattr("evogs_codec.jobs.scratch.partition", None)
     encode_files([folder / "whole.ply"], tmp_path / "a.evogs", OPTIONS, engine=SERIAL, resume=True)
     assert (tmp_path / "a.evogs").read_bytes() == right
+
+
+def test_one_tile_is_weighed_once_and_has_the_same_bytes(folder, tmp_path, monkeypatch):
+    options, made = replace(OPTIONS, per_tile=2 * N), []
+    weigh = Weighed.of
+    monkeypatch.setattr(Weighed, "of", lambda *job: (made.append(job), weigh(*job))[1])
+    for is_alone in (True, False):
+        if not is_alone:
+            monkeypatch.setattr(encode_module._Run, "_is_alone", False)
+        encode_files([folder / "whole.ply"], tmp_path / f"{is_alone}", options, engine=SERIAL)
+    assert len(made) == 1 + 2
+    assert (tmp_path / "True").read_bytes() == (tmp_path / "False").read_bytes()
 
 
 def test_there_may_be_more_tiles_than_open_files(folder, tmp_path, monkeypatch):
