@@ -86,7 +86,7 @@ def add_look(parser: argparse.ArgumentParser, size: str) -> None:
         type=colour,
         metavar="COLOUR",
         help=f"colour behind the splats: {', '.join(BACKGROUNDS)}, or #rrggbb (default: white, or"
-        " black if all splats are white)",
+        " black if nearly all splats are white)",
     )
 
 

@@ -37,7 +37,9 @@ LARGEST = 90  # percentile of the areas; a larger splat counts as one of this si
 FAR, OTHER_SIZE = 0.35, 1.5
 NEAR = 0.2  # of a small bulk, a tenth of the way of the default cameras to it
 WHITE, BLACK = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
-NEARLY = 0.02  # of the range of a colour: no splat is further from white where none is seen on it
+# Of the range of a colour, from which a splat is white, and of the splats, that are white at least
+# where hardly anything is seen on white.
+NEARLY, NEARLY_ALL = 0.02, 0.99
 
 
 _found: WeakKeyDictionary[SplatParams, Bulk] = WeakKeyDictionary()
@@ -96,13 +98,13 @@ def options_for(scene: SplatParams) -> Options:
 
 
 def background_for(scene: SplatParams) -> tuple[float, float, float]:
-    """What a scene is rendered on: white, or black if all its splats are white.
+    """What a scene is rendered on: white, or black if nearly all its splats are white.
 
-    On white nothing would show how exact these have to be.
+    On white hardly anything would show how exact these have to be.
     """
     colours = 0.5 + C0 * scene.sh[:, 0].astype(np.float64)
-    is_white = bool((np.abs(colours - 1) <= NEARLY).all())
-    return BLACK if is_white and len(scene) else WHITE
+    n_white = np.count_nonzero((np.abs(colours - 1) <= NEARLY).all(axis=1))
+    return BLACK if n_white >= NEARLY_ALL * len(scene) > 0 else WHITE
 
 
 def _of_worth(scene: SplatParams, bulk: Bulk) -> Bulk:

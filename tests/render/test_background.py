@@ -22,6 +22,13 @@ def of_colour(value, n=400):
     return replace(splats, sh=sh)
 
 
+def with_red(n):
+    """White splats, the first so many of which are red."""
+    sh = of_colour(1.0).sh.copy()
+    sh[:n, 0, 1:] = -WHITE_DC
+    return replace(of_colour(1.0), sh=sh)
+
+
 def test_only_white_splats_are_looked_at_on_black():
     assert background_for(of_colour(1.0)) == BLACK
     assert background_for(of_colour(0.99)) == BLACK
@@ -29,9 +36,8 @@ def test_only_white_splats_are_looked_at_on_black():
     assert background_for(of_colour(0.9)) == WHITE
     assert background_for(of_colour(0.0)) == WHITE
     assert background_for(of_colour(1.0).take(slice(0))) == WHITE
-    sh = of_colour(1.0).sh.copy()
-    sh[3, 0, 1:] = -WHITE_DC  # one is red
-    assert background_for(replace(of_colour(1.0), sh=sh)) == WHITE
+    assert background_for(with_red(4)) == BLACK
+    assert background_for(with_red(5)) == WHITE
 
 
 def test_white_splats_are_encoded_as_exactly_as_others():

@@ -181,7 +181,12 @@ def test_what_was_done_is_not_done_again(folder, right, tmp_path, monkeypatch):
 def test_one_tile_is_weighed_once_and_has_the_same_bytes(folder, tmp_path, monkeypatch):
     options, made = replace(OPTIONS, per_tile=2 * N), []
     weigh = Weighed.of
-    monkeypatch.setattr(Weighed, "of", lambda *job: (made.append(job), weigh(*job))[1])
+
+    def weighed(*job):
+        made.append(job)
+        return weigh(*job)
+
+    monkeypatch.setattr(Weighed, "of", weighed)
     for is_alone in (True, False):
         if not is_alone:
             monkeypatch.setattr(encode_module._Run, "_is_alone", False)
