@@ -134,7 +134,8 @@ class Importance:
         if tiles[0].palette is None:
             return Importance(weights, means, tuple(cuts[-1]), seen=seen)
         entries = _of_entries(tiles, first, shares, cuts)
-        of_bands = np.broadcast_to(entries.mean(1), (1 + n_levels, len(entries)))
+        of_each = entries.mean(1) if entries.size else np.zeros(len(entries), np.float32)
+        of_bands = np.broadcast_to(of_each, (1 + n_levels, len(entries)))
         means = np.concatenate([means, of_bands], axis=1)
         return Importance(weights, means, tuple(cuts[-1]), entries, seen)
 

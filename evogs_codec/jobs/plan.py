@@ -36,6 +36,7 @@ __all__ = ["Needs", "Plan", "Sharing", "Survey", "surveyed", "worth_of_entries"]
 
 SURVEYED, OF_FEW = 8, 4  # tiles at most; of few, one in so many
 ENOUGH = 1 / 8  # of the splats of the largest tile: fewer do not decide the steps of all
+ALIKE = 2.0  # times the size of splats in another tile: hardly larger
 ROOM = 2.0  # times the largest number of a splat: parents and errors of coarse levels
 MOST_SHIFT = 20
 OF_SIZE = 0.2  # of the size of its splats is the step of the positions of a tile: moved by a tenth
@@ -277,13 +278,18 @@ class Plan:
 def surveyed(partition: Partition) -> I64:
     """The tiles that are surveyed: evenly among all in order of the size of their splats.
 
+    Each is in the middle of those that it stands for. Where some have far smaller splats than
+    others, it is the first of these: tiles may have coarser steps than the stream, not finer ones.
     Those of few splats are left out.
     """
     n = len(partition.counts)
     order = np.array(sorted(range(n), key=lambda tile: (partition.size(tile), tile)))
     some = order[partition.counts[order] >= max(1, ENOUGH * partition.counts.max())]
     n_surveyed = min(SURVEYED, -(-len(some) // OF_FEW))
-    return np.unique(some[np.linspace(0, len(some) - 1, 1 + n_surveyed).astype(int)[:n_surveyed]])
+    sizes = [partition.size(tile) for tile in some]
+    at = 0.5 if sizes and sizes[-1] <= ALIKE * sizes[0] else 0.0
+    places = (np.arange(n_surveyed) + at) / max(n_surveyed, 1)
+    return np.unique(some[(places * (len(some) if at else len(some) - 1)).astype(int)])
 
 
 def worth_of_entries(partition: Partition, sharings: Sequence[Sharing]) -> F64:
