@@ -1,5 +1,7 @@
 """What of a scene a picture is framed on: the splats that matter, whatever lies around them.
 
+Also how near splats are drawn, and on what background.
+
 Letters: N splats.
 """
 

@@ -83,7 +83,7 @@ class Views:
         n_views: int | None = None,
         descent: bool = False,
     ) -> Views:
-        """The views that `evogs encode` judges by.
+        """The views that `evogs encode` judges by, on white or black (`background_for`).
 
         Args:
             scene: what they show.
