@@ -18,7 +18,13 @@ from evogs_codec.cli.common_options import (
     add_partial,
 )
 from evogs_codec.cli.loading import Loaded, load_part, load_whole
-from evogs_codec.cli.looking import add_look, background_of, cameras_of, need_numba
+from evogs_codec.cli.looking import (
+    add_look,
+    background_of,
+    cameras_of,
+    need_numba,
+    on_background,
+)
 from evogs_codec.cli.streams import cut_of, limits_of
 from evogs_codec.cli.terminal import progress_bar
 from evogs_codec.common.printable import shown
@@ -102,6 +108,7 @@ def run_compare(args: argparse.Namespace) -> None:
     if up is not None:
         where = f"{len(cameras)} on a circle, {up}"
     size = f"{cameras[0].width} x {cameras[0].height} pixels"
+    size += on_background(args, loaded[0].splats)
     with progress_bar() as progress:
         found = compare(
             subjects,

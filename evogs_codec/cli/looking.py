@@ -33,6 +33,7 @@ __all__ = [
     "find_up",
     "fitted",
     "need_numba",
+    "on_background",
     "up_asked",
     "up_given",
     "without_refuted_up",
@@ -138,6 +139,14 @@ def background_of(args: argparse.Namespace, scene: SplatParams) -> Colour:
     from evogs_codec.render.framing import background_for
 
     return background_for(scene) if args.background is None else args.background
+
+
+def on_background(args: argparse.Namespace, scene: SplatParams) -> str:
+    """What to say of the background that nobody named: nothing of white."""
+    from evogs_codec.render.framing import BLACK
+
+    is_found = args.background is None and background_of(args, scene) == BLACK
+    return ", on black: the splats are white" if is_found else ""
 
 
 def cameras_of(

@@ -23,6 +23,7 @@ from evogs_codec.cli.looking import (
     cameras_of,
     cameras_to_show,
     need_numba,
+    on_background,
 )
 from evogs_codec.cli.streams import describe_part, limits_of, part_there, read_stream
 from evogs_codec.common.printable import shown
@@ -179,7 +180,7 @@ def run_psnr(args: argparse.Namespace) -> None:
     said = "" if up is None else f"{up}, "
     print(
         f"{mean:.2f} dB on average, {least:.2f} dB at least, {said}over {len(found)} views"
-        f"{scene.part}"
+        f"{on_background(args, reference.splats)}{scene.part}"
     )
 
 

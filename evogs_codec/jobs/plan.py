@@ -284,12 +284,15 @@ def surveyed(partition: Partition) -> I64:
     """
     n = len(partition.counts)
     order = np.array(sorted(range(n), key=lambda tile: (partition.size(tile), tile)))
-    some = order[partition.counts[order] >= max(1, ENOUGH * partition.counts.max())]
+    some: I64 = order[partition.counts[order] >= max(1, ENOUGH * partition.counts.max())]
     n_surveyed = min(SURVEYED, -(-len(some) // OF_FEW))
-    sizes = [partition.size(tile) for tile in some]
-    at = 0.5 if sizes and sizes[-1] <= ALIKE * sizes[0] else 0.0
-    places = (np.arange(n_surveyed) + at) / max(n_surveyed, 1)
-    return np.unique(some[(places * (len(some) if at else len(some) - 1)).astype(int)])
+    if not len(some):
+        return some
+    parts = np.arange(n_surveyed) / n_surveyed
+    places = parts * (len(some) - 1)
+    if partition.size(some[-1]) <= ALIKE * partition.size(some[0]):
+        places = (parts + 0.5 / n_surveyed) * len(some)
+    return np.unique(some[places.astype(int)])
 
 
 def worth_of_entries(partition: Partition, sharings: Sequence[Sharing]) -> F64:

@@ -66,7 +66,11 @@ def test_a_picture_of_white_splats_is_not_empty(tmp_path, capsys):
     write_ply(tmp_path / "other.ply", of_colour(1.0, 200))
     paths = [str(tmp_path / name) for name in ("other.ply", "white.ply")]
     assert main(["psnr", *paths, "--size", "64"]) == 0
-    on_black = float(capsys.readouterr().out.split(" dB")[0])
+    said = capsys.readouterr().out
+    assert "on black" in said
+    on_black = float(said.split(" dB")[0])
     assert main(["psnr", *paths, "--size", "64", "--background", "white"]) == 0
-    on_white = float(capsys.readouterr().out.split(" dB")[0])
+    said = capsys.readouterr().out
+    assert "black" not in said
+    on_white = float(said.split(" dB")[0])
     assert on_black < 40 < on_white

@@ -1,9 +1,13 @@
 """The plan of tiles: which steps a tile has beside those of the stream."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
+import pytest
 
 from evogs_codec.encoding.settings import Settings
-from evogs_codec.jobs.plan import Plan
+from evogs_codec.jobs.plan import Plan, surveyed
 from evogs_codec.model.scene_info import SceneInfo
 
 STEP = 2.0**-10
@@ -41,3 +45,23 @@ def test_the_steps_of_leaves_are_no_coarser_than_the_tile_asks():
     own = 8 * fine.steps
     own[-1] = 2 * STEP
     assert fine.coarser(own) == (1,) * 5
+
+
+@pytest.mark.parametrize(
+    ("sizes", "right"),
+    [
+        ([1.3, 1.0, 1.1, 1.2], [3]),  # the third in order of size: one stands for all
+        ([1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.9], [2, 6]),
+        ([1.3, 0.1, 1.1, 1.2], [1]),  # the others can only have coarser steps
+        ([0.1, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.9], [0, 3]),
+        ([1.0], [0]),
+    ],
+)
+def test_typical_tiles_are_surveyed_or_those_with_the_smallest_splats(sizes, right):
+    found: Any = SimpleNamespace(counts=np.full(len(sizes), 1000), size=lambda tile: sizes[tile])
+    assert surveyed(found).tolist() == right
+
+
+def test_of_no_splats_no_tile_is_surveyed():
+    found: Any = SimpleNamespace(counts=np.zeros(1, np.int64), size=lambda _: 1.0)
+    assert surveyed(found).tolist() == []
