@@ -3,7 +3,7 @@
 What a tile alone shows, cut out of its scene, is not what a viewer sees: cut faces, insides, all of
 it near. So its views are those of its neighbourhood, with panes of the other tiles (`panes`). The
 cameras stand around some splats of each tile, which stand for all. They are also what is drawn of
-other tiles, larger than they are, where a tile is apart and has views of its own.
+other tiles, larger than they are, where a tile is apart and has views of its own as well.
 
 Letters: N splats of the tile, D channels.
 """
@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import starmap, tee
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -96,6 +97,8 @@ class Neighbourhood:
         n_circle: of the views, the first so many stand on the circle.
         keep: what an error of a position as large as its splat costs at least, whether a view
             shows it or not, in mean squared error.
+        wider: pictures of all of the neighbourhood, of a tile that has views of its own: what they
+            alone show, such as the sky above an object, counts as well.
     """
 
     views: Views
@@ -103,6 +106,7 @@ class Neighbourhood:
     n_shown: int
     n_circle: int
     keep: float
+    wider: Neighbourhood | None = None
 
     @staticmethod
     def of(
@@ -139,14 +143,24 @@ class Neighbourhood:
     def fewer(self, n_views: int) -> Neighbourhood:
         """At most this many of the views, of those on the circle."""
         circle = replace(self.views, cameras=self.views.cameras[: self.n_circle])
-        return replace(self, views=circle.fewer(n_views))
+        wider = None if self.wider is None else self.wider.fewer(n_views)
+        return replace(self, views=circle.fewer(n_views), wider=wider)
 
     def psnr(self, splats: SplatParams) -> float:
         """Mean PSNR of the views with the tile as these splats, dB."""
-        return self.views.psnr(_joined(splats, self.around))
+        own = self.views.psnr(_joined(splats, self.around))
+        return own if self.wider is None else self._in_both(own, self.wider.psnr(splats))
 
     def psnr_of_sh(self, splats: SplatParams, each: Iterable[F32]) -> Iterator[float]:
         """Mean PSNR with each SH (N, K, 3) in place of those of the splats, dB."""
+        if self.wider is not None:
+            each, again = tee(each)
+            both = zip(
+                replace(self, wider=None).psnr_of_sh(splats, each),
+                self.wider.psnr_of_sh(splats, again),
+                strict=True,
+            )
+            return starmap(self._in_both, both)
         joined = _joined(splats, self.around)
 
         def all_of(sh: F32) -> F32:
@@ -159,12 +173,19 @@ class Neighbourhood:
 
     def sensitivity(self, splats: SplatParams) -> F32:
         """(D, N) mean squared change of the pictures to the squared change of each number."""
-        return self._own(self.views.sensitivity(_joined(splats, self.around)), splats)
+        found = self._own(self.views.sensitivity(_joined(splats, self.around)), splats)
+        return (
+            found if self.wider is None else found + self._prices * self.wider.sensitivity(splats)
+        )
 
     def sensitivity_and_psnr(self, splats: SplatParams) -> tuple[F32, float]:
         """Both, of pictures that are drawn once."""
         found, decibels = self.views.sensitivity_and_psnr(_joined(splats, self.around))
-        return self._own(found, splats), decibels
+        own = self._own(found, splats)
+        if self.wider is None:
+            return own, decibels
+        of_wider, wide = self.wider.sensitivity_and_psnr(splats)
+        return own + self._prices * of_wider, self._in_both(decibels, wide)
 
     def loss_gradient(self, splats: SplatParams, iteration: int) -> F32:
         """(D, N) gradient of the mean squared error of one view."""
@@ -176,6 +197,16 @@ class Neighbourhood:
         sizes = np.exp(np.clip(splats.log_scales.max(axis=1), -40, 40))
         own[0:3] = np.maximum(own[0:3], self.keep / np.square(sizes))
         return own
+
+    @property
+    def _prices(self) -> np.float32:
+        """An error of the wider pictures counts so many times: a bit has the price of the own."""
+        assert self.wider is not None, "there are some"
+        return np.float32(self.wider.n_shown / self.n_shown)
+
+    def _in_both(self, own: float, wide: float) -> float:
+        """PSNR whose squared error is that of both kinds of pictures."""
+        return -10 * math.log10(10 ** (-own / 10) + float(self._prices) * 10 ** (-wide / 10))
 
 
 def is_apart(splats: SplatParams, stand_ins: SplatParams) -> bool:

@@ -319,12 +319,19 @@ def _splats(job: TileJob) -> SplatParams:
 
 
 def _views(job: TileJob, splats: SplatParams) -> Neighbourhood:
-    """Those of its neighbourhood; of a tile that is apart, views of its own."""
+    """Those of its neighbourhood; of a tile that is apart, views of its own as well."""
     of_block = _of_block(job)
-    if is_apart(splats, of_block):
-        standing = _around(job, near_middle(splats))
-        others = _stand_ins(job, [part for part in job.block if part[0] != job.tile], job.tile)
-        return Neighbourhood.of(splats, standing, len(splats), keep=KEEP, around=others)
+    wide = _wide_views(job, splats, of_block) if len(of_block) else None
+    if wide is not None and not is_apart(splats, of_block):
+        return wide
+    standing = _around(job, near_middle(splats))
+    others = _stand_ins(job, [part for part in job.block if part[0] != job.tile], job.tile)
+    near = Neighbourhood.of(splats, standing, len(splats), keep=KEEP, around=others)
+    return replace(near, wider=wide)
+
+
+def _wide_views(job: TileJob, splats: SplatParams, of_block: SplatParams) -> Neighbourhood:
+    """Views of the neighbourhood, with panes of the other tiles."""
     standing = _standing(job, of_block)
     eyes = np.array([camera.position for camera in standing.cameras]) + job.origin
     panes = {tile: Path(path) for tile, path in job.panes}

@@ -1,5 +1,7 @@
 """Views of a tile among others: which of them put packets in order."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -20,3 +22,31 @@ def test_packets_are_put_in_order_by_views_on_the_circle(all_round, n_circle):
     ordering = views.fewer(3).views.cameras
     assert len(ordering) == 3
     assert [camera.position[2] for camera in ordering] == pytest.approx([heights[0]] * 3)
+
+
+def test_what_wider_pictures_alone_show_counts_in_prices_of_a_bit():
+    splats = make_scene(60)
+    near, far = (
+        Neighbourhood.of(
+            splats,
+            Standing.around(part, up="z", n_views=3, all_round=False, pixels=60),
+            n_shown,
+            keep=0.0,
+        )
+        for part, n_shown in ((splats.take(slice(0, 5)), 60), (splats, 600))
+    )
+    both = replace(near, wider=far)
+    expected = near.sensitivity(splats) + 10 * far.sensitivity(splats)
+    worth, decibels = both.sensitivity_and_psnr(nothing := splats.take(slice(0, 1)))
+    assert np.allclose(both.sensitivity(splats), expected)
+    assert worth.shape == (expected.shape[0], 1)
+    assert decibels == pytest.approx(both.psnr(nothing))
+    errors = [10 ** (-views.psnr(nothing) / 10) for views in (near, far, both)]
+    assert errors[2] == pytest.approx(errors[0] + 10 * errors[1])
+    grey = [splats.sh, 0 * splats.sh]
+    found = [list(views.psnr_of_sh(splats, grey)) for views in (near, far, both)]
+    for own, wide, each in zip(*found, strict=True):
+        assert 10 ** (-each / 10) == pytest.approx(10 ** (-own / 10) + 10 * 10 ** (-wide / 10))
+    fewer = both.fewer(2).wider
+    assert fewer is not None
+    assert fewer.views.cameras == far.fewer(2).views.cameras
