@@ -18,6 +18,7 @@ from pathlib import Path
 from evogs_codec import SplatParams, read_ply, read_tree
 from evogs_codec.render.demo_scene import make_scene
 from tools.bench import pictures, raster, trained
+from tools.bench.alone import alone
 from tools.bench.decimate import decimate
 from tools.bench.extremes import page as extremes
 from tools.bench.falls import falls
@@ -35,7 +36,8 @@ from tools.bench.surface import tables as surface
 from tools.bench.worst import worst
 
 OF_SUBJECTS = {
-    *("rate", "sog", "surface", "prefix", "loss", "first", "stream", "decimate", "effort"),
+    *("rate", "sog", "surface", "prefix", "loss", "alone", "first", "stream"),
+    *("decimate", "effort"),
 }
 Measurement = tuple[str, str, Callable[[], Rows]]  # name, title, what measures it
 
@@ -133,6 +135,9 @@ def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement
         losses = Losses(lambda: (*shipped, scene_without_bands(), *of), folder)
         yield "loss", "What prefixes lose, over 24 views", losses.table
         yield "loss-curves", "Prefixes and dedicated streams, at 20 cuts", losses.curves
+    if "alone" in args.only:
+        title = "Levels and layers beside the splats alone"
+        yield "alone", title, partial(alone, (*shipped, scene_without_bands(), *of))
     if "first" in args.only:
         yield "first", "Time to the first picture", partial(first, of, folder)
     if "stream" in args.only:

@@ -1,0 +1,29 @@
+"""`python -m tools.bench --only alone`: streams beside those of the splats alone."""
+
+import pytest
+
+from evogs_codec import PRESETS, decode_leaves, encode_scene, lift
+
+pytest.importorskip("numba", reason="the rasterizer is compiled")
+from evogs_codec.render import Views, cameras_around
+from evogs_codec.render.demo_scene import make_scene
+from tests.support.view_sizes import SMALL, views_of
+from tools.bench.alone import alone
+from tools.bench.subjects import Subject
+
+pytestmark = pytest.mark.thorough
+
+
+def test_the_splats_alone_have_the_psnr_of_the_stream():
+    scene = make_scene(800)
+    with views_of(SMALL):
+        views = Views(scene, cameras_around(scene, "z", SMALL, n=24))
+        subject = Subject.of_tree("small", lift(scene, 3), PRESETS["scene"], views)
+        (row,) = alone([subject])
+        single = encode_scene(
+            scene, levels=1, layers=1, target_psnr=float(str(row["PSNR, dB"])), up="z"
+        )
+    assert views.psnr(decode_leaves(single)) == pytest.approx(float(str(row["PSNR, dB"])), abs=0.21)
+    assert row["bytes of the splats alone"] == pytest.approx(len(single), rel=0.04)
+    ratio = float(str(row["bytes"])) / float(str(row["bytes of the splats alone"]))
+    assert float(str(row["to the splats alone"])) == pytest.approx(ratio, abs=0.005)
