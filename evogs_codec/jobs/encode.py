@@ -37,6 +37,7 @@ from evogs_codec.jobs.tile_job import TileJob, Weighed, code_tile, draw_tile, su
 from evogs_codec.jobs.up import up_of_tiles
 from evogs_codec.lifting.lift import N_LEVELS
 from evogs_codec.model.scene_info import SceneInfo
+from evogs_codec.model.splats import I64
 from evogs_codec.scene.effort import Effort
 from evogs_codec.scene.request import NO_NUMBA, with_generator
 
@@ -183,21 +184,31 @@ class _Run:
         self._do("draw", draw_tile, calls)
 
     def _surveys(self) -> list[Survey]:
-        """Of some tiles, with a palette if splats share their SH and that is smaller."""
-        chosen = surveyed(self.partition).tolist()
-        for has_palette in (True, False) if self.partition.n_vectors else (False,):
-            ending = ".shared-survey" if has_palette else ".survey"
-            paths = [self.folder / f"{tile:06d}{ending}" for tile in chosen]
-            calls: list[Call] = [
-                (self._job(tile, has_palette=has_palette), str(path))
-                for tile, path in zip(chosen, paths, strict=True)
-            ]
-            survey = self._knowing(survey_tile, has_palette=has_palette)
-            self._do("survey", survey, calls)
-            surveys = [Survey.read(path) for path in paths]
-            if not has_palette or palette_pays(self.partition, surveys):
-                break
-        return surveys
+        """Of some tiles, with a palette if splats share their SH and that is smaller.
+
+        Where the one in the middle tells that it is not, no other tile is surveyed with a palette.
+        """
+        chosen = surveyed(self.partition)
+        if self.partition.n_vectors:
+            middle = chosen[len(chosen) // 2 :][:1]
+            for tiles in (middle, chosen):
+                surveys = self._surveys_of(tiles, has_palette=True)
+                if not palette_pays(self.partition, tiles, surveys):
+                    break
+            else:
+                return surveys
+        return self._surveys_of(chosen, has_palette=False)
+
+    def _surveys_of(self, tiles: I64, *, has_palette: bool) -> list[Survey]:
+        ending = ".shared-survey" if has_palette else ".survey"
+        paths = [self.folder / f"{tile:06d}{ending}" for tile in tiles.tolist()]
+        calls: list[Call] = [
+            (self._job(tile, has_palette=has_palette), str(path))
+            for tile, path in zip(tiles.tolist(), paths, strict=True)
+        ]
+        survey = self._knowing(survey_tile, has_palette=has_palette)
+        self._do("survey", survey, calls)
+        return [Survey.read(path) for path in paths]
 
     def _entries(self, plan: Plan, parts: Sequence[Path]) -> Entries | None:
         """The palette of the plan, if it has one, when all tiles are encoded; and their picks."""

@@ -24,7 +24,7 @@ Call: TypeAlias = "tuple[Any, ...]"
 T = TypeVar("T")
 
 RETRIES = 3  # of jobs whose worker died
-JOBS_EACH = 4  # of a process, then another takes its place
+JOBS_EACH = 16  # of a process, then another takes its place
 # A job is one thread: there are as many workers as processors.
 LIBRARIES = "OMP", "OPENBLAS", "MKL", "NUMBA"
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in LIBRARIES}

@@ -183,7 +183,7 @@ class Plan:
         steps[-1, 0] = min(steps[-1, 0], max(OF_SIZE * finest, 1e-12))
         sharings = [survey.sharing for survey in surveys if survey.sharing is not None]
         if sharings:
-            worth = worth_of_entries(partition, sharings)
+            worth = worth_of_entries(partition, surveyed(partition), sharings)
             steps[:, N_GROUPS:] = steps_of_entries(worth, 1.0)
             some = np.concatenate([sharing.coarse for sharing in sharings], axis=1)
         settings = Settings.by_views(steps)
@@ -295,9 +295,9 @@ def surveyed(partition: Partition) -> I64:
     return np.unique(some[places.astype(int)])
 
 
-def worth_of_entries(partition: Partition, sharings: Sequence[Sharing]) -> F64:
-    """(degree,) the mean of all entries, in prices of a bit, from that of the surveyed tiles."""
-    counts = partition.counts[surveyed(partition)]
+def worth_of_entries(partition: Partition, tiles: I64, sharings: Sequence[Sharing]) -> F64:
+    """(degree,) the mean of all entries, in prices of a bit, from that of some tiles."""
+    counts = partition.counts[tiles]
     scale = partition.counts.sum() / max(counts.sum(), 1)
     worth: F64 = scale * np.sum([sharing.worth for sharing in sharings], axis=0)
     return worth / max(partition.n_vectors, 1)

@@ -277,7 +277,7 @@ def test_a_tree_of_all_levels_has_no_room_for_a_layer():
     pytest.importorskip("numba", reason="views are rendered")
     from evogs_codec.render import cameras_around
 
-    splats = small()
+    splats = make_scene(20)
     few = cameras_around(splats, "z", 60, n=2)  # any views will do
     data = encode_scene(splats, levels=64, effort=1, cameras=few)
     assert read_directory(data).n_levels == 64
