@@ -55,7 +55,7 @@ def add_large_options(parser: argparse.ArgumentParser) -> None:
         "--scratch",
         type=Path,
         metavar="FOLDER",
-        help="for what is in work, up to 1.4 times the input (default: OUT.evogs.parts)",
+        help="for what is in work, up to 1.5 times the input (default: OUT.evogs.parts)",
     )
 
 

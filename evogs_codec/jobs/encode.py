@@ -93,7 +93,7 @@ def encode_files(
         out: the stream to make or replace.
         options: how.
         engine: where jobs run; by default in a process for each processor.
-        scratch: folder for what is in work, up to 1.4 times the input; by default beside `out`.
+        scratch: folder for what is in work, up to 1.5 times the input; by default beside `out`.
             It is deleted at the end, and stays if the run fails.
         resume: go on with what an earlier run of the same files and options left there.
         progress: called with a stage and the part of it that is done.

@@ -23,8 +23,8 @@ def alone(of: Sequence[Subject]) -> Rows:
     The stream is that of `evogs encode` without options; of a trained tree at 52 dB, its default.
     The splats alone are two streams with `--levels 1 --layers 1 --target-psnr`, 0.4 dB below and
     above the PSNR of the stream. A line through the logarithms of their bytes says what the PSNR
-    takes. PSNR is against the
-    scene, or the leaves of the tree, over the 24 views by which streams are made.
+    takes. PSNR is against the scene, or the leaves of the tree, over the 24 views by which streams
+    are made.
     """
     rows: Rows = []
     for subject in of:

@@ -17,9 +17,7 @@ from evogs_codec import (
     InputError,
     NotRepresentableError,
     SceneInfo,
-    SplatParams,
     decode,
-    decode_leaves,
     encode_scene,
     read_directory,
     write_ply,
@@ -30,7 +28,7 @@ from evogs_codec.jobs.engines import run_jobs
 from evogs_codec.jobs.merge import merge
 from evogs_codec.jobs.partition import _append
 from evogs_codec.jobs.tile_job import Weighed
-from evogs_codec.render import Views, cameras_around
+from evogs_codec.render import Views
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.scene.measure import SMALL as FEW
 from tests.support.dying_jobs import dies_always, dies_at_first, doubled, process_of
@@ -109,20 +107,6 @@ def test_tiles_look_as_the_same_tiles_of_a_scene_encoded_whole(tmp_path, full_vi
     views = Views.of(scene, n_views=6)
     assert len(tiled) < len(whole)
     assert views.psnr(decode(tiled).leaves()) > views.psnr(decode(whole).leaves()) - 0.1
-
-
-@pytest.mark.thorough
-def test_tiles_with_views_of_their_own_keep_the_sky_that_others_show(tmp_path):
-    # A tile is small ground and a part of the sky, which cameras near the ground do not show.
-    one = make_scene(1000)
-    beside = [np.array([90 * i, 90 * j, 0], np.float32) for i in range(3) for j in range(2)]
-    parts = [replace(one, means=one.means + way).channels() for way in beside]
-    scene = SplatParams.from_channels(np.concatenate(parts, axis=1))
-    write_ply(tmp_path / "a.ply", scene)
-    options = JobOptions(levels=2, per_tile=900, up="z")
-    encode_files([tmp_path / "a.ply"], tmp_path / "a.evogs", options, engine=SERIAL)
-    leaves = decode_leaves((tmp_path / "a.evogs").read_bytes())
-    assert Views(scene, cameras_around(scene, "z", 150, n=6)).psnr(leaves) > 43
 
 
 @pytest.mark.thorough

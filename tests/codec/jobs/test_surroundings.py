@@ -1,4 +1,4 @@
-"""Views of a tile among others: which of them put packets in order."""
+"""Views of a tile among others: which put packets in order, and what counts in two kinds."""
 
 from dataclasses import replace
 
@@ -7,8 +7,12 @@ import pytest
 
 pytest.importorskip("numba")
 
+from evogs_codec import SplatParams, decode_leaves, write_ply
+from evogs_codec.jobs import Engine, JobOptions, encode_files
 from evogs_codec.jobs.surroundings import Neighbourhood, Standing
+from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
+from tests.support.view_sizes import SMALL, views_of
 
 
 @pytest.mark.parametrize(("all_round", "n_circle"), [(True, 8), (False, 12)])
@@ -50,3 +54,18 @@ def test_what_wider_pictures_alone_show_counts_in_prices_of_a_bit():
     fewer = both.fewer(2).wider
     assert fewer is not None
     assert fewer.views.cameras == far.fewer(2).views.cameras
+
+
+@pytest.mark.thorough
+def test_tiles_with_views_of_their_own_keep_the_sky_that_others_show(tmp_path):
+    # A tile is small ground and a part of the sky, which cameras near the ground do not show.
+    one = make_scene(1000)
+    beside = [np.array([90 * i, 90 * j, 0], np.float32) for i in range(3) for j in range(2)]
+    parts = [replace(one, means=one.means + way).channels() for way in beside]
+    scene = SplatParams.from_channels(np.concatenate(parts, axis=1))
+    write_ply(tmp_path / "a.ply", scene)
+    options = JobOptions(levels=2, per_tile=900, up="z")
+    with views_of(SMALL):
+        encode_files([tmp_path / "a.ply"], tmp_path / "a.evogs", options, engine=Engine("serial"))
+    leaves = decode_leaves((tmp_path / "a.evogs").read_bytes())
+    assert Views(scene, cameras_around(scene, "z", 150, n=6)).psnr(leaves) > 43
