@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import starmap, tee
+from itertools import tee
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,7 +27,15 @@ if TYPE_CHECKING:
     from evogs_codec.render.up import Direction
     from evogs_codec.render.views import Between, Colour
 
-__all__ = ["Neighbourhood", "Standing", "enlarged", "is_apart", "near_middle", "price_of"]
+__all__ = [
+    "NearAndWide",
+    "Neighbourhood",
+    "Standing",
+    "enlarged",
+    "is_apart",
+    "near_middle",
+    "price_of",
+]
 
 BULK = (20, 80)  # percentiles of the positions
 FAR = 8.0  # times the size of a tile: a neighbourhood that is larger does not show it
@@ -97,8 +105,6 @@ class Neighbourhood:
         n_circle: of the views, the first so many stand on the circle.
         keep: what an error of a position as large as its splat costs at least, whether a view
             shows it or not, in mean squared error.
-        wider: pictures of all of the neighbourhood, of a tile that has views of its own: what they
-            alone show, such as the sky above an object, counts as well.
     """
 
     views: Views
@@ -106,7 +112,6 @@ class Neighbourhood:
     n_shown: int
     n_circle: int
     keep: float
-    wider: Neighbourhood | None = None
 
     @staticmethod
     def of(
@@ -143,24 +148,14 @@ class Neighbourhood:
     def fewer(self, n_views: int) -> Neighbourhood:
         """At most this many of the views, of those on the circle."""
         circle = replace(self.views, cameras=self.views.cameras[: self.n_circle])
-        wider = None if self.wider is None else self.wider.fewer(n_views)
-        return replace(self, views=circle.fewer(n_views), wider=wider)
+        return replace(self, views=circle.fewer(n_views))
 
     def psnr(self, splats: SplatParams) -> float:
         """Mean PSNR of the views with the tile as these splats, dB."""
-        own = self.views.psnr(_joined(splats, self.around))
-        return own if self.wider is None else self._in_both(own, self.wider.psnr(splats))
+        return self.views.psnr(_joined(splats, self.around))
 
     def psnr_of_sh(self, splats: SplatParams, each: Iterable[F32]) -> Iterator[float]:
         """Mean PSNR with each SH (N, K, 3) in place of those of the splats, dB."""
-        if self.wider is not None:
-            each, again = tee(each)
-            both = zip(
-                replace(self, wider=None).psnr_of_sh(splats, each),
-                self.wider.psnr_of_sh(splats, again),
-                strict=True,
-            )
-            return starmap(self._in_both, both)
         joined = _joined(splats, self.around)
 
         def all_of(sh: F32) -> F32:
@@ -173,19 +168,12 @@ class Neighbourhood:
 
     def sensitivity(self, splats: SplatParams) -> F32:
         """(D, N) mean squared change of the pictures to the squared change of each number."""
-        found = self._own(self.views.sensitivity(_joined(splats, self.around)), splats)
-        return (
-            found if self.wider is None else found + self._prices * self.wider.sensitivity(splats)
-        )
+        return self._own(self.views.sensitivity(_joined(splats, self.around)), splats)
 
     def sensitivity_and_psnr(self, splats: SplatParams) -> tuple[F32, float]:
         """Both, of pictures that are drawn once."""
         found, decibels = self.views.sensitivity_and_psnr(_joined(splats, self.around))
-        own = self._own(found, splats)
-        if self.wider is None:
-            return own, decibels
-        of_wider, wide = self.wider.sensitivity_and_psnr(splats)
-        return own + self._prices * of_wider, self._in_both(decibels, wide)
+        return self._own(found, splats), decibels
 
     def loss_gradient(self, splats: SplatParams, iteration: int) -> F32:
         """(D, N) gradient of the mean squared error of one view."""
@@ -198,15 +186,61 @@ class Neighbourhood:
         own[0:3] = np.maximum(own[0:3], self.keep / np.square(sizes))
         return own
 
-    @property
-    def _prices(self) -> np.float32:
-        """An error of the wider pictures counts so many times: a bit has the price of the own."""
-        assert self.wider is not None, "there are some"
-        return np.float32(self.wider.n_shown / self.n_shown)
 
-    def _in_both(self, own: float, wide: float) -> float:
-        """PSNR whose squared error is that of both kinds of pictures."""
-        return -10 * math.log10(10 ** (-own / 10) + float(self._prices) * 10 ** (-wide / 10))
+@dataclass(frozen=True, eq=False)
+class NearAndWide:
+    """Pictures of a tile that is apart: its own, and those of all of its neighbourhood.
+
+    What the wide ones alone show, such as the sky above an object, counts as well. Errors are in
+    prices of the near ones: those of the wide ones count more, as they are for more splats.
+
+    Attributes:
+        near: views of the tile.
+        wide: views of the neighbourhood.
+    """
+
+    near: Neighbourhood
+    wide: Neighbourhood
+
+    @property
+    def n_shown(self) -> int:
+        """Splats whose price of a bit errors have."""
+        return self.near.n_shown
+
+    def fewer(self, n_views: int) -> NearAndWide:
+        """At most this many views of each kind, of those on the circle."""
+        return NearAndWide(self.near.fewer(n_views), self.wide.fewer(n_views))
+
+    def psnr(self, splats: SplatParams) -> float:
+        """PSNR whose squared error is that of both kinds, with the tile as these splats, dB."""
+        return self._in_both(self.near.psnr(splats), self.wide.psnr(splats))
+
+    def psnr_of_sh(self, splats: SplatParams, each: Iterable[F32]) -> Iterator[float]:
+        """`psnr` with each SH (N, K, 3) in place of those of the splats."""
+        first, second = tee(each)
+        near, wide = self.near.psnr_of_sh(splats, first), self.wide.psnr_of_sh(splats, second)
+        return map(self._in_both, near, wide)
+
+    def sensitivity(self, splats: SplatParams) -> F32:
+        """(D, N) mean squared change of the pictures to the squared change of each number."""
+        return self.near.sensitivity(splats) + self._factor * self.wide.sensitivity(splats)
+
+    def sensitivity_and_psnr(self, splats: SplatParams) -> tuple[F32, float]:
+        """Both, of pictures that are drawn once."""
+        of_near, near = self.near.sensitivity_and_psnr(splats)
+        of_wide, wide = self.wide.sensitivity_and_psnr(splats)
+        return of_near + self._factor * of_wide, self._in_both(near, wide)
+
+    def loss_gradient(self, splats: SplatParams, iteration: int) -> F32:
+        """(D, N) gradient of the mean squared error of one of the near views."""
+        return self.near.loss_gradient(splats, iteration)
+
+    @property
+    def _factor(self) -> np.float32:
+        return np.float32(self.wide.n_shown / self.near.n_shown)
+
+    def _in_both(self, near: float, wide: float) -> float:
+        return -10 * math.log10(10 ** (-near / 10) + float(self._factor) * 10 ** (-wide / 10))
 
 
 def is_apart(splats: SplatParams, stand_ins: SplatParams) -> bool:

@@ -35,6 +35,7 @@ from evogs_codec.jobs.partition import STAND_IN, Split
 from evogs_codec.jobs.picks import Unnumbered, unnumbered_of
 from evogs_codec.jobs.plan import Needs, Plan, Sharing, Survey
 from evogs_codec.jobs.surroundings import (
+    NearAndWide,
     Neighbourhood,
     Standing,
     enlarged,
@@ -318,7 +319,7 @@ def _splats(job: TileJob) -> SplatParams:
     return bounded_opacities(splats)
 
 
-def _views(job: TileJob, splats: SplatParams) -> Neighbourhood:
+def _views(job: TileJob, splats: SplatParams) -> Neighbourhood | NearAndWide:
     """Those of its neighbourhood; of a tile that is apart, views of its own as well."""
     of_block = _of_block(job)
     wide = _wide_views(job, splats, of_block) if len(of_block) else None
@@ -327,7 +328,7 @@ def _views(job: TileJob, splats: SplatParams) -> Neighbourhood:
     standing = _around(job, near_middle(splats))
     others = _stand_ins(job, [part for part in job.block if part[0] != job.tile], job.tile)
     near = Neighbourhood.of(splats, standing, len(splats), keep=KEEP, around=others)
-    return replace(near, wider=wide)
+    return near if wide is None else NearAndWide(near, wide)
 
 
 def _wide_views(job: TileJob, splats: SplatParams, of_block: SplatParams) -> Neighbourhood:

@@ -9,7 +9,7 @@ pytest.importorskip("numba")
 
 from evogs_codec import SplatParams, decode_leaves, write_ply
 from evogs_codec.jobs import Engine, JobOptions, encode_files
-from evogs_codec.jobs.surroundings import Neighbourhood, Standing
+from evogs_codec.jobs.surroundings import NearAndWide, Neighbourhood, Standing
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
 from tests.support.view_sizes import SMALL, views_of
@@ -28,7 +28,7 @@ def test_packets_are_put_in_order_by_views_on_the_circle(all_round, n_circle):
     assert [camera.position[2] for camera in ordering] == pytest.approx([heights[0]] * 3)
 
 
-def test_what_wider_pictures_alone_show_counts_in_prices_of_a_bit():
+def test_what_wide_views_alone_show_counts_in_prices_of_a_bit():
     splats = make_scene(60)
     near, far = (
         Neighbourhood.of(
@@ -39,7 +39,7 @@ def test_what_wider_pictures_alone_show_counts_in_prices_of_a_bit():
         )
         for part, n_shown in ((splats.take(slice(0, 5)), 60), (splats, 600))
     )
-    both = replace(near, wider=far)
+    both = NearAndWide(near, far)
     expected = near.sensitivity(splats) + 10 * far.sensitivity(splats)
     worth, decibels = both.sensitivity_and_psnr(nothing := splats.take(slice(0, 1)))
     assert np.allclose(both.sensitivity(splats), expected)
@@ -51,9 +51,8 @@ def test_what_wider_pictures_alone_show_counts_in_prices_of_a_bit():
     found = [list(views.psnr_of_sh(splats, grey)) for views in (near, far, both)]
     for own, wide, each in zip(*found, strict=True):
         assert 10 ** (-each / 10) == pytest.approx(10 ** (-own / 10) + 10 * 10 ** (-wide / 10))
-    fewer = both.fewer(2).wider
-    assert fewer is not None
-    assert fewer.views.cameras == far.fewer(2).views.cameras
+    assert both.fewer(2).wide.views.cameras == far.fewer(2).views.cameras
+    assert both.n_shown == 60
 
 
 @pytest.mark.thorough
