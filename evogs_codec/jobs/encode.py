@@ -19,7 +19,7 @@ from evogs_codec.encoding.layers import N_LAYERS
 from evogs_codec.errors import InputError
 from evogs_codec.jobs.blocks import SplatFiles
 from evogs_codec.jobs.distinct import Distinct, Vectors
-from evogs_codec.jobs.engines import Call, Engine
+from evogs_codec.jobs.engines import Call, Engine, Workers
 from evogs_codec.jobs.merge import merge
 from evogs_codec.jobs.partition import (
     PER_TILE,
@@ -112,13 +112,14 @@ def encode_files(
     run = _Run(
         SplatFiles([Path(path) for path in paths], (options or JobOptions()).drop_invalid),
         options or JobOptions(),
-        engine or Engine(),
+        Workers(engine or Engine()),
         Path(f"{os.fspath(out)}.parts") if scratch is None else Path(scratch),
         progress or no_progress,
     )
     with run.scratch(Path(out), resume):
         run.begin()
-        parts, entries = run.parts()
+        with run.workers:
+            parts, entries = run.parts()
         merge(parts, Path(out), entries)
     return run.up
 
@@ -127,7 +128,7 @@ def encode_files(
 class _Run:
     files: SplatFiles
     options: JobOptions
-    engine: Engine
+    workers: Workers
     folder: Path
     report: Progress
     partition: Partition = field(init=False)
@@ -227,8 +228,8 @@ class _Run:
         return entries
 
     def _do(self, stage: str, function: Callable[..., Any], calls: Sequence[Call]) -> int | None:
-        engine = Engine("serial") if self._is_alone else self.engine
-        return do_missing(engine, function, calls, self.report, stage)
+        workers = Workers(Engine("serial")) if self._is_alone else self.workers
+        return do_missing(workers, function, calls, self.report, stage)
 
     def _knowing(self, job: Callable[..., Any], *, has_palette: bool) -> Callable[..., Any]:
         """The job, of one tile with what is known of it."""
@@ -237,7 +238,8 @@ class _Run:
     @property
     def _is_alone(self) -> bool:
         """Whether there is one tile. This process does it, so that it is weighed once."""
-        return self.engine.name != "dask" and int(np.count_nonzero(self.partition.counts)) == 1
+        is_local = self.workers.engine.name != "dask"
+        return is_local and int(np.count_nonzero(self.partition.counts)) == 1
 
     @cached_property
     def _alone(self) -> Weighed:

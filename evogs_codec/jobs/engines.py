@@ -7,18 +7,19 @@ import logging
 import multiprocessing
 import os
 import signal
+import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any, Literal, TypeAlias, TypeVar
 
 from evogs_codec.errors import InputError
 
-__all__ = ["Engine", "run_jobs"]
+__all__ = ["Engine", "Workers"]
 
 Call: TypeAlias = "tuple[Any, ...]"
 T = TypeVar("T")
@@ -50,9 +51,9 @@ class Engine:
         return self.workers or os.cpu_count() or 1
 
     @property
-    def n_batch(self) -> int | None:
-        """Jobs that an executor gets; None for all. A process that does many keeps memory."""
-        return self.n_workers * JOBS_EACH if self.name == "processes" else None
+    def n_jobs(self) -> int:
+        """Jobs that an executor gets. A process that does many keeps memory."""
+        return self.n_workers * JOBS_EACH if self.name == "processes" else sys.maxsize
 
     def executor(self) -> AbstractContextManager[Executor]:
         """A new executor; what it started ends with it.
@@ -67,42 +68,76 @@ class Engine:
         )
 
 
-def run_jobs(
-    engine: Engine, function: Callable[..., Any], calls: Sequence[Call]
-) -> Iterator[tuple[int, Any]]:
-    """(number of the call, what it returned) as they end, in any order.
+class Workers:
+    """Workers of an engine, which start when the first job is there, and end with this context.
 
-    A job whose worker dies is started again, and gives what it would have given.
-
-    Raises:
-        InputError: workers died too often.
+    They stay from one stage of a run to the next, since a process loads libraries for some seconds.
     """
-    if engine.name == "serial":
-        for number, call in enumerate(calls):
-            yield number, _done(function, call)
-        return
-    left = dict(enumerate(calls))
-    n_broken = 0
-    while left:
-        if n_broken > RETRIES:
-            raise InputError(
-                f"workers were killed {n_broken} times: is there too little memory? Try fewer"
-                " --workers, and --resume"
-            )
-        with _one_thread_each(), engine.executor() as executor:
-            batch = dict(islice(left.items(), engine.n_batch))
-            with _interrupts_wait():  # `submit` starts processes
-                futures = {executor.submit(_done, function, call): n for n, call in batch.items()}
-            try:
-                for future in as_completed(futures):
-                    found = future.result()
-                    del left[futures[future]]
-                    yield futures[future], found
-            except BrokenProcessPool:
-                n_broken += 1
-            finally:
-                for future in futures:
-                    future.cancel()
+
+    def __init__(self, engine: Engine) -> None:
+        self.engine = engine
+        self._executor: Executor | None = None
+        self._n_left = 0  # jobs that it may still get
+        self._started = ExitStack()
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end()
+
+    def run(self, function: Callable[..., Any], calls: Sequence[Call]) -> Iterator[tuple[int, Any]]:
+        """(number of the call, what it returned) as they end, in any order.
+
+        A job whose worker dies is started again, and gives what it would have given.
+
+        Raises:
+            InputError: workers died too often, Dask is missing, or no scheduler answers.
+        """
+        if self.engine.name == "serial":
+            for number, call in enumerate(calls):
+                yield number, _done(function, call)
+            return
+        left = dict(enumerate(calls))
+        n_broken = 0
+        while left:
+            if n_broken > RETRIES:
+                raise InputError(
+                    f"workers were killed {n_broken} times: is there too little memory? Try fewer"
+                    " --workers, and --resume"
+                )
+            with _one_thread_each():
+                executor, batch = self._batch(left)
+                futures = {}
+                try:
+                    with _interrupts_wait():  # `submit` starts processes
+                        for n, call in batch.items():
+                            futures[executor.submit(_done, function, call)] = n
+                    for future in as_completed(futures):
+                        found = future.result()
+                        del left[futures[future]]
+                        yield futures[future], found
+                except BrokenProcessPool:
+                    n_broken += 1
+                    self._end()
+                finally:
+                    for future in futures:
+                        future.cancel()
+
+    def _batch(self, left: Mapping[int, Call]) -> tuple[Executor, dict[int, Call]]:
+        """An executor, and which of these jobs it gets."""
+        if not self._n_left:
+            self._end()
+        if self._executor is None:
+            self._executor = self._started.enter_context(self.engine.executor())
+            self._n_left = self.engine.n_jobs
+        batch = dict(islice(left.items(), self._n_left))
+        self._n_left -= len(batch)
+        return self._executor, batch
+
+    def _end(self) -> None:
+        self._executor = None
+        self._started.close()
 
 
 def _done(function: Callable[..., T], call: Call) -> T:

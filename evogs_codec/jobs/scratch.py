@@ -26,7 +26,7 @@ from evogs_codec.errors import EvogsError, InputError
 from evogs_codec.io.files import write_atomic
 from evogs_codec.jobs.blocks import SplatFiles
 from evogs_codec.jobs.distinct import Distinct
-from evogs_codec.jobs.engines import Call, Engine, run_jobs
+from evogs_codec.jobs.engines import Call, Workers
 from evogs_codec.jobs.partition import Partition, Tree, partition, rows_of, stand_ins_of
 
 __all__ = ["arrays_of", "do_missing", "identity_of", "of_scratch", "partitioned", "scratch_folder"]
@@ -187,7 +187,7 @@ def partitioned(
 
 
 def do_missing(
-    engine: Engine,
+    workers: Workers,
     function: Callable[..., Any],
     calls: Sequence[Call],
     report: Progress,
@@ -200,7 +200,7 @@ def do_missing(
     """
     todo = [call for call in calls if not Path(call[-1]).exists()]
     done = len(calls) - len(todo)
-    for _, found in run_jobs(engine, function, todo):
+    for _, found in workers.run(function, todo):
         if found is not None:
             return int(found)
         done += 1

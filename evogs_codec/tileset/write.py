@@ -20,7 +20,7 @@ from evogs_codec.errors import InputError
 from evogs_codec.io.files import write_atomic
 from evogs_codec.jobs.blocks import SplatFiles
 from evogs_codec.jobs.encode import JobOptions
-from evogs_codec.jobs.engines import Call, Engine
+from evogs_codec.jobs.engines import Call, Engine, Workers
 from evogs_codec.jobs.partition import rows_of
 from evogs_codec.jobs.scratch import (
     do_missing,
@@ -135,10 +135,11 @@ def write_tileset(
         options = _with_place_of(info, options)
         up = up_of_tiles(partition, options.job.up, info)
         options = replace(options, job=replace(options.job, up=up.vector))
-        run = _Run(folder, partition.sh_degree, options, info, engine or Engine(), report)
         root = nodes_of(partition)
-        run.make_contents(root)
-        run.finish(root, Path(out))
+        with Workers(engine or Engine()) as workers:
+            run = _Run(folder, partition.sh_degree, options, info, workers, report)
+            run.make_contents(root)
+            run.finish(root, Path(out))
     return Written(root, up)
 
 
@@ -203,7 +204,7 @@ class _Run:
     sh_degree: int
     options: TilesetOptions
     info: SceneInfo
-    engine: Engine
+    workers: Workers
     report: Progress
 
     def make_contents(self, root: Node) -> None:
@@ -216,11 +217,11 @@ class _Run:
             for node in nodes
             if node.tile is not None
         ]
-        do_missing(self.engine, code_leaf, leaves, self.report, "encode")
+        do_missing(self.workers, code_leaf, leaves, self.report, "encode")
         for height in range(1, root.height + 1):  # an overview is made of those below
             rank = [node for node in nodes if node.height == height]
             calls: list[Call] = [(self._below(node), *self._outputs(node)) for node in rank]
-            do_missing(self.engine, code_overview, calls, self.report, "overviews")
+            do_missing(self.workers, code_overview, calls, self.report, "overviews")
         for node in reversed(nodes):
             self._measure(node)
 
@@ -255,7 +256,7 @@ class _Run:
             (str(streams / f"{node.name}{ENDING}"), str(tiles / f"{node.name}{ending}"))
             for node in nodes
         ]
-        do_missing(self.engine, as_glb, calls, self.report, "convert")
+        do_missing(self.workers, as_glb, calls, self.report, "convert")
         for node, (_, path) in zip(nodes, calls, strict=True):
             node.n_bytes = Path(path).stat().st_size
 

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from evogs_codec.jobs.engines import Engine, run_jobs
+from evogs_codec.jobs.engines import Engine, Workers
 
 
 def blocked():
@@ -24,7 +24,8 @@ def test_processes_are_started_while_ctrl_c_waits(monkeypatch):
             return super().submit(*given, **named)
 
     monkeypatch.setattr(Engine, "executor", lambda _: Executor(1))
-    assert sorted(run_jobs(Engine(workers=1), abs, [(-1,), (-2,)])) == [(0, 1), (1, 2)]
+    with Workers(Engine(workers=1)) as workers:
+        assert sorted(workers.run(abs, [(-1,), (-2,)])) == [(0, 1), (1, 2)]
     assert seen == [True, True]
     assert not blocked()
 
@@ -33,7 +34,7 @@ def test_workers_end_when_the_main_process_is_killed():
     code = (
         "from evogs_codec.jobs.engines import *\n"
         "from tests.support.dying_jobs import sleeps\n"
-        "list(run_jobs(Engine(workers=1), sleeps, [(600,)]))"
+        "list(Workers(Engine(workers=1)).run(sleeps, [(600,)]))"
     )
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as process:
         assert process.stdout is not None

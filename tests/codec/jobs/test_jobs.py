@@ -2,11 +2,13 @@
 
 import hashlib
 import math
+import os
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +26,7 @@ from evogs_codec import (
 )
 from evogs_codec.jobs import Engine, JobOptions, encode_files
 from evogs_codec.jobs import encode as encode_module
-from evogs_codec.jobs.engines import run_jobs
+from evogs_codec.jobs.engines import Workers
 from evogs_codec.jobs.merge import merge
 from evogs_codec.jobs.partition import _append
 from evogs_codec.jobs.tile_job import Weighed
@@ -349,34 +351,48 @@ def test_a_folder_that_is_not_ours_is_not_deleted(folder, tmp_path):
 # --- engines --------------------------------------------------------------------------------------
 
 
+def run_jobs(engine, function, calls):
+    with Workers(engine) as workers:
+        return dict(workers.run(function, calls))
+
+
 @pytest.mark.thorough
 def test_a_job_whose_worker_is_killed_is_done_again(tmp_path):
     calls = [(number, str(tmp_path / "mark")) for number in range(6)]
-    found = dict(run_jobs(Engine(workers=2), dies_at_first, calls))
+    found = run_jobs(Engine(workers=2), dies_at_first, calls)
     assert found == {number: 2 * number for number in range(6)}
 
 
 @pytest.mark.thorough
 def test_processes_are_replaced_before_they_keep_much_memory():
-    engine = Engine(workers=1)
-    assert engine.n_batch is not None
-    n = engine.n_batch + 2
-    found = dict(run_jobs(engine, process_of, [(number,) for number in range(n)]))
-    assert sorted(found) == list(range(n))
-    assert len(set(found.values())) == 2
+    engine, found = Engine(workers=1), []
+    with Workers(engine) as workers:
+        for n in (engine.n_jobs - 2, 4):  # of two stages
+            found += [process for _, process in workers.run(process_of, [(k,) for k in range(n)])]
+    assert len(found) == engine.n_jobs + 2
+    assert Counter(found).most_common() == [(found[0], engine.n_jobs), (found[-1], 2)]
+
+
+@pytest.mark.thorough
+def test_a_worker_that_dies_between_two_stages_is_replaced():
+    with Workers(Engine(workers=1)) as workers:
+        ((_, first),) = workers.run(process_of, [(1,)])
+        os.kill(first, signal.SIGKILL)
+        ((_, second),) = workers.run(process_of, [(2,)])
+    assert second != first
 
 
 @pytest.mark.thorough
 def test_workers_that_always_die_end_the_run_with_one_line():
     with pytest.raises(InputError, match="workers were killed 4 times"):
-        list(run_jobs(Engine(workers=1), dies_always, [(1,)]))
+        run_jobs(Engine(workers=1), dies_always, [(1,)])
 
 
 @pytest.mark.thorough
 def test_a_worker_of_dask_that_is_killed_changes_nothing(tmp_path):
     pytest.importorskip("distributed")
     calls = [(number, str(tmp_path / "mark")) for number in range(4)]
-    found = dict(run_jobs(Engine("dask", 2), dies_at_first, calls))
+    found = run_jobs(Engine("dask", 2), dies_at_first, calls)
     assert found == {number: 2 * number for number in range(4)}
 
 
@@ -384,4 +400,4 @@ def test_a_worker_of_dask_that_is_killed_changes_nothing(tmp_path):
 def test_no_scheduler_at_an_address_is_one_line():
     pytest.importorskip("distributed")
     with pytest.raises(InputError, match="no Dask scheduler answers"):
-        list(run_jobs(Engine("dask", scheduler="tcp://127.0.0.1:9"), doubled, [(1,)]))
+        run_jobs(Engine("dask", scheduler="tcp://127.0.0.1:9"), doubled, [(1,)])
