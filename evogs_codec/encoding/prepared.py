@@ -6,11 +6,13 @@ import warnings
 from collections.abc import Collection, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 
 from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.encoding.alpha_tables import with_used_entries
 from evogs_codec.encoding.arrange import arrange, default_tiles
 from evogs_codec.encoding.coarse_leaves import warn_of_coarse_leaves
+from evogs_codec.encoding.drawn import Drawn
 from evogs_codec.encoding.grids import AccuracyWarning
 from evogs_codec.encoding.held_steps import Run, held
 from evogs_codec.encoding.layers import Layered, Layering, expect_levels
@@ -18,7 +20,7 @@ from evogs_codec.encoding.measured_gains import MeasuredGains, Pictures, Telling
 from evogs_codec.encoding.polish import polished
 from evogs_codec.encoding.quantise import quantise
 from evogs_codec.encoding.ranges import Ranges
-from evogs_codec.encoding.sensitivity import SEEN, Importance, StepWeights
+from evogs_codec.encoding.sensitivity import SEEN, Importance, StepWeights, cuts_of
 from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, Settings, StepTable
 from evogs_codec.format.directory import Directory
 from evogs_codec.model.channels import GROUPS
@@ -49,6 +51,7 @@ class Aim:
         measuring: a few views by which is measured what estimates miss; None: it is not.
         by_leaves: only the last level is drawn, and only for what its numbers are worth.
         seen: part of the worth of a number that the views decide.
+        drawn: what the views tell, where it is known.
         n_tiles, info, progress: as of `encode`.
         n_levels: of the tree at least, where a tile may have fewer.
         empty: packets of SH bands whose numbers are all 0, of the streams that are made.
@@ -64,6 +67,7 @@ class Aim:
     measuring: Pictures | None = None
     by_leaves: bool = False
     seen: float = SEEN
+    drawn: Drawn | None = None
     n_tiles: int | None = None
     info: SceneInfo | None = None
     progress: Progress | None = None
@@ -86,13 +90,19 @@ class Prepared:
         report("arrange", 0.0)
         self.tiles = arrange(aim.tree, aim.n_tiles or default_tiles(aim.tree.n_leaves))
         self.ranges = Ranges.of(self.tiles, self.n_levels)
-        self.importance = self.gains = self.layered = None
+        self.importance = self.drawn = self.gains = self.layered = None
         if aim.views is not None:
             report("draw", 0.0)
-            self.importance, self.gains = _drawn(aim, aim.views, self.tiles, self.n_levels)
+            self.drawn = aim.drawn or _drawn(aim, aim.views, self.tiles, self.n_levels)
+            self.gains = self.drawn.gains
+            self.importance = Importance.of_cuts(
+                self.tiles, self.n_levels, self.drawn.cuts, seen=aim.seen
+            )
+            if aim.by_leaves:
+                self.importance = self.importance.as_others()
             if aim.measuring is not None and aim.tree.n_leaves:
                 self.importance = self.importance.measured(
-                    self.tiles, aim.measuring, self.ranges.extent
+                    self.tiles, aim.measuring, self.ranges.extent, self.drawn.missed
                 )
             if aim.layers > 1 and aim.tree.n_leaves:
                 self.layered = Layered.of(
@@ -235,20 +245,15 @@ def _emptied(
     return found
 
 
-def _drawn(
-    aim: Aim, views: Pictures, tiles: Sequence[EvolutionTree], n_levels: int
-) -> tuple[Importance, MeasuredGains | None]:
+def _drawn(aim: Aim, views: Pictures, tiles: Sequence[EvolutionTree], n_levels: int) -> Drawn:
     """What the numbers of arranged tiles are worth, and what packets gain where that is drawn."""
     report = aim.progress or no_progress
+    weigh = partial(cuts_of, tiles, n_levels, seen=aim.seen, progress=report)
     if aim.by_leaves:
-        first = n_levels - 1
-        found = Importance.of(
-            tiles, n_levels, views.sensitivity, first=first, seen=aim.seen, progress=report
-        )
-        return found.as_others(), None
+        return Drawn(weigh(views.sensitivity, first=n_levels - 1), None)
     if aim.ordering is None or not isinstance(views, Telling):
-        found = Importance.of(tiles, n_levels, views.sensitivity, seen=aim.seen, progress=report)
-        return found, MeasuredGains.of(aim.tree, aim.ordering or views)
+        cuts = weigh(views.sensitivity)
+        return Drawn(cuts, MeasuredGains.of(aim.tree, aim.ordering or views))
     told: list[float] = []
 
     def sensitivity(splats: SplatParams) -> F32:
@@ -257,6 +262,6 @@ def _drawn(
         return found
 
     sensitivity(nothing_of(aim.tree.leaves(0)))
-    found = Importance.of(tiles, n_levels, sensitivity, seen=aim.seen, progress=report)
+    cuts = weigh(sensitivity)
     shown = told[:-1] if len(told) == 1 + n_levels else None  # of each level that has splats
-    return found, MeasuredGains.of(aim.tree, aim.ordering, shown)
+    return Drawn(cuts, MeasuredGains.of(aim.tree, aim.ordering, shown))

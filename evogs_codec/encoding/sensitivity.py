@@ -31,7 +31,14 @@ from evogs_codec.model.siblings import Siblings
 from evogs_codec.model.splats import F32, F64, SplatParams
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
-__all__ = ["SEEN_OF_CIRCLE", "Importance", "Sensitivity", "StepWeights", "steps_of_entries"]
+__all__ = [
+    "SEEN_OF_CIRCLE",
+    "Importance",
+    "Sensitivity",
+    "StepWeights",
+    "cuts_of",
+    "steps_of_entries",
+]
 
 # (D, N) per number of a splat: mean squared change of the pictures to its squared change.
 Sensitivity: TypeAlias = Callable[[SplatParams], F32]
@@ -119,11 +126,19 @@ class Importance:
 
         A level before the last may lose as much as the last, although it has fewer splats.
         """
-        shown = zip(*(_shown(tile, first) for tile in tiles), strict=True)
-        cuts = []
-        for k, parts in zip(range(first, n_levels), shown, strict=False):
-            cuts.append(_cut(parts, sensitivity, seen))
-            progress("draw", ((k + 1) / n_levels) ** 2)  # the last levels have most of the splats
+        cuts = cuts_of(tiles, n_levels, sensitivity, first=first, seen=seen, progress=progress)
+        return Importance.of_cuts(tiles, n_levels, cuts, seen=seen)
+
+    @staticmethod
+    def of_cuts(
+        tiles: Sequence[EvolutionTree],
+        n_levels: int,
+        cuts: Sequence[Sequence[F32]],
+        *,
+        seen: float = SEEN,
+    ) -> Importance:
+        """By the cuts of the last levels (`cuts_of`)."""
+        first = n_levels - len(cuts)
         counts = [sum(part.shape[1] for part in cut) for cut in cuts]
         shares = [n / max(counts[-1], 1) for n in counts]
         weights = tuple(
@@ -140,9 +155,20 @@ class Importance:
         return Importance(weights, means, tuple(cuts[-1]), entries, seen)
 
     def measured(
-        self, tiles: Sequence[EvolutionTree], pictures: Pictures, extent: float
+        self,
+        tiles: Sequence[EvolutionTree],
+        pictures: Pictures,
+        extent: float,
+        known: dict[int, F64] | None = None,
     ) -> Importance:
-        """With what estimates of these tiles miss in pictures of their leaves."""
+        """With what estimates of these tiles miss in pictures of their leaves.
+
+        Args:
+            tiles: arranged.
+            pictures: of their leaves.
+            extent: of the scene.
+            known: what is measured already, which is added to (`Missed`).
+        """
         leaves = np.concatenate([tile.shared_leaves().channels() for tile in tiles], axis=1)
         missed = Missed(
             SplatParams.from_channels(leaves),
@@ -150,6 +176,7 @@ class Importance:
             lambda price: self.steps_of_leaves(price, extent),
             pictures,
             tiles[0].palette is not None,
+            {} if known is None else known,
         )
         return replace(self, missed=missed)
 
@@ -238,6 +265,27 @@ class Importance:
         largest = np.array(LARGEST_STEPS[: self.means.shape[1]])
         largest[0] *= extent
         return largest
+
+
+def cuts_of(
+    tiles: Sequence[EvolutionTree],
+    n_levels: int,
+    sensitivity: Sensitivity,
+    *,
+    first: int = 0,
+    seen: float = SEEN,
+    progress: Progress = no_progress,
+) -> list[list[F32]]:
+    """Per level from `first` on, tile by tile, (K, N) what errors of its leaves are worth.
+
+    K has all SH bands that are shown, also of tiles that have them in a palette.
+    """
+    shown = zip(*(_shown(tile, first) for tile in tiles), strict=True)
+    cuts = []
+    for k, parts in zip(range(first, n_levels), shown, strict=False):
+        cuts.append(_cut(parts, sensitivity, seen))
+        progress("draw", ((k + 1) / n_levels) ** 2)  # the last levels have most of the splats
+    return cuts
 
 
 def steps_of_entries(means: F64, price: float) -> F64:

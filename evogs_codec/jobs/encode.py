@@ -25,6 +25,7 @@ from evogs_codec.jobs.partition import (
     PER_TILE,
     Partition,
     Split,
+    drawn_of,
     panes_of,
     rows_of,
     stand_ins_of,
@@ -33,11 +34,12 @@ from evogs_codec.jobs.partition import (
 from evogs_codec.jobs.picks import Entries, number_picks, numbered_of, palette_pays, unnumbered_of
 from evogs_codec.jobs.plan import Plan, Survey, surveyed
 from evogs_codec.jobs.scratch import do_missing, identity_of, partitioned, scratch_folder
-from evogs_codec.jobs.tile_job import TileJob, Weighed, code_tile, draw_tile, survey_tile
+from evogs_codec.jobs.stages import code_tile, draw_tile, survey_tile
+from evogs_codec.jobs.tile_job import TileJob
 from evogs_codec.jobs.up import up_of_tiles
+from evogs_codec.jobs.weighed import Weighed
 from evogs_codec.lifting.lift import N_LEVELS
 from evogs_codec.model.scene_info import SceneInfo
-from evogs_codec.model.splats import I64
 from evogs_codec.scene.effort import Effort
 from evogs_codec.scene.request import NO_NUMBA, with_generator
 
@@ -155,7 +157,9 @@ class _Run:
         """The streams of all tiles that have splats, in order, and the entries of a palette."""
         self._draw()
         info = with_generator(self.options.info or self.files.info)
-        plan = Plan.of(self.partition, self._surveys(), self.options.levels, info)
+        surveys = self._surveys()
+        has_palette = palette_pays(self.partition, surveys)
+        plan = Plan.of(self.partition, surveys, self.options.levels, info, has_palette=has_palette)
         tiles = np.flatnonzero(self.partition.counts).tolist()
         while True:
             name = "_".join(map(str, plan.exponents))
@@ -163,7 +167,7 @@ class _Run:
             calls: list[Call] = [
                 (self._job(tile), plan, str(path)) for tile, path in zip(tiles, parts, strict=True)
             ]
-            code = self._knowing(code_tile, has_palette=plan.coarse is not None)
+            code = self._knowing(code_tile) if plan.coarse is None else code_tile
             too_fine = self._do("encode", code, calls)
             entries = None
             if too_fine is None:
@@ -185,31 +189,19 @@ class _Run:
         self._do("draw", draw_tile, calls)
 
     def _surveys(self) -> list[Survey]:
-        """Of some tiles, with a palette if splats share their SH and that is smaller.
-
-        Where the one in the middle tells that it is not, no other tile is surveyed with a palette.
-        """
-        chosen = surveyed(self.partition)
-        if self.partition.n_vectors:
-            middle = chosen[len(chosen) // 2 :][:1]
-            for tiles in (middle, chosen):
-                surveys = self._surveys_of(tiles, has_palette=True)
-                if not palette_pays(self.partition, tiles, surveys):
-                    break
-            else:
-                return surveys
-        return self._surveys_of(chosen, has_palette=False)
-
-    def _surveys_of(self, tiles: I64, *, has_palette: bool) -> list[Survey]:
-        ending = ".shared-survey" if has_palette else ".survey"
-        paths = [self.folder / f"{tile:06d}{ending}" for tile in tiles.tolist()]
+        """Of some tiles."""
+        tiles = self._surveyed
+        paths = [self.folder / f"{tile:06d}.survey" for tile in tiles]
         calls: list[Call] = [
-            (self._job(tile, has_palette=has_palette), str(path))
-            for tile, path in zip(tiles.tolist(), paths, strict=True)
+            (self._job(tile), str(path)) for tile, path in zip(tiles, paths, strict=True)
         ]
-        survey = self._knowing(survey_tile, has_palette=has_palette)
-        self._do("survey", survey, calls)
+        self._do("survey", self._knowing(survey_tile), calls)
         return [Survey.read(path) for path in paths]
+
+    @cached_property
+    def _surveyed(self) -> list[int]:
+        found: list[int] = surveyed(self.partition).tolist()
+        return found
 
     def _entries(self, plan: Plan, parts: Sequence[Path]) -> Entries | None:
         """The palette of the plan, if it has one, when all tiles are encoded; and their picks."""
@@ -231,9 +223,9 @@ class _Run:
         workers = Workers(Engine("serial")) if self._is_alone else self.workers
         return do_missing(workers, function, calls, self.report, stage)
 
-    def _knowing(self, job: Callable[..., Any], *, has_palette: bool) -> Callable[..., Any]:
+    def _knowing(self, job: Callable[..., Any]) -> Callable[..., Any]:
         """The job, of one tile with what is known of it."""
-        return partial(job, known=self._alone) if self._is_alone and not has_palette else job
+        return partial(job, known=self._alone) if self._is_alone else job
 
     @property
     def _is_alone(self) -> bool:
@@ -246,11 +238,12 @@ class _Run:
         """The one tile."""
         return Weighed.of(self._job(int(np.flatnonzero(self.partition.counts)[0])))
 
-    def _job(self, tile: int, *, has_palette: bool = False) -> TileJob:
+    def _job(self, tile: int) -> TileJob:
         tree = self.partition.tree
         x, y, z = tree.origins[tile].tolist()
         block = np.flatnonzero(tree.blocks == tree.blocks[tile]).tolist()
         offsets = tree.origins[block] - tree.origins[block[0]]
+        drawn = str(drawn_of(self.folder, tile)) if tile in self._surveyed else None
         return TileJob(
             rows=str(rows_of(self.folder, tile)),
             sh_degree=self.partition.sh_degree,
@@ -272,6 +265,7 @@ class _Run:
             may_be_late=self.options.layers is None,
             up=self.up.vector,
             effort=self.options.effort,
-            has_palette=has_palette,
+            shares=self.partition.n_vectors > 0,
             n_tiles=int(np.count_nonzero(self.partition.counts)),
+            drawn=None if self._is_alone else drawn,
         )

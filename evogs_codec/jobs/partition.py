@@ -29,6 +29,7 @@ __all__ = [
     "Partition",
     "Split",
     "Tree",
+    "drawn_of",
     "panes_of",
     "partition",
     "rows_of",
@@ -297,6 +298,11 @@ def rows_of(folder: Path, tile: int) -> Path:
 def stand_ins_of(folder: Path, tile: int) -> Path:
     """The file of the rows of those splats of a tile that stand for all, one of `STAND_IN`."""
     return folder / f"{tile:06d}.stand-ins"
+
+
+def drawn_of(folder: Path, tile: int) -> Path:
+    """The file of what pictures tell of a tile that was surveyed."""
+    return folder / f"{tile:06d}.drawn"
 
 
 def panes_of(folder: Path, tile: int) -> Path:

@@ -34,7 +34,7 @@ from evogs_codec.format.packet_header import Counts
 from evogs_codec.io.files import write_atomic
 from evogs_codec.jobs.distinct import Vectors
 from evogs_codec.jobs.partition import Partition, vectors_of
-from evogs_codec.jobs.plan import Plan, Survey, worth_of_entries
+from evogs_codec.jobs.plan import Plan, Survey, surveyed, worth_of_entries
 from evogs_codec.model.channels import N_CORE, N_GROUPS, channel_class
 from evogs_codec.model.coded_tree import CodedStep, CodedTile, CodedTree
 from evogs_codec.model.splats import F32, I32, I64
@@ -192,15 +192,17 @@ class Entries:
         write_atomic(path, lambda file: np.savez(file, allow_pickle=False, **arrays))
 
 
-def palette_pays(partition: Partition, tiles: I64, surveys: Sequence[Survey]) -> bool:
+def palette_pays(partition: Partition, surveys: Sequence[Survey]) -> bool:
     """Whether a palette is smaller than SH splat by splat, as surveys of some tiles tell it."""
     sharings = [survey.sharing for survey in surveys if survey.sharing is not None]
+    if not sharings:
+        return False
     entries = Vectors.read(vectors_of(partition.folder)).rows.T
-    worth = worth_of_entries(partition, tiles, sharings).astype(np.float32)
+    worth = worth_of_entries(partition, sharings).astype(np.float32)
     bits, errors, _ = bits_of_entries(
         entries, np.repeat(worth[:, None], entries.shape[1], axis=1), 1.0
     )
-    scale = partition.counts.sum() / max(partition.counts[tiles].sum(), 1)
+    scale = partition.counts.sum() / max(partition.counts[surveyed(partition)].sum(), 1)
     picks = sum(sharing.bits_of_picks for sharing in sharings)
     psi = sum(sharing.bits_of_psi for sharing in sharings)
     return choose.palette_pays(bits + errors + scale * picks, scale * psi)

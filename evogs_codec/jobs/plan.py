@@ -79,7 +79,7 @@ class Needs:
 
 @dataclass(frozen=True, eq=False)
 class Sharing:
-    """What a tile with a palette tells of it.
+    """What a tile tells of a palette.
 
     Attributes:
         coarse: (C, n) SH above band 0 of some of its coarse splats.
@@ -101,7 +101,7 @@ class Survey:
         plain: what it needs.
         late: the same if its last level comes late (`late_level`); None if it cannot.
         gain: dB by which the last level looks better, at coarse steps, than the one before it.
-        sharing: of a tile with a palette.
+        sharing: of a palette, if splats share their SH.
     """
 
     plain: Needs
@@ -162,7 +162,14 @@ class Plan:
     coarse: CoarseEntries | None = None
 
     @staticmethod
-    def of(partition: Partition, surveys: Sequence[Survey], n_coarse: int, info: SceneInfo) -> Plan:
+    def of(
+        partition: Partition,
+        surveys: Sequence[Survey],
+        n_coarse: int,
+        info: SceneInfo,
+        *,
+        has_palette: bool = False,
+    ) -> Plan:
         """From the surveys of the tiles that `surveyed` names.
 
         Args:
@@ -170,6 +177,7 @@ class Plan:
             surveys: of these tiles.
             n_coarse: levels of the tree of a tile.
             info: metadata.
+            has_palette: SH above band 0 are in one, as the surveys tell it.
 
         Raises:
             NotRepresentableError: numbers are too large for any grid.
@@ -182,8 +190,8 @@ class Plan:
         finest = min(partition.size(tile) for tile in range(len(partition.counts)))
         steps[-1, 0] = min(steps[-1, 0], max(OF_SIZE * finest, 1e-12))
         sharings = [survey.sharing for survey in surveys if survey.sharing is not None]
-        if sharings:
-            worth = worth_of_entries(partition, surveyed(partition), sharings)
+        if has_palette:
+            worth = worth_of_entries(partition, sharings)
             steps[:, N_GROUPS:] = steps_of_entries(worth, 1.0)
             some = np.concatenate([sharing.coarse for sharing in sharings], axis=1)
         settings = Settings.by_views(steps)
@@ -205,7 +213,7 @@ class Plan:
             alpha=tables_of(pooled, settings),
             settings=settings,
             is_late=is_late,
-            coarse=CoarseEntries.of(some, partition.n_vectors) if sharings else None,
+            coarse=CoarseEntries.of(some, partition.n_vectors) if has_palette else None,
         )
         return plan._with_quantisers()
 
@@ -295,9 +303,9 @@ def surveyed(partition: Partition) -> I64:
     return np.unique(some[places.astype(int)])
 
 
-def worth_of_entries(partition: Partition, tiles: I64, sharings: Sequence[Sharing]) -> F64:
-    """(degree,) the mean of all entries, in prices of a bit, from that of some tiles."""
-    counts = partition.counts[tiles]
+def worth_of_entries(partition: Partition, sharings: Sequence[Sharing]) -> F64:
+    """(degree,) the mean of all entries, in prices of a bit, from that of surveyed tiles."""
+    counts = partition.counts[surveyed(partition)]
     scale = partition.counts.sum() / max(counts.sum(), 1)
     worth: F64 = scale * np.sum([sharing.worth for sharing in sharings], axis=0)
     return worth / max(partition.n_vectors, 1)

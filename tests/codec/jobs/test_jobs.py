@@ -29,7 +29,7 @@ from evogs_codec.jobs import encode as encode_module
 from evogs_codec.jobs.engines import Workers
 from evogs_codec.jobs.merge import merge
 from evogs_codec.jobs.partition import _append
-from evogs_codec.jobs.tile_job import Weighed
+from evogs_codec.jobs.weighed import Weighed
 from evogs_codec.render import Views
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.scene.measure import SMALL as FEW
@@ -180,21 +180,43 @@ def test_what_was_done_is_not_done_again(folder, right, tmp_path, monkeypatch):
     assert (tmp_path / "a.evogs").read_bytes() == right
 
 
-def test_one_tile_is_weighed_once_and_has_the_same_bytes(folder, tmp_path, monkeypatch):
-    options, made = replace(OPTIONS, per_tile=2 * N), []
-    weigh = Weighed.of
+@pytest.fixture
+def weighed(monkeypatch):
+    """How often a tile was drawn and how often it was not, since that was known."""
+    weigh, counts = Weighed.of, Counter[str]()
 
     def weighed(*job):
-        made.append(job)
-        return weigh(*job)
+        found = weigh(*job)
+        counts["known" if found.prepared.aim.drawn else "drawn"] += 1
+        return found
 
     monkeypatch.setattr(Weighed, "of", weighed)
-    for is_alone in (True, False):
-        if not is_alone:
-            monkeypatch.setattr(encode_module._Run, "_is_alone", False)
-        encode_files([folder / "whole.ply"], tmp_path / f"{is_alone}", options, engine=SERIAL)
-    assert len(made) == 1 + 2
-    assert (tmp_path / "True").read_bytes() == (tmp_path / "False").read_bytes()
+    return counts
+
+
+def test_one_tile_is_weighed_once_and_has_the_same_bytes(folder, tmp_path, monkeypatch, weighed):
+    options = replace(OPTIONS, per_tile=2 * N)
+    encode_files([folder / "whole.ply"], tmp_path / "alone", options, engine=SERIAL)
+    assert weighed == {"drawn": 1}
+    monkeypatch.setattr(encode_module._Run, "_is_alone", False)
+    encode_files([folder / "whole.ply"], tmp_path / "other", options, engine=SERIAL)
+    assert weighed == {"drawn": 2, "known": 1}
+    assert (tmp_path / "alone").read_bytes() == (tmp_path / "other").read_bytes()
+
+
+def test_a_surveyed_tile_is_drawn_once_and_has_the_same_bytes(
+    folder, right, tmp_path, monkeypatch, weighed
+):
+    encode_files([folder / "whole.ply"], tmp_path / "a.evogs", OPTIONS, engine=SERIAL)
+    n_tiles = len(read_directory(right).tiles)
+    assert weighed["drawn"] == n_tiles
+    assert weighed["known"] > 0
+    assert (tmp_path / "a.evogs").read_bytes() == right
+    monkeypatch.setattr(Weighed, "keep_drawn", lambda *_: None)
+    weighed.clear()
+    encode_files([folder / "whole.ply"], tmp_path / "b.evogs", OPTIONS, engine=SERIAL)
+    assert weighed["drawn"] > n_tiles
+    assert (tmp_path / "b.evogs").read_bytes() == right
 
 
 def test_there_may_be_more_tiles_than_open_files(folder, tmp_path, monkeypatch):

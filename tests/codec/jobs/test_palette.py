@@ -10,7 +10,6 @@ from evogs_codec import decode, encode_scene, read_directory, write_ply
 from evogs_codec.cli.commands import main
 from evogs_codec.jobs import Engine, JobOptions, encode_files
 from evogs_codec.jobs.distinct import Distinct
-from evogs_codec.jobs.tile_job import survey_tile
 from evogs_codec.model.components import PALETTE
 from evogs_codec.render import Views
 from evogs_codec.render.demo_scene import make_scene
@@ -194,47 +193,6 @@ def test_a_run_that_was_stopped_is_resumed(folder, right, tmp_path, monkeypatch,
 def test_a_palette_that_does_not_pay_is_left_out(folder, plain, tmp_path, monkeypatch):
     monkeypatch.setattr("evogs_codec.jobs.encode.palette_pays", lambda *_: False)
     assert coded(tmp_path / "a.evogs", [folder / "whole.ply"]) == plain
-
-
-@pytest.mark.thorough
-def test_one_tile_is_surveyed_with_a_palette_where_it_tells_that_none_pays(
-    folder, tmp_path, monkeypatch
-):
-    asked, files = [], [folder / "whole.ply"]
-    survey, chosen = survey_tile, np.arange(3)
-
-    def surveyed(job, out):
-        asked.append((job.tile, job.has_palette))
-        survey(job, out)
-
-    monkeypatch.setattr("evogs_codec.jobs.encode.surveyed", lambda _: chosen)
-    monkeypatch.setattr("evogs_codec.jobs.encode.survey_tile", surveyed)
-    monkeypatch.setattr("evogs_codec.jobs.encode.palette_pays", lambda *_: False)
-    monkeypatch.setattr("evogs_codec.jobs.encode.Plan.of", stopped)
-    with pytest.raises(InterruptedError):
-        coded(tmp_path / "a.evogs", files)
-    assert asked == [(1, True), (0, False), (1, False), (2, False)]
-
-
-@pytest.mark.thorough
-def test_all_are_surveyed_with_it_where_the_first_tells_that_it_pays(folder, tmp_path, monkeypatch):
-    told = []
-
-    def pays(_, tiles, surveys):
-        assert len(tiles) == len(surveys)
-        told.append(tiles.tolist())
-        return True
-
-    monkeypatch.setattr("evogs_codec.jobs.encode.surveyed", lambda _: np.arange(3))
-    monkeypatch.setattr("evogs_codec.jobs.encode.palette_pays", pays)
-    monkeypatch.setattr("evogs_codec.jobs.encode.Plan.of", stopped)
-    with pytest.raises(InterruptedError):
-        coded(tmp_path / "a.evogs", [folder / "whole.ply"])
-    assert told == [[1], [0, 1, 2]]
-
-
-def stopped(*_arguments):
-    raise InterruptedError
 
 
 @pytest.mark.thorough
