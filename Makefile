@@ -9,11 +9,11 @@ PIP := $(PY) -m pip install --quiet --disable-pip-version-check -c constraints.t
 RUNTIME := $(VENV)/.installed-runtime
 TEST := $(VENV)/.installed-test
 DEV := $(VENV)/.installed-dev
-# A worker for each core; compiled loops of one test do not take the core of another. Bytecode is
+# A worker for each core; threads of one test do not take the core of another. Bytecode is
 # kept, even where the environment says otherwise: tests start some hundred processes. Files go to
 # the workers in the order of tests/conftest.py.
-PYTEST := PYTHONDONTWRITEBYTECODE= NUMBA_NUM_THREADS=1 $(PY) -m pytest -n auto --dist loadfile \
-  --no-loadscope-reorder
+PYTEST := PYTHONDONTWRITEBYTECODE= NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
+  $(PY) -m pytest -n auto --dist loadfile --no-loadscope-reorder
 FIRST_RING := $(PYTEST) -m "not thorough and not slow" --hypothesis-profile seeded
 WEB := tools/web
 PEERS := tests/codec/io/peers

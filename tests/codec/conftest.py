@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.support.view_sizes import FULL, views_of
+from tests.support.view_sizes import FULL, SMALL, views_of
 
 # Fixtures of modules encode here, and other processes: each module says how large its views are.
 WITH_VIEWS_OF_THEIR_OWN = {"jobs", "tileset"}
@@ -21,4 +21,11 @@ def small_views(request, monkeypatch):
 def full_views():
     """For what views decide, and for processes that jobs start, which have no others."""
     with views_of(FULL):
+        yield
+
+
+@pytest.fixture
+def any_views():
+    """For thorough tests of what does not depend on how large views are."""
+    with views_of(SMALL):
         yield

@@ -219,6 +219,7 @@ def test_the_pseudo_code_decodes_as_the_codec_does(tree):
     assert decode_with_pseudo_code(data) == decode(data).dump()
 
 
+@pytest.mark.filterwarnings("ignore:position. splats are moved by up to")
 @examples(10)
 @given(trees(max_roots=6, max_steps=3, largest=300))
 def test_the_pseudo_code_decodes_streams_of_the_encoder(tree):

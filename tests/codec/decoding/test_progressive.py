@@ -166,6 +166,7 @@ def test_every_prefix_decodes_as_the_oracle_does(tree):
         assert dump_of(decoder) == expected
 
 
+@pytest.mark.filterwarnings("ignore:position. splats are moved by up to")
 @examples(15)
 @given(trees(max_roots=5, max_steps=3, largest=300), SEEDS)
 def test_encoded_trees_may_come_in_any_order_too(tree, seed):

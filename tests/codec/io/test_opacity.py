@@ -79,6 +79,7 @@ def test_pictures_of_infinite_opacities_are_those_of_large_ones(evogs, infinite,
 
 
 @pytest.mark.thorough
+@pytest.mark.usefixtures("any_views")
 def test_psnr_is_against_opaque_splats_too(evogs, infinite, tmp_path):
     dropped, stream = tmp_path / "dropped.ply", tmp_path / "x.evogs"
     write_ply(dropped, with_opacities(0, 0).take(np.arange(20, 400)))
@@ -115,6 +116,7 @@ def test_a_scene_with_infinite_opacities_looks_as_well_as_one_with_clamped_logit
 
 
 @pytest.mark.thorough
+@pytest.mark.usefixtures("any_views")
 def test_logits_that_render_the_same_give_the_same_stream():
     large, bounded = with_opacities(60, -60), with_opacities(OPAQUE, -OPAQUE)
     assert encode_scene(large) == encode_scene(bounded)

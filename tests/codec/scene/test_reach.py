@@ -51,6 +51,7 @@ def test_a_target_far_out_of_reach_is_refused_by_a_few_splats(monkeypatch, targe
 
 
 @pytest.mark.thorough
+@pytest.mark.usefixtures("any_views")
 def test_targets_are_met_from_a_guess():
     splats = make_scene(N)
     views = Views.of(splats, cameras_around(splats, "z"))
@@ -63,6 +64,7 @@ def test_targets_are_met_from_a_guess():
 
 
 @pytest.mark.thorough
+@pytest.mark.usefixtures("any_views")
 def test_a_tree_is_met_from_a_guess():
     splats = make_scene(N)
     views = Views.of(splats, cameras_around(splats, "z"))
