@@ -11,6 +11,7 @@ from functools import partial
 from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.encoding.alpha_tables import with_used_entries
 from evogs_codec.encoding.arrange import arrange, default_tiles
+from evogs_codec.encoding.at_once import at_once
 from evogs_codec.encoding.coarse_leaves import warn_of_coarse_leaves
 from evogs_codec.encoding.drawn import Drawn
 from evogs_codec.encoding.grids import AccuracyWarning
@@ -28,7 +29,7 @@ from evogs_codec.model.coded_tree import CodedTree
 from evogs_codec.model.components import component_classes
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.scene_info import SceneInfo
-from evogs_codec.model.splats import F32, F64, SplatParams
+from evogs_codec.model.splats import F32, F64, I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree
 
 __all__ = ["Aim", "Prepared"]
@@ -80,6 +81,7 @@ class Prepared:
 
     def __init__(self, aim: Aim) -> None:
         self.aim = aim
+        self.orders: Sequence[I64 | None] | None = None  # of slots, as of `EncodedScene`
         self.n_levels = max(aim.tree.n_levels, aim.n_levels)
         if (aim.polish or aim.layers > 1) and aim.views is None:
             raise ValueError(f"{'polishing needs' if aim.polish else 'layers need'} views")
@@ -123,6 +125,20 @@ class Prepared:
             other.layered = Layered.of(other.tiles, self.n_levels, other.importance, layering)
         if any(tile is not own for tile, own in zip(tiles, self.tiles, strict=True)):
             other.ranges = Ranges.of(other.tiles, self.n_levels)
+        return other
+
+    def at_once(self) -> Prepared:
+        """The same with all leaves in the place of the roots at once, in one layer."""
+        other = copy(self)
+        if self.importance is None:
+            return other
+        own = self.importance
+        found = list(map(at_once, self.tiles, own.weights, own.leaves))
+        other.tiles = [tile for tile, _, _ in found]
+        other.importance = replace(own, weights=tuple(weights for _, weights, _ in found))
+        other.orders = [order for _, _, order in found]
+        other.layered = None
+        other.ranges = Ranges.of(other.tiles, self.n_levels)
         return other
 
     def coded(self, at: float) -> CodedTree:

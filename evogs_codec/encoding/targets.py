@@ -280,6 +280,12 @@ class TargetEncoder(Aim):
         other.__dict__["prepared"] = self.prepared.holding(runs, layering)
         return other
 
+    def at_once(self) -> TargetEncoder:
+        """The same with all leaves in the place of the roots at once, in one layer."""
+        other = replace(self, guess=self.guess and self.guess.unmeasured)
+        other.__dict__["prepared"] = self.prepared.at_once()
+        return other
+
     def leaving_empty(self, packets: frozenset[PacketId]) -> TargetEncoder:
         """The same with these packets of SH bands empty; nothing is drawn again."""
         other = replace(self, empty=packets, guess=self.guess and self.guess.unmeasured)

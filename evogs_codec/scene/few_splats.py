@@ -3,8 +3,10 @@
 What an error is worth is estimated number by number. Of few splats, errors of one packet may make
 up for those of another, so that pictures are worse without these. Packets of SH bands with which
 they are worse are left empty. If that is not enough, the last packets of very few splats are put in
-another order, and other prices of a bit and one layer are tried. At last all levels that split are
-held back until the last of them.
+another order, and other prices of a bit and one layer are tried. Then all levels that split are
+held back until the last of them. At last all leaves come at once in the place of the roots: where
+splats have the same depth, even steps that show nothing new change the order in which they are
+drawn.
 """
 
 from __future__ import annotations
@@ -77,13 +79,16 @@ def _others(found: FoundStream, request: Request) -> list[Callable[[], FoundStre
         others.append(partial(found.holding, (), Layering(1)))
     layering = found.layering if request.layers else Layering(1)
     others.append(partial(found.holding, (ALL_ABOVE_ROOTS,), layering))
+    if layering.n == 1:
+        others.append(found.at_once)
     return others
 
 
 def _with_least_fall(found: FoundStream, views: Views) -> tuple[FoundStream, float]:
-    """Without its worst packets, and of very few splats with the last ones in another order."""
+    """Without its worst packets, and of few packets or splats with the last in another order."""
     found, fall = _without_worst(found, views)
-    if fall <= DEEP or found.tree.n_leaves > VERY_FEW:
+    is_few = found.tree.n_leaves <= VERY_FEW or found.is_at_once
+    if fall <= DEEP or not is_few:
         return found, fall
     ordered = replace(found, stream=ordered_by_views(found.data, views, found.tree.shown_degree))
     after = _Looks.of(ordered, views).fall

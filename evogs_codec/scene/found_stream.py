@@ -91,8 +91,15 @@ class FoundStream:
 
     @property
     def orders(self) -> Sequence[I64 | None] | None:
-        """What layers did to the order of slots (`EncodedScene`)."""
-        return None if self._layered is None else self._layered.orders
+        """In which other order slots are (`EncodedScene`)."""
+        if self._layered is not None:
+            return self._layered.orders
+        return None if self.aim is None else self.aim.prepared.orders
+
+    @property
+    def is_at_once(self) -> bool:
+        """Whether all leaves come in the place of the roots at once."""
+        return self.aim is not None and self.aim.prepared.orders is not None
 
     @property
     def can_be_late(self) -> bool:
@@ -168,3 +175,8 @@ class FoundStream:
         """That of the same tree with runs of steps held back (`TargetEncoder.holding`)."""
         assert self.aim is not None, "it is by views"
         return replace(self, stream=None, aim=self.aim.holding(runs, layering))
+
+    def at_once(self) -> FoundStream:
+        """That of the same tree with all leaves in the place of the roots at once."""
+        assert self.aim is not None, "it is by views"
+        return replace(self, stream=None, aim=self.aim.at_once())
