@@ -290,6 +290,20 @@ def test_a_scratch_folder_that_was_damaged_is_named(stopped, folder, tmp_path, n
     assert not out.exists()
 
 
+@pytest.mark.parametrize("kept", [0, 0.5])
+def test_what_a_survey_keeps_is_named_where_it_was_damaged(stopped, folder, tmp_path, kept):
+    path = next(iter(sorted(stopped.glob("*.drawn"))))
+    for part in stopped.glob(f"{path.stem}.*.evogs"):
+        part.unlink()  # so that it is read
+    data = path.read_bytes()
+    path.write_bytes(data[: int(kept * len(data))])
+    said = f"{path.name}: is damaged: run again without --resume"
+    with pytest.raises(InputError, match=said):
+        encode_files(
+            [folder / "whole.ply"], tmp_path / "a.evogs", OPTIONS, engine=SERIAL, resume=True
+        )
+
+
 def test_a_mark_that_was_damaged_is_named(stopped, folder, tmp_path):
     (stopped / "evogs-scratch.json").write_text("")
     with pytest.raises(InputError, match=r"evogs-scratch\.json: is damaged"):
