@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from evogs_codec.encoding.grids import AccuracyWarning as AccuracyWarning
     from evogs_codec.encoding.grids import NotRepresentableError as NotRepresentableError
     from evogs_codec.encoding.measured_gains import Pictures as Pictures
+    from evogs_codec.encoding.out_of_reach import TargetMissedError as TargetMissedError
     from evogs_codec.encoding.settings import PRESETS as PRESETS
     from evogs_codec.encoding.settings import FixedSteps as FixedSteps
     from evogs_codec.encoding.settings import NearLossless as NearLossless
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
     from evogs_codec.encoding.settings import Settings as Settings
     from evogs_codec.encoding.settings import StepTable as StepTable
     from evogs_codec.encoding.targets import TargetEncoder as TargetEncoder
-    from evogs_codec.encoding.targets import TargetMissedError as TargetMissedError
     from evogs_codec.errors import EvogsError as EvogsError
     from evogs_codec.errors import Fault as Fault
     from evogs_codec.errors import InputError as InputError
@@ -166,7 +166,8 @@ _MODULES = {
         "Settings",
         "StepTable",
     ),
-    "encoding.targets": ("TargetEncoder", "TargetMissedError"),
+    "encoding.out_of_reach": ("TargetMissedError",),
+    "encoding.targets": ("TargetEncoder",),
     "errors": ("EvogsError", "Fault", "InputError", "StreamError"),
     "format.directory": ("Directory", "read_directory"),
     "io.finite": ("drop_non_finite", "finite_opacities"),

@@ -16,21 +16,26 @@ import numpy as np
 from evogs_codec.decoding.decode import decode
 from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.layers import Layering
+from evogs_codec.encoding.out_of_reach import (
+    TargetMissedError,
+    bytes_missed,
+    errors_missed,
+    psnr_missed,
+)
 from evogs_codec.encoding.prepared import Aim, Prepared
 from evogs_codec.encoding.replayed import Replayed
 from evogs_codec.encoding.search import MOST_TRIES, NARROW, ONE_SIDED, Found, Goal, Start, nearest
 from evogs_codec.encoding.sensitivity import Importance
-from evogs_codec.encoding.settings import MOST_PSNR, NearLossless, StepTable
+from evogs_codec.encoding.settings import NearLossless, StepTable
 from evogs_codec.encoding.sketch import Sketch
 from evogs_codec.encoding.write import write
-from evogs_codec.errors import InputError
 from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS
 from evogs_codec.model.coded_tree import CodedTree
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import F64
 from evogs_codec.model.tree import EvolutionTree
 
-__all__ = ["PRICES", "Guess", "TargetEncoder", "TargetMissedError", "psnr_reached"]
+__all__ = ["PRICES", "Guess", "TargetEncoder"]
 
 FIRST_PRICE = 1e-11  # mean squared error that a bit is worth: about 45 dB
 PRICES = (1e-18, 1e-5)
@@ -47,14 +52,6 @@ NEAR_SLOPE, STEEP = -3.0, 45.0  # dB, likewise, below so many dB
 GUESSES, NEAR = 2, 0.3  # of a sketch; one alone if its price is this near, in the logarithm
 POLISH_GAIN = 2.0  # dB, about
 FAR_PSNR, FAR_BYTES = 15.0, math.log(8.0)  # from the first try: the end of the range is tried next
-
-
-class TargetMissedError(InputError):
-    """No stream of a tree meets a target; `by` how much the nearest misses it."""
-
-    def __init__(self, said: str, by: float) -> None:
-        super().__init__(said)
-        self.by = by
 
 
 @dataclass(frozen=True)
@@ -144,14 +141,7 @@ class TargetEncoder(Aim):
         plain = search(coder.coded, goal, first, tries, narrow)
         room = missed_by + (2 * POLISH_GAIN if coder.polishes else 0)
         if plain.is_end and abs(plain.value - decibels) > room:
-            other = PRICES[plain.at == PRICES[0]]
-            ends = sorted([plain.value, measure(coder.coded(other))[0]])
-            each = len(write(plain.what, effort=1, digests=False)) / self.tree.n_leaves
-            said = f"{decibels:g} dB cannot be met: {psnr_reached(ends[0], ends[1])}"
-            if ends[0] <= MOST_PSNR:
-                reached = min(plain.value, MOST_PSNR)
-                said += f", {reached:.1f} dB with about {each:.1f} bytes a splat"
-            raise TargetMissedError(said, abs(plain.value - decibels))
+            raise self._psnr_missed(decibels, plain)
         found = [plain]
         if coder.polishes:
             lower = Goal(decibels - POLISH_GAIN, POLISH_GAIN / 4)
@@ -165,6 +155,25 @@ class TargetEncoder(Aim):
             raise TargetMissedError(said, abs(plain.value - decibels))
         streams = [Found(one.at, one.value, self.written(one.what)) for one in met]
         return min(streams, key=lambda one: len(one.what))
+
+    def expect_psnr(self, decibels: float) -> None:
+        """Try the end of the range of prices that is nearer to a PSNR, which is high or low.
+
+        Raises:
+            TargetMissedError: it misses the PSNR by more than a stream may.
+        """
+        is_high = decibels > ROUGH_PSNR
+        price = PRICES[0 if is_high else 1]
+        coded = self.prepared.coded(price)
+        value = self._psnr_of(coded)
+        if (decibels - value if is_high else value - decibels) > _goal(decibels).late_slack:
+            raise self._psnr_missed(decibels, Found(price, value, coded))
+
+    def _psnr_missed(self, decibels: float, end: Found[CodedTree]) -> TargetMissedError:
+        """That of a PSNR beyond an end of the range of prices."""
+        other = self._psnr_of(self.prepared.coded(PRICES[end.at == PRICES[0]]))
+        each = len(write(end.what, effort=1, digests=False)) / self.tree.n_leaves
+        return psnr_missed(decibels, end.value, other, each)
 
     def at_bytes(self, n_bytes: int) -> bytes:
         """The stream of at most this many bytes, and at least 98 % of them.
@@ -195,17 +204,29 @@ class TargetEncoder(Aim):
 
         plain = search(coder.coded, near or (FIRST_PRICE if self.views else 1.0))
         if plain.is_end and not 0.98 * n_bytes <= len(plain.what) <= n_bytes:
-            bounds = self._bounds
-            other = bounds[plain.at == bounds[0]]
-            least, most = sorted([len(plain.what), len(self.written(coder.coded(other)))])
-            said = f"{n_bytes:,} bytes cannot be met: {least:,} to {most:,} bytes can be reached"
-            raise TargetMissedError(said, abs(len(plain.what) - n_bytes))
+            raise self._bytes_missed(n_bytes, plain)
         found = [search(coder.polished, plain.at), plain] if coder.polishes else [plain]
         met = [one for one in found if 0.98 * n_bytes <= len(one.what) <= n_bytes]
         if not met:
             said = f"{n_bytes:,} bytes cannot be met: {len(plain.what):,} is nearest"
             raise TargetMissedError(said, abs(len(plain.what) - n_bytes))
         return met[0] if len(met) == 1 else max(met, key=lambda one: self.psnr(one.what))
+
+    def expect_bytes(self, n_bytes: int) -> None:
+        """Try the end of the range of prices that has the fewest bytes.
+
+        Raises:
+            TargetMissedError: it has more than `n_bytes`.
+        """
+        price = PRICES[1]
+        data = self.written(self.prepared.coded(price))
+        if len(data) > n_bytes:
+            raise self._bytes_missed(n_bytes, Found(price, math.nan, data))
+
+    def _bytes_missed(self, n_bytes: int, end: Found[bytes]) -> TargetMissedError:
+        """That of a number of bytes beyond an end of the range."""
+        other = self._bounds[end.at == self._bounds[0]]
+        return bytes_missed(n_bytes, len(end.what), len(self.written(self.prepared.coded(other))))
 
     def guess_of_psnr(self, decibels: float, near: float) -> Guess:
         """Where `nearest_psnr` may begin, by a sketch; `nearer` makes it better.
@@ -305,8 +326,9 @@ class TargetEncoder(Aim):
         if not all(error > 0 for error in errors.values()):
             raise ValueError("largest errors are above 0")
         asked = np.array([errors.get(name, math.inf) for name in GROUPS])
-        if np.any(self.leaf_error > asked):
-            raise self._missed(asked, np.array(self.leaf_error))
+        own = np.array(self.leaf_error)
+        if np.any(own > asked):
+            raise errors_missed(asked, own, own)
         coder = Prepared(replace(self, views=None, polish=0, layers=1))
         finest = replace(self.settings, accuracy=NearLossless())
         table = coder.wanted_steps()
@@ -322,28 +344,16 @@ class TargetEncoder(Aim):
             if attempt == ONE_SIDED - 1 or (not attempt and np.any(found > 2 * asked)):
                 least = self._errors_of(coder, write(coder.quantised(finest), effort=1))
                 if np.any(least > 2 * asked):  # what is finest is a unit off; steps half of one
-                    raise self._missed(asked, least)
+                    raise errors_missed(asked, least, own)
             finer = np.where(
                 found > asked, np.minimum(0.9 * asked / np.maximum(found, 1e-300), 0.9), 1
             )
             table = table * np.maximum(finer, 0.02)[groups]
-        raise self._missed(asked, found)
+        raise errors_missed(asked, found, own)
 
     def _errors_of(self, coder: Prepared, data: bytes) -> F64:
         """(5,) largest error of a stream per group, with those of the tree."""
         return _errors(coder.tiles, data, self.tree.shown_degree) + self.leaf_error
-
-    def _missed(self, asked: F64, least: F64) -> TargetMissedError:
-        """That of these (5,) errors the least that were found are too large."""
-        worst = int(np.argmax(least / asked))
-        own = self.leaf_error[worst]
-        is_of_tree = own > asked[worst] / 2 and least[worst] - own <= asked[worst]
-        why = ", as float32 rounds the tree: try --levels 1" if is_of_tree else ""
-        said = (
-            f"{GROUPS[worst]}: an error of {asked[worst]:g} cannot be kept: the least is"
-            f" {least[worst]:.3g}{why}"
-        )
-        return TargetMissedError(said, float(least[worst] / asked[worst]))
 
     def psnr(self, data: bytes) -> float:
         """Of the leaves of a stream, dB.
@@ -385,14 +395,6 @@ def _guess(rough: Callable[[float], float], target: float, slope: float, near: f
         if abs(math.log(guess.price) - at) <= NEAR:
             break
     return guess
-
-
-def psnr_reached(least: float, most: float, about: str = "") -> str:
-    """Which PSNR, dB, streams have, in words; no more than may be asked for."""
-    if least > MOST_PSNR:
-        return f"every stream has more than {MOST_PSNR:g} dB; leave the target out"
-    digits = 0 if about else 1
-    return f"{about}{least:.{digits}f} to {min(most, MOST_PSNR):.{digits}f} dB can be reached"
 
 
 def _errors(tiles: Sequence[EvolutionTree], data: bytes, sh_degree: int) -> F64:

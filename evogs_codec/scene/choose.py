@@ -9,20 +9,19 @@ from dataclasses import replace
 from functools import partial
 
 from evogs_codec.encoding.encode import encode
-from evogs_codec.encoding.layers import N_LAYERS
 from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
 from evogs_codec.encoding.missed import MEASURING
+from evogs_codec.encoding.out_of_reach import TargetMissedError
 from evogs_codec.encoding.palette_worth import bits_of_palette, bits_of_psi
 from evogs_codec.encoding.search import Found
 from evogs_codec.encoding.sensitivity import SEEN_OF_CIRCLE
 from evogs_codec.encoding.settings import SCENE_PRESET, SCENE_PRICE, TREE_PRESET, TREE_PSNR
-from evogs_codec.encoding.targets import Guess, TargetEncoder, TargetMissedError
+from evogs_codec.encoding.targets import Guess, TargetEncoder
 from evogs_codec.errors import InputError
-from evogs_codec.format.write_directory import MAX_LEVELS
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.found_stream import FoundStream, Make
 from evogs_codec.scene.measure import with_room
-from evogs_codec.scene.reach import expect_in_reach
+from evogs_codec.scene.reach import MANY, SURE_OF_SPLAT, SURE_PSNR
 from evogs_codec.scene.request import Request
 
 __all__ = ["at_tree_psnr", "best_stream", "palette_pays"]
@@ -30,7 +29,6 @@ __all__ = ["at_tree_psnr", "best_stream", "palette_pays"]
 # So many times the bits, by an estimate, are more: of psi, and of picks, of which the estimate does
 # not see that neighbours have the same.
 SURE, SURE_OF_PICKS = 1.05, 2.0
-MANY = 8_000  # splats, of which a sketch guesses a price of a bit; of fewer each try is quick
 ABOUT = 1.0  # dB from `TREE_PSNR`, at most: of a splat or two a price of a bit moves a PSNR so far
 
 
@@ -52,7 +50,7 @@ def best_stream(
     if request.is_plain and not request.has_preset and tree.n_leaves and _draws(request):
         views = request.weighing_views(tree.shared_leaves())
         ordering = None if views is None else views.fewer(request.effort.n_ordering_views)
-        aim = replace(whole, views=views, ordering=ordering, layers=_layers(tree, request))
+        aim = replace(whole, views=views, ordering=ordering, layers=request.n_layers(tree.n_levels))
         if request.effort.by_leaves:
             aim = replace(aim, by_leaves=True)
         elif views is not None:
@@ -79,13 +77,11 @@ def best_stream(
     if not tree.n_leaves:
         raise InputError("a scene without splats has nothing to aim at")
     views = request.views(tree.shared_leaves(), descent=request.polish > 0)
-    layers = request.layers or (1 if views is None else _layers(tree, request))
+    layers = request.n_layers(tree.n_levels)
     if views is None and (request.polish or layers > 1 or request.target_psnr is not None):
         by_bytes = "polishing needs" if request.polish else "several layers need"
         what = by_bytes if request.target_psnr is None else "a target PSNR needs"
         raise InputError(f"{what} rendered views: {request.why_no_views}")
-    if views is not None and tree.n_leaves >= MANY:
-        expect_in_reach(trees, request, layers)
     # The last layer refines every leaf, whatever the tree does.
     moves = layers > 1 or any(
         step.level == tree.n_levels - 1 > 0 and step.psi.any() for step in tree.steps
@@ -112,7 +108,10 @@ def best_stream(
             return one.nearest_bytes(most, near)
 
         guess = partial(TargetEncoder.guess_of_bytes, n_bytes=most)
-        return _aimed(_each(aim, trees), of_bytes, near, guess, TargetEncoder.psnr)
+        aims = _each(aim, trees)
+        if views is not None and tree.n_leaves >= MANY and most < SURE_OF_SPLAT * tree.n_leaves:
+            _expect_one(aims, lambda one: one.expect_bytes(most))
+        return _aimed(aims, of_bytes, near, guess, TargetEncoder.psnr)
     target = request.target_psnr
     assert target is not None, "there is a target"
 
@@ -120,12 +119,11 @@ def best_stream(
         return one.nearest_psnr(target, near)
 
     guess = partial(TargetEncoder.guess_of_psnr, decibels=target)
-    return replace(_aimed(_each(aim, trees), of_psnr, near, guess), psnr=target)
-
-
-def _layers(tree: EvolutionTree, request: Request) -> int:
-    """Layers of precision: what was asked for, or as many as there is room for."""
-    return request.layers or max(1, min(N_LAYERS, 1 + MAX_LEVELS - tree.n_levels))
+    aims = _each(aim, trees)
+    is_sure = SURE_PSNR[0] <= target <= SURE_PSNR[1]
+    if not request.polish and tree.n_leaves >= MANY and not is_sure:
+        aims[0].expect_psnr(target)  # the leaves of the other tree are on the same grids
+    return replace(_aimed(aims, of_psnr, near, guess), psnr=target)
 
 
 def _draws(request: Request) -> bool:
@@ -228,6 +226,19 @@ def _aimed(
     return _best([first, *(FoundStream.of(aim, make, first.price) for aim in others)], worth)
 
 
+def _expect_one(aims: Sequence[TargetEncoder], expect: Callable[[TargetEncoder], None]) -> None:
+    """Refuse a target that none of them meets, with what the nearest says."""
+    missed: list[TargetMissedError] = []
+    for aim in aims:
+        try:
+            expect(aim)
+        except TargetMissedError as error:
+            missed.append(error)
+        else:
+            return
+    raise min(missed, key=lambda error: error.by)
+
+
 def _best(
     streams: Sequence[FoundStream],
     worth: Callable[[TargetEncoder, bytes], float] | None = None,
@@ -271,7 +282,7 @@ def at_tree_psnr(tree: EvolutionTree, request: Request) -> FoundStream | None:
         views,
         ordering=views.fewer(request.effort.n_ordering_views),
         measuring=views.fewer(MEASURING),
-        layers=_layers(tree, request),
+        layers=request.n_layers(tree.n_levels),
         n_tiles=request.n_tiles,
         info=request.info,
         progress=request.progress,

@@ -27,6 +27,7 @@ from evogs_codec.model.splats import I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.choose import at_tree_psnr, best_stream, warn_of_preset
 from evogs_codec.scene.found_stream import FoundStream
+from evogs_codec.scene.reach import MANY, FewSplats
 from evogs_codec.scene.request import MaxError, Request, SceneOptions, TreeOptions
 from evogs_codec.scene.steady import steady
 
@@ -167,6 +168,9 @@ def encode_scene_with_order(splats: SplatParams, **options: Unpack[SceneOptions]
     request = Request.of(SCENE_PRESET, options).looking_at(splats)
     if request.is_by_views:
         splats = bounded_opacities(splats)
+    if len(splats) >= MANY and not request.is_plain:
+        few = FewSplats.of_scene(splats, levels, request, palette=palette == "auto")
+        few.expect_in_reach(request)
     lifted = lift_with_order(
         splats, levels, n_neighbours=request.effort.n_neighbours, progress=request.progress
     )
@@ -258,6 +262,8 @@ def encode_tree_with_order(tree: EvolutionTree, **options: Unpack[TreeOptions]) 
             request = replace(request, settings=replace(own, effort=request.settings.effort))
         elif tree.n_leaves:
             found = _at_tree_psnr(tree, request)
+    if tree.n_leaves >= MANY and not request.is_plain:
+        FewSplats.of_tree(tree).expect_in_reach(request)
     if found is None:
         plain = best_stream([tree], replace(request, has_preset=True), (0.0,) * len(GROUPS))
         found = steady(plain, request)

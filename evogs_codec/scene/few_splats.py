@@ -22,7 +22,7 @@ import numpy as np
 from evogs_codec.decoding.cut import Cut
 from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.layers import Layering
-from evogs_codec.encoding.targets import TargetMissedError
+from evogs_codec.encoding.out_of_reach import TargetMissedError
 from evogs_codec.format.write_directory import MAX_LEVELS
 from evogs_codec.model.components import CORE
 from evogs_codec.model.packet_id import PacketId

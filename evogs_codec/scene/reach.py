@@ -1,106 +1,226 @@
-"""Which targets can be reached, from few splats: what is far beyond them is refused at once."""
+"""Which targets can be reached, from few splats: what is far beyond them is refused at once.
+
+Few splats, some of the scene, are encoded at both ends of what a search may try. Those of a scene
+without a tree are lifted alone: a target out of reach costs no lift of all splats.
+
+Letters: N splats of the scene, D channels.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from evogs_codec.common.morton import morton_order
 from evogs_codec.decoding.decode import decode
 from evogs_codec.encoding.arrange import leaf_order
+from evogs_codec.encoding.out_of_reach import TargetMissedError, psnr_reached
 from evogs_codec.encoding.sketch import families, part_of
-from evogs_codec.encoding.targets import PRICES, TargetEncoder, TargetMissedError, psnr_reached
+from evogs_codec.encoding.targets import PRICES, TargetEncoder
 from evogs_codec.encoding.write import write
 from evogs_codec.format.directory import read_directory
-from evogs_codec.model.channels import n_channels
-from evogs_codec.model.splats import SplatParams
+from evogs_codec.lifting.lift import largest_leaf_errors, lift_with_order
+from evogs_codec.lifting.shared_sh import with_palette
+from evogs_codec.model.channels import GROUPS, n_channels
+from evogs_codec.model.splats import F32, I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.request import Request
 
-__all__ = ["expect_in_reach"]
+__all__ = ["MANY", "SURE_OF_SPLAT", "SURE_PSNR", "FewSplats"]
 
-SOME = 6_000  # splats, whose ends stand for those of all
-N_VIEWS = 4
-# Targets that are not looked at, since they can be reached: dB, bytes of a splat, and of each of
-# its numbers.
-PSNR, LEAST, MOST = (30.0, 60.0), 2.5, 0.75
-# What a target may be beyond the ends of some splats and yet be tried: dB, times the bytes.
-PSNR_ROOM, BYTES_ROOM = 4.0, 1.6
+MANY = 8_000  # splats; with fewer each try is quick
+FEW = 6_000  # splats, whose ends stand for those of all
+CHUNK = 256  # neighbours that are among them together
+# Views of the few, and of all: so many that this many splats are drawn.
+N_VIEWS, MOST_VIEWS, DRAWN = 4, 24, 2_000_000
+# Targets that can be reached for sure: dB, bytes of a splat from this on, and of each of its
+# numbers up to this.
+SURE_PSNR, SURE_OF_SPLAT, SURE_OF_NUMBER = (30.0, 60.0), 2.5, 0.75
+# What a target may be beyond an end of the few and yet be tried: dB, times the bytes, times the
+# error.
+PSNR_ROOM, BYTES_ROOM, ERROR_ROOM = 6.0, 2.0, 4.0
 
 
-def expect_in_reach(trees: Sequence[EvolutionTree], request: Request, layers: int) -> None:
-    """Refuse a target far beyond what the streams of trees with the same leaves reach.
+@dataclass(frozen=True, eq=False)
+class FewSplats:
+    """Some splats of a scene.
 
-    Args:
-        trees: with many splats.
-        request: with a target PSNR or a number of bytes, and views.
-        layers: of precision.
-
-    Raises:
-        TargetMissedError: it is; the ends that it names are estimates.
+    Attributes:
+        scene: all its splats.
+        trees: of some, with the same leaves: those that the scene may be encoded as.
+        leaf_error: (5,) of the trees (`Aim`).
     """
-    tree = trees[-1]
-    n, psnr, n_bytes = tree.n_leaves, request.target_psnr, request.target_bytes
-    if psnr is not None and not PSNR[0] <= psnr <= PSNR[1]:
-        ends = [end for one in trees for end in _ends(one, request, layers)]
-        least, most = min(ends), max(ends)
-        if not least - PSNR_ROOM <= psnr <= most + PSNR_ROOM:
-            said = f"{psnr:g} dB cannot be met: {psnr_reached(least, most, 'about ')}"
-            raise TargetMissedError(said, max(least - psnr, psnr - most))
-    most_likely = MOST * n_channels(tree.shown_degree)
-    if n_bytes is not None and not LEAST <= n_bytes / n <= most_likely:
-        ends = [end for one in trees for end in _ends(one, request, layers)]
-        least, most = min(ends), max(ends)
-        if not least / BYTES_ROOM <= n_bytes <= most * BYTES_ROOM:
-            reached = f"about {_rounded(least):,} to {_rounded(most):,} bytes can be reached"
-            said = f"{n_bytes:,} bytes cannot be met: {reached}"
-            raise TargetMissedError(said, max(least - n_bytes, n_bytes - most))
+
+    scene: SplatParams
+    trees: Sequence[EvolutionTree]
+    leaf_error: tuple[float, ...] = (0.0,) * len(GROUPS)
+
+    @staticmethod
+    def of_scene(
+        splats: SplatParams, n_levels: int, request: Request, *, palette: bool = True
+    ) -> FewSplats:
+        """Of splats, which are lifted; in a palette, too, where they share their SH and may."""
+        some = splats.take(_spread(splats))
+        lifted = lift_with_order(some, n_levels, n_neighbours=request.effort.n_neighbours)
+        shared = with_palette(lifted, some) if palette else None
+        trees = [shared, lifted.tree] if shared else [lifted.tree]
+        return FewSplats(splats, trees, largest_leaf_errors(trees[0], some, lifted.leaf_of))
+
+    @staticmethod
+    def of_tree(tree: EvolutionTree) -> FewSplats:
+        """Of the leaves of a tree."""
+        (is_in,) = families([tree], FEW / tree.n_leaves)
+        return FewSplats(tree.shared_leaves(), [part_of(tree, is_in)])
+
+    def expect_in_reach(self, request: Request) -> None:
+        """Refuse a target far beyond what streams of the scene reach.
+
+        Args:
+            request: with a target.
+
+        Raises:
+            TargetMissedError: it is; the ends that it names are estimates.
+        """
+        if request.errors:
+            self._expect_errors(request)
+        elif not request.why_no_views:
+            ends = [_Ends(self.scene, some, request) for some in self.trees]
+            if request.target_psnr is not None:
+                _expect_psnr(ends, request.target_psnr)
+            if request.target_bytes is not None:
+                _expect_bytes(ends, request.target_bytes)
+
+    def _expect_errors(self, request: Request) -> None:
+        missed: list[TargetMissedError] = []
+        for some in self.trees:
+            try:
+                TargetEncoder(some, request.settings, leaf_error=self.leaf_error).within(
+                    request.errors
+                )
+            except TargetMissedError as error:
+                missed.append(error)
+        if len(missed) == len(self.trees):
+            nearest = min(missed, key=lambda error: error.by)
+            if nearest.by > ERROR_ROOM:
+                raise nearest
 
 
-def _ends(tree: EvolutionTree, request: Request, layers: int) -> list[float]:
-    """PSNR or bytes, whichever is aimed at, at the ends of the range of prices, about."""
-    (is_in,) = families([tree], SOME / tree.n_leaves)
-    part = part_of(tree, is_in)
-    views = request.views(part.leaves(), N_VIEWS)
-    aim = TargetEncoder(part, request.settings, views, layers=layers, by_leaves=True)
-    streams = [write(aim.prepared.coded(at), effort=1, digests=False) for at in PRICES]
-    if request.target_psnr is not None:
-        finest, coarsest = map(aim.psnr, streams)
-        return [min(finest, _psnr_among_all(tree, is_in, part, streams[0], request)), coarsest]
-    found = []
-    for data in streams:
+class _Ends:
+    """Streams of few splats at the ends of the range of prices, and what the scene has there."""
+
+    def __init__(self, scene: SplatParams, some: EvolutionTree, request: Request) -> None:
+        self.scene, self.some, self.request = scene, some, request
+        self._streams: dict[float, bytes] = {}
+
+    @cached_property
+    def _encoder(self) -> TargetEncoder:
+        views = self.request.views(self.some.shared_leaves(), N_VIEWS)
+        layers = self.request.n_layers(self.some.n_levels)
+        return TargetEncoder(self.some, self.request.settings, views, layers=layers, by_leaves=True)
+
+    def _stream(self, price: float) -> bytes:
+        if price not in self._streams:
+            coded = self._encoder.prepared.coded(price)
+            self._streams[price] = write(coded, effort=1, digests=False)
+        return self._streams[price]
+
+    def psnr(self, price: float) -> float:
+        """Of the scene, dB, about.
+
+        Each splat errs as that one of the few does which has the same rank by size. Small errors
+        let splats swap and cross thresholds. A few pixels then have most of the error, which
+        pictures of few splats seldom show.
+        """
+        n_views = min(max(DRAWN // len(self.scene), N_VIEWS), MOST_VIEWS)
+        views = self.request.views(self.scene, n_views)
+        assert views is not None, "there are views"
+        right = _unit(self.some.shared_leaves().channels())[:, leaf_order(self.some)]
+        leaves = decode(self._stream(price)).leaves(sh_degree=self.scene.sh_degree)
+        off = _unit(leaves.channels()) - right
+        moved = _unit(self.scene.channels())
+        n, n_some = moved.shape[1], right.shape[1]
+        alike = np.empty(n, np.int64)
+        alike[np.argsort(_size(moved))] = np.argsort(_size(right))[np.arange(n) * n_some // n]
+        moved += off[:, alike]
+        return views.psnr(SplatParams.from_channels(moved))
+
+    def n_bytes(self, price: float) -> float:
+        """Of the stream of the scene, about."""
+        data = self._stream(price)
         body = int(read_directory(data).packets["size"].sum())
-        found.append(len(data) - body + body * tree.n_leaves / part.n_leaves)
-    return found
+        return len(data) - body + body * len(self.scene) / self.some.n_leaves
 
 
-def _psnr_among_all(
-    tree: EvolutionTree,
-    is_in: npt.NDArray[np.bool_],
-    part: EvolutionTree,
-    data: bytes,
-    request: Request,
-) -> float:
-    """PSNR of the whole scene, dB, if all err as the leaves of a stream of a part do among all.
+def _expect_psnr(ends: Sequence[_Ends], wanted: float) -> None:
+    @cache
+    def most() -> float:
+        return max(one.psnr(PRICES[0]) for one in ends)
 
-    Args:
-        tree: the scene.
-        is_in: (n,) which slots of it the part has.
-        part: of the tree.
-        data: a stream of the part.
-        request: of views.
+    @cache
+    def least() -> float:
+        return min(one.psnr(PRICES[1]) for one in ends)
+
+    if wanted > SURE_PSNR[1]:
+        off = wanted - most()
+    elif wanted < SURE_PSNR[0]:
+        off = least() - wanted
+    else:
+        return
+    if off > PSNR_ROOM:
+        said = f"{wanted:g} dB cannot be met: {psnr_reached(least(), most(), 'about ')}"
+        raise TargetMissedError(said, off)
+
+
+def _expect_bytes(ends: Sequence[_Ends], wanted: int) -> None:
+    @cache
+    def most() -> float:
+        return max(one.n_bytes(PRICES[0]) for one in ends)
+
+    @cache
+    def least() -> float:
+        return min(one.n_bytes(PRICES[1]) for one in ends)
+
+    n = len(ends[0].scene)
+    if wanted > SURE_OF_NUMBER * n_channels(ends[0].scene.sh_degree) * n:
+        times = wanted / most()
+    elif wanted < SURE_OF_SPLAT * n:
+        times = least() / wanted
+    else:
+        return
+    if times > BYTES_ROOM:
+        reached = f"about {_rounded(least()):,} to {_rounded(most()):,} bytes can be reached"
+        said = f"{wanted:,} bytes cannot be met: {reached}"
+        raise TargetMissedError(said, max(least() - wanted, wanted - most()))
+
+
+def _spread(splats: SplatParams) -> I64:
+    """Rows of about `FEW` splats all over a scene, and of those with the extremes of channels.
+
+    The grids of a stream follow from the extremes.
     """
-    scene, (_, live) = tree.shared_leaves(), tree.lineage()
-    views = request.views(scene, N_VIEWS)
-    assert views is not None, "there are views"
-    mixed = scene.channels().copy()
-    rows = np.flatnonzero(is_in[live])
-    found = decode(data).leaves(sh_degree=tree.shown_degree)
-    mixed[:, rows[leaf_order(part)]] = found.channels()
-    share = part.n_leaves / tree.n_leaves
-    return views.psnr(SplatParams.from_channels(mixed)) + 10 * math.log10(share)
+    order = morton_order(splats.means.T)
+    n_chunks = -(-len(order) // CHUNK)
+    chunks = np.arange(n_chunks)[:: max(n_chunks * CHUNK // FEW, 1)]
+    rows = [order[at * CHUNK : (at + 1) * CHUNK] for at in chunks]
+    channels = splats.channels()
+    return np.unique(np.concatenate([*rows, channels.argmin(axis=1), channels.argmax(axis=1)]))
+
+
+def _size(channels: F32) -> F32:
+    """(N,) logarithm of the product of the scales of splats (D, N)."""
+    size: F32 = channels[7:10].sum(axis=0)
+    return size
+
+
+def _unit(channels: F32) -> F32:
+    """Splats (D, N) with quaternions of length 1."""
+    length = np.sqrt(np.square(channels[3:7]).sum(axis=0))
+    channels[3:7] /= np.where(length > 0, length, 1)
+    return channels
 
 
 def _rounded(n: float) -> int:

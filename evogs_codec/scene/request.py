@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, TypedDict
 
 from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.common.version import __version__
-from evogs_codec.encoding.layers import MAX_LAYERS
+from evogs_codec.encoding.layers import MAX_LAYERS, N_LAYERS
 from evogs_codec.encoding.settings import PRESETS, Settings
+from evogs_codec.format.write_directory import MAX_LEVELS
 from evogs_codec.model.channels import GROUPS
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import SplatParams
@@ -139,6 +140,15 @@ class Request:
         if self.cameras is not None and not len(self.cameras):
             return "there are no cameras"
         return NO_NUMBA if find_spec("numba") is None else ""
+
+    def n_layers(self, n_levels: int) -> int:
+        """Layers of precision of so many levels: those asked for, or as many as there is room for.
+
+        One where nothing can be rendered.
+        """
+        if self.layers or self.why_no_views:
+            return self.layers or 1
+        return max(1, min(N_LAYERS, 1 + MAX_LEVELS - n_levels))
 
     def looking_at(self, scene: SplatParams) -> Request:
         """The same, which knows what is up in the default views of a scene."""

@@ -28,7 +28,7 @@ from evogs_codec.encoding.held_steps import Run, places
 from evogs_codec.encoding.late_level import gains_little
 from evogs_codec.encoding.layers import BETWEEN, N_LAYERS, Layering
 from evogs_codec.encoding.mends import mends
-from evogs_codec.encoding.targets import TargetMissedError
+from evogs_codec.encoding.out_of_reach import TargetMissedError
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.few_splats import without_falls
 from evogs_codec.scene.found_stream import FoundStream

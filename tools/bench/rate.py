@@ -13,7 +13,7 @@ import gsply
 
 from evogs_codec import SplatParams, decode
 from evogs_codec.cli.options import DEFAULT_ITERATIONS
-from evogs_codec.encoding.targets import TargetMissedError
+from evogs_codec.encoding.out_of_reach import TargetMissedError
 from evogs_codec.render import Views, cameras_around
 from tools.bench.measure import seconds_text
 from tools.bench.peers import from_gsply, with_fewer_sh_bits, write_compressed_ply, write_spz

@@ -29,6 +29,7 @@ from tools.bench.page import Rows, text_of, write
 from tools.bench.parts import PARTS
 from tools.bench.prefix import prefixes, rivals
 from tools.bench.refine import refined
+from tools.bench.refused import refused
 from tools.bench.scale import scale
 from tools.bench.sog import published, sog
 from tools.bench.subjects import Subject, subjects
@@ -37,7 +38,7 @@ from tools.bench.worst import worst
 
 OF_SUBJECTS = {
     *("rate", "sog", "surface", "prefix", "loss", "alone", "first", "stream"),
-    *("decimate", "effort"),
+    *("decimate", "effort", "refused"),
 }
 Measurement = tuple[str, str, Callable[[], Rows]]  # name, title, what measures it
 
@@ -154,6 +155,9 @@ def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement
 
         scenes = [one for one in (*shipped, *of) if one.lifted is not None]
         yield "effort", "Efforts of the encoder", partial(effort, scenes, folder)
+    if "refused" in args.only:
+        title = "Targets that cannot be met"
+        yield "refused", title, partial(refused, (*shipped, scene_without_bands(), *of), folder)
     if "decimate" in args.only and command:
         title = "Coarse levels against decimation, over 24 views"
         yield "decimate", title, partial(decimate, (of[0], *shipped), command, folder)

@@ -15,10 +15,11 @@ from conformance.decoders import oracle
 from evogs_codec import PRESETS, Cut, EvolutionTree, decode, encode, lift
 from evogs_codec.cli.commands import main
 from evogs_codec.encoding.arrange import arrange
+from evogs_codec.encoding.out_of_reach import TargetMissedError
 from evogs_codec.encoding.quantise import quantise
 from evogs_codec.encoding.rate_distortion import cheapest
 from evogs_codec.encoding.settings import TREE_PSNR
-from evogs_codec.encoding.targets import PRICES, TargetEncoder, TargetMissedError
+from evogs_codec.encoding.targets import PRICES, TargetEncoder
 from evogs_codec.io.ply import write_ply
 from evogs_codec.io.tree_npz import write_tree
 from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS
@@ -219,7 +220,8 @@ def test_an_error_out_of_reach_is_refused_after_two_tries_with_the_least(monkeyp
         TargetEncoder(tree, PRESETS["scene"]).within({"position": 1e-12})
     assert len(calls) == 2
     found = re.match(
-        r"position: an error of 1e-12 cannot be kept: the least is ([\d.e-]+)$", str(refused.value)
+        r"position: an error of 1e-12 cannot be kept: it is at least ([\d.e-]+)$",
+        str(refused.value),
     )
     assert found
     least = float(found[1])
@@ -229,7 +231,7 @@ def test_an_error_out_of_reach_is_refused_after_two_tries_with_the_least(monkeyp
 def test_an_error_below_that_of_the_tree_is_refused_before_anything_is_encoded(monkeypatch):
     calls = counted(monkeypatch)
     one = TargetEncoder(scene()[0], PRESETS["scene"], leaf_error=(0.1, 0, 0, 0, 0))
-    with pytest.raises(TargetMissedError, match=r"the least is 0\.1, as float32 rounds the tree"):
+    with pytest.raises(TargetMissedError, match=r"it is at least 0\.1, as float32 rounds the tree"):
         one.within({"position": 0.01})
     assert not calls
 

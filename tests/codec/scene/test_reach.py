@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import pytest
@@ -11,9 +12,12 @@ pytest.importorskip("numba", reason="the rasterizer is compiled")
 from evogs_codec import TargetMissedError, decode, encode_scene, encode_tree, lift
 from evogs_codec.encoding import arrange as arranging
 from evogs_codec.encoding import prepared
+from evogs_codec.encoding.prepared import Prepared
+from evogs_codec.encoding.targets import PRICES
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
-from evogs_codec.scene import choose, reach
+from evogs_codec.scene import choose, encode, reach
+from evogs_codec.scene.reach import FewSplats
 
 N = 1200
 
@@ -21,7 +25,15 @@ N = 1200
 @pytest.fixture(autouse=True)
 def _many(monkeypatch):
     monkeypatch.setattr(choose, "MANY", 1000)
-    monkeypatch.setattr(reach, "SOME", 400)
+    monkeypatch.setattr(encode, "MANY", 1000)
+    monkeypatch.setattr(reach, "FEW", 400)
+    monkeypatch.setattr(reach, "CHUNK", 64)
+
+
+def _with_far_splats(scene):
+    means = scene.means.copy()
+    means[:2] = [[-3e4] * 3, [3e4] * 3]  # no grid has 119 dB of the others
+    return replace(scene, means=means)
 
 
 @pytest.mark.parametrize(
@@ -34,6 +46,59 @@ def _many(monkeypatch):
     ],
 )
 def test_a_target_far_out_of_reach_is_refused_by_a_few_splats(monkeypatch, target, said):
+    sizes = _sizes_arranged(monkeypatch)
+    _no_lift(monkeypatch)
+    scene = _with_far_splats(make_scene(N))
+    with pytest.raises(TargetMissedError, match=f"{said} [\\d,]+ to [\\d,]+ (dB|bytes) can be"):
+        encode_scene(scene, up="z", effort=1, **target)
+    assert max(sizes) < N / 2
+    with pytest.raises(TargetMissedError, match=f"{said} [\\d,]+ to [\\d,]+ (dB|bytes) can be"):
+        encode_tree(lift(scene, 2), up="z", effort=1, **target)
+    assert max(sizes) < N / 2
+
+
+def test_an_error_far_out_of_reach_is_refused_by_a_few_splats(monkeypatch):
+    _no_lift(monkeypatch)
+    with pytest.raises(TargetMissedError, match="of 1e-12 cannot be kept: it is at least"):
+        encode_scene(make_scene(N), max_error=1e-12)
+
+
+@pytest.mark.parametrize(("target", "end"), [(119.0, 1), (5.0, 0)])
+def test_ends_of_a_few_splats_are_near_those_of_all(monkeypatch, target, end):
+    scene = _with_far_splats(make_scene(N))
+    said = []
+    for many in (1000, 10_000):
+        monkeypatch.setattr(choose, "MANY", many)
+        monkeypatch.setattr(encode, "MANY", many)
+        with pytest.raises(TargetMissedError) as refused:
+            encode_scene(scene, up="z", effort=1, levels=2, target_psnr=target)
+        found = re.search(r"([\d.]+) to ([\d.]+) dB can be", str(refused.value))
+        assert found
+        said.append(float(found.groups()[end]))
+    assert said[0] != said[1]
+    assert abs(said[0] - said[1]) < reach.PSNR_ROOM
+
+
+@pytest.mark.parametrize(
+    "target", [{"target_psnr": 119.0}, {"target_psnr": 5.0}, {"target_bytes": 100}]
+)
+def test_a_target_just_out_of_reach_costs_both_ends_alone(monkeypatch, target):
+    monkeypatch.setattr(FewSplats, "expect_in_reach", lambda *_: None)
+    prices = []
+
+    def coded(self, price):
+        prices.append(price)
+        return code(self, price)
+
+    code = Prepared.coded
+    monkeypatch.setattr(Prepared, "coded", coded)
+    with pytest.raises(TargetMissedError, match=r"cannot be met: [\d.,]+ to "):
+        encode_scene(_with_far_splats(make_scene(N)), up="z", effort=1, levels=2, **target)
+    assert sorted(prices) == sorted(PRICES)
+
+
+def _sizes_arranged(monkeypatch):
+    """Of the trees that are prepared for encoding from now on."""
     sizes = []
 
     def arrange(tree, n_tiles):
@@ -41,13 +106,14 @@ def test_a_target_far_out_of_reach_is_refused_by_a_few_splats(monkeypatch, targe
         return arranging.arrange(tree, n_tiles)
 
     monkeypatch.setattr(prepared, "arrange", arrange)
-    scene = make_scene(N)
-    means = scene.means.copy()
-    means[:2] = [[-3e4] * 3, [3e4] * 3]  # no grid has 119 dB of the others
-    scene = replace(scene, means=means)
-    with pytest.raises(TargetMissedError, match=f"{said} [\\d,]+ to [\\d,]+ (dB|bytes) can be"):
-        encode_scene(scene, up="z", effort=1, **target)
-    assert max(sizes) < N / 2
+    return sizes
+
+
+def _no_lift(monkeypatch):
+    def lifting(*args, **options):
+        raise AssertionError("all splats are lifted")
+
+    monkeypatch.setattr(encode, "lift_with_order", lifting)
 
 
 @pytest.mark.thorough

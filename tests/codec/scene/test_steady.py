@@ -22,7 +22,7 @@ from evogs_codec import (
 from evogs_codec.encoding import late_level
 from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.layers import Layering
-from evogs_codec.encoding.targets import TargetMissedError
+from evogs_codec.encoding.out_of_reach import TargetMissedError
 from evogs_codec.lifting.lift import lift_with_order
 from evogs_codec.lifting.shared_sh import with_palette
 from evogs_codec.render import Views, cameras_around
