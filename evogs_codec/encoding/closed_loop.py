@@ -12,12 +12,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from types import ModuleType
 
 import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.encoding.alpha_tables import joint_delta, nearest, serving_both, serving_second
+from evogs_codec.encoding.apply_step import apply_step, loops, rows_of_splits
 from evogs_codec.encoding.grids import Grid, TooFineError, largest_of_rows
 from evogs_codec.encoding.packet_gains import LeafTracker
 from evogs_codec.encoding.ranges import middle_of
@@ -32,11 +32,15 @@ from evogs_codec.model.arithmetic import (
     SYMMETRIC,
     AlphaTable,
     Quantiser,
-    RangeError,
     StepPlan,
-    apply_channel,
 )
-from evogs_codec.model.channels import GROUP_CHANNELS, N_GROUPS, group_of_class, n_channels
+from evogs_codec.model.channels import (
+    GROUP_CHANNELS,
+    N_GROUPS,
+    channel_class,
+    group_of_class,
+    n_channels,
+)
 from evogs_codec.model.coded_tree import CodedStep, CodedTile
 from evogs_codec.model.splats import F64, I32, I64, U8
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
@@ -166,14 +170,14 @@ class TileCoder:
         self, aim: F64, part: slice, plan: StepPlan, step_sizes: F64
     ) -> tuple[F64, F64]:
         """(C, P) and (C, S) of C1s and refined splats, and of C2s, from their parents, in steps."""
-        compiled = _loops()
+        compiled = loops()
         new = slice(plan.n_before, plan.n_before + plan.n_splits)
         if compiled is None:
             s = slice(None) if plan.splits is None else plan.splits
             parents = self.x[part][:, plan.targets].astype(np.float64)
             u = (aim[part][:, plan.targets] - parents) / step_sizes
             return u, (aim[part][:, new] - parents[:, s]) / step_sizes
-        slots, splits = plan.target_slots, _rows_of_splits(plan)
+        slots, splits = plan.target_slots, rows_of_splits(plan)
         u, v = (np.empty((len(step_sizes), n)) for n in (len(slots), plan.n_splits))
         compiled.differences(
             aim[part], self.x[part], slots, splits, step_sizes[:, 0], new.start, u, v
@@ -201,10 +205,10 @@ class TileCoder:
     def _advance_target(self, step: Step, plan: StepPlan) -> None:
         """The float tree's state after the step, in grid units from the origin."""
         target, scale, n = self.target, self.grid.scale, self.n
-        compiled = _loops()
+        compiled = loops()
         if compiled is not None:
             groups = np.array([group_of_class(kind) for kind in self.grid.classes])
-            slots, splits = plan.target_slots, _rows_of_splits(plan)
+            slots, splits = plan.target_slots, rows_of_splits(plan)
             compiled.advance(target, slots, splits, step.psi, step.alpha, groups, scale[:, 0], n)
         else:
             parents = target[:, plan.targets]
@@ -275,23 +279,11 @@ class TileCoder:
 
     def _apply(self, plan: StepPlan, level: int, psi: I32, indices: U8, adds: I32) -> None:
         """Do to `x` what a decoder does."""
-        of_psi = self.grid.channel_quantisers[1 + level]
-        of_adds = self.grid.channel_quantisers[0]
-        for channel, kind in enumerate(self.grid.classes):
-            group = group_of_class(kind)
-            table = self.alpha.get((level, group), SYMMETRIC)
-            a = np.array(table.entries, np.int32)[indices[group]]
-            try:
-                apply_channel(
-                    self.x[channel],
-                    plan,
-                    of_psi[channel].delta(psi[channel]),
-                    a,
-                    table.shift,
-                    of_adds[channel].delta(adds[channel]),
-                )
-            except RangeError:
-                raise TooFineError(group) from None
+        of_adds, of_psi = self.grid.quantisers[0], self.grid.quantisers[1 + level]
+        tables = [self.alpha.get((level, group), SYMMETRIC) for group in range(N_GROUPS)]
+        broken = apply_step(self.x, plan, of_psi, of_adds, tables, psi, indices, adds)
+        if broken is not None:
+            raise TooFineError(group_of_class(channel_class(broken)))
         self.x[:, plan.drops] = 0
         self.n = plan.n_after
         written = [self.x[0:3, plan.targets], self.x[0:3, plan.n_before : plan.n_after]]
@@ -316,20 +308,6 @@ class TileCoder:
         if self.tracker is not None:
             self.tracker.note(self.x, self.n)
         return CodedStep(step.level, slots, kinds, indices, psi, adds)
-
-
-def _loops() -> ModuleType | None:
-    """The compiled loops; None where numba, which is an extra, is missing."""
-    try:
-        from evogs_codec.encoding import step_loops
-    except ImportError:
-        return None
-    return step_loops
-
-
-def _rows_of_splits(plan: StepPlan) -> I64:
-    """(S,) rows of its targets."""
-    return np.arange(plan.n_splits) if plan.splits is None else plan.splits
 
 
 def _triple(values: F64 | I64) -> tuple[int, int, int]:

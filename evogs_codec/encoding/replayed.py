@@ -14,14 +14,14 @@ import numpy as np
 from evogs_codec.common.parallel import parallel_map
 from evogs_codec.decoding.compiled.dispatch import loaded_kernels
 from evogs_codec.decoding.float_view import float_picks, float_rows
-from evogs_codec.model.arithmetic import StepPlan, apply_channel
+from evogs_codec.encoding.apply_step import apply_step
+from evogs_codec.model.arithmetic import StepPlan
 from evogs_codec.model.channels import (
     CORE_SH,
     GROUP_CHANNELS,
     N_CORE,
     N_GROUPS,
     channel_class,
-    group_of_class,
 )
 from evogs_codec.model.coded_tree import CodedStep, CodedTile, CodedTree
 from evogs_codec.model.siblings import Siblings
@@ -101,19 +101,9 @@ class _Tile:
             psi = psi.copy()
             psi[of] = Siblings.of(step.slots, self.born_from[: self.n]).sums(psi[of])
         of_adds, of_psi = self.tree.quantisers[0], self.tree.quantisers[1 + step.level]
-        for channel, row in enumerate(self.x):
-            kind = channel_class(channel)
-            group = group_of_class(kind)
-            table = self.tree.alpha_table(step.level, group)
-            a = np.array(table.entries, np.int32)[step.alpha[group]]
-            apply_channel(
-                row,
-                plan,
-                of_psi[kind].delta(psi[channel]),
-                a,
-                table.shift,
-                of_adds[kind].delta(step.adds[channel]),
-            )
+        tables = [self.tree.alpha_table(step.level, group) for group in range(N_GROUPS)]
+        broken = apply_step(self.x, plan, of_psi, of_adds, tables, psi, step.alpha, step.adds)
+        assert broken is None, "the encoder keeps to the bounds of spec 7.3"
         take_picks(step, self.picks, self.n)
         n_splits = plan.n_splits
         self.born_from[self.n : self.n + n_splits] = step.slots[step.kinds == Kind.SPLIT]

@@ -1,8 +1,8 @@
-"""The loops of `closed_loop` over the slots of a step, compiled: no arrays for what is on the way.
+"""The loops of `closed_loop` and `apply_step` over the slots of a step, compiled.
 
 Optional: without numba the codec uses numpy, which gives the same numbers.
 
-Letters: D channels, C of them, P refines and splits of a step, S splits.
+Letters: D channels, C of them, P refines and splits of a step, S splits, A adds.
 """
 
 from __future__ import annotations
@@ -12,9 +12,10 @@ from typing import Any
 import numba
 import numpy as np
 
+from evogs_codec.model.arithmetic import MAX_DELTA, MAX_PRODUCT, MAX_X
 from evogs_codec.model.splats import F32, F64, I32, I64
 
-__all__ = ["advance", "differences"]
+__all__ = ["advance", "apply", "differences"]
 
 _jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False, error_model="numpy")
 
@@ -60,3 +61,51 @@ def differences(
             u[channel, i] = (row[slots[i]] - np.float64(known[slots[i]])) / step
         for k in range(len(splits)):
             v[channel, k] = (row[n + k] - np.float64(known[slots[splits[k]]])) / step
+
+
+@_jit
+def apply(
+    x: I32, slots: I64, splits: I64, n: int, psi: I32, steps: I64,
+    group_of: I64, a: I32, shifts: I64, adds: I32, add_steps: I64,
+) -> int:  # fmt: skip
+    """Apply a step to the integers that a decoder has.
+
+    Returns the first channel in which a bound of spec 7.3 is broken, or -1.
+
+    Arguments, several to a line:
+        x: (D, n slots), in and out.
+        slots, splits, n: as of `advance`.
+        psi, steps: (D, P) integers of refines and splits, (D,) grid units of one.
+        group_of: (D,) row of `a` and `shifts` of each channel.
+        a, shifts: (5, S) alpha of each split in units of 2**-shift.
+        adds, add_steps: (D, A) integers of adds, (D,) grid units of one.
+    """
+    for channel in range(len(x)):
+        row, own, step = x[channel], psi[channel], steps[channel]
+        group = group_of[channel]
+        shift = shifts[group]
+        half = (np.int64(1) << shift) >> 1
+        for i in range(len(slots)):
+            if abs(np.int64(own[i]) * step) > MAX_DELTA:
+                return channel
+        for k in range(len(splits)):
+            i = splits[k]
+            product = np.int64(a[group, k]) * (np.int64(own[i]) * step)
+            if abs(product) > MAX_PRODUCT - half:
+                return channel
+            second = row[slots[i]] - ((product + half) >> shift)
+            if abs(second) > MAX_X:
+                return channel
+            row[n + k] = second
+        for i in range(len(slots)):
+            first = row[slots[i]] + np.int64(own[i]) * step
+            if abs(first) > MAX_X:
+                return channel
+            row[slots[i]] = first
+        new = n + len(splits)
+        for k in range(adds.shape[1]):
+            added = np.int64(adds[channel, k]) * add_steps[channel]
+            if abs(added) > MAX_DELTA:  # which is less than MAX_X
+                return channel
+            row[new + k] = added
+    return -1

@@ -44,6 +44,7 @@ class Between(NamedTuple):
 MOST = 150.0  # dB of a view: of one without any error, for a mean that is a number
 DRAWN = 12  # views that the sensitivity is estimated from
 COMPARED = 6  # of these, at most, compared with the scene
+MANY = 10_000  # splats of a level, each of which is one of many that are worth alike
 HELD_OUT = 5  # every 5th of the cameras given judges what descends on the others
 
 
@@ -172,11 +173,11 @@ class Views:
         """`sensitivity`, and the PSNR of every other of the pictures that are drawn for it, dB.
 
         Of a coarse level, with at most a quarter of the splats of the scene, only those are drawn:
-        each splat is in more pixels.
+        each splat is in more pixels. So it is of any coarse level of many splats.
         """
         drawn = self._weighing
         few = drawn.fewer(COMPARED)
-        is_coarse = 4 * len(splats) <= len(self.scene)
+        is_coarse = 4 * len(splats) <= len(self.scene) or MANY < len(splats) < len(self.scene)
         found, images = self._sensitivity(splats, (few if is_coarse else drawn).cameras)
         return found, few._psnr(images.__getitem__)
 

@@ -34,7 +34,7 @@ class Effort:
     pixels: int | None = 320
     all_round: bool = True
     price: float = 0.78
-    n_ordering_views: int = 3
+    n_ordering_views: int = 2
     by_leaves: bool = False
     looks: bool = True
 
@@ -69,5 +69,5 @@ EFFORTS = {
         looks=False,
     ),
     "default": Effort(),
-    "best": Effort(level=22, n_views=24, pixels=None, price=1.0),
+    "best": Effort(level=22, n_views=24, pixels=None, price=1.0, n_ordering_views=3),
 }

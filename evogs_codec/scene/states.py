@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
@@ -96,21 +96,26 @@ class Draft:
     sh_degree: int
     n_splats: int
     views: Views
+    _known: dict[int, F64] = field(default_factory=dict, repr=False)  # `last_two`, of each view
 
     def last_two(self) -> list[float]:
         """PSNR of the last two levels, of a few views, dB."""
-        cuts = [self.prefixes.of_level(self.n_levels - k) for k in (2, 1)]
+        levels = [self.n_levels - k for k in (2, 1)]
         few, _ = self._few
-        return [few.psnr(leaves) for leaves in self.prefixes.shown(cuts, self.sh_degree)]
+        cuts = map(self.prefixes.of_level, levels)
+        for level, leaves in zip(levels, self.prefixes.shown([*cuts], self.sh_degree), strict=True):
+            self._known[level] = few.psnr_of_each(leaves)
+        return [float(self._known[level].mean()) for level in levels]
 
     def states(self, progress: Progress = no_progress) -> list[State]:
         """Those after each step of the levels, but of level 0 only the last: what it adds helps."""
         few, others = self._few
-        cuts = [
-            ((level, number), cut)
-            for level in range(self.n_levels)
-            for number, cut in enumerate(self.prefixes.steps_of(level))
-        ]
+        cuts: list[tuple[tuple[int, int], Any]] = []
+        known: dict[tuple[int, int], F64] = {}
+        for level in range(self.n_levels):
+            cuts += [((level, k), cut) for k, cut in enumerate(self.prefixes.steps_of(level))]
+            if level in self._known:
+                known[cuts[-1][0]] = self._known[level]
         n_first = sum(level == 0 for (level, _), _ in cuts)
         cuts = cuts[max(n_first - 1, 0) :]
         found = []
@@ -120,9 +125,12 @@ class Draft:
                 return np.empty(0)
             return others.psnr_of_each(next(self.prefixes.shown([cut], self.sh_degree)))
 
-        leaves = self.prefixes.shown([cut for _, cut in cuts], self.sh_degree)
-        for (place, cut), splats in zip(cuts, leaves, strict=True):
-            found.append(State(place, few.psnr_of_each(splats), partial(drawn, cut)))
+        unknown = [cut for place, cut in cuts if place not in known]
+        leaves = self.prefixes.shown(unknown, self.sh_degree)
+        for place, cut in cuts:
+            if place not in known:
+                known[place] = few.psnr_of_each(next(leaves))
+            found.append(State(place, known[place], partial(drawn, cut)))
             progress("look at prefixes", len(found) / len(cuts))
         return found
 

@@ -63,10 +63,9 @@ def steady(found: FoundStream, request: Request) -> FoundStream:
     steadied.warn_of_span()
     data = steadied.data
     prefixes = StreamPrefixes(data)
-    cuts = [prefixes.of_level(level) for level in range(prefixes.n_levels)]
     levels: list[float] = []
-    for leaves in prefixes.shown(cuts, found.tree.shown_degree):
-        request.progress("measure", len(levels) / len(cuts))
+    for leaves in prefixes.shown_levels(found.tree.shown_degree):
+        request.progress("measure", len(levels) / prefixes.n_levels)
         levels.append(gauge.views.psnr(leaves))
     request.progress("measure", 1.0)
     return replace(steadied, stream=with_level_psnr(data, LevelPsnr(tuple(levels), gauge.said)))

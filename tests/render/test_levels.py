@@ -20,7 +20,8 @@ def assert_good(rows):
     for level in (EIGHTH, QUARTER, HALF):
         assert gain(rows[level], "free parents") >= -1.5
     for row in rows:
-        assert row["with palette, dB"] == "" or gain(row, "with palette") <= 1.0
+        # Coarse splats pick by error and bits, which costs half a dB more (decision 0008).
+        assert row["with palette, dB"] == "" or gain(row, "with palette") <= 1.5
 
 
 def gain(row, other):
