@@ -82,6 +82,7 @@ class Prepared:
     def __init__(self, aim: Aim) -> None:
         self.aim = aim
         self.orders: Sequence[I64 | None] | None = None  # of slots, as of `EncodedScene`
+        self.written: tuple[bytes, CodedTree] | None = None  # the last stream, and what it is of
         self.n_levels = max(aim.tree.n_levels, aim.n_levels)
         if (aim.polish or aim.layers > 1) and aim.views is None:
             raise ValueError(f"{'polishing needs' if aim.polish else 'layers need'} views")

@@ -374,7 +374,9 @@ class TargetEncoder(Aim):
 
     def written(self, coded: CodedTree) -> bytes:
         """The stream of a coded tree, with digests."""
-        return write(coded, effort=self.settings.effort, progress=self.progress)
+        data = write(coded, effort=self.settings.effort, progress=self.progress)
+        self.prepared.written = data, coded
+        return data
 
 
 def _goal(decibels: float) -> Goal:

@@ -140,7 +140,8 @@ class _Run:
     def scratch(self, out: Path, resume: bool) -> AbstractContextManager[None]:
         """While the run has its scratch folder."""
         options = asdict(replace(self.options, info=None))
-        identity = identity_of(self.files.paths, options, repr(self.options.info))
+        degree = self.files.sh_degree  # files of several are refused before there is a folder
+        identity = identity_of(self.files.paths, degree, options, repr(self.options.info))
         outside = [out, *self.files.paths]
         return scratch_folder(self.folder, identity, resume=resume, outside=outside)
 

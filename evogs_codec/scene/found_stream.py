@@ -117,6 +117,14 @@ class FoundStream:
             return StreamPrefixes(self.stream)
         return self._whole if is_whole else self._coarse
 
+    @property
+    def prefixes(self) -> Prefixes[Any]:
+        """Of the stream, which is made; of its integers where they are still there."""
+        written = None if self.aim is None else self.aim.prepared.written
+        if written is not None and written[0] is self.stream:
+            return TreePrefixes(written[1])
+        return StreamPrefixes(self.data)
+
     def nearer(self) -> FoundStream:
         """At a price at which its PSNR is nearer to what it aims at, by that of a draft.
 

@@ -12,9 +12,7 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from evogs_codec.decoding.compiled.dispatch import loaded_kernels
 from evogs_codec.decoding.cut import Cut
-from evogs_codec.decoding.decode import decode_leaves
 from evogs_codec.decoding.progressive import Decoder
 from evogs_codec.encoding.replayed import Replayed
 from evogs_codec.format.directory import Directory, read_directory
@@ -76,17 +74,6 @@ class StreamPrefixes:
     def shown(self, cuts: Sequence[Cut], sh_degree: int) -> Iterator[SplatParams]:
         """The leaves of cuts of which each contains the one before."""
         return shown(self.data, self.directory, cuts, sh_degree)
-
-    def shown_levels(self, sh_degree: int) -> Iterator[SplatParams]:
-        """The leaves of each level."""
-        n_slots = int(self.directory.tile_slots.sum())
-        if loaded_kernels(n_slots) is None:
-            yield from self.shown([*map(self.of_level, range(self.n_levels))], sh_degree)
-            return
-        for level in range(self.n_levels):  # quicker than packet by packet
-            yield decode_leaves(
-                self.data, level=level, sh_degree=sh_degree, directory=self.directory
-            )
 
 
 @dataclass(frozen=True, eq=False)

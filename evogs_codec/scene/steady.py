@@ -33,7 +33,6 @@ from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.few_splats import without_falls
 from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.measure import Gauge, without_room
-from evogs_codec.scene.prefixes import StreamPrefixes
 from evogs_codec.scene.request import Request
 from evogs_codec.scene.states import FALL, FEW, SAME, Draft, State
 
@@ -61,11 +60,11 @@ def steady(found: FoundStream, request: Request) -> FoundStream:
     steadied = _steadied(found, gauge.many, request) if found.is_by_views else found.made()
     steadied = without_falls(steadied, gauge.many, request)
     steadied.warn_of_span()
-    data = steadied.data
-    prefixes = StreamPrefixes(data)
+    prefixes, data = steadied.prefixes, steadied.data
+    cuts = [prefixes.of_level(level) for level in range(prefixes.n_levels)]
     levels: list[float] = []
-    for leaves in prefixes.shown_levels(found.tree.shown_degree):
-        request.progress("measure", len(levels) / prefixes.n_levels)
+    for leaves in prefixes.shown(cuts, found.tree.shown_degree):
+        request.progress("measure", len(levels) / len(cuts))
         levels.append(gauge.views.psnr(leaves))
     request.progress("measure", 1.0)
     return replace(steadied, stream=with_level_psnr(data, LevelPsnr(tuple(levels), gauge.said)))

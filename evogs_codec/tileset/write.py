@@ -127,7 +127,8 @@ def write_tileset(
     files = SplatFiles([Path(path) for path in paths], options.job.drop_invalid)
     folder = _scratch_of(Path(out))
     said = asdict(replace(options, job=replace(options.job, info=None)))
-    identity = identity_of(files.paths, "tileset", said, repr(options.job.info))
+    degree = files.sh_degree  # files of several are refused before there is a folder
+    identity = identity_of(files.paths, "tileset", degree, said, repr(options.job.info))
     outside = [Path(out), *files.paths]
     with scratch_folder(folder, identity, resume=resume, outside=outside):
         partition = partitioned(files, folder, report, options.per_file)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from evogs_codec import PRESETS, lift
-from evogs_codec.encoding import closed_loop, rate_distortion, sibling_refines
+from evogs_codec.encoding import apply_step, closed_loop, rate_distortion, sibling_refines
 from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.quantise import quantise
 from evogs_codec.encoding.rate_distortion import SPAN, cheapest
@@ -59,7 +59,8 @@ def test_compiled_loops_quantise_as_numpy_does(n_levels, monkeypatch):
     found = []
     for is_compiled in (True, False):
         if not is_compiled:
-            monkeypatch.setattr(closed_loop, "_loops", lambda: None)
+            monkeypatch.setattr(closed_loop, "loops", lambda: None)
+            monkeypatch.setattr(apply_step, "loops", lambda: None)
             monkeypatch.setattr(sibling_refines, "loops", lambda: None)
             monkeypatch.setattr(rate_distortion, "loops", lambda: None)
         found.append(quantise(tiles, n_levels, PRESETS["scene"], weights=weights, price=1e-6))

@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 from evogs_codec import InputError, SplatParams, write_ply
 from evogs_codec.io.ply import read_ply
 from evogs_codec.jobs.blocks import SplatFiles
+from evogs_codec.jobs.encode import encode_files
 from evogs_codec.jobs.partition import STAND_IN, Tree, partition, rows_of, stand_ins_of
 from evogs_codec.render import demo_scene
+from evogs_codec.tileset.write import write_tileset
 from tests.support.lifted_scenes import with_channels
 
 
@@ -117,6 +119,16 @@ def test_more_splats_in_one_place_than_a_tile_can_have_are_refused(tmp_path):
 def test_files_of_other_degrees_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"has SH degree 0, .* has 1"):
         parted(tmp_path / "a", [make_scene(100, 1), make_scene(100, 0)])
+
+
+def test_files_of_other_degrees_leave_no_scratch_folder(tmp_path):
+    paths = [tmp_path / "a.ply", tmp_path / "b.ply"]
+    for path, degree in zip(paths, (1, 0), strict=True):
+        write_ply(path, make_scene(100, degree))
+    for write, out in ((encode_files, "a.evogs"), (write_tileset, "tiles")):
+        with pytest.raises(InputError, match=r"b.ply: has SH degree 0, .*a.ply has 1"):
+            write(paths, tmp_path / out)
+    assert sorted(tmp_path.iterdir()) == paths
 
 
 @given(st.integers(0, 60), st.integers(1, 9), st.integers(1, 3), st.integers(0, 9))

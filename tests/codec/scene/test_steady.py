@@ -27,7 +27,7 @@ from evogs_codec.lifting.lift import lift_with_order
 from evogs_codec.lifting.shared_sh import with_palette
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
-from evogs_codec.scene import choose, steady
+from evogs_codec.scene import choose, few_splats, steady
 from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.prefixes import StreamPrefixes, TreePrefixes
 from evogs_codec.scene.request import Request
@@ -258,3 +258,30 @@ def test_a_target_that_held_steps_miss_is_met_without(monkeypatch):
     monkeypatch.setattr(TargetEncoder, "nearest_psnr", missed)
     request = Request.of("scene", {"target_psnr": 38.0})
     assert steady._steadied(first, aim.views, request).data == first.data
+
+
+@pytest.mark.usefixtures("any_views")
+@pytest.mark.parametrize("n_tiles", [1, 3])
+def test_levels_are_measured_by_the_integers_of_the_stream(monkeypatch, n_tiles):
+    measured: list[FoundStream] = []
+
+    def without_falls(*args):
+        measured.append(steady_again(*args))
+        return measured[-1]
+
+    steady_again = few_splats.without_falls
+    monkeypatch.setattr(steady, "without_falls", without_falls)
+    encode_scene(make_scene(N), up="z", n_tiles=n_tiles)
+    (found,) = measured
+    prefixes = found.prefixes
+    assert isinstance(prefixes, TreePrefixes)
+    cuts = map(prefixes.of_level, range(prefixes.n_levels))
+    for level, leaves in enumerate(prefixes.shown([*cuts], 3)):
+        decoded = decode(found.data, level=level).leaves(sh_degree=3)
+        np.testing.assert_array_equal(leaves.channels(), decoded.channels())
+
+
+@pytest.mark.usefixtures("any_views")
+def test_levels_of_other_streams_are_measured_by_their_bytes():
+    found = FoundStream(lift(make_scene(N), 2), stream=encode_scene(make_scene(N), preset="scene"))
+    assert isinstance(found.prefixes, StreamPrefixes)
