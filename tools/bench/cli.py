@@ -44,7 +44,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--up", default="z", help="up axis of the scene, as -y (default: z)")
     parser.add_argument(
-        "--before", type=Path, metavar="CHECKOUT", help="a checkout that `worst` measures too"
+        "--before",
+        type=Path,
+        metavar="CHECKOUT",
+        help="a checkout that `worst` and `before` measure too",
     )
     parser.add_argument(
         "--tries", type=int, default=0, metavar="N", help="shapes that `worst` tries per command"

@@ -19,6 +19,7 @@ from evogs_codec import SplatParams, read_ply, read_tree
 from evogs_codec.render.demo_scene import make_scene
 from tools.bench import pictures, raster, trained
 from tools.bench.alone import alone
+from tools.bench.before import before
 from tools.bench.decimate import decimate
 from tools.bench.extremes import page as extremes
 from tools.bench.falls import falls
@@ -38,7 +39,7 @@ from tools.bench.worst import worst
 
 OF_SUBJECTS = {
     *("rate", "sog", "surface", "prefix", "loss", "alone", "first", "stream"),
-    *("decimate", "effort", "refused"),
+    *("decimate", "effort", "before", "refused"),
 }
 Measurement = tuple[str, str, Callable[[], Rows]]  # name, title, what measures it
 
@@ -155,6 +156,9 @@ def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement
 
         scenes = [one for one in (*shipped, *of) if one.lifted is not None]
         yield "effort", "Efforts of the encoder", partial(effort, scenes, folder)
+    if "before" in args.only and args.before:
+        title = "Encoding beside an earlier checkout"
+        yield "before", title, partial(before, (*shipped, *of), args.before, folder)
     if "refused" in args.only:
         title = "Targets that cannot be met"
         yield "refused", title, partial(refused, (*shipped, scene_without_bands(), *of), folder)
