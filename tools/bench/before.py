@@ -14,7 +14,7 @@ from tools.bench.subjects import Subject
 
 __all__ = ["before"]
 
-TURNS = 5
+TURNS = 3
 # On one processor, so that the time of a thread is not that of waiting for another one.
 SETUP = """
 import os, sys
@@ -32,7 +32,7 @@ def before(subjects: Sequence[Subject], checkout: Path, folder: Path) -> Rows:
     """`evogs encode` without options, of an earlier checkout and of this one.
 
     Seconds are of the processor, in processes of their own that have one processor, which the two
-    take in turns: medians of five. Reading the file and loading libraries come before, what numba
+    take in turns: medians of three. Reading the file and loading libraries come before, what numba
     loads when it first runs does not.
     """
     checkouts = checkout, Path(__file__).parents[2]
