@@ -337,7 +337,7 @@ class TargetEncoder(Aim):
         for attempt in range(MOST_TRIES):
             is_last = attempt == MOST_TRIES - 1
             settings = finest if is_last else replace(self.settings, accuracy=StepTable.of(table))
-            data = self.written(coder.quantised(settings))
+            data = self._stream(coder.quantised(settings))
             found = self._errors_of(coder, data)
             if np.all(found <= asked):
                 return data
@@ -373,10 +373,13 @@ class TargetEncoder(Aim):
         return self.views.psnr(Replayed(coded).after(n_steps, self.tree.shown_degree))
 
     def written(self, coded: CodedTree) -> bytes:
-        """The stream of a coded tree, with digests."""
-        data = write(coded, effort=self.settings.effort, progress=self.progress)
+        """The stream of a coded tree that `prepared` made, with digests."""
+        data = self._stream(coded)
         self.prepared.written = data, coded
         return data
+
+    def _stream(self, coded: CodedTree) -> bytes:
+        return write(coded, effort=self.settings.effort, progress=self.progress)
 
 
 def _goal(decibels: float) -> Goal:
