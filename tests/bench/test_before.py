@@ -20,7 +20,7 @@ HERE = Path(__file__).parents[2]
 
 def test_a_checkout_is_measured_beside_itself(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "TURNS", 1)
-    scene = make_scene(200)
+    scene = make_scene(12)
     views = Views(scene, cameras_around(scene, "z", SMALL, n=24))
     subject = Subject.of_tree("small", lift(scene, 5), PRESETS["scene"], views)
     (row,) = before([subject], HERE, tmp_path)
