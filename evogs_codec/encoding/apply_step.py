@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.model.arithmetic import (
+    MAX_DELTA,
     AlphaTable,
     Quantiser,
     RangeError,
@@ -67,14 +68,19 @@ def apply_step(
         rows_of_splits(plan),
         plan.n_before,
         psi,
-        np.array([of_psi[kind].step for kind in kinds], np.int64),
+        _steps(of_psi, kinds),
         np.array([group_of_class(kind) for kind in kinds]),
         np.array(a, np.int32).reshape(len(tables), plan.n_splits),
         np.array([table.shift for table in tables], np.int64),
         adds,
-        np.array([of_adds[kind].step for kind in kinds], np.int64),
+        _steps(of_adds, kinds),
     )
     return None if broken < 0 else broken
+
+
+def _steps(quantisers: Sequence[Quantiser], kinds: Sequence[int]) -> I64:
+    """(D,) grid units of an integer, none so many that a product overflows: 0 alone is in range."""
+    return np.array([min(quantisers[kind].step, MAX_DELTA + 1) for kind in kinds], np.int64)
 
 
 def loops() -> ModuleType | None:

@@ -50,3 +50,14 @@ def test_the_compiled_loop_does_what_numpy_does(is_small, seed):
     assert broken is None or not is_small
     if broken is None:
         assert np.array_equal(compiled, plain)
+
+
+@pytest.mark.parametrize("q", [0, 1, -(1 << 22)])
+def test_of_a_step_past_64_bits_0_alone_is_in_range(q):
+    kinds = np.array([Kind.REFINE], np.uint8)
+    plan = StepPlan.of(np.zeros(1, np.int32), kinds, 1, 0)
+    quantisers, tables = [Quantiser(1, 62)] * N_CLASSES, [AlphaTable(0, (1,))] * N_GROUPS
+    x, psi = np.zeros((D, 1), np.int32), np.full((D, 1), q, np.int32)
+    alpha, adds = np.zeros((N_GROUPS, 0), np.uint8), np.zeros((D, 0), np.int32)
+    broken = apply_step(x, plan, quantisers, quantisers, tables, psi, alpha, adds)
+    assert broken == (None if q == 0 else 0)
