@@ -36,6 +36,7 @@ from evogs_codec.model.arithmetic import (
 )
 from evogs_codec.model.channels import (
     GROUP_CHANNELS,
+    N_CORE,
     N_GROUPS,
     channel_class,
     group_of_class,
@@ -149,7 +150,7 @@ class TileCoder:
                 self._expect_in_range(stored[part], group, 1 + step.level)
             psi[part] = q
             self._keep_products(group, part, psi, indices, plan, table, quantisers)
-        adds = self._code_adds(step, new_adds)
+        adds = self._code_adds(step, new_adds, own)
         self._apply(plan, step.level, psi, indices, adds)
         coded = CodedStep(
             step.level,
@@ -249,7 +250,8 @@ class TileCoder:
             if np.any(largest * int(entries.min()) > room):
                 raise TooFineError(group)
 
-    def _code_adds(self, step: Step, new: slice) -> I32:
+    def _code_adds(self, step: Step, new: slice, own: StepWeights | None) -> I32:
+        """Integers (D, A) of adds; 0 in SH bands that are worth nothing."""
         quantisers = self.grid.channel_quantisers[0]
         if not step.n_adds:
             return np.zeros((len(quantisers), 0), np.int32)
@@ -257,6 +259,9 @@ class TileCoder:
         q = np.rint(self.target[:, new] / steps)
         for group, part in enumerate(GROUP_CHANNELS):
             self._expect_in_range(q[part], group, 0)
+        if own is not None:
+            worth = own.new[:, own.new.shape[1] - step.n_adds :].max(axis=1)
+            q[N_CORE:][worth[list(self.grid.classes[N_CORE:])] == 0] = 0
         return q.astype(np.int32)
 
     def _expect_in_range(self, q: F64 | I32, group: int, row: int) -> None:

@@ -4,11 +4,15 @@ A level may look worse than the one before it, and so may the state in which som
 split. Where it does, its splits only make room: one child is the parent, the other is not seen. A
 refine at the end of the run makes all splats what they are to be, at once.
 
+Roots cannot be held back, since nothing would be there: where some of them look worse than fewer,
+all come in one step.
+
 Letters: D channels, K classes (spec 3.2), R records of the refine, S splits.
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -24,7 +28,7 @@ from evogs_codec.model.siblings import Siblings
 from evogs_codec.model.splats import F64, I32, I64
 from evogs_codec.model.tree import EvolutionTree, Kind, Step, take_picks
 
-__all__ = ["Run", "held", "rooms", "splits_or_refines"]
+__all__ = ["ROOTS", "Run", "held", "rooms", "splits_or_refines"]
 
 # Of a split that only makes room; rotation has alpha 0 in lifted trees, position and SH have 1.
 ALPHAS = ((1.0,), (0.0,), (0.0,), (0.0,), (1.0,))
@@ -50,6 +54,9 @@ class Run:
         return np.array(found, np.int64)
 
 
+ROOTS = Run((0, 0), (0, sys.maxsize))
+
+
 def places(tile: EvolutionTree) -> Iterator[tuple[int, int]]:
     """Of each step of a tile, its level and which of the steps of the level it is."""
     level, number = -1, 0
@@ -66,13 +73,17 @@ def held(
 
     The state after each run is that of the tile. Steps that only make room have no weights: their
     numbers are coded as they are. Of a run whose first step is a mend only the splats that it mends
-    are held back, until the next level has begun: the others are as good without.
+    are held back, until the next level has begun: the others are as good without. Steps of a run
+    that only add become one.
     """
     for run in sorted(runs, key=lambda run: run.first, reverse=True):  # rows of others stay
         rows = run.rows(tile)
         if not len(rows):
             continue
         begin, end = int(rows[0]), int(rows[-1]) + 1
+        if not any(len(step.slots) for step in tile.steps[begin:end]):
+            tile, weights = _with_adds_at_once(tile, weights, begin, end)
+            continue
         is_held = np.ones(sum(step.n_new for step in tile.steps), bool)
         if mends(tile)[begin]:
             is_held[:] = False
@@ -82,6 +93,35 @@ def held(
         if end - begin > 1 and all(map(splits_or_refines, tile.steps[begin:end])):
             tile, weights = _with_run(tile, weights, begin, end, is_held)
     return tile, tuple(weights)
+
+
+def _with_adds_at_once(
+    tile: EvolutionTree, weights: Weights, begin: int, end: int
+) -> tuple[EvolutionTree, Weights]:
+    """With one step in the place of those from `begin` to `end`, which only add."""
+    run, own = tile.steps[begin:end], weights[begin:end]
+    whole = replace(
+        run[0],
+        adds=np.concatenate([step.adds for step in run], axis=1),
+        picks=_picks_of_all(run),
+    )
+    known = [one for one in own if one is not None]
+    of_whole = None
+    if len(known) == len(run):
+        new = np.concatenate([one.new for one in known], axis=1)
+        of_whole = StepWeights(whole.level, known[0].targets, new)
+    steps = (*tile.steps[:begin], whole, *tile.steps[end:])
+    return replace(tile, steps=steps), (*weights[:begin], of_whole, *weights[end:])
+
+
+def _picks_of_all(run: Sequence[Step]) -> I32:
+    """Picks of steps that only add; (0,) if none has any."""
+    if not any(len(step.picks) for step in run):
+        return run[0].picks
+    none = [np.zeros(step.n_new, np.int32) for step in run]
+    return np.concatenate(
+        [step.picks if len(step.picks) else own for step, own in zip(run, none, strict=True)]
+    )
 
 
 def splits_or_refines(step: Step) -> bool:

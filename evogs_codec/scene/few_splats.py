@@ -20,18 +20,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from evogs_codec.decoding.cut import Cut
+from evogs_codec.decoding.decode import decode_leaves
 from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.layers import Layering
 from evogs_codec.encoding.out_of_reach import TargetMissedError
+from evogs_codec.format.directory import Directory
 from evogs_codec.format.write_directory import MAX_LEVELS
 from evogs_codec.model.components import CORE
 from evogs_codec.model.packet_id import PacketId
+from evogs_codec.model.splats import I64
 from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.measure import SMALL
 from evogs_codec.scene.order_by_views import ordered_by_views
 from evogs_codec.scene.prefixes import StreamPrefixes
 from evogs_codec.scene.request import Request
-from evogs_codec.scene.states import FALL
+from evogs_codec.scene.states import FALL, FEW
 
 if TYPE_CHECKING:
     from evogs_codec.render import Views
@@ -40,9 +43,14 @@ __all__ = ["without_falls"]
 
 TRIES = 6
 DEEP = FALL / 2  # dB; other views may show twice of it
+MANY = 100_000  # of more splats fewer views judge, since one tells little
+OF_MANY = 3 * FALL  # dB; of many splats, what else is tried costs too much for less
 FINER = (0.93, 0.86)  # of the price of a bit
 ALL_ABOVE_ROOTS = Run((1, 0), (MAX_LEVELS, 0))
 # Of up to so many splats other orders of the last packets, and other prices, are tried.
+# Of more than `SMALL` splats, some prefixes are looked at first: at least and at most so many, by
+# every so-many-th view, of which one is large; and what is lost, in dB.
+LOOKS, FAR, LOST = (8, 16), 7, 0.01
 VERY_FEW, OTHER_PRICES = 2_000, (0.8, 0.74, 1.08, 0.69, 0.64)
 
 
@@ -52,18 +60,23 @@ def without_falls(found: FoundStream, views: Views, request: Request) -> FoundSt
     A packet that makes pictures worse stays where the whole would look worse without it, or miss
     its target. Other prices are not tried with a target, nor one layer where layers were asked for.
     """
-    if not found.is_by_views or found.tree.n_leaves > SMALL or found.tree.palette is not None:
+    if not found.is_by_views or found.tree.palette is not None:
         return found
+    is_many = found.tree.n_leaves > SMALL
+    if is_many:
+        if not _may_fall(found, views):
+            return found
+        if found.tree.n_leaves > MANY:
+            views = views.fewer(FEW)
     best, fall = _with_least_fall(found, views)
     others = _others(found, request)
     for k, of_other in enumerate(others):
         other = of_other()
-        is_enough = DEEP if other.is_layered else FALL
-        if fall <= is_enough:
+        if fall <= (DEEP if other.is_layered else FALL) or (is_many and fall <= OF_MANY):
             break
         request.progress("try", k / len(others))
         one, of_one = _with_least_fall(other.made(), views)
-        if of_one < fall:
+        if of_one < fall and not (is_many and _looks_worse(one, best, views)):
             best, fall = one, of_one
     return best
 
@@ -72,8 +85,8 @@ def _others(found: FoundStream, request: Request) -> list[Callable[[], FoundStre
     """What gives streams that may be made instead, yet to be made."""
     if not request.is_plain:
         return []
-    is_very_few = found.tree.n_leaves <= VERY_FEW
-    factors = (*FINER, *(OTHER_PRICES if is_very_few else ()))
+    n = found.tree.n_leaves
+    factors = (*(FINER if n <= SMALL else ()), *(OTHER_PRICES if n <= VERY_FEW else ()))
     others: list[Callable[[], FoundStream]] = [partial(found.at, factor) for factor in factors]
     if found.is_layered and request.layers is None:
         others.append(partial(found.holding, (), Layering(1)))
@@ -82,6 +95,55 @@ def _others(found: FoundStream, request: Request) -> list[Callable[[], FoundStre
     if layering.n == 1:
         others.append(found.at_once)
     return others
+
+
+def _may_fall(found: FoundStream, views: Views) -> bool:
+    """Whether some prefix of a stream that is made looks worse than another one, in two views.
+
+    Those are looked at that end where packets of SH bands begin or end, and some between.
+    """
+    prefixes = StreamPrefixes(found.data)
+    directory, rows = prefixes.directory, _rows_of(prefixes.directory)
+    is_core = directory.columns[rows] == CORE
+    ends = np.flatnonzero(np.append(is_core[1:] != is_core[:-1], len(rows) > 0))
+    if len(ends) < LOOKS[0]:
+        ends = np.union1d(ends, _evenly(LOOKS[0], len(rows)))
+    elif len(ends) > LOOKS[1]:
+        ends = ends[_evenly(LOOKS[1], len(ends))]
+    few = replace(views, cameras=views.cameras[::FAR], drawn=views.drawn)
+    best = -math.inf
+    for leaves in prefixes.shown(_cuts(directory, rows[ends]), found.tree.shown_degree):
+        decibels = few.psnr(leaves)
+        if decibels < best - LOST:
+            return True
+        best = max(best, decibels)
+    return False
+
+
+def _looks_worse(one: FoundStream, other: FoundStream, views: Views) -> bool:
+    """Whether the whole of a stream that is made looks worse than that of another one."""
+    of_one, of_other = (
+        views.psnr(decode_leaves(found.data, sh_degree=found.tree.shown_degree))
+        for found in (one, other)
+    )
+    return of_one < of_other - OF_MANY
+
+
+def _evenly(n: int, of: int) -> I64:
+    """At most n of the numbers below `of`, with the first and the last."""
+    return np.unique(np.linspace(0, of - 1, min(n, of)).astype(np.int64))
+
+
+def _rows_of(directory: Directory) -> I64:
+    """Packets with bytes, in the order of the stream."""
+    rows = np.flatnonzero(directory.packets["size"])
+    return rows[np.argsort(directory.offsets[rows], kind="stable")]
+
+
+def _cuts(directory: Directory, rows: I64) -> list[Cut]:
+    """Prefixes that end with these packets."""
+    ends = directory.offsets[rows] + directory.packets["size"][rows].astype(np.int64)
+    return [Cut.of_prefix(directory, end) for end in ends.tolist()]
 
 
 def _with_least_fall(found: FoundStream, views: Views) -> tuple[FoundStream, float]:
@@ -96,10 +158,7 @@ def _with_least_fall(found: FoundStream, views: Views) -> tuple[FoundStream, flo
 
 
 def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, float]:
-    """Without the packets that look worse, as many at once as may be; and how deep a fall is left.
-
-    Packets of adds cannot be empty: with them the stream would be what it was.
-    """
+    """Without the packets that look worse, as many at once as may be; and the fall that is left."""
     looks = _Looks.of(found, views)
     empty: frozenset[PacketId] = frozenset()
     refused: list[frozenset[PacketId]] = []
@@ -152,10 +211,8 @@ class _Looks:
         """Of a stream that is made."""
         prefixes = StreamPrefixes(found.data)
         directory = prefixes.directory
-        sizes = directory.packets["size"].astype(np.int64)
-        rows = np.flatnonzero(sizes)
-        rows = rows[np.argsort(directory.offsets[rows], kind="stable")]
-        cuts = [Cut.of_prefix(directory, int(directory.offsets[row] + sizes[row])) for row in rows]
+        rows = _rows_of(directory)
+        cuts = _cuts(directory, rows)
         deepest, best, before = 0.0, -math.inf, -math.inf
         falls: dict[PacketId, float] = {}
         since_best: set[PacketId] = set()

@@ -20,6 +20,9 @@ N_VIEWS = 6
 SMALL = 20_000  # splats; of few, errors are chance: more views look for falls
 N_OF_SMALL = 24
 PIXELS = 200  # of the longer side of a view
+# Of every other view that looks for falls: small splats are drawn larger than they are, by part of
+# a pixel, so that a level may look better than the one before it in small pictures alone.
+MORE_PIXELS = 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +32,7 @@ class Gauge:
     Attributes:
         views: of levels.
         said: what they are.
-        many: twice as many, or more of few splats, that look for falls.
+        many: twice as many, or more of few splats, that look for falls; half of them larger.
     """
 
     views: Views
@@ -47,7 +50,8 @@ class Gauge:
         scene = tree.shared_leaves()
         cameras, said = _cameras(scene, request)
         n_many = N_OF_SMALL if tree.n_leaves <= SMALL else 2 * N_VIEWS
-        more, _ = _cameras(scene, request, n_many, 0)
+        chosen, _ = _chosen(scene, request, n_many, 0)
+        more = [one.within((PIXELS, MORE_PIXELS)[k % 2]) for k, one in enumerate(chosen)]
         empty = background_for(scene)
         views = Views(scene, cameras, background=empty, options=options_for(scene))
         if not any((picture != empty).any() for picture in views.pictures):
@@ -74,15 +78,23 @@ def _measures(request: Request) -> bool:
     return request.effort.looks and not request.why_no_views and not request.errors
 
 
-def _cameras(
-    scene: SplatParams, request: Request, n_views: int = N_VIEWS, first: int = 1
+def _cameras(scene: SplatParams, request: Request) -> tuple[list[Camera], str]:
+    """Of the views of levels, and what they are."""
+    from evogs_codec.render.framing import BLACK, background_for
+
+    chosen, said = _chosen(scene, request, N_VIEWS, 1)
+    on = " on black" if background_for(scene) == BLACK else ""
+    return [camera.within(PIXELS) for camera in chosen], f"{said}{on}, {PIXELS} pixels"
+
+
+def _chosen(
+    scene: SplatParams, request: Request, n_views: int, first: int
 ) -> tuple[list[Camera], str]:
-    """Of the views, and what they are; where nobody named any, some of those on the circle.
+    """Cameras, and what they are; where nobody named any, some of those on the circle.
 
     One in three of these weighs errors, too.
     """
     from evogs_codec.render import cameras_around
-    from evogs_codec.render.framing import BLACK, background_for
     from evogs_codec.render.viewpoints import N_ORBIT
 
     if request.cameras is None:
@@ -91,5 +103,4 @@ def _cameras(
     else:
         chosen = list(request.cameras[:: -(-len(request.cameras) // n_views)])
         said = f"{len(chosen)} of the {len(request.cameras)} cameras given"
-    on = " on black" if background_for(scene) == BLACK else ""
-    return [camera.within(PIXELS) for camera in chosen], f"{said}{on}, {PIXELS} pixels"
+    return chosen, said

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -24,8 +24,10 @@ SAME = 0.03  # dB; two states look the same if no view differs by more
 # errors of JUDGES views, is below -FALL dB.
 FALL, DOUBT, JUDGES = 0.05, 1.0, 6
 MANY = 10_000  # of more splats a few views judge first
-FEW = 4  # of them
+FEW = 5  # of them, at most; every third or fifth view, so that they are of both sizes
 UNSURE = 0.8  # standard deviations that the mean of a few views is from that of all, at most
+
+_Place: TypeAlias = tuple[int, int]  # a level, and which of its steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +35,12 @@ class State:
     """What is there after a step.
 
     Attributes:
-        place: its level, and which of the steps of the level it is.
+        place: of the step.
         few: (f,) PSNR of a few views of it, dB.
         draw: gives (n,) that of the other views.
     """
 
-    place: tuple[int, int]
+    place: _Place
     few: F64
     draw: Callable[[], F64]
 
@@ -107,30 +109,44 @@ class Draft:
             self._known[level] = few.psnr_of_each(leaves)
         return [float(self._known[level].mean()) for level in levels]
 
+    def roots_fall(self) -> bool:
+        """Whether a state after a step of level 0 looks worse than one before it."""
+        cuts = [((0, k), cut) for k, cut in enumerate(self.prefixes.steps_of(0))]
+        best, *others = self._states(cuts, no_progress, {})
+        for state in others:
+            if not state.keeps_up_with(best):
+                return True
+            best = max(best, state, key=lambda state: state.mean)
+        return False
+
     def states(self, progress: Progress = no_progress) -> list[State]:
-        """Those after each step of the levels, but of level 0 only the last: what it adds helps."""
-        few, others = self._few
-        cuts: list[tuple[tuple[int, int], Any]] = []
-        known: dict[tuple[int, int], F64] = {}
+        """Those after each step of the levels, but of level 0 only the last (`roots_fall`)."""
+        cuts: list[tuple[_Place, Any]] = []
+        known: dict[_Place, F64] = {}
         for level in range(self.n_levels):
             cuts += [((level, k), cut) for k, cut in enumerate(self.prefixes.steps_of(level))]
             if level in self._known:
                 known[cuts[-1][0]] = self._known[level]
         n_first = sum(level == 0 for (level, _), _ in cuts)
-        cuts = cuts[max(n_first - 1, 0) :]
-        found = []
+        return self._states(cuts[max(n_first - 1, 0) :], progress, known)
+
+    def _states(
+        self, cuts: Sequence[tuple[_Place, Any]], progress: Progress, known: Mapping[_Place, F64]
+    ) -> list[State]:
+        """After cuts of which each contains the one before, with the PSNR of few views of some."""
+        few, others = self._few
 
         def drawn(cut: Any) -> F64:  # noqa: ANN401
             if not others.cameras:
                 return np.empty(0)
             return others.psnr_of_each(next(self.prefixes.shown([cut], self.sh_degree)))
 
+        found: list[State] = []
         unknown = [cut for place, cut in cuts if place not in known]
         leaves = self.prefixes.shown(unknown, self.sh_degree)
         for place, cut in cuts:
-            if place not in known:
-                known[place] = few.psnr_of_each(next(leaves))
-            found.append(State(place, known[place], partial(drawn, cut)))
+            of_few = known[place] if place in known else few.psnr_of_each(next(leaves))
+            found.append(State(place, of_few, partial(drawn, cut)))
             progress("look at prefixes", len(found) / len(cuts))
         return found
 

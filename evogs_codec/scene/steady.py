@@ -1,9 +1,10 @@
 """No step back: makes streams whose prefixes do not look worse than shorter prefixes.
 
-The state after each step of the levels is rendered. If a state looks worse than one before it, its
-step is held back until it looks better (`held_steps`). If all coarse splats together look worse
-than some of them, all are made more exact; if they look worse than level 0 then, there is one layer
-of precision.
+The state after each step of the levels is rendered. If one of the roots looks worse than one before
+it, all roots come in one step. If another state looks worse than one before it, its step is held
+back until it looks better (`held_steps`). If all coarse splats together look worse than some of
+them, all are made more exact; if they look worse than level 0 then, there is one layer of
+precision.
 
 If the last level, at coarse steps, looks hardly better than the level before it, it comes late
 (`late_level`); where steps would be held back, it does even if it looks somewhat better. It comes
@@ -24,7 +25,7 @@ from typing import TYPE_CHECKING
 
 from evogs_codec.common.progress import Progress
 from evogs_codec.editing.level_psnr import LevelPsnr, with_level_psnr
-from evogs_codec.encoding.held_steps import Run, places
+from evogs_codec.encoding.held_steps import ROOTS, Run, places
 from evogs_codec.encoding.late_level import gains_little
 from evogs_codec.encoding.layers import BETWEEN, N_LAYERS, Layering
 from evogs_codec.encoding.mends import mends
@@ -111,6 +112,7 @@ class _Mending:
         may_be_late: whether the last level may come late: not with `layers` or `polish`.
         layering: of the stream.
         before: runs of steps that are held back.
+        looked_at_roots: whether it is known that all roots are to come in one step, or not.
     """
 
     views: Views
@@ -118,6 +120,7 @@ class _Mending:
     may_be_late: bool
     layering: Layering
     before: list[Run] = field(default_factory=list)
+    looked_at_roots: bool = False
 
     def with_three_layers(self, found: FoundStream, aimed: float) -> FoundStream | None:
         """With its last level late, of a stream that aims at this PSNR.
@@ -143,6 +146,10 @@ class _Mending:
         """With finer coarse splats, or with steps held back; None if there is nothing to mend."""
         tree = found.tree
         draft = Draft(found.draft(), found.n_coarse, tree.shown_degree, tree.n_leaves, self.views)
+        if not self.looked_at_roots:
+            self.looked_at_roots = True
+            if draft.roots_fall():
+                return found.holding([ROOTS], self.layering)
         gain = self._gain_of_last(found, draft)
         if gains_little(gain):
             return self._late(found)
