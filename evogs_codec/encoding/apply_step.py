@@ -34,6 +34,7 @@ def apply_step(
     psi: I32,
     alpha: npt.NDArray[np.integer],
     adds: I32,
+    first: int = 0,
 ) -> int | None:
     """Apply a step to the slots, but for its drops.
 
@@ -46,11 +47,12 @@ def apply_step(
         psi: (D, P) integers of refines and splits.
         alpha: (5, S) indices of the tables.
         adds: (D, A) integers.
+        first: the channel of the first row, where the rows are some channels in a row.
 
     Returns:
-        The first channel in which a bound of spec 7.3 is broken; None if none is.
+        The first row in which a bound of spec 7.3 is broken; None if none is.
     """
-    kinds = [channel_class(channel) for channel in range(len(x))]
+    kinds = [channel_class(first + row) for row in range(len(x))]
     a = [np.array(table.entries, np.int32)[own] for table, own in zip(tables, alpha, strict=True)]
     compiled = loops()
     if compiled is None:

@@ -7,6 +7,7 @@ Letters: D channels, n slots.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -20,12 +21,14 @@ from evogs_codec.model.channels import (
     CORE_SH,
     GROUP_CHANNELS,
     N_CORE,
+    N_GEOMETRY,
     N_GROUPS,
     channel_class,
 )
 from evogs_codec.model.coded_tree import CodedStep, CodedTile, CodedTree
+from evogs_codec.model.components import component_slice
 from evogs_codec.model.siblings import Siblings
-from evogs_codec.model.splats import F32, I32, SplatParams
+from evogs_codec.model.splats import F32, I32, I64, SplatParams
 from evogs_codec.model.tree import Kind, take_picks
 
 __all__ = ["Replayed"]
@@ -39,15 +42,17 @@ class Replayed:
         self._tiles = [_Tile(tree, tile) for tile in tree.tiles]
         self._rows = None if tree.entries is None else _rows_of_entries(tree, tree.entries)
 
-    def after(self, n_steps: Sequence[int], sh_degree: int) -> SplatParams:
+    def after(self, n_steps: Sequence[int] | I64, sh_degree: int) -> SplatParams:
         """The leaves once each tile has so many steps, at least those that it has already.
 
         Args:
-            n_steps: per tile.
+            n_steps: per tile, or (n_tiles, 1 + degree) of core and of each SH band.
             sh_degree: of the splats, at least that of the tree.
         """
-        todo = list(zip(self._tiles, n_steps, strict=True))
-        n_slots = sum(tile.n_after(n) for tile, n in todo)
+        counts = np.asarray(n_steps, np.int64)
+        rows = (counts if counts.ndim > 1 else counts[:, None]).tolist()
+        todo: list[tuple[_Tile, list[int]]] = list(zip(self._tiles, rows, strict=True))
+        n_slots = sum(tile.n_after(own[0]) for tile, own in todo)
         for _ in parallel_map(lambda one: one[0].advance(one[1]), todo, n_splats=n_slots):
             pass
         n_live = [tile.n_live for tile in self._tiles]
@@ -80,42 +85,65 @@ class _Tile:
         self.live = np.zeros(total, bool)
         self.born_from = np.full(total, -1, np.int64)
         self.picks = np.zeros(total, np.int32)
-        self.n_steps = self.n = self.n_live = 0
+        self.plans: list[StepPlan] = []
+        self.n = self.n_live = 0
+        # Channels of core and of each SH band, and how many steps they have.
+        self.parts = [slice(0, min(N_CORE, len(self.x)))]
+        self.parts += [component_slice(band) for band in range(1, 1 + _degree_of(len(self.x)))]
+        self.n_steps = [0] * len(self.parts)
 
     def n_after(self, n_steps: int) -> int:
         """Slots after so many steps."""
         return sum(step.n_new for step in self.tile.steps[:n_steps])
 
-    def advance(self, n_steps: int) -> None:
-        """Apply the steps up to this number of them."""
-        for step in self.tile.steps[self.n_steps : n_steps]:
-            self._apply(step)
-        self.n_steps = max(self.n_steps, n_steps)
+    def advance(self, n_steps: Sequence[int]) -> None:
+        """Apply the steps up to this number of them, of all channels or of each part."""
+        counts = [*n_steps] * (len(self.parts) if len(n_steps) == 1 else 1)
+        for step in self.tile.steps[len(self.plans) : counts[0]]:
+            self._take(step)
+        if len({*counts}) == len({*self.n_steps}) == 1:
+            self._apply(slice(0, len(self.x)), self.n_steps[0], counts[0])
+        else:
+            for part, begin, end in zip(self.parts, self.n_steps, counts, strict=True):
+                self._apply(part, begin, end)
+        self.n_steps = [max(pair) for pair in zip(self.n_steps, counts, strict=True)]
         self.n_live = int(np.count_nonzero(self.live[: self.n]))
 
-    def _apply(self, step: CodedStep) -> None:
+    def _take(self, step: CodedStep) -> None:
+        """What a step does to slots, but for their channels."""
         plan = StepPlan.of(step.slots, step.kinds, self.n, int(step.adds.shape[1]))
-        psi = step.psi
-        if step.siblings:
-            of = list(step.siblings)
-            psi = psi.copy()
-            psi[of] = Siblings.of(step.slots, self.born_from[: self.n]).sums(psi[of])
-        of_adds, of_psi = self.tree.quantisers[0], self.tree.quantisers[1 + step.level]
-        tables = [self.tree.alpha_table(step.level, group) for group in range(N_GROUPS)]
-        broken = apply_step(self.x, plan, of_psi, of_adds, tables, psi, step.alpha, step.adds)
-        assert broken is None, "the encoder keeps to the bounds of spec 7.3"
         take_picks(step, self.picks, self.n)
-        n_splits = plan.n_splits
-        self.born_from[self.n : self.n + n_splits] = step.slots[step.kinds == Kind.SPLIT]
+        self.born_from[self.n : self.n + plan.n_splits] = step.slots[step.kinds == Kind.SPLIT]
         self.live[self.n : plan.n_after] = True
         self.live[plan.drops] = False
+        self.plans.append(plan)
         self.n = plan.n_after
+
+    def _apply(self, part: slice, begin: int, end: int) -> None:
+        """Steps from `begin` to `end` to some channels."""
+        of_adds = self.tree.quantisers[0]
+        rows = range(part.start, part.stop)
+        for step, plan in zip(self.tile.steps[begin:end], self.plans[begin:end], strict=True):
+            of_psi = self.tree.quantisers[1 + step.level]
+            tables = [self.tree.alpha_table(step.level, group) for group in range(N_GROUPS)]
+            psi, adds = step.psi[part], step.adds[part]
+            of = [channel - part.start for channel in step.siblings if channel in rows]
+            if of:
+                psi = psi.copy()
+                born_from = self.born_from[: plan.n_before]
+                psi[of] = Siblings.of(step.slots, born_from).sums(psi[of])
+            broken = apply_step(
+                self.x[part], plan, of_psi, of_adds, tables, psi, step.alpha, adds, part.start
+            )
+            assert broken is None, "the encoder keeps to the bounds of spec 7.3"
 
     def write(self, groups: Sequence[F32], rows: I32 | None) -> None:
         """Put the live splats into (n_live, size) arrays of each group."""
         live = self.live[: self.n]
         is_whole = bool(live.all())
         x = self.x[:, : self.n] if is_whole else np.compress(live, self.x[:, : self.n], axis=1)
+        if len({*self.n_steps}) > 1:
+            x = self._with_early_bands(x.copy() if is_whole else x, np.flatnonzero(live))
         kernels = loaded_kernels(self.n)
         write_rows = getattr(kernels, "float_rows", float_rows)
         write_picks = getattr(kernels, "float_picks", float_picks)
@@ -131,6 +159,25 @@ class _Tile:
             first = GROUP_CHANNELS[group].start
             part = slice(first, first + to.shape[1])
             write_rows(x[part], origins[part], scale, to)
+
+    def _with_early_bands(self, x: I32, slots: I64) -> I32:
+        """The integers (D, n) of slots, whose SH bands are those of the last ancestor with steps.
+
+        They are changed in place.
+        """
+        for part, n_steps in zip(self.parts[1:], self.n_steps[1:], strict=True):
+            if n_steps == self.n_steps[0]:
+                continue
+            n, early = self.n_after(n_steps), slots.copy()
+            while (late := early >= n).any():
+                early[late] = self.born_from[early[late]]
+            x[part] = np.where(early < 0, 0, self.x[part, np.maximum(early, 0)])
+        return x
+
+
+def _degree_of(n_rows: int) -> int:
+    """SH degree of so many channels; 0 of none."""
+    return max(math.isqrt((n_rows - N_GEOMETRY) // 3) - 1, 0) if n_rows else 0
 
 
 def _rows_of_entries(tree: CodedTree, entries: I32) -> I32:

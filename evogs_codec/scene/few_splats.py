@@ -12,7 +12,7 @@ drawn.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -24,15 +24,14 @@ from evogs_codec.decoding.decode import decode_leaves
 from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.layers import Layering
 from evogs_codec.encoding.out_of_reach import TargetMissedError
-from evogs_codec.format.directory import Directory
+from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.format.write_directory import MAX_LEVELS
 from evogs_codec.model.components import CORE
 from evogs_codec.model.packet_id import PacketId
-from evogs_codec.model.splats import I64
+from evogs_codec.model.splats import I64, SplatParams
 from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.measure import SMALL
 from evogs_codec.scene.order_by_views import ordered_by_views
-from evogs_codec.scene.prefixes import StreamPrefixes
 from evogs_codec.scene.request import Request
 from evogs_codec.scene.states import FALL, FEW
 
@@ -102,8 +101,8 @@ def _may_fall(found: FoundStream, views: Views) -> bool:
 
     Those are looked at that end where packets of SH bands begin or end, and some between.
     """
-    prefixes = StreamPrefixes(found.data)
-    directory, rows = prefixes.directory, _rows_of(prefixes.directory)
+    directory = read_directory(found.data)
+    rows = _rows_of(directory)
     is_core = directory.columns[rows] == CORE
     ends = np.flatnonzero(np.append(is_core[1:] != is_core[:-1], len(rows) > 0))
     if len(ends) < LOOKS[0]:
@@ -112,7 +111,7 @@ def _may_fall(found: FoundStream, views: Views) -> bool:
         ends = ends[_evenly(LOOKS[1], len(ends))]
     few = replace(views, cameras=views.cameras[::FAR], drawn=views.drawn)
     best = -math.inf
-    for leaves in prefixes.shown(_cuts(directory, rows[ends]), found.tree.shown_degree):
+    for leaves in _shown(found, directory, rows[ends]):
         decibels = few.psnr(leaves)
         if decibels < best - LOST:
             return True
@@ -140,10 +139,12 @@ def _rows_of(directory: Directory) -> I64:
     return rows[np.argsort(directory.offsets[rows], kind="stable")]
 
 
-def _cuts(directory: Directory, rows: I64) -> list[Cut]:
-    """Prefixes that end with these packets."""
+def _shown(found: FoundStream, directory: Directory, rows: I64) -> Iterator[SplatParams]:
+    """What is there after each of these packets."""
+    prefixes = found.prefixes
     ends = directory.offsets[rows] + directory.packets["size"][rows].astype(np.int64)
-    return [Cut.of_prefix(directory, end) for end in ends.tolist()]
+    cuts = [prefixes.of_cut(Cut.of_prefix(directory, end)) for end in ends.tolist()]
+    return prefixes.shown(cuts, found.tree.shown_degree)
 
 
 def _with_least_fall(found: FoundStream, views: Views) -> tuple[FoundStream, float]:
@@ -209,14 +210,12 @@ class _Looks:
     @staticmethod
     def of(found: FoundStream, views: Views) -> _Looks:
         """Of a stream that is made."""
-        prefixes = StreamPrefixes(found.data)
-        directory = prefixes.directory
+        directory = read_directory(found.data)
         rows = _rows_of(directory)
-        cuts = _cuts(directory, rows)
         deepest, best, before = 0.0, -math.inf, -math.inf
         falls: dict[PacketId, float] = {}
         since_best: set[PacketId] = set()
-        for row, leaves in zip(rows, prefixes.shown(cuts, found.tree.shown_degree), strict=True):
+        for row, leaves in zip(rows, _shown(found, directory, rows), strict=True):
             decibels = views.psnr(leaves)
             component = directory.components.of_tiles[directory.columns[row]]
             deepest = max(deepest, best - decibels)

@@ -18,10 +18,10 @@ __all__ = ["Gauge", "with_room", "without_room"]
 
 N_VIEWS = 6
 SMALL = 20_000  # splats; of few, errors are chance: more views look for falls
-N_OF_SMALL = 24
+N_OF_SMALL, N_OF_LARGE = 24, 8
 PIXELS = 200  # of the longer side of a view
-# Of every other view that looks for falls: small splats are drawn larger than they are, by part of
-# a pixel, so that a level may look better than the one before it in small pictures alone.
+# Of half of the views that look for falls, two and two. Small splats are drawn larger than they
+# are, by part of a pixel: a level may look better than the one before in small pictures alone.
 MORE_PIXELS = 400
 
 
@@ -32,7 +32,7 @@ class Gauge:
     Attributes:
         views: of levels.
         said: what they are.
-        many: twice as many, or more of few splats, that look for falls; half of them larger.
+        many: more, that look for falls; half of them larger.
     """
 
     views: Views
@@ -49,9 +49,9 @@ class Gauge:
 
         scene = tree.shared_leaves()
         cameras, said = _cameras(scene, request)
-        n_many = N_OF_SMALL if tree.n_leaves <= SMALL else 2 * N_VIEWS
+        n_many = N_OF_SMALL if tree.n_leaves <= SMALL else N_OF_LARGE
         chosen, _ = _chosen(scene, request, n_many, 0)
-        more = [one.within((PIXELS, MORE_PIXELS)[k % 2]) for k, one in enumerate(chosen)]
+        more = [one.within((PIXELS, MORE_PIXELS)[k // 2 % 2]) for k, one in enumerate(chosen)]
         empty = background_for(scene)
         views = Views(scene, cameras, background=empty, options=options_for(scene))
         if not any((picture != empty).any() for picture in views.pictures):

@@ -39,6 +39,9 @@ class Prefixes(Protocol[C]):
     def steps_of(self, level: int, *, rooms: bool = True) -> Iterator[C]:
         """After each of the steps of a level (`steps_of`)."""
 
+    def of_cut(self, cut: Cut) -> C:
+        """A cut of the stream, which has no palette."""
+
     def shown(self, cuts: Sequence[C], sh_degree: int) -> Iterator[SplatParams]:
         """The leaves of cuts of which each contains the one before."""
 
@@ -70,6 +73,10 @@ class StreamPrefixes:
     def steps_of(self, level: int, *, rooms: bool = True) -> Iterator[Cut]:
         """After each of the steps of a level (`steps_of`)."""
         return steps_of(self.directory, level, rooms=rooms)
+
+    def of_cut(self, cut: Cut) -> Cut:
+        """The same."""
+        return cut
 
     def shown(self, cuts: Sequence[Cut], sh_degree: int) -> Iterator[SplatParams]:
         """The leaves of cuts of which each contains the one before."""
@@ -104,11 +111,15 @@ class TreePrefixes:
                 yield np.minimum(before + number, whole)
         yield whole
 
+    def of_cut(self, cut: Cut) -> I64:
+        """(n_tiles, 1 + degree) steps of core and of each SH band."""
+        return cut.steps
+
     def shown(self, cuts: Sequence[I64], sh_degree: int) -> Iterator[SplatParams]:
-        """The leaves after steps (n_tiles,), of which none has fewer than the one before."""
+        """The leaves after steps (n_tiles,), or those of `of_cut`; each has the one before."""
         replayed = Replayed(self.tree)
         for cut in cuts:
-            yield replayed.after(cut.tolist(), sh_degree)
+            yield replayed.after(cut, sh_degree)
 
     def _refines(self, before: I64, number: int, whole: I64) -> bool:
         """Whether the step of this number of a level refines a splat of some tile."""

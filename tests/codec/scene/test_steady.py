@@ -279,6 +279,13 @@ def test_levels_are_measured_by_the_integers_of_the_stream(monkeypatch, n_tiles)
     for level, leaves in enumerate(prefixes.shown([*cuts], 3)):
         decoded = decode(found.data, level=level).leaves(sh_degree=3)
         np.testing.assert_array_equal(leaves.channels(), decoded.channels())
+    directory = read_directory(found.data)
+    ends = directory.offsets + directory.packets["size"].astype(np.int64)
+    packets = [Cut.of_prefix(directory, end) for end in ends.tolist()]
+    shown = prefixes.shown([*map(prefixes.of_cut, packets)], 3)
+    for cut, leaves in zip(packets, shown, strict=True):  # also with bands of some steps alone
+        decoded = decode(found.data, cut).leaves(sh_degree=3)
+        np.testing.assert_array_equal(leaves.channels(), decoded.channels())
 
 
 @pytest.mark.usefixtures("any_views")
