@@ -171,7 +171,8 @@ class _Tile:
             n, early = self.n_after(n_steps), slots.copy()
             while (late := early >= n).any():
                 early[late] = self.born_from[early[late]]
-            x[part] = np.where(early < 0, 0, self.x[part, np.maximum(early, 0)])
+            np.take(self.x[part], early, axis=1, out=x[part], mode="wrap")  # -1: not there yet
+            x[part, early < 0] = 0
         return x
 
 

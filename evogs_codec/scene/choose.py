@@ -49,7 +49,7 @@ def best_stream(
         return _best(_made_plainly(whole, trees, lambda aim: aim.within(request.errors)))
     if request.is_plain and not request.has_preset and tree.n_leaves and _draws(request):
         views = request.weighing_views(tree.shared_leaves())
-        ordering = None if views is None else views.fewer(request.effort.n_ordering_views)
+        ordering = None if views is None else request.effort.ordering_views(views)
         aim = replace(whole, views=views, ordering=ordering, layers=request.n_layers(tree.n_levels))
         if request.effort.by_leaves:
             aim = replace(aim, by_leaves=True)

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from evogs_codec.lifting.lift import N_NEIGHBOURS
+
+if TYPE_CHECKING:
+    from evogs_codec.render import Views
 
 __all__ = ["EFFORTS", "MAX_LEVEL", "Effort"]
 
@@ -23,6 +27,7 @@ class Effort:
         all_round: of these views some stand below the scene and far above it.
         price: factor of `SCENE_PRICE`: smaller views show less of an error of small splats.
         n_ordering_views: views by which packets are put in order, at most.
+        ordering_pixels: of the longer side of these, at most, where there is no target.
         by_leaves: only the last level is drawn: what numbers of the others are worth follows from
             it, and estimates put packets in order.
         looks: look at prefixes: their PSNR is stored, and none looks worse than a shorter one.
@@ -35,8 +40,13 @@ class Effort:
     all_round: bool = True
     price: float = 0.78
     n_ordering_views: int = 2
+    ordering_pixels: int | None = 200
     by_leaves: bool = False
     looks: bool = True
+
+    def ordering_views(self, views: Views) -> Views:
+        """Those of the views by which packets are put in order, where there is no target."""
+        return views.fewer(self.n_ordering_views).within(self.ordering_pixels)
 
     @staticmethod
     def of(asked: str | int | None) -> Effort:
@@ -69,5 +79,7 @@ EFFORTS = {
         looks=False,
     ),
     "default": Effort(),
-    "best": Effort(level=22, n_views=24, pixels=None, price=1.0, n_ordering_views=3),
+    "best": Effort(
+        level=22, n_views=24, pixels=None, price=1.0, n_ordering_views=3, ordering_pixels=None
+    ),
 }

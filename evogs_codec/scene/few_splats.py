@@ -49,7 +49,7 @@ ALL_ABOVE_ROOTS = Run((1, 0), (MAX_LEVELS, 0))
 # Of up to so many splats other orders of the last packets, and other prices, are tried.
 # Of more than `SMALL` splats, some prefixes are looked at first: at least and at most so many, by
 # every so-many-th view, of which one is large; and what is lost, in dB.
-LOOKS, FAR, LOST = (8, 16), 7, 0.01
+LOOKS, FAR, LOST = (6, 12), 7, 0.01
 VERY_FEW, OTHER_PRICES = 2_000, (0.8, 0.74, 1.08, 0.69, 0.64)
 
 
