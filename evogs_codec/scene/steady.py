@@ -12,7 +12,7 @@ late too if all coarse splats look far worse than the PSNR that is aimed at: the
 layers, and it comes with the second.
 
 Only coarse levels are made for that, at the price of a bit that was found; the whole stream is made
-when they do not fall. Of few splats, all its packets are looked at then (`few_splats`).
+when they do not fall. Its packets are looked at then (`packet_falls`).
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from evogs_codec.encoding.layers import BETWEEN, N_LAYERS, Layering
 from evogs_codec.encoding.mends import mends
 from evogs_codec.encoding.out_of_reach import TargetMissedError
 from evogs_codec.model.tree import EvolutionTree
-from evogs_codec.scene.few_splats import without_falls
 from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.measure import Gauge, without_room
+from evogs_codec.scene.packet_falls import without_falls
 from evogs_codec.scene.request import Request
 from evogs_codec.scene.states import FALL, FEW, SAME, Draft, State
 

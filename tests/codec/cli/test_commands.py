@@ -237,7 +237,7 @@ def test_options_of_encode_at_their_ends_make_valid_streams_or_say_why_not(
     options, evogs, tmp_path
 ):
     path = tmp_path / "s.ply"
-    write_ply(path, make_scene(20))
+    write_ply(path, make_scene(8))
     code, _, err = evogs("encode", path, tmp_path / "s.evogs", *options)
     assert code in (0, 1)
     assert all(line.startswith("evogs: ") for line in err.splitlines())

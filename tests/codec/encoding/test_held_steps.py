@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
@@ -11,7 +12,7 @@ pytest.importorskip("numba", reason="the rasterizer is compiled")
 
 from evogs_codec import lift
 from evogs_codec.encoding.arrange import arrange
-from evogs_codec.encoding.held_steps import Run, held
+from evogs_codec.encoding.held_steps import ROOTS, Run, held
 from evogs_codec.encoding.mends import mends
 from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.lifting.lift import lift_with_order
@@ -55,6 +56,33 @@ def test_a_run_has_the_steps_of_each_tile_between_its_places():
     np.testing.assert_array_equal(Run((2, 0), (2, 99)).rows(tile), of_two)
     np.testing.assert_array_equal(Run((2, 1), (2, 1)).rows(tile), of_two[1:2])
     assert not len(Run((7, 0), (7, 9)).rows(tile))
+
+
+@pytest.mark.parametrize("shares_sh", [False, True])
+def test_roots_come_in_one_step_and_all_that_follows_is_as_it_was(shares_sh):
+    splats = make_scene(3000)
+    tree: EvolutionTree | None = lift(splats, 2)
+    if shares_sh:
+        of_some = splats.sh[np.arange(3000) % 7, 1:]
+        splats = replace(splats, sh=np.concatenate([splats.sh[:, :1], of_some], axis=1))
+        tree = with_palette(lift_with_order(splats, 2), splats)
+    assert tree is not None
+    tile, weights = tile_and_weights(tree)
+    n_first = sum(step.level == 0 for step in tile.steps)
+    assert n_first > 1
+    found, own = held(tile, weights, [ROOTS])
+    assert [step.level for step in found.steps].count(0) == 1
+    assert len(own) == len(found.steps) == len(tile.steps) - n_first + 1
+    new = [one.new for one in (own[0], *weights[:n_first]) if one is not None]
+    np.testing.assert_array_equal(new[0], np.hstack(new[1:]))
+    assert own[1:] == weights[n_first:]
+    for k in range(1, len(found.steps)):
+        one, other = (
+            next(islice(x.states(), n, None)) for x, n in ((found, k), (tile, k + n_first - 1))
+        )
+        np.testing.assert_array_equal(one.values, other.values)
+        if shares_sh:
+            np.testing.assert_array_equal(one.picks, other.picks)
 
 
 @pytest.mark.parametrize("run", RUNS.values(), ids=RUNS)

@@ -27,11 +27,11 @@ from evogs_codec.lifting.lift import lift_with_order
 from evogs_codec.lifting.shared_sh import with_palette
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
-from evogs_codec.scene import choose, few_splats, steady
+from evogs_codec.scene import choose, packet_falls, steady
 from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.prefixes import StreamPrefixes, TreePrefixes
 from evogs_codec.scene.request import Request
-from evogs_codec.scene.states import State
+from evogs_codec.scene.states import Draft, State
 
 N = 600
 WORST = 0.05  # dB
@@ -206,6 +206,31 @@ def test_coarse_splats_that_look_worse_than_some_of_them_are_too_coarse():
     assert steady._runs(states, set())[1]
 
 
+@pytest.mark.parametrize(
+    ("decibels", "expected"),
+    [([20.0, 21.0], False), ([20.0, 19.98], False), ([20.0, 19.9], True)],
+)
+def test_roots_are_looked_at_step_by_step(monkeypatch, decibels, expected):
+    splats = make_scene(3000)
+    found = found_of(aim_of(lift(splats, 2), splats, layers=2))
+    draft = Draft(found.draft(), 2, 3, 3000, found.aim.views)
+    assert len([*draft.prefixes.steps_of(0)]) == len(decibels)
+    shown = iter(decibels)
+    monkeypatch.setattr(Views, "psnr_of_each", lambda *_: np.full(4, next(shown)))
+    assert draft.roots_fall() == expected
+
+
+@pytest.mark.usefixtures("any_views")
+def test_roots_of_which_some_look_worse_come_in_one_step(monkeypatch):
+    splats = make_scene(3000)
+    n_steps = []
+    for falls in (False, True):
+        monkeypatch.setattr(Draft, "roots_fall", lambda _, falls=falls: falls)
+        directory = read_directory(encode_scene(splats, levels=2, up="z", effort=1))
+        n_steps.append(int((directory.labels[directory.columns == 0] == 0).sum()))
+    assert n_steps == [2, 1]
+
+
 @pytest.mark.thorough
 def test_layers_that_were_asked_for_stay_where_coarse_splats_are_made_finer(monkeypatch):
     real, tries = steady._runs, []
@@ -269,7 +294,7 @@ def test_levels_are_measured_by_the_integers_of_the_stream(monkeypatch, n_tiles)
         measured.append(steady_again(*args))
         return measured[-1]
 
-    steady_again = few_splats.without_falls
+    steady_again = packet_falls.without_falls
     monkeypatch.setattr(steady, "without_falls", without_falls)
     encode_scene(make_scene(N), up="z", n_tiles=n_tiles)
     (found,) = measured

@@ -1,12 +1,13 @@
-"""No step back of few splats: all packets are looked at, and other streams made where one falls.
+"""No step back from packet to packet: all are looked at, and other streams made where one falls.
 
-What an error is worth is estimated number by number. Of few splats, errors of one packet may make
-up for those of another, so that pictures are worse without these. Packets of SH bands with which
-they are worse are left empty. If that is not enough, the last packets of very few splats are put in
-another order, and other prices of a bit and one layer are tried. Then all levels that split are
-held back until the last of them. At last all leaves come at once in the place of the roots: where
-splats have the same depth, even steps that show nothing new change the order in which they are
-drawn.
+What an error is worth is estimated number by number. Errors of one packet may make up for those of
+another, so that pictures are worse without these. Packets of SH bands with which they are worse are
+left empty. If that is not enough, the last packets of very few splats are put in another order, and
+other prices of a bit and one layer are tried. Then all levels that split are held back until the
+last of them. At last all leaves come at once in the place of the roots: where splats have the same
+depth, even steps that show nothing new change the order in which they are drawn.
+
+Of many splats, a few prefixes are looked at first, and all only if one of these falls.
 """
 
 from __future__ import annotations
@@ -40,17 +41,19 @@ if TYPE_CHECKING:
 
 __all__ = ["without_falls"]
 
-TRIES = 6
+TRIES, TRIES_OF_MANY = 6, 3
 DEEP = FALL / 2  # dB; other views may show twice of it
-MANY = 100_000  # of more splats fewer views judge, since one tells little
-OF_MANY = 3 * FALL  # dB; of many splats, what else is tried costs too much for less
 FINER = (0.93, 0.86)  # of the price of a bit
 ALL_ABOVE_ROOTS = Run((1, 0), (MAX_LEVELS, 0))
 # Of up to so many splats other orders of the last packets, and other prices, are tried.
-# Of more than `SMALL` splats, some prefixes are looked at first: at least and at most so many, by
-# every so-many-th view, of which one is large; and what is lost, in dB.
-LOOKS, FAR, LOST = (6, 12), 7, 0.01
 VERY_FEW, OTHER_PRICES = 2_000, (0.8, 0.74, 1.08, 0.69, 0.64)
+
+# Of more than `SMALL` splats, the prefixes that are looked at first: at least and at most so many,
+# by every so-many-th view, of which one is large. Less than `LOST` dB is no fall.
+LOOKS, FAR, LOST = (6, 12), 7, 0.01
+# Other streams of these are tried if more is lost, in dB: they take more bytes, or look worse.
+OF_MANY = 3 * FALL
+VERY_MANY = 100_000  # of more, few views judge, since a splat is little of one
 
 
 def without_falls(found: FoundStream, views: Views, request: Request) -> FoundStream:
@@ -65,7 +68,7 @@ def without_falls(found: FoundStream, views: Views, request: Request) -> FoundSt
     if is_many:
         if not _may_fall(found, views):
             return found
-        if found.tree.n_leaves > MANY:
+        if found.tree.n_leaves > VERY_MANY:
             views = views.fewer(FEW)
     best, fall = _with_least_fall(found, views)
     others = _others(found, request)
@@ -163,7 +166,7 @@ def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, float
     looks = _Looks.of(found, views)
     empty: frozenset[PacketId] = frozenset()
     refused: list[frozenset[PacketId]] = []
-    for _ in range(TRIES):
+    for _ in range(TRIES if found.tree.n_leaves <= SMALL else TRIES_OF_MANY):
         chosen = [empty | some for some in (looks.needless, looks.worse, looks.worst)]
         some = next((some for some in chosen if some != empty and some not in refused), None)
         if some is None:

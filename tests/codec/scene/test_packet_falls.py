@@ -1,6 +1,7 @@
 """Packets of SH bands that make pictures worse are left empty."""
 
 from dataclasses import replace
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,7 +14,7 @@ from evogs_codec.encoding.held_steps import Run
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
-from evogs_codec.scene import choose, few_splats, steady
+from evogs_codec.scene import choose, packet_falls, steady
 from evogs_codec.scene.encode import encode_scene_with_order
 from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.request import Request
@@ -73,28 +74,28 @@ def layered():
     ("falls", "options", "very_few", "factor", "n_layers"),
     [
         ([0.02], {}, 0, 1, 2),
-        ([1.0, 0.0], {}, 0, few_splats.FINER[0], 2),
-        ([1.0, 0.7, 0.04], {}, 0, few_splats.FINER[1], 2),
-        ([1.0, 0.7, 0.9, 0.8, 0.75, 0.72], {}, 0, few_splats.FINER[0], 2),
+        ([1.0, 0.0], {}, 0, packet_falls.FINER[0], 2),
+        ([1.0, 0.7, 0.04], {}, 0, packet_falls.FINER[1], 2),
+        ([1.0, 0.7, 0.9, 0.8, 0.75, 0.72], {}, 0, packet_falls.FINER[0], 2),
         ([1.0, 0.7, 0.9, 0.1, 0.2, 0.3], {}, 0, 1, 1),
         ([1.0, 0.7, 0.9, 0.8, 0.75, 0.0], {}, 0, 1, 1),
         ([1.0, 0.7, 0.9, 0.8, 0.0], {}, 0, 1, 1),
         ([1.0, 0.7, 0.9, 0.1], {"layers": 2}, 0, 1, 2),
-        ([1.0, 0.7, 0.9, 0.8], {"layers": 2}, 0, few_splats.FINER[0], 2),
+        ([1.0, 0.7, 0.9, 0.8], {"layers": 2}, 0, packet_falls.FINER[0], 2),
         ([1.0], {"target_psnr": 40.0}, 600, 1, 2),
-        ([1.0, 0.7, 0.9, 0.0], {}, 600, few_splats.OTHER_PRICES[0], 2),
-        ([1.0, 0.7, 0.9, *[0.8] * len(few_splats.OTHER_PRICES), 0.04], {}, 600, 1, 1),
+        ([1.0, 0.7, 0.9, 0.0], {}, 600, packet_falls.OTHER_PRICES[0], 2),
+        ([1.0, 0.7, 0.9, *[0.8] * len(packet_falls.OTHER_PRICES), 0.04], {}, 600, 1, 1),
     ],
 )
 def test_where_pictures_stay_worse_other_streams_are_tried(
     monkeypatch, layered, falls, options, very_few, factor, n_layers
 ):
     left = iter(falls)
-    monkeypatch.setattr(few_splats, "_with_least_fall", lambda one, _: (one, next(left)))
-    monkeypatch.setattr(few_splats, "VERY_FEW", very_few)
+    monkeypatch.setattr(packet_falls, "_with_least_fall", lambda one, _: (one, next(left)))
+    monkeypatch.setattr(packet_falls, "VERY_FEW", very_few)
     told = []
     said = options | {"progress": lambda stage, part: told.append((stage, part))}
-    chosen = few_splats.without_falls(layered, layered.aim.views, Request.of("scene", said))
+    chosen = packet_falls.without_falls(layered, layered.aim.views, Request.of("scene", said))
     assert next(left, None) is None
     assert len(told) == len(falls) - 1  # a line for each stream that is tried
     assert all(stage == "try" for stage, _ in told)
@@ -129,6 +130,64 @@ def test_bands_that_look_worse_are_left_out(monkeypatch):
     assert before > 0.05
 
 
+@pytest.mark.parametrize(
+    ("decibels", "expected"),
+    [([20.0, 20.0, 25.0], False), ([20.0, 25.0, 24.995], False), ([20.0, 25.0, 24.9], True)],
+)
+def test_of_many_splats_some_prefixes_are_looked_at_first(monkeypatch, layered, decibels, expected):
+    rows = []
+
+    def shown(found, directory, some):
+        rows.extend(some.tolist())
+        return iter([None] * len(some))
+
+    views = replace(layered.aim.views, cameras=layered.aim.views.cameras * 2)
+    left = iter([*decibels, *[30.0] * 20])
+    monkeypatch.setattr(packet_falls, "_shown", shown)
+    monkeypatch.setattr(Views, "psnr", lambda self, _: len(self.cameras) == 2 and next(left))
+    assert packet_falls._may_fall(layered, views) == expected
+    directory = read_directory(layered.data)
+    every = packet_falls._rows_of(directory)
+    least, most = packet_falls.LOOKS
+    assert least <= len(rows) <= most
+    assert {every[0], every[-1]} <= {*rows} <= {*every}
+    is_core = dict(zip(every.tolist(), (directory.columns[every] == 0).tolist(), strict=True))
+    turns = [one for one, next_ in pairwise(every.tolist()) if is_core[one] != is_core[next_]]
+    assert {*turns} <= {*rows}
+
+
+@pytest.mark.thorough
+def test_packets_of_many_splats_are_looked_at_where_some_of_these_look_worse(monkeypatch):
+    splats = dict(odd_scenes(2000, 4))["huge splats"]
+    monkeypatch.setattr(packet_falls, "SMALL", 100)
+    after, _ = deepest_fall(encode_scene(splats), splats)
+    assert after <= 0.05
+    monkeypatch.setattr(packet_falls, "_may_fall", lambda *_: False)
+    before, _ = deepest_fall(encode_scene(splats), splats)
+    assert before > 0.05
+
+
+@pytest.mark.parametrize(("fall", "n_tried"), [(0.14, 1), (0.2, 3)])
+def test_of_many_splats_other_streams_are_tried_for_a_deep_fall(
+    monkeypatch, layered, fall, n_tried
+):
+    """Those that look worse are not taken, however little they fall."""
+    tried = []
+    monkeypatch.setattr(packet_falls, "SMALL", 100)
+    monkeypatch.setattr(packet_falls, "VERY_FEW", 0)
+    monkeypatch.setattr(packet_falls, "_may_fall", lambda *_: True)
+
+    def with_least_fall(one, _):
+        tried.append(one)
+        return one, fall if len(tried) == 1 else 0.0 if len(tried) == 3 else 0.18
+
+    monkeypatch.setattr(packet_falls, "_with_least_fall", with_least_fall)
+    monkeypatch.setattr(packet_falls, "_looks_worse", lambda *_: len(tried) < 3)
+    chosen = packet_falls.without_falls(layered, layered.aim.views, Request.of("scene", {}))
+    assert len(tried) == n_tried
+    assert chosen is tried[-1]
+
+
 @pytest.mark.thorough
 def test_the_whole_does_not_look_worse_for_that(monkeypatch):
     """Bands that look worse for a while, and are needed in the end, stay."""
@@ -149,13 +208,13 @@ def test_huge_splats_have_no_fall_in_views_that_judge():
 
 def test_another_order_that_falls_more_is_not_taken(monkeypatch, layered):
     falls = iter([0.3, 0.2])
-    monkeypatch.setattr(few_splats, "_without_worst", lambda one, _: (one, 0.25))
-    monkeypatch.setattr(few_splats, "ordered_by_views", lambda *_: b"in another order")
+    monkeypatch.setattr(packet_falls, "_without_worst", lambda one, _: (one, 0.25))
+    monkeypatch.setattr(packet_falls, "ordered_by_views", lambda *_: b"in another order")
     looks = SimpleNamespace(of=lambda *_: SimpleNamespace(fall=next(falls)))
-    monkeypatch.setattr(few_splats, "_Looks", looks)
+    monkeypatch.setattr(packet_falls, "_Looks", looks)
     views = layered.aim.views
-    assert few_splats._with_least_fall(layered, views) == (layered, 0.25)
-    other, fall = few_splats._with_least_fall(layered, views)
+    assert packet_falls._with_least_fall(layered, views) == (layered, 0.25)
+    other, fall = packet_falls._with_least_fall(layered, views)
     assert (other.data, fall) == (b"in another order", 0.2)
 
 
@@ -167,7 +226,7 @@ def test_very_few_huge_splats_do_not_fall(monkeypatch, n, seed, n_taken):
     fall, reached = deepest_fall(encode_scene(splats), splats)
     assert fall <= 0.05
     assert reached > 37
-    monkeypatch.setattr(few_splats, "VERY_FEW", 0)
+    monkeypatch.setattr(packet_falls, "VERY_FEW", 0)
     monkeypatch.setattr(FoundStream, "at_once", lambda found: found)
     before, _ = deepest_fall(encode_scene(splats), splats)
     assert before > 0.05
@@ -177,12 +236,12 @@ def test_very_few_huge_splats_do_not_fall(monkeypatch, n, seed, n_taken):
 def test_levels_that_fall_whatever_is_done_are_held_back(monkeypatch):
     """Of huge black splats in a plane, errors of levels add up."""
     splats = dict(odd_scenes(300, 4))["black plane"]
-    monkeypatch.setattr(few_splats, "OTHER_PRICES", ())
+    monkeypatch.setattr(packet_falls, "OTHER_PRICES", ())
     data = encode_scene(splats)
     fall, reached = deepest_fall(data, splats)
     assert fall <= 0.05
     assert reached > 30
-    monkeypatch.setattr(few_splats, "ALL_ABOVE_ROOTS", Run((9, 0), (9, 0)))
+    monkeypatch.setattr(packet_falls, "ALL_ABOVE_ROOTS", Run((9, 0), (9, 0)))
     found = encode_scene_with_order(splats)
     fall, _ = deepest_fall(found.data, splats)
     assert fall <= 0.05
