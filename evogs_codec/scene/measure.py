@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 __all__ = ["Gauge", "with_room", "without_room"]
 
 N_VIEWS = 6
-SMALL = 20_000  # splats; of few, errors are chance: more views look for falls
-N_OF_SMALL, N_OF_LARGE = 24, 8
+SMALL = 20_000  # splats; of few, errors are chance: all views look for falls
+N_OF_PACKETS, N_OF_LARGE = 24, 8
 PIXELS = 200  # of the longer side of a view
 # Of half of the views that look for falls, two and two. Small splats are drawn larger than they
 # are, by part of a pixel: a level may look better than the one before in small pictures alone.
@@ -33,11 +33,13 @@ class Gauge:
         views: of levels.
         said: what they are.
         many: more, that look for falls; half of them larger.
+        packets: still more of many splats, that look at packets where some prefix falls.
     """
 
     views: Views
     said: str
     many: Views
+    packets: Views
 
     @staticmethod
     def of(tree: EvolutionTree, request: Request) -> Gauge | None:
@@ -49,14 +51,17 @@ class Gauge:
 
         scene = tree.shared_leaves()
         cameras, said = _cameras(scene, request)
-        n_many = N_OF_SMALL if tree.n_leaves <= SMALL else N_OF_LARGE
-        chosen, _ = _chosen(scene, request, n_many, 0)
+        is_small = tree.n_leaves <= SMALL
+        all_, _ = _chosen(scene, request, N_OF_PACKETS, 0)
+        chosen = all_ if is_small else all_[:: -(-len(all_) // N_OF_LARGE)]
         more = [one.within((PIXELS, MORE_PIXELS)[k // 2 % 2]) for k, one in enumerate(chosen)]
+        of_packets = more if is_small else [one.within(PIXELS) for one in all_]
         empty = background_for(scene)
         views = Views(scene, cameras, background=empty, options=options_for(scene))
         if not any((picture != empty).any() for picture in views.pictures):
             return None
-        return Gauge(views, said, replace(views, cameras=more))
+        many, packets = (replace(views, cameras=some) for some in (more, of_packets))
+        return Gauge(views, said, many, packets)
 
 
 def with_room(info: SceneInfo, tree: EvolutionTree, n_levels: int, request: Request) -> SceneInfo:

@@ -51,13 +51,18 @@ VERY_FEW, OTHER_PRICES = 2_000, (0.8, 0.74, 1.08, 0.69, 0.64)
 # Of more than `SMALL` splats, the prefixes that are looked at first: at least and at most so many,
 # by every so-many-th view, of which one is large. Less than `LOST` dB is no fall.
 LOOKS, FAR, LOST = (6, 12), 7, 0.01
-# Other streams of these are tried if more is lost, in dB: they take more bytes, or look worse.
-OF_MANY = 3 * FALL
+# Other streams of these are tried if more is lost, in dB: those at other prices, and others, which
+# take more bytes or look worse.
+OF_MANY = (FALL, 3 * FALL)
 VERY_MANY = 100_000  # of more, few views judge, since a splat is little of one
 
 
-def without_falls(found: FoundStream, views: Views, request: Request) -> FoundStream:
+def without_falls(
+    found: FoundStream, views: Views, request: Request, first: Views | None = None
+) -> FoundStream:
     """A stream that is made, or one instead of it that falls less in these views.
+
+    Of many splats, only if some prefix falls in two of the `first` views.
 
     A packet that makes pictures worse stays where the whole would look worse without it, or miss
     its target. Other prices are not tried with a target, nor one layer where layers were asked for.
@@ -66,7 +71,7 @@ def without_falls(found: FoundStream, views: Views, request: Request) -> FoundSt
         return found
     is_many = found.tree.n_leaves > SMALL
     if is_many:
-        if not _may_fall(found, views):
+        if not _may_fall(found, first or views):
             return found
         if found.tree.n_leaves > VERY_MANY:
             views = views.fewer(FEW)
@@ -74,7 +79,8 @@ def without_falls(found: FoundStream, views: Views, request: Request) -> FoundSt
     others = _others(found, request)
     for k, of_other in enumerate(others):
         other = of_other()
-        if fall <= (DEEP if other.is_layered else FALL) or (is_many and fall <= OF_MANY):
+        is_dear = k >= len(FINER)
+        if fall <= (DEEP if other.is_layered else FALL) or (is_many and fall <= OF_MANY[is_dear]):
             break
         request.progress("try", k / len(others))
         one, of_one = _with_least_fall(other.made(), views)
@@ -88,7 +94,7 @@ def _others(found: FoundStream, request: Request) -> list[Callable[[], FoundStre
     if not request.is_plain:
         return []
     n = found.tree.n_leaves
-    factors = (*(FINER if n <= SMALL else ()), *(OTHER_PRICES if n <= VERY_FEW else ()))
+    factors = (*FINER, *(OTHER_PRICES if n <= VERY_FEW else ()))
     others: list[Callable[[], FoundStream]] = [partial(found.at, factor) for factor in factors]
     if found.is_layered and request.layers is None:
         others.append(partial(found.holding, (), Layering(1)))
@@ -128,7 +134,7 @@ def _looks_worse(one: FoundStream, other: FoundStream, views: Views) -> bool:
         views.psnr(decode_leaves(found.data, sh_degree=found.tree.shown_degree))
         for found in (one, other)
     )
-    return of_one < of_other - OF_MANY
+    return of_one < of_other - OF_MANY[-1]
 
 
 def _evenly(n: int, of: int) -> I64:

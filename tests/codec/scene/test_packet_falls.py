@@ -167,7 +167,7 @@ def test_packets_of_many_splats_are_looked_at_where_some_of_these_look_worse(mon
     assert before > 0.05
 
 
-@pytest.mark.parametrize(("fall", "n_tried"), [(0.14, 1), (0.2, 3)])
+@pytest.mark.parametrize(("fall", "n_tried"), [(0.04, 1), (0.14, 3), (0.2, 5)])
 def test_of_many_splats_other_streams_are_tried_for_a_deep_fall(
     monkeypatch, layered, fall, n_tried
 ):
@@ -179,13 +179,13 @@ def test_of_many_splats_other_streams_are_tried_for_a_deep_fall(
 
     def with_least_fall(one, _):
         tried.append(one)
-        return one, fall if len(tried) == 1 else 0.0 if len(tried) == 3 else 0.18
+        return one, 0.0 if len(tried) == 5 else fall - 0.01 * (len(tried) - 1)
 
     monkeypatch.setattr(packet_falls, "_with_least_fall", with_least_fall)
-    monkeypatch.setattr(packet_falls, "_looks_worse", lambda *_: len(tried) < 3)
+    monkeypatch.setattr(packet_falls, "_looks_worse", lambda *_: len(tried) < 5)
     chosen = packet_falls.without_falls(layered, layered.aim.views, Request.of("scene", {}))
     assert len(tried) == n_tried
-    assert chosen is tried[-1]
+    assert chosen is tried[-1 if n_tried == 5 else 0]
 
 
 @pytest.mark.thorough
