@@ -98,7 +98,7 @@ class Draft:
     sh_degree: int
     n_splats: int
     views: Views
-    _known: dict[int, F64] = field(default_factory=dict, repr=False)  # `last_two`, of each view
+    _known: dict[int, F64] = field(default_factory=dict, repr=False)  # of the few views, by level
 
     def last_two(self) -> list[float]:
         """PSNR of the last two levels, of a few views, dB."""
@@ -112,7 +112,10 @@ class Draft:
     def roots_fall(self) -> bool:
         """Whether a state after a step of level 0 looks worse than one before it."""
         cuts = [((0, k), cut) for k, cut in enumerate(self.prefixes.steps_of(0))]
+        if len(cuts) < 2:
+            return False
         best, *others = self._states(cuts, no_progress, {})
+        self._known[0] = others[-1].few
         for state in others:
             if not state.keeps_up_with(best):
                 return True

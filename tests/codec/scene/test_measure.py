@@ -25,7 +25,11 @@ from evogs_codec import (
 from evogs_codec.editing.level_psnr import KEY, with_level_psnr
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
-from evogs_codec.scene.measure import N_VIEWS, PIXELS
+from evogs_codec.scene import measure
+from evogs_codec.scene.measure import N_VIEWS, PIXELS, Gauge
+from evogs_codec.scene.packet_falls import FAR
+from evogs_codec.scene.request import Request
+from evogs_codec.scene.states import FEW
 
 
 @cache
@@ -83,6 +87,24 @@ def test_of_many_cameras_a_few_are_measured_and_large_views_are_made_small(monke
     data = encode_scene(splats, levels=1, preset="scene", cameras=cameras, effort=1)
     assert known_of(data).views == "6 of the 31 cameras given, 200 pixels"
     assert sizes[-1] == (6, PIXELS)
+
+
+def widths(cameras):
+    return [camera.width for camera in cameras]
+
+
+@pytest.mark.parametrize("is_small", [True, False])
+def test_falls_are_looked_for_in_views_of_two_sizes_also_by_few_of_them(monkeypatch, is_small):
+    monkeypatch.setattr("evogs_codec.render.viewpoints.SIZE", 400)
+    monkeypatch.setattr(measure, "SMALL", 1000 if is_small else 100)
+    gauge = Gauge.of(lift(make_scene(200), 2), Request.of("scene", {}))
+    assert gauge is not None
+    many = widths(gauge.many.cameras)
+    assert len(many) == (24 if is_small else 8)
+    assert many.count(400) == many.count(200) == len(many) // 2
+    assert {*widths(gauge.many.fewer(FEW).cameras)} == {*many[::FAR]} == {200, 400}
+    assert widths(gauge.packets.cameras) == (many if is_small else 24 * [200])
+    assert widths(gauge.views.cameras) == 6 * [200]
 
 
 @pytest.mark.parametrize("options", [{"cameras": ()}, {"max_error": 0.1}])
