@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 __all__ = ["without_falls"]
 
 TRIES, TRIES_OF_MANY = 6, 3
+DEAR = 1.05  # times the bytes, which a target may ask for where a band of all splats is empty
 DEEP = FALL / 2  # dB; other views may show twice of it
 FINER = (0.93, 0.86)  # of the price of a bit
 ALL_ABOVE_ROOTS = Run((1, 0), (MAX_LEVELS, 0))
@@ -169,7 +170,7 @@ def _with_least_fall(found: FoundStream, views: Views) -> tuple[FoundStream, flo
 
 def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, float]:
     """Without the packets that look worse, as many at once as may be; and the fall that is left."""
-    looks = _Looks.of(found, views)
+    looks, n_bytes = _Looks.of(found, views), len(found.data)
     empty: frozenset[PacketId] = frozenset()
     refused: list[frozenset[PacketId]] = []
     for _ in range(TRIES if found.tree.n_leaves <= SMALL else TRIES_OF_MANY):
@@ -183,7 +184,8 @@ def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, float
             refused.append(some)
             continue
         then = _Looks.of(again, views)
-        if then.whole < looks.whole - FALL or then.fall > looks.fall:
+        is_dear = len(again.data) > DEAR * n_bytes
+        if is_dear or then.whole < looks.whole - FALL or then.fall > looks.fall:
             refused.append(some)
         else:
             found, looks, empty = again, then, some
