@@ -36,7 +36,6 @@ from evogs_codec.model.arithmetic import (
 )
 from evogs_codec.model.channels import (
     GROUP_CHANNELS,
-    N_CORE,
     N_GROUPS,
     channel_class,
     group_of_class,
@@ -251,7 +250,7 @@ class TileCoder:
                 raise TooFineError(group)
 
     def _code_adds(self, step: Step, new: slice, own: StepWeights | None) -> I32:
-        """Integers (D, A) of adds; 0 in SH bands that are worth nothing."""
+        """Integers (D, A) of adds; 0 in classes that are to be empty."""
         quantisers = self.grid.channel_quantisers[0]
         if not step.n_adds:
             return np.zeros((len(quantisers), 0), np.int32)
@@ -259,9 +258,8 @@ class TileCoder:
         q = np.rint(self.target[:, new] / steps)
         for group, part in enumerate(GROUP_CHANNELS):
             self._expect_in_range(q[part], group, 0)
-        if own is not None:
-            worth = own.new[:, own.new.shape[1] - step.n_adds :].max(axis=1)
-            q[N_CORE:][worth[list(self.grid.classes[N_CORE:])] == 0] = 0
+        if own is not None and own.empty:
+            q[[kind in own.empty for kind in self.grid.classes]] = 0
         return q.astype(np.int32)
 
     def _expect_in_range(self, q: F64 | I32, group: int, row: int) -> None:

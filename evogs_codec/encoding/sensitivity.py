@@ -69,22 +69,24 @@ class StepWeights:
         targets: (K, P) of the splats that are refined or become C1.
         new: (K, n_new) of the C2s, then of the adds.
         siblings: of a step of refines whose psi may be sibling differences.
+        empty: classes of which adds have zeros.
     """
 
     level: int
     targets: F32
     new: F32
     siblings: Siblings | None = None
+    empty: frozenset[int] = frozenset()
 
     def times(self, factor: np.float32 | F32) -> StepWeights:
         """All weights times a number, or times those of their classes (K, 1)."""
         return replace(self, targets=self.targets * factor, new=self.new * factor)
 
     def without(self, classes: Collection[int]) -> StepWeights:
-        """0 for all numbers of some classes."""
+        """0 for all numbers of some classes, which adds do not have either."""
         targets, new = self.targets.copy(), self.new.copy()
         targets[list(classes)], new[list(classes)] = 0, 0
-        return replace(self, targets=targets, new=new)
+        return replace(self, targets=targets, new=new, empty=self.empty.union(classes))
 
     def more(self, lack: F32) -> StepWeights:
         """`lack` (K, 1) added to all weights."""

@@ -149,6 +149,11 @@ def _rows_of(directory: Directory) -> I64:
     return rows[np.argsort(directory.offsets[rows], kind="stable")]
 
 
+def _place_of(directory: Directory, row: int) -> tuple[int, int]:
+    """Tile and step of a packet."""
+    return int(directory.packets["tile"][row]), int(directory.steps[row])
+
+
 def _shown(found: FoundStream, directory: Directory, rows: I64) -> Iterator[SplatParams]:
     """What is there after each of these packets."""
     prefixes = found.prefixes
@@ -223,6 +228,11 @@ class _Looks:
         """Of a stream that is made."""
         directory = read_directory(found.data)
         rows = _rows_of(directory)
+        # Without a layer that refines all leaves, SH bands of adds would be lost.
+        adds = {
+            _place_of(directory, row)
+            for row in np.flatnonzero(directory.packets["n_adds"]).tolist()
+        }
         deepest, best, before = 0.0, -math.inf, -math.inf
         falls: dict[PacketId, float] = {}
         since_best: set[PacketId] = set()
@@ -232,8 +242,8 @@ class _Looks:
             deepest = max(deepest, best - decibels)
             if decibels >= best:
                 since_best.clear()
-            elif component != CORE:
-                tile, step = int(directory.packets["tile"][row]), int(directory.steps[row])
+            elif component != CORE and (found.is_layered or _place_of(directory, row) not in adds):
+                tile, step = _place_of(directory, row)
                 packet = PacketId(tile, component, step)
                 since_best.add(packet)
                 if decibels < before and best - decibels > DEEP:
