@@ -189,8 +189,8 @@ def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, float
             refused.append(some)
             continue
         then = _Looks.of(again, views)
-        is_dear = len(again.data) > DEAR * n_bytes
-        if is_dear or then.whole < looks.whole - FALL or then.fall > looks.fall:
+        is_larger = len(again.data) > DEAR * n_bytes
+        if is_larger or then.whole < looks.whole - FALL or then.fall > looks.fall:
             refused.append(some)
         else:
             found, looks, empty = again, then, some
