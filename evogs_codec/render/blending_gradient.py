@@ -9,13 +9,23 @@ WEIGHT^2 and CURVE, the SLOPE, the logarithm of the opacity, and R G B.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from evogs_codec.render import projection as p
-from evogs_codec.render.blending import AHEAD, FAR, clip_rows
+from evogs_codec.render.blending import (
+    AHEAD,
+    ALPHA_LEAST,
+    ALPHA_MOST,
+    EXPONENT_LEAST,
+    FAR,
+    N_CONSTANTS,
+    clip_halves,
+)
 from evogs_codec.render.compiled import (
     Scalar,
     exp2,
@@ -25,7 +35,6 @@ from evogs_codec.render.compiled import (
     prefetch,
     row_kernel,
 )
-from evogs_codec.render.options import ALPHA_MIN
 from evogs_codec.render.spans import SIDE
 
 __all__ = ["ENTRY", "add_up", "blend_gradient"]
@@ -53,8 +62,7 @@ _SUMS = SIDE * WIDTH
 def _unblend_row(
     state: Array, sums: Array, at: Scalar,
     base: Scalar, weight: Scalar, log_opacity: Scalar, down: Scalar,
-    red: Scalar, green: Scalar, blue: Scalar,
-    alpha_max: Scalar, alpha_min: Scalar, index: Scalar,
+    red: Scalar, green: Scalar, blue: Scalar, index: Scalar, constants: Sequence[Scalar],
 ) -> None:  # fmt: skip
     """Take one splat off one row of pixels.
 
@@ -62,14 +70,14 @@ def _unblend_row(
     adds g times 1, d, d d, down, down down, d down to the sums, and the gradient to R G B.
     """
     real = state.dtype.type
+    alpha_max = constants[ALPHA_MOST]
     for lane in range(_LANES):
         i = at + lane
         d = base + weight * state[i + _LANE]
         exponent = log_opacity - d * d
-        exponent = exponent if exponent > real(-100) else real(-100)
-        reached = exp2(exponent)
-        alpha = reached if reached < alpha_max else alpha_max
-        alpha = alpha if alpha >= alpha_min else real(0)
+        reached = exp2(max(exponent, constants[EXPONENT_LEAST]), constants)
+        alpha = min(reached, alpha_max)
+        alpha = alpha if alpha >= constants[ALPHA_LEAST] else real(0)
         alpha = alpha if index <= state[i + _LAST] else real(0)
         behind = state[i + _BEHIND]
         scale = real(1) / (real(1) - alpha)
@@ -106,12 +114,12 @@ def _sum_of(sums: Array, k: Scalar) -> float:
 @inlined
 def _unblend_tile(
     state: Array, sums: Array, row_last: Array, entries: Array, begin: int, end: int,
-    records: Array, rows: Array, x: int, y: int, alpha_max: float, out: Array,
+    records: Array, rows: Array, x: int, y: int, constants: Array, out: Array,
 ) -> None:  # fmt: skip
     """Fill the rows of the entries of one tile, whose first pixel is (x, y)."""
     real = state.dtype.type
-    lines = np.empty(2 * SIDE, state.dtype)
-    amax, amin = real(alpha_max), real(ALPHA_MIN)
+    lines = np.empty(3 * SIDE, state.dtype)
+    values = to_fixed_tuple(constants, N_CONSTANTS)
     last = -1
     for row in range(SIDE):
         last = max(last, row_last[row])
@@ -124,17 +132,17 @@ def _unblend_tile(
             prefetch(rows, entries[j - AHEAD])
         record = records[splat]
         red, green, blue = real(record[p.RED]), real(record[p.GREEN]), real(record[p.BLUE])
-        clip_rows(lines, record, x, y)
+        clip_halves(lines, record, x, y)
         weight, slope, curve = record[p.WEIGHT], record[p.SLOPE], math.sqrt(record[p.CURVE])
         for row in range(max(rows[splat, 0] - y, 0), min(rows[splat, 1] - y, SIDE)):
             if j - begin > row_last[row]:
                 continue
-            log_opacity = lines[row + SIDE]
+            log_opacity = max(lines[row + SIDE], lines[row + 2 * SIDE])
             if log_opacity > FAR:
                 down = curve * (y + row + 0.5 - record[p.Y])
                 _unblend_row(
                     state, sums, np.uint64(row) * _ROW, lines[row], real(weight), log_opacity,
-                    real(down), red, green, blue, amax, amin, real(j - begin),
+                    real(down), red, green, blue, real(j - begin), values,
                 )  # fmt: skip
         sum_1 = _sum_of(sums, np.uint64(1))
         sum_y = _sum_of(sums, np.uint64(3))
@@ -154,14 +162,14 @@ def _unblend_tile(
 @parallel_kernel
 def blend_gradient(
     first: int, n_columns: int, offsets: Array, entries: Array, order: Array,
-    records: Array, rows: Array, background: Array, alpha_max: float,
+    records: Array, rows: Array, background: Array, constants: Array,
     gradient: Array, transmittance: Array, last: Array, out: Array, n_workers: int,
 ) -> None:  # fmt: skip
     """Gradients to the entries of a chunk.
 
     Arguments, several to a line:
         first, n_columns, offsets, entries, order: `tiles.Chunk`, and tiles in a row.
-        records, rows, alpha_max, transmittance, last: as `blending.blend` has them.
+        records, rows, constants, transmittance, last: as `blending.blend` has them.
         background: (H, W, 3).
         gradient: (H, W, 3) of the loss to the picture, of the type of the picture.
         out: (entries, WIDTH), out.
@@ -194,7 +202,7 @@ def blend_gradient(
                         row_last[row] = max(row_last[row], last[y + row, x + lane])
             _unblend_tile(
                 state, sums[worker], row_last, entries, offsets[order[i]], offsets[order[i] + 1],
-                records, rows, x, y, alpha_max, out,
+                records, rows, x, y, constants, out,
             )  # fmt: skip
 
 

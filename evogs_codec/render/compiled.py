@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias, TypeVar, cast
 
 import numba
@@ -19,6 +19,7 @@ from llvmlite import ir  # type: ignore[import-untyped]
 from numba.extending import intrinsic, overload
 
 __all__ = [
+    "POWERS",
     "Scalar",
     "exp2",
     "inlined",
@@ -91,16 +92,23 @@ def prefetch(_context: Numba, rows: Numba, row: Numba) -> Numba:
     return numba.types.void(rows, row), generate
 
 
-def exp2(t: float) -> float:
-    """2**t for -126 <= t <= 0, in kernels; float32 to 2e-7 relative, float64 to 1e-14."""
+def exp2(t: Scalar, powers: Sequence[Scalar]) -> Scalar:
+    """2**t for -126 <= t <= 0, in kernels; float32 to 2e-7 relative, float64 to 1e-14.
+
+    Args:
+        t: exponent.
+        powers: the first 7 are `POWERS`, of the type of t. They come from an array that a kernel
+            gets: literals would be loaded again in each turn of an inner loop, in two instructions.
+    """
     # Kernels get the overload below in its place; plain Python never calls it.
-    raise NotImplementedError(f"compiled code only: exp2({t})")
+    raise NotImplementedError(f"compiled code only: exp2({t}, {powers})")
 
 
 # 2**f on [-1, 0], highest power first; relative error below 2e-9 (weighted least squares).
-_C6, _C5, _C4 = 1.0851056219409133e-4, 1.2730498518184752e-3, 9.577009053460775e-3
-_C3, _C2, _C1 = 5.548942106099708e-2, 2.4022396683364336e-1, 6.931470127525523e-1
-_C0 = 0.9999999981437165
+POWERS = (
+    1.0851056219409133e-4, 1.2730498518184752e-3, 9.577009053460775e-3, 5.548942106099708e-2,
+    2.4022396683364336e-1, 6.931470127525523e-1, 0.9999999981437165,
+)  # fmt: skip
 _LN2 = math.log(2.0)
 
 
@@ -128,24 +136,24 @@ def _scale(_context: Numba, x: Numba, n: Numba) -> Numba:
 
 
 @overload(exp2, jit_options={"forceinline": True, "fastmath": _FAST})  # type: ignore[misc, untyped-decorator, unused-ignore]
-def _exp2(t: Numba) -> Numba:
+def _exp2(t: Numba, powers: Numba) -> Numba:
     if t == numba.types.float32:
         real = numba.types.float32
 
-        def compiled(t: Numba) -> Numba:
+        def compiled(t: Numba, powers: Numba) -> Numba:
             n = _truncate(t)
             f = t - real(n)
-            p = real(_C6) * f + real(_C5)
-            p = p * f + real(_C4)
-            p = p * f + real(_C3)
-            p = p * f + real(_C2)
-            p = p * f + real(_C1)
-            p = p * f + real(_C0)
+            p = powers[0] * f + powers[1]
+            p = p * f + powers[2]
+            p = p * f + powers[3]
+            p = p * f + powers[4]
+            p = p * f + powers[5]
+            p = p * f + powers[6]
             return _scale(p, n)
 
         return compiled
 
-    def exact(t: Numba) -> Numba:
+    def exact(t: Numba, powers: Numba) -> Numba:
         return math.exp(t * _LN2)
 
     return exact

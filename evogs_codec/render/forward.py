@@ -15,7 +15,7 @@ import numpy.typing as npt
 from evogs_codec.render import projection as p
 from evogs_codec.render.activated import Activated, Buffers, active_of
 from evogs_codec.render.activation import ACTIVE
-from evogs_codec.render.blending import blend
+from evogs_codec.render.blending import blend, constants_of
 from evogs_codec.render.camera import Camera
 from evogs_codec.render.compiled import n_threads
 from evogs_codec.render.options import DEFAULT, Options
@@ -146,7 +146,7 @@ def _draw(
         n_chunks += 1
         blend(
             chunk.first, tiles.columns, chunk.offsets, chunk.entries, chunk.order,
-            tiles.records, tiles.rows, colour, options.alpha_max,
+            tiles.records, tiles.rows, colour, constants_of(options, dtype),
             image, transmittance, last, n_threads(),
         )  # fmt: skip
     if is_picture:

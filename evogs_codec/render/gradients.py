@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from evogs_codec.render.blending import constants_of
 from evogs_codec.render.blending_gradient import ENTRY, add_up, blend_gradient
 from evogs_codec.render.compiled import n_threads
 from evogs_codec.render.forward import Drawing
@@ -110,11 +111,12 @@ def _to_records(drawing: Drawing, splats: Splats, image_gradient: Real) -> Real:
     g = np.ascontiguousarray(image_gradient, dtype)
     background = np.ascontiguousarray(np.broadcast_to(drawing.background, g.shape))
     to_records = np.zeros((len(splats.means), len(ENTRY)), np.float64)
+    constants = constants_of(drawing.options, dtype)
     for chunk in [drawing.chunk] if drawing.chunk else tiles.chunks():
         rows = np.empty((len(chunk.entries), len(ENTRY)), dtype)
         blend_gradient(
             chunk.first, tiles.columns, chunk.offsets, chunk.entries, chunk.order,
-            tiles.records, tiles.rows, background, drawing.options.alpha_max,
+            tiles.records, tiles.rows, background, constants,
             g, drawing.transmittance, drawing.last, rows, n_threads(),
         )  # fmt: skip
         add_up(chunk.offsets, chunk.block_ends, chunk.entries, rows, to_records)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from evogs_codec.render import projection as p
 from evogs_codec.render import screen as s
 from evogs_codec.render.activated import Activated, Buffers
-from evogs_codec.render.blending import blend
+from evogs_codec.render.blending import blend, constants_of
 from evogs_codec.render.camera import Camera
 from evogs_codec.render.compiled import n_threads, parallel_kernel, prange
 from evogs_codec.render.forward import Colour, prepare
@@ -67,10 +67,11 @@ class Still:
         kept = image.shape[:2] if is_picture else (0, 0)
         transmittance, last = np.empty(kept, np.float32), np.empty(kept, np.int32)
         colour = np.zeros(3, np.float32) if is_picture else self.background
+        constants = constants_of(self.options, np.float32)
         for chunk in self.chunks:
             blend(
                 chunk.first, self.tiles.columns, chunk.offsets, chunk.entries, chunk.order,
-                self.tiles.records, self.tiles.rows, colour, self.options.alpha_max,
+                self.tiles.records, self.tiles.rows, colour, constants,
                 image, transmittance, last, n_threads(),
             )  # fmt: skip
         if is_picture:

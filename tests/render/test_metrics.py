@@ -36,6 +36,21 @@ def pictures(height, width, dtype=np.float64, seed=0):
     return a.astype(dtype), np.clip(a + 0.2 * rng.normal(size=a.shape), 0, 1).astype(dtype)
 
 
+@pytest.mark.parametrize("dtypes", [("f4", "f4"), ("f8", "f4"), ("f8", "f8")])
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (5, 7), (16, 16)])
+def test_psnr_is_that_of_numpy(height, width, dtypes):
+    a, b = pictures(height, width)
+    a, b = a.astype(dtypes[0]), b.astype(dtypes[1])
+    error = np.mean(np.square(a.astype(float) - b))
+    assert psnr(a, b) == pytest.approx(-10 * math.log10(error), rel=1e-12)
+    assert psnr(a[::-1, ::-1], b[::-1, ::-1]) == pytest.approx(psnr(a, b), rel=1e-12)
+
+
+def test_psnr_is_of_pictures_with_pixels():
+    with pytest.raises(ValueError, match="without pixels"):
+        psnr(np.empty((0, 4, 3)), np.empty((0, 4, 3)))
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize(("height", "width"), [(1, 1), (3, 20), (20, 3), (24, 33)])
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

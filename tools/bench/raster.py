@@ -21,7 +21,7 @@ from evogs_codec.model.splats import F32
 from evogs_codec.render import Camera, Options, draw, gradients, orbit, render, ssim_gradient
 from evogs_codec.render import projection as p
 from evogs_codec.render.activation import ACTIVE, activate
-from evogs_codec.render.blending import blend
+from evogs_codec.render.blending import blend, constants_of
 from evogs_codec.render.blending_gradient import ENTRY, add_up, blend_gradient
 from evogs_codec.render.compiled import n_threads
 from evogs_codec.render.projection_gradient import project_gradient
@@ -134,14 +134,15 @@ def _one_turn(scene: Scene) -> dict[str, float]:
     tiles = timed("count", lambda: Tiles.of(records, rows, spans, order, *shape[::-1]))
     (chunk,) = timed("fill", lambda: list(tiles.chunks()))
     lists = (chunk.first, tiles.columns, chunk.offsets, chunk.entries, chunk.order, records, rows)
+    constants = constants_of(OPTIONS, np.float32)
     image, t = np.empty((*shape, 3), np.float32), np.empty(shape, np.float32)
     last = np.empty(shape, np.int32)
-    timed("blend", lambda: blend(*lists, color, OPTIONS.alpha_max, image, t, last, threads))
+    timed("blend", lambda: blend(*lists, color, constants, image, t, last, threads))
     entries = np.empty((len(chunk.entries), len(ENTRY)), np.float32)
     g = scene.image_gradient
     timed(
         "blend, backwards",
-        lambda: blend_gradient(*lists, color, OPTIONS.alpha_max, g, t, last, entries, threads),
+        lambda: blend_gradient(*lists, color, constants, g, t, last, entries, threads),
     )
     sums = np.zeros((n, len(ENTRY)))
     timed("add up", lambda: add_up(chunk.offsets, chunk.block_ends, chunk.entries, entries, sums))
