@@ -10,13 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from evogs_codec.encoding.measured_gains import Pictures, psnr_of_sh
-from evogs_codec.model.channels import N_GROUPS, channel_class
+from evogs_codec.model.channels import N_GROUPS
 from evogs_codec.model.splats import F32, F64, SplatParams
 
 __all__ = ["KNOWN", "MEASURING", "Missed"]
@@ -69,29 +68,27 @@ class Missed:
         """(K,) factors, of numbers that are rounded to these steps."""
         found = np.ones(len(self.weights))
         found[: len(KNOWN)] = KNOWN
-        rounded, estimate = self._rounded(steps, slice(0, 1))
-        factor = _times(self.pictures.psnr(rounded), estimate)
+        means, estimate = _rounded(self.leaves.means, steps[0], self.weights[0])
+        factor = _times(self.pictures.psnr(replace(self.leaves, means=means)), estimate)
         # What splats that change places add rises less than the squares of steps do. Views do not
         # show all that moves, so no position weighs less.
         found[0] = max(1.0, (1 + factor) / 2)
         if len(found) > N_GROUPS and not self.has_palette:
-            bands = slice(N_GROUPS, None)
-            rounded, estimate = self._rounded(steps, bands)
-            (psnr,) = psnr_of_sh(self.pictures, self.leaves, [rounded.sh])
-            found[bands] = _times(psnr, estimate)
+            sh, estimate = self.leaves.sh.copy(), 0.0
+            for band, kind in enumerate(range(N_GROUPS, len(found)), start=1):
+                part = slice(band**2, (band + 1) ** 2)
+                sh[:, part], of_band = _rounded(sh[:, part], steps[kind], self.weights[kind])
+                estimate += of_band
+            (psnr,) = psnr_of_sh(self.pictures, self.leaves, [sh])
+            found[N_GROUPS:] = _times(psnr, estimate)
         return found
 
-    def _rounded(self, steps: F64, classes: slice) -> tuple[SplatParams, float]:
-        """The leaves with some classes rounded, and the error by the estimate."""
-        channels = self.leaves.channels()
-        kinds: npt.NDArray[np.int64] = np.array([channel_class(c) for c in range(len(channels))])
-        error = 0.0
-        for kind in range(len(steps))[classes]:
-            own = np.flatnonzero(kinds == kind)
-            before = channels[own]
-            channels[own] = np.rint(before / steps[kind]) * steps[kind]
-            error += float(self.weights[kind] @ np.square(channels[own] - before).sum(axis=0))
-        return SplatParams.from_channels(channels), error
+
+def _rounded(values: F32, step: float, weights: F32) -> tuple[F32, float]:
+    """Numbers (N, ...) of N leaves, rounded, and the error by the weights (N,) of an estimate."""
+    found: F32 = (np.rint(values / step) * step).astype(np.float32)
+    squares = np.square(found - values).reshape(len(values), -1).sum(axis=1)
+    return found, float(weights @ squares)
 
 
 def _times(psnr: float, estimate: float) -> float:

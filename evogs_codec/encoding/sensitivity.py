@@ -21,7 +21,6 @@ from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.encoding.measured_gains import Pictures
 from evogs_codec.encoding.missed import KNOWN, Missed
 from evogs_codec.model.channels import (
-    GROUP_CHANNELS,
     N_GROUPS,
     channel_class,
     n_channels,
@@ -171,9 +170,8 @@ class Importance:
             extent: of the scene.
             known: what is measured already, which is added to (`Missed`).
         """
-        leaves = np.concatenate([tile.shared_leaves().channels() for tile in tiles], axis=1)
         missed = Missed(
-            SplatParams.from_channels(leaves),
+            SplatParams.joined([tile.shared_leaves() for tile in tiles]),
             np.concatenate(self.leaves, axis=1),
             lambda price: self.steps_of_leaves(price, extent),
             pictures,
@@ -327,17 +325,17 @@ def _shown(tile: EvolutionTree, first: int) -> Iterator[SplatParams]:
 
 def _cut(parts: Sequence[SplatParams], sensitivity: Sensitivity, seen: float) -> list[F32]:
     """(K, N) weights of the leaves of a level, tile by tile, of all bands that splats have."""
-    channels = np.concatenate([part.channels() for part in parts], axis=1)
-    if not channels.shape[1]:
+    splats = SplatParams.joined(parts)
+    if not len(splats):
         return [np.zeros((5 + part.sh_degree, 0), np.float32) for part in parts]
-    found = sensitivity(SplatParams.from_channels(channels))
+    found = sensitivity(splats)
     kinds = np.array([channel_class(c) for c in range(len(found))])
     weights = np.stack(
         [MISSED[k] * found[kinds == k].mean(0) for k in range(kinds.max() + 1)]
     ).astype(np.float32)
     means = weights.mean(1, keepdims=True)
     weights = seen * weights + (1 - seen) * means
-    is_decided = np.abs(channels[GROUP_CHANNELS[_OPACITY]][0]) >= OPAQUE
+    is_decided = np.abs(splats.opacity_logits) >= OPAQUE
     weights[_OPACITY] = np.maximum(weights[_OPACITY], LEAST * means[_OPACITY] * is_decided)
     ends = np.cumsum([len(part) for part in parts])
     return np.split(weights, ends[:-1], axis=1)

@@ -136,7 +136,7 @@ class Neighbourhood:
         from evogs_codec.render import Views
 
         around = splats.take(slice(0)) if around is None else around
-        views = Views.of(_joined(splats, around), standing.cameras)
+        views = Views.of(SplatParams.joined([splats, around]), standing.cameras)
         views = replace(
             views,
             options=standing.options,
@@ -152,11 +152,11 @@ class Neighbourhood:
 
     def psnr(self, splats: SplatParams) -> float:
         """Mean PSNR of the views with the tile as these splats, dB."""
-        return self.views.psnr(_joined(splats, self.around))
+        return self.views.psnr(SplatParams.joined([splats, self.around]))
 
     def psnr_of_sh(self, splats: SplatParams, each: Iterable[F32]) -> Iterator[float]:
         """Mean PSNR with each SH (N, K, 3) in place of those of the splats, dB."""
-        joined = _joined(splats, self.around)
+        joined = SplatParams.joined([splats, self.around])
 
         def all_of(sh: F32) -> F32:
             around = self.around.sh
@@ -168,16 +168,16 @@ class Neighbourhood:
 
     def sensitivity(self, splats: SplatParams) -> F32:
         """(D, N) mean squared change of the pictures to the squared change of each number."""
-        return self._own(self.views.sensitivity(_joined(splats, self.around)), splats)
+        return self._own(self.views.sensitivity(SplatParams.joined([splats, self.around])), splats)
 
     def sensitivity_and_psnr(self, splats: SplatParams) -> tuple[F32, float]:
         """Both, of pictures that are drawn once."""
-        found, decibels = self.views.sensitivity_and_psnr(_joined(splats, self.around))
+        found, decibels = self.views.sensitivity_and_psnr(SplatParams.joined([splats, self.around]))
         return self._own(found, splats), decibels
 
     def loss_gradient(self, splats: SplatParams, iteration: int) -> F32:
         """(D, N) gradient of the mean squared error of one view."""
-        found = self.views.loss_gradient(_joined(splats, self.around), iteration)
+        found = self.views.loss_gradient(SplatParams.joined([splats, self.around]), iteration)
         return self._own(found, splats)
 
     def _own(self, found: F32, splats: SplatParams) -> F32:
@@ -269,12 +269,3 @@ def price_of(n_splats: int) -> float:
 def enlarged(splats: SplatParams, every: int) -> SplatParams:
     """Splats of which each stands for `every`, with the area of all."""
     return replace(splats, log_scales=splats.log_scales + np.float32(math.log(every) / 2))
-
-
-def _joined(splats: SplatParams, around: SplatParams) -> SplatParams:
-    """These, then those around, at the higher of their SH degrees."""
-    parts: Sequence[SplatParams] = splats, around
-    d = max(n_channels(part.sh_degree) for part in parts)
-    rows = [part.channels() for part in parts]
-    padded = [np.pad(x, ((0, d - len(x)), (0, 0))) for x in rows]
-    return SplatParams.from_channels(np.concatenate(padded, axis=1))

@@ -7,6 +7,7 @@ SH coefficients in the usual order, R G B of each.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -106,6 +107,21 @@ class SplatParams:
             log_scales=np.ascontiguousarray(x[7:10].T, np.float32),
             opacity_logits=x[10].astype(np.float32),
             sh=np.ascontiguousarray(x[11:].T, np.float32).reshape(n, (len(x) - 11) // 3, 3),
+        )
+
+    @staticmethod
+    def joined(parts: Sequence[SplatParams]) -> SplatParams:
+        """The splats of at least one part after another, at the highest SH degree of all."""
+        ends = np.cumsum([0, *map(len, parts)])
+        sh = np.zeros((ends[-1], max(part.sh.shape[1] for part in parts), 3), np.float32)
+        for begin, end, part in zip(ends[:-1], ends[1:], parts, strict=True):
+            sh[begin:end, : part.sh.shape[1]] = part.sh
+        return SplatParams(
+            means=np.concatenate([part.means for part in parts]),
+            quats=np.concatenate([part.quats for part in parts]),
+            log_scales=np.concatenate([part.log_scales for part in parts]),
+            opacity_logits=np.concatenate([part.opacity_logits for part in parts]),
+            sh=sh,
         )
 
     def take(self, rows: npt.NDArray[np.integer] | npt.NDArray[np.bool_] | slice) -> SplatParams:

@@ -6,14 +6,12 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from evogs_codec.editing.level_psnr import KEY as PSNR
 from evogs_codec.io.interchange.frames import frame_of, transformed, turn
 from evogs_codec.io.interchange.scene_files import Scene
 from evogs_codec.model.placement import PLACES
 from evogs_codec.model.scene_info import SceneInfo
-from evogs_codec.model.splats import F32, SplatParams
+from evogs_codec.model.splats import SplatParams
 
 __all__ = ["merged", "merged_info"]
 
@@ -28,15 +26,7 @@ def merged(scenes: Sequence[Scene]) -> Scene:
     """
     frame = frame_of(scenes[0].info)
     parts = [transformed(one.splats, turn(frame_of(one.info), frame)) for one in scenes]
-    degree = max(part.sh_degree for part in parts)
-    whole = SplatParams(
-        means=np.concatenate([part.means for part in parts]),
-        quats=np.concatenate([part.quats for part in parts]),
-        log_scales=np.concatenate([part.log_scales for part in parts]),
-        opacity_logits=np.concatenate([part.opacity_logits for part in parts]),
-        sh=np.concatenate([_with_degree(part.sh, degree) for part in parts]),
-    )
-    return Scene(whole, merged_info([one.info for one in scenes]))
+    return Scene(SplatParams.joined(parts), merged_info([one.info for one in scenes]))
 
 
 def merged_info(infos: Sequence[SceneInfo]) -> SceneInfo:
@@ -56,9 +46,3 @@ def merged_info(infos: Sequence[SceneInfo]) -> SceneInfo:
             f"of the scenes only some are antialiased: all are taken as {said}", stacklevel=2
         )
     return replace(infos[0], text=text)
-
-
-def _with_degree(sh: F32, degree: int) -> F32:
-    """(N, (degree + 1)**2, 3): coefficients that are missing are 0."""
-    missing = (degree + 1) ** 2 - sh.shape[1]
-    return np.pad(sh, ((0, 0), (0, missing), (0, 0)))

@@ -104,7 +104,7 @@ def read(path: Path) -> tuple[SplatParams, SceneInfo]:
         moves = not np.array_equal(turn(FRAME, PLY_FRAME) @ at[:3], np.eye(4)[:3])
         said = _of_scene(streams.info, moves=moves)
     info = replace(said, colour_space=registry.COLOUR_SPACES.index(space))
-    splats = transformed(_joined(parts), turn(FRAME, PLY_FRAME))
+    splats = transformed(SplatParams.joined(parts), turn(FRAME, PLY_FRAME))
     return splats, info_of_frame(info, FRAME)
 
 
@@ -113,23 +113,6 @@ def _of_scene(info: SceneInfo, *, moves: bool) -> SceneInfo:
     here = () if moves else IN_AXES
     kept = {*registry.TEXT_OPTIONS, *here}
     return replace(info, text={k: value for k, value in info.text.items() if k in kept})
-
-
-def _joined(parts: list[SplatParams]) -> SplatParams:
-    k = max(part.sh.shape[1] for part in parts)
-    padded = [
-        np.concatenate(
-            [part.sh, np.zeros((len(part), k - part.sh.shape[1], 3), np.float32)], axis=1
-        )
-        for part in parts
-    ]
-    return SplatParams(
-        np.concatenate([part.means for part in parts]),
-        np.concatenate([part.quats for part in parts]),
-        np.concatenate([part.log_scales for part in parts]),
-        np.concatenate([part.opacity_logits for part in parts]),
-        np.concatenate(padded),
-    )
 
 
 # --- splats ---------------------------------------------------------------------------------------

@@ -214,9 +214,4 @@ def _joined(parts: list[SplatParams], degree: int) -> SplatParams:
         empty: F32 = np.empty((0, 4), np.float32)
         sh = np.empty((0, 1 + N_REST[degree], 3), np.float32)
         return SplatParams(empty[:, :3], empty, empty[:, :3], empty[:, 0], sh)
-    return SplatParams(
-        *(
-            np.concatenate([getattr(part, name) for part in parts])
-            for name in ("means", "quats", "log_scales", "opacity_logits", "sh")
-        )
-    )
+    return SplatParams.joined(parts)
