@@ -59,7 +59,9 @@ KINDS = {
 }
 READ_BY = {"means_l.webp": "meta.json", "x.bin": "x.gltf"}
 ALONE = [kind for kind, name in KINDS.items() if name not in READ_BY]
-pytestmark = pytest.mark.filterwarnings("ignore:.*(infinite opacity|no SH above|band 4)")
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:.*(infinite opacity|no SH above|band 4|float32 moves)"
+)
 
 
 @pytest.fixture(scope="module")
