@@ -274,11 +274,13 @@ def _drawn(aim: Aim, views: Pictures, tiles: Sequence[EvolutionTree], n_levels: 
     told: list[float] = []
 
     def sensitivity(splats: SplatParams) -> F32:
+        if len(told) == n_levels:  # of the last level, which nobody asks how it looks
+            return views.sensitivity(splats)
         found, decibels = views.sensitivity_and_psnr(splats)
         told.append(decibels)
         return found
 
     sensitivity(nothing_of(aim.tree.leaves(0)))
     cuts = weigh(sensitivity)
-    shown = told[:-1] if len(told) == 1 + n_levels else None  # of each level that has splats
+    shown = told if len(told) == n_levels else None  # of each level before, that has splats
     return Drawn(cuts, MeasuredGains.of(aim.tree, aim.ordering, shown))

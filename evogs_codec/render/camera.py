@@ -103,7 +103,9 @@ class Camera:
 
     def within(self, pixels: int) -> Camera:
         """The same view whose longer side has at most this many pixels."""
-        part = min(1.0, pixels / max(self.width, self.height))
+        part = pixels / max(self.width, self.height)
+        if part >= 1:
+            return self
         return self.resized(*(max(1, round(part * side)) for side in (self.width, self.height)))
 
     @staticmethod

@@ -44,7 +44,8 @@ class Between(NamedTuple):
 MOST = 150.0  # dB of a view: of one without any error, for a mean that is a number
 DRAWN = 12  # views that the sensitivity is estimated from
 COMPARED = 6  # of these, at most, compared with the scene
-MANY = 10_000  # splats of a level, each of which is one of many that are worth alike
+SMALLER, LEAST_SIDE = 0.625, 200  # of the longer side of these, and pixels of it
+MANY = 10_000  # splats of a level or scene, each of which is one of many that are worth alike
 HELD_OUT = 5  # every 5th of the cameras given judges what descends on the others
 
 
@@ -133,7 +134,7 @@ class Views:
         cameras, weighing = (
             [one.within(pixels) for one in some] for some in (self.cameras, self.weighing)
         )
-        return replace(self, cameras=cameras, weighing=weighing, drawn={})
+        return replace(self, cameras=cameras, weighing=weighing, drawn=self.drawn)
 
     def psnr(self, splats: SplatParams) -> float:
         """Mean PSNR over the views, dB; over those that show the scene, if some do."""
@@ -170,15 +171,17 @@ class Views:
         return self._sensitivity(splats, self._weighing.cameras)[0]
 
     def sensitivity_and_psnr(self, splats: SplatParams) -> tuple[F32, float]:
-        """`sensitivity`, and the PSNR of every other of the pictures that are drawn for it, dB.
+        """`sensitivity`, and the PSNR of every other of its views, dB.
 
         Of a coarse level, with at most a quarter of the splats of the scene, only those are drawn:
-        each splat is in more pixels. So it is of any coarse level of many splats.
+        each splat is in more pixels. So it is of any coarse level of many splats, and pictures of
+        these are smaller (`_of_coarse`).
         """
-        drawn = self._weighing
-        few = drawn.fewer(COMPARED)
+        few = self._of_coarse
         is_coarse = 4 * len(splats) <= len(self.scene) or MANY < len(splats) < len(self.scene)
-        found, images = self._sensitivity(splats, (few if is_coarse else drawn).cameras)
+        if not is_coarse:
+            return self.sensitivity(splats), few.psnr(splats)
+        found, images = few._sensitivity(splats, few.cameras)
         return found, few._psnr(images.__getitem__)
 
     def loss_gradient(self, splats: SplatParams, iteration: int) -> F32:
@@ -201,6 +204,18 @@ class Views:
     def _weighing(self) -> Views:
         """The views that the sensitivity is estimated from."""
         return replace(self, cameras=self.weighing or self.cameras).fewer(self.n_drawn)
+
+    @cached_property
+    def _of_coarse(self) -> Views:
+        """The views that coarse levels are drawn in: of a scene of many splats they are smaller.
+
+        What is between has the size of the others.
+        """
+        few = self._weighing.fewer(COMPARED)
+        if len(self.scene) <= MANY or self.between:
+            return few
+        side = max((max(camera.width, camera.height) for camera in few.cameras), default=0)
+        return few.within(max(round(SMALLER * side), LEAST_SIDE))
 
     @property
     def pictures(self) -> list[Picture]:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Gauge", "with_room", "without_room"]
 
-N_VIEWS = 6
+N_VIEWS = 4
 SMALL = 20_000  # splats; of few, errors are chance: all views look for falls
 N_OF_PACKETS, N_OF_LARGE = 24, 8
 PIXELS = 200  # of the longer side of a view

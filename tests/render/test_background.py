@@ -53,7 +53,7 @@ def test_the_psnr_of_their_levels_rises_and_says_that_it_is_on_black():
     directory = read_directory(data)
     known = level_psnr(directory)
     assert known is not None
-    assert known.views == "6 views on a circle on black, 200 pixels"
+    assert known.views == "4 views on a circle on black, 200 pixels"
     views = Views(splats, cameras_around(splats, "z", 200, n=6), background=BLACK)
     cuts = [Cut.of_level(directory, level) for level in range(directory.n_levels)]
     seen = [views.psnr(decode_leaves(data, cut)) for cut in cuts]

@@ -1,5 +1,7 @@
 """Views by which an encoder judges."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -59,6 +61,33 @@ def test_of_a_coarse_level_fewer_views_are_drawn(tree, views, monkeypatch):
     assert cameras == {"draw": few.cameras, "render": few.cameras}  # render: the scene
     assert np.array_equal(found, few.sensitivity(splats))
     assert decibels == few.psnr(splats)
+
+
+def test_a_coarse_level_of_many_splats_is_drawn_in_smaller_pictures(tree, monkeypatch):
+    monkeypatch.setattr(module, "MANY", 100)
+    leaves = tree.leaves()
+    views = Views(leaves, cameras_around(leaves, "z", 320, n=12))
+    small = views.fewer(module.COMPARED).within(200)
+    for level, sizes in ((0, [200] * 6), (3, [320] * 12)):
+        cameras = drawn(monkeypatch)
+        found, decibels = views.sensitivity_and_psnr(tree.leaves(level))
+        assert [camera.width for camera in cameras["draw"]] == sizes
+        assert {camera.width for camera in cameras["render"]} == {200}
+        worth = (small if level == 0 else views).sensitivity(tree.leaves(level))
+        assert np.array_equal(found, worth)
+        assert decibels == small.psnr(tree.leaves(level))
+
+
+def test_where_something_is_between_pictures_keep_their_size(tree, monkeypatch):
+    monkeypatch.setattr(module, "MANY", 100)
+    leaves = tree.leaves()
+    views = Views(leaves, cameras_around(leaves, "z", 320, n=2))
+    nothing = np.ones((320, 320, 1), np.float32), np.ones((320, 320, 3), np.float32)
+    between = {camera: module.Between(*nothing) for camera in views.cameras}
+    splats = tree.leaves(0)
+    found, decibels = replace(views, between=between).sensitivity_and_psnr(splats)
+    assert np.array_equal(found, views.sensitivity(splats))
+    assert decibels == views.psnr(splats)
 
 
 def test_of_no_splats_there_is_a_picture(tree, views):
