@@ -31,7 +31,7 @@ from evogs_codec.model.components import CORE
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import I64, SplatParams
 from evogs_codec.scene.found_stream import FoundStream
-from evogs_codec.scene.measure import SMALL
+from evogs_codec.scene.measure import SMALL, Gauge
 from evogs_codec.scene.order_by_views import ordered_by_views
 from evogs_codec.scene.request import Request
 from evogs_codec.scene.states import FALL, FEW
@@ -58,21 +58,19 @@ OF_MANY = (FALL, 3 * FALL)
 VERY_MANY = 100_000  # of more, few views judge, since a splat is little of one
 
 
-def without_falls(
-    found: FoundStream, views: Views, request: Request, first: Views | None = None
-) -> FoundStream:
-    """A stream that is made, or one instead of it that falls less in these views.
+def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundStream:
+    """A stream that is made, or one instead of it that falls less in the views of packets.
 
-    Of many splats, only if some prefix falls in two of the `first` views.
+    Of many splats, only if some prefix falls in two of the views that look for falls.
 
     A packet that makes pictures worse stays where the whole would look worse without it, or miss
     its target. Other prices are not tried with a target, nor one layer where layers were asked for.
     """
     if not found.is_by_views or found.tree.palette is not None:
         return found
-    is_many = found.tree.n_leaves > SMALL
+    views, is_many = gauge.packets, found.tree.n_leaves > SMALL
     if is_many:
-        if not _may_fall(found, first or views):
+        if not _may_fall(found, gauge.many):
             return found
         if found.tree.n_leaves > VERY_MANY:
             views = views.fewer(FEW)

@@ -59,7 +59,7 @@ def steady(found: FoundStream, request: Request) -> FoundStream:
         made.warn_of_span()
         return replace(made, stream=without_room(made.data, request))
     steadied = _steadied(found, gauge.many, request) if found.is_by_views else found.made()
-    steadied = without_falls(steadied, gauge.packets, request, gauge.many)
+    steadied = without_falls(steadied, gauge, request)
     steadied.warn_of_span()
     prefixes, data = steadied.prefixes, steadied.data
     cuts = [prefixes.of_level(level) for level in range(prefixes.n_levels)]

@@ -17,6 +17,7 @@ from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.scene import choose, packet_falls, steady
 from evogs_codec.scene.encode import encode_scene_with_order
 from evogs_codec.scene.found_stream import FoundStream
+from evogs_codec.scene.measure import Gauge
 from evogs_codec.scene.request import Request
 from tools.bench.falls import odd_scenes
 
@@ -70,6 +71,12 @@ def layered():
     return choose._at_price([aim], PRICE).made()
 
 
+def gauge_of(found):
+    """By the views that a stream is of."""
+    views = found.aim.views
+    return Gauge(views, "", views, views)
+
+
 @pytest.mark.parametrize(
     ("falls", "options", "very_few", "factor", "n_layers"),
     [
@@ -95,7 +102,7 @@ def test_where_pictures_stay_worse_other_streams_are_tried(
     monkeypatch.setattr(packet_falls, "VERY_FEW", very_few)
     told = []
     said = options | {"progress": lambda stage, part: told.append((stage, part))}
-    chosen = packet_falls.without_falls(layered, layered.aim.views, Request.of("scene", said))
+    chosen = packet_falls.without_falls(layered, gauge_of(layered), Request.of("scene", said))
     assert next(left, None) is None
     assert len(told) == len(falls) - 1  # a line for each stream that is tried
     assert all(stage == "try" for stage, _ in told)
@@ -183,7 +190,7 @@ def test_of_many_splats_other_streams_are_tried_for_a_deep_fall(
 
     monkeypatch.setattr(packet_falls, "_with_least_fall", with_least_fall)
     monkeypatch.setattr(packet_falls, "_looks_worse", lambda *_: len(tried) < 5)
-    chosen = packet_falls.without_falls(layered, layered.aim.views, Request.of("scene", {}))
+    chosen = packet_falls.without_falls(layered, gauge_of(layered), Request.of("scene", {}))
     assert len(tried) == n_tried
     assert chosen is tried[-1 if n_tried == 5 else 0]
 
