@@ -52,7 +52,7 @@ MAX_LAYERS = 8
 N_LAYERS = 2  # by default
 RATIO = 192.0  # of the price of a bit, from a layer to the next: about 20 dB; by default
 FINER = 2.8  # than of psi of one leaf: steps of what siblings share, whose errors meet
-BETWEEN = 32.0  # the same between later layers, where `scene.steady` adds a third
+BETWEEN = 36.0  # the same between later layers, where `scene.steady` adds a third
 EVEN = 0.5  # power of the weights of leaves in layers before the last: see `_evened`
 
 
