@@ -44,7 +44,9 @@ class Between(NamedTuple):
 MOST = 150.0  # dB of a view: of one without any error, for a mean that is a number
 DRAWN = 12  # views that the sensitivity is estimated from
 COMPARED = 6  # of these, at most, compared with the scene
-SMALLER, LEAST_SIDE = 0.625, 200  # of the longer side of these, and pixels of it
+# Coarse levels of many splats are drawn in pictures whose longer side is this part of the others',
+# and has this many pixels at least.
+SMALLER, LEAST_SIDE = 0.625, 200
 MANY = 10_000  # splats of a level or scene, each of which is one of many that are worth alike
 HELD_OUT = 5  # every 5th of the cameras given judges what descends on the others
 
@@ -209,7 +211,7 @@ class Views:
     def _of_coarse(self) -> Views:
         """The views that coarse levels are drawn in: of a scene of many splats they are smaller.
 
-        What is between has the size of the others.
+        Views that show more than the scene keep their size, which is that of `between`.
         """
         few = self._weighing.fewer(COMPARED)
         if len(self.scene) <= MANY or self.between:
