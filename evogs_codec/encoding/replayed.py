@@ -31,7 +31,7 @@ from evogs_codec.model.siblings import Siblings
 from evogs_codec.model.splats import F32, I32, I64, SplatParams
 from evogs_codec.model.tree import Kind, take_picks
 
-__all__ = ["Replayed"]
+__all__ = ["Replayed", "leaves_of"]
 
 
 class Replayed:
@@ -73,6 +73,11 @@ class Replayed:
         return SplatParams(
             means, quats, log_scales, opacity_logits[:, 0], sh.reshape(n, n_coefficients, 3)
         )
+
+
+def leaves_of(tree: CodedTree, sh_degree: int) -> SplatParams:
+    """The leaves of a coded tree, of this SH degree."""
+    return Replayed(tree).after([len(tile.steps) for tile in tree.tiles], sh_degree)
 
 
 class _Tile:

@@ -58,22 +58,19 @@ class Goal:
         value: that is wanted.
         slack: a value this near is good enough.
         most: a value above it is the best only where none is below.
-        late_slack: a value this near is good enough once another is known, if that is more.
     """
 
     value: float
     slack: float
     most: float = math.inf
-    late_slack: float = 0.0
 
     def badness(self, value: float) -> tuple[bool, float]:
         """Of two values the one of which this is less is better."""
         return value > self.most, abs(value - self.value)
 
-    def is_met(self, value: float, *, is_first: bool) -> bool:
+    def is_met(self, value: float) -> bool:
         """Whether the search may end with a value."""
-        slack = self.slack if is_first else max(self.slack, self.late_slack)
-        return abs(value - self.value) <= slack
+        return abs(value - self.value) <= self.slack
 
 
 def nearest(
@@ -116,7 +113,7 @@ def nearest(
             best = Found(math.exp(at), value, what)
         if value >= target and (above is None or value < above.value):
             above = Found(math.exp(at), value, what)
-        if goal.is_met(value, is_first=k == 0 and before is None):
+        if goal.is_met(value):
             break
         is_above.add(value > target)
         distances.append(abs(value - target))
@@ -132,7 +129,7 @@ def nearest(
             if len(is_above) == 1 and end not in tried:
                 tried.add(end)
                 last, at_end = measure(end)
-                if goal.is_met(last, is_first=False) and last <= goal.most:
+                if goal.is_met(last) and last <= goal.most:
                     return Found(end, last, at_end)
                 if (last > target) == (value > target):
                     return Found(end, last, at_end, is_end=True)

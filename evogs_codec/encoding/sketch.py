@@ -18,14 +18,13 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.common.morton import morton_order
-from evogs_codec.decoding.decode import decode
 from evogs_codec.encoding.arrange import Renumbered
 from evogs_codec.encoding.layer_parts import first_ancestors
 from evogs_codec.encoding.layers import Layered
 from evogs_codec.encoding.palette_worth import stored_bits
 from evogs_codec.encoding.prepared import Prepared
+from evogs_codec.encoding.replayed import leaves_of
 from evogs_codec.encoding.sensitivity import StepWeights
-from evogs_codec.encoding.write import write
 from evogs_codec.format.planes import entropy, zigzag
 from evogs_codec.model.channels import channel_class
 from evogs_codec.model.coded_tree import CodedTree
@@ -98,8 +97,7 @@ class Sketch:
         """PSNR of the leaves of that stream over the views, dB, about."""
         coder = self.coder
         assert coder.importance is not None, "a sketch is by views"
-        data = write(coder.coded(price), effort=1, digests=False)
-        found = decode(data).leaves(sh_degree=coder.aim.tree.shown_degree).channels()
+        found = leaves_of(coder.coded(price), coder.aim.tree.shown_degree).channels()
         kinds = [channel_class(c) for c in range(len(found))]
         error, n = 0.0, 0
         for tile, weights in zip(coder.tiles, coder.importance.at(price).leaves, strict=True):

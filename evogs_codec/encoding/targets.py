@@ -23,7 +23,7 @@ from evogs_codec.encoding.out_of_reach import (
     psnr_missed,
 )
 from evogs_codec.encoding.prepared import Aim, Prepared
-from evogs_codec.encoding.replayed import Replayed
+from evogs_codec.encoding.replayed import leaves_of
 from evogs_codec.encoding.search import MOST_TRIES, NARROW, ONE_SIDED, Found, Goal, Start, nearest
 from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.encoding.settings import NearLossless, StepTable
@@ -35,20 +35,20 @@ from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import F64
 from evogs_codec.model.tree import EvolutionTree
 
-__all__ = ["PRICES", "Guess", "TargetEncoder"]
+__all__ = ["PRICES", "Guess", "TargetEncoder", "price_near"]
 
 FIRST_PRICE = 1e-11  # mean squared error that a bit is worth: about 45 dB
 PRICES = (1e-18, 1e-5)
 FACTORS = (1e-4, 1e4)
 MORE_TRIES = 60  # of few splats, where a rounding moves a PSNR
 TRIED = 200_000  # splats, those of all tries together
-PSNR_SLACK, BYTES_SLACK = 0.15, 0.01  # dB, and part of the bytes asked for
-MISSED_BY = 0.2  # dB from a target, at most
-ROUGH_PSNR, ROUGHLY = 70.0, 2.5  # above so many dB a PSNR jumps: so many times as far is near
+MISSED_BY, BYTES_SLACK = 0.2, 0.01  # dB from a target, at most, and part of the bytes asked for
+# From so many dB on a PSNR jumps more and more, until so many times as far is near.
+SMOOTH_PSNR, ROUGH_PSNR, ROUGHLY = 60.0, 70.0, 2.5
 JUMP = 0.05  # of the logarithm of a price: 0.2 dB, where a PSNR does not jump
 BYTES_SLOPE = -0.25  # of the logarithm of the bytes over that of the price, about
 PSNR_SLOPE = -10 / math.log(10)  # dB, likewise: 3 dB for a price twice as high
-NEAR_SLOPE, STEEP = -3.0, 45.0  # dB, likewise, below so many dB
+NEAR_SLOPE, USUAL_PSNR = -3.0, 45.0  # dB, likewise, below so many dB
 GUESSES, NEAR = 2, 0.3  # of a sketch; one alone if its price is this near, in the logarithm
 POLISH_GAIN = 2.0  # dB, about
 FAR_PSNR, FAR_BYTES = 15.0, math.log(8.0)  # from the first try: the end of the range is tried next
@@ -56,7 +56,12 @@ FAR_PSNR, FAR_BYTES = 15.0, math.log(8.0)  # from the first try: the end of the 
 
 @dataclass(frozen=True)
 class Guess(Start):
-    """Where a search may begin: at a price of a bit, at which a target is nearly met."""
+    """Where a search may begin: at a price of a bit, at which a target is nearly met.
+
+    `met`: what is coded there, if it meets the target.
+    """
+
+    met: Found[CodedTree] | None = None
 
     @property
     def price(self) -> float:
@@ -69,15 +74,14 @@ class Guess(Start):
         at = math.log(self.price) + (target - value) / self.slope
         return replace(self, at=math.exp(min(max(at, low), high)))
 
-    def measured(self, target: float, value: float, slack: float = 0.0) -> Guess:
-        """The same, of a value that was measured: as it is where that is off by no more."""
-        there = self if abs(value - target) <= slack else self.at_target(target, value)
-        return replace(there, known=(self.price, value))
+    def measured(self, target: float, value: float) -> Guess:
+        """`at_target` of a value that was measured."""
+        return replace(self.at_target(target, value), known=(self.price, value))
 
     @property
     def unmeasured(self) -> Guess:
         """The same of a stream that differs: what was measured is not of that."""
-        return replace(self, known=None)
+        return replace(self, known=None, met=None)
 
 
 @dataclass(frozen=True)
@@ -93,8 +97,8 @@ class TargetEncoder(Aim):
     def at_psnr(self, decibels: float) -> bytes:
         """The stream whose leaves have this PSNR against the tree's, within 0.2 dB.
 
-        Above 70 dB within 0.5 dB. Where the PSNR jumps over that, the smallest that was found
-        above.
+        Above 60 dB a PSNR jumps: there it is within more, from 70 dB on within 0.5 dB. Where the
+        PSNR jumps over that, the smallest that was found above.
 
         Raises:
             InputError: no price of a bit gives it.
@@ -112,12 +116,12 @@ class TargetEncoder(Aim):
             near: a price of a bit to begin with.
             missed_by: dB that the stream may be off, if that is more than of `at_psnr`.
         """
+        if self.guess and self.guess.met:
+            done = self.guess.met
+            return Found(done.at, done.value, self.written(done.what))
         goal, coder = _goal(decibels), self.prepared
-        missed_by = goal.late_slack if missed_by is None else max(missed_by, goal.late_slack)
+        missed_by = goal.slack if missed_by is None else max(missed_by, goal.slack)
         tries = max(MOST_TRIES, min(MORE_TRIES, TRIED // max(self.tree.n_leaves, 1)))
-
-        def measure(coded: CodedTree) -> tuple[float, CodedTree]:
-            return self._psnr_of(coded), coded
 
         def search(
             code: Callable[[float], CodedTree],
@@ -126,8 +130,12 @@ class TargetEncoder(Aim):
             tries: int = MOST_TRIES,
             narrow: float = NARROW,
         ) -> Found[CodedTree]:
+            def measure(price: float) -> tuple[float, CodedTree]:
+                coded = code(price)
+                return self._psnr_of(coded), coded
+
             return nearest(
-                lambda price: measure(code(price)),
+                measure,
                 goal,
                 replace(self.guess, at=start) if self.guess else Start(start, PSNR_SLOPE),
                 PRICES,
@@ -162,11 +170,11 @@ class TargetEncoder(Aim):
         Raises:
             TargetMissedError: it misses the PSNR by more than a stream may.
         """
-        is_high = decibels > ROUGH_PSNR
+        is_high = decibels > USUAL_PSNR
         price = PRICES[0 if is_high else 1]
         coded = self.prepared.coded(price)
         value = self._psnr_of(coded)
-        if (decibels - value if is_high else value - decibels) > _goal(decibels).late_slack:
+        if (decibels - value if is_high else value - decibels) > _goal(decibels).slack:
             raise self._psnr_missed(decibels, Found(price, value, coded))
 
     def _psnr_missed(self, decibels: float, end: Found[CodedTree]) -> TargetMissedError:
@@ -235,18 +243,21 @@ class TargetEncoder(Aim):
             decibels: the target.
             near: a price of a bit to begin with.
         """
-        return _guess(Sketch.of(self.prepared).psnr, decibels, NEAR_SLOPE, near)
+        rough = Sketch.of(self.prepared).psnr
+        return _guess(rough, decibels, Guess(near, _psnr_slope(decibels)))
 
     def nearer(self, guess: Guess, decibels: float, coded: CodedTree) -> Guess:
         """A better one, by the PSNR of what is coded at the price of a guess."""
         found, goal = self._psnr_of(coded), _goal(decibels)
-        slope = NEAR_SLOPE if decibels < STEEP else PSNR_SLOPE
-        return replace(guess, slope=slope).measured(decibels, found, goal.slack)
+        if goal.is_met(found):
+            return replace(guess, met=Found(guess.price, found, coded))
+        return replace(guess, slope=_psnr_slope(decibels)).measured(decibels, found)
 
     def guess_of_bytes(self, n_bytes: int, near: float) -> Guess:
         """Where `nearest_bytes` may begin, by a sketch, and by one stream; likewise."""
         target = math.log(n_bytes) - BYTES_SLACK
-        guess = _guess(Sketch.of(self.prepared).log_bytes, target, BYTES_SLOPE, near)
+        rough = Sketch.of(self.prepared).log_bytes
+        guess = _guess(rough, target, Guess(near, BYTES_SLOPE))
         data = self.written(self.prepared.coded(guess.price))
         return guess.measured(target, math.log(len(data)))
 
@@ -369,8 +380,7 @@ class TargetEncoder(Aim):
         """`psnr` of the stream of a coded tree, which is not written."""
         if self.views is None:
             raise ValueError("a PSNR needs views")
-        n_steps = [len(tile.steps) for tile in coded.tiles]
-        return self.views.psnr(Replayed(coded).after(n_steps, self.tree.shown_degree))
+        return self.views.psnr(leaves_of(coded, self.tree.shown_degree))
 
     def written(self, coded: CodedTree) -> bytes:
         """The stream of a coded tree that `prepared` made, with digests."""
@@ -382,15 +392,31 @@ class TargetEncoder(Aim):
         return write(coded, effort=self.settings.effort, progress=self.progress)
 
 
+def price_near(decibels: float, usual: float) -> float:
+    """A price of a bit at which streams have about this PSNR, if they have `USUAL_PSNR` at another.
+
+    Args:
+        decibels: PSNR.
+        usual: price of a bit.
+    """
+    low, high = PRICES
+    return min(max(usual * 10 ** ((USUAL_PSNR - decibels) / 10), low), high)
+
+
 def _goal(decibels: float) -> Goal:
     """Of a search for a PSNR."""
-    times = ROUGHLY if decibels > ROUGH_PSNR else 1.0
-    return Goal(decibels, PSNR_SLACK * times, late_slack=MISSED_BY * times)
+    times = np.interp(decibels, (SMOOTH_PSNR, ROUGH_PSNR), (1.0, ROUGHLY))
+    return Goal(decibels, MISSED_BY * float(times))
 
 
-def _guess(rough: Callable[[float], float], target: float, slope: float, near: float) -> Guess:
-    """By a sketch's rough values at some prices."""
-    guess, before = Guess(near, slope), None
+def _psnr_slope(decibels: float) -> float:
+    """Of streams of about this PSNR: dB over the logarithm of the price of a bit."""
+    return NEAR_SLOPE if decibels < USUAL_PSNR else PSNR_SLOPE
+
+
+def _guess(rough: Callable[[float], float], target: float, guess: Guess) -> Guess:
+    """By a sketch's rough values at some prices, the first of which is that of a guess."""
+    slope, before = guess.slope, None
     for _ in range(GUESSES):
         at, value = math.log(guess.price), rough(guess.price)
         if before is not None and (before[1] - value) * (before[0] - at) < 0:

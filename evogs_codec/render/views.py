@@ -138,6 +138,13 @@ class Views:
         )
         return replace(self, cameras=cameras, weighing=weighing, drawn=self.drawn)
 
+    def weighing_within(self, pixels: int | None) -> Views:
+        """The same, whose sensitivity is estimated from views of at most so many pixels."""
+        if pixels is None:
+            return self
+        weighing = [one.within(pixels) for one in self.weighing or self.cameras]
+        return replace(self, weighing=weighing, drawn=self.drawn)
+
     def psnr(self, splats: SplatParams) -> float:
         """Mean PSNR over the views, dB; over those that show the scene, if some do."""
         return float(np.mean(self.psnr_of_each(splats)))

@@ -16,12 +16,13 @@ from evogs_codec.encoding.palette_worth import bits_of_palette, bits_of_psi
 from evogs_codec.encoding.search import Found
 from evogs_codec.encoding.sensitivity import SEEN_OF_CIRCLE
 from evogs_codec.encoding.settings import SCENE_PRESET, SCENE_PRICE, TREE_PRESET, TREE_PSNR
-from evogs_codec.encoding.targets import Guess, TargetEncoder
+from evogs_codec.encoding.targets import Guess, TargetEncoder, price_near
 from evogs_codec.errors import InputError
+from evogs_codec.model.splats import SplatParams
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.found_stream import FoundStream, Make
 from evogs_codec.scene.measure import with_room
-from evogs_codec.scene.reach import MANY, SURE_OF_SPLAT, SURE_PSNR
+from evogs_codec.scene.reach import MANY, SURE_OF_SPLAT
 from evogs_codec.scene.request import Request
 
 __all__ = ["at_tree_psnr", "best_stream", "palette_pays"]
@@ -33,9 +34,20 @@ ABOUT = 1.0  # dB from `TREE_PSNR`, at most: of a splat or two a price of a bit 
 
 
 def best_stream(
-    trees: Sequence[EvolutionTree], request: Request, leaf_error: tuple[float, ...]
+    trees: Sequence[EvolutionTree],
+    request: Request,
+    leaf_error: tuple[float, ...],
+    scene: SplatParams,
 ) -> FoundStream:
-    """The best stream of trees with the same leaves, at the target if there is one."""
+    """The best stream of trees with the same leaves, at the target if there is one.
+
+    Args:
+        trees: of which one is encoded.
+        request: what is asked for.
+        leaf_error: of the leaves, as of `Aim`.
+        scene: what a PSNR that is aimed at is measured against. Leaves are it but for rounding,
+            which is seen above 75 dB.
+    """
     tree = trees[-1]
     whole = TargetEncoder(
         tree,
@@ -76,7 +88,7 @@ def best_stream(
         return _best(_made_plainly(whole, trees, plainly))
     if not tree.n_leaves:
         raise InputError("a scene without splats has nothing to aim at")
-    views = request.views(tree.shared_leaves(), descent=request.polish > 0)
+    views = request.views(scene, descent=request.polish > 0)
     layers = request.n_layers(tree.n_levels)
     if views is None and (request.polish or layers > 1 or request.target_psnr is not None):
         by_bytes = "polishing needs" if request.polish else "several layers need"
@@ -88,16 +100,17 @@ def best_stream(
     )
     if request.polish and not moves:
         warnings.warn("polishing changes nothing: the last level refines nothing", stacklevel=3)
-    ordering = None if views is None else views.fewer(request.effort.n_ordering_views)
-    measuring = None if views is None else views.fewer(MEASURING)
-    aim = replace(
-        whole,
-        views=views,
-        ordering=ordering,
-        measuring=measuring,
-        polish=request.polish,
-        layers=layers,
-    )
+    aim = replace(whole, polish=request.polish, layers=layers)
+    if views is not None:
+        effort = request.effort
+        aim = replace(
+            aim,
+            views=views.weighing_within(effort.pixels),
+            ordering=effort.ordering_views(views),
+            measuring=replace(views.fewer(MEASURING), scene=tree.shared_leaves(), drawn={}).within(
+                effort.pixels
+            ),
+        )
     near = None if views is None else SCENE_PRICE / tree.n_leaves
     if request.target_bytes is not None:
         most = request.target_bytes
@@ -109,19 +122,21 @@ def best_stream(
 
         guess = partial(TargetEncoder.guess_of_bytes, n_bytes=most)
         aims = _each(aim, trees)
-        if views is not None and tree.n_leaves >= MANY and most < SURE_OF_SPLAT * tree.n_leaves:
+        may_be_few = not request.is_in_reach and most < SURE_OF_SPLAT * tree.n_leaves
+        if views is not None and tree.n_leaves >= MANY and may_be_few:
             _expect_one(aims, lambda one: one.expect_bytes(most))
         return _aimed(aims, of_bytes, near, guess, TargetEncoder.psnr)
     target = request.target_psnr
     assert target is not None, "there is a target"
+    if near is not None:
+        near = price_near(target, near)
 
     def of_psnr(one: TargetEncoder, near: float | None) -> Found[bytes]:
         return one.nearest_psnr(target, near)
 
     guess = partial(TargetEncoder.guess_of_psnr, decibels=target)
     aims = _each(aim, trees)
-    is_sure = SURE_PSNR[0] <= target <= SURE_PSNR[1]
-    if not request.polish and tree.n_leaves >= MANY and not is_sure:
+    if not request.polish and tree.n_leaves >= MANY and not request.is_in_reach:
         aims[0].expect_psnr(target)  # the leaves of the other tree are on the same grids
     return replace(_aimed(aims, of_psnr, near, guess), psnr=target)
 

@@ -23,11 +23,11 @@ class Effort:
         level: of Zstandard.
         n_neighbours: of a splat, among which one is found that it is paired with.
         n_views: views by which errors are weighed, at most, where there is no target.
-        pixels: of the longer side of these views, at most; None: as they are.
+        pixels: of the longer side of views by which errors are weighed, at most; None: as they are.
         all_round: of these views some stand below the scene and far above it.
         price: factor of `SCENE_PRICE`: smaller views show less of an error of small splats.
         n_ordering_views: views by which packets are put in order, at most.
-        ordering_pixels: of the longer side of these, at most, where there is no target.
+        ordering_pixels: of the longer side of these, at most.
         by_leaves: only the last level is drawn: what numbers of the others are worth follows from
             it, and estimates put packets in order.
         looks: look at prefixes: their PSNR is stored, and none looks worse than a shorter one.
@@ -45,7 +45,7 @@ class Effort:
     looks: bool = True
 
     def ordering_views(self, views: Views) -> Views:
-        """Those of the views by which packets are put in order, where there is no target."""
+        """Those of the views by which packets are put in order."""
         return views.fewer(self.n_ordering_views).within(self.ordering_pixels)
 
     @staticmethod

@@ -170,7 +170,7 @@ def encode_scene_with_order(splats: SplatParams, **options: Unpack[SceneOptions]
         splats = bounded_opacities(splats)
     if len(splats) >= MANY and not request.is_plain:
         few = FewSplats.of_scene(splats, levels, request, palette=palette == "auto")
-        few.expect_in_reach(request)
+        request = replace(request, is_in_reach=few.expect_in_reach(request))
     lifted = lift_with_order(
         splats, levels, n_neighbours=request.effort.n_neighbours, progress=request.progress
     )
@@ -183,7 +183,7 @@ def encode_scene_with_order(splats: SplatParams, **options: Unpack[SceneOptions]
     # The tree without a palette may be smaller: of few splats, or where a target leaves SH few
     # bits.
     trees = [shared, lifted.tree] if shared else [lifted.tree]
-    found = best_stream(trees, request, leaf_error)
+    found = best_stream(trees, request, leaf_error, splats)
     found = steady(found, request)
     return EncodedScene(found.data, found.tree, request.n_tiles, lifted.leaf_of, found.orders)
 
@@ -263,9 +263,11 @@ def encode_tree_with_order(tree: EvolutionTree, **options: Unpack[TreeOptions]) 
         elif tree.n_leaves:
             found = _at_tree_psnr(tree, request)
     if tree.n_leaves >= MANY and not request.is_plain:
-        FewSplats.of_tree(tree).expect_in_reach(request)
+        is_in_reach = FewSplats.of_tree(tree).expect_in_reach(request)
+        request = replace(request, is_in_reach=is_in_reach)
     if found is None:
-        plain = best_stream([tree], replace(request, has_preset=True), (0.0,) * len(GROUPS))
+        asked, leaf_error = replace(request, has_preset=True), (0.0,) * len(GROUPS)
+        plain = best_stream([tree], asked, leaf_error, tree.shared_leaves())
         found = steady(plain, request)
     n = np.arange(tree.n_leaves)
     return EncodedScene(found.data, found.tree, request.n_tiles, n, found.orders)

@@ -61,7 +61,8 @@ VERY_MANY = 100_000  # of more, few views judge, since a splat is little of one
 def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundStream:
     """A stream that is made, or one instead of it that falls less in the views of packets.
 
-    Of many splats, only if some prefix falls in two of the views that look for falls.
+    Of many splats, only if some prefix falls in two of the views that look for falls, and with a
+    target in all views of packets, too.
 
     A packet that makes pictures worse stays where the whole would look worse without it, or miss
     its target. Other prices are not tried with a target, nor one layer where layers were asked for.
@@ -70,10 +71,10 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
         return found
     views, is_many = gauge.packets, found.tree.n_leaves > SMALL
     if is_many:
-        if not _may_fall(found, gauge.many):
-            return found
         if found.tree.n_leaves > VERY_MANY:
             views = views.fewer(FEW)
+        if not _may_fall(found, gauge.many, None if request.is_plain else views):
+            return found
     best, fall = _with_least_fall(found, views)
     others = _others(found, request)
     for k, of_other in enumerate(others):
@@ -104,10 +105,15 @@ def _others(found: FoundStream, request: Request) -> list[Callable[[], FoundStre
     return others
 
 
-def _may_fall(found: FoundStream, views: Views) -> bool:
+def _may_fall(found: FoundStream, views: Views, sure: Views | None = None) -> bool:
     """Whether some prefix of a stream that is made looks worse than another one, in two views.
 
     Those are looked at that end where packets of SH bands begin or end, and some between.
+
+    Args:
+        found: the stream.
+        views: of which two judge.
+        sure: that judge again those two prefixes; None: nothing does.
     """
     directory = read_directory(found.data)
     rows = _rows_of(directory)
@@ -117,14 +123,26 @@ def _may_fall(found: FoundStream, views: Views) -> bool:
         ends = np.union1d(ends, _evenly(LOOKS[0], len(rows)))
     elif len(ends) > LOOKS[1]:
         ends = ends[_evenly(LOOKS[1], len(ends))]
-    few = replace(views, cameras=views.cameras[::FAR], drawn=views.drawn)
-    best = -math.inf
-    for leaves in _shown(found, directory, rows[ends]):
-        decibels = few.psnr(leaves)
+    two = replace(views, cameras=views.cameras[::FAR], drawn=views.drawn)
+    fall = _first_fall(found, directory, rows[ends], two)
+    if sure is None or not len(fall):
+        return len(fall) > 0
+    return len(_first_fall(found, directory, fall, sure)) > 0
+
+
+def _first_fall(found: FoundStream, directory: Directory, rows: I64, views: Views) -> I64:
+    """Of the prefixes that end with these packets, the first that looks worse than one before.
+
+    Its packet comes after that of the better one; there are none where none looks worse.
+    """
+    best, of_best = -math.inf, 0
+    for k, leaves in enumerate(_shown(found, directory, rows)):
+        decibels = views.psnr(leaves)
         if decibels < best - LOST:
-            return True
-        best = max(best, decibels)
-    return False
+            return rows[[of_best, k]]
+        if decibels > best:
+            best, of_best = decibels, k
+    return rows[:0]
 
 
 def _looks_worse(one: FoundStream, other: FoundStream, views: Views) -> bool:

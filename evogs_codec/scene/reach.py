@@ -16,9 +16,9 @@ from functools import cache, cached_property
 import numpy as np
 
 from evogs_codec.common.morton import morton_order
-from evogs_codec.decoding.decode import decode
 from evogs_codec.encoding.arrange import leaf_order
 from evogs_codec.encoding.out_of_reach import TargetMissedError, psnr_reached
+from evogs_codec.encoding.replayed import leaves_of
 from evogs_codec.encoding.sketch import families, part_of
 from evogs_codec.encoding.targets import PRICES, TargetEncoder
 from evogs_codec.encoding.write import write
@@ -26,16 +26,18 @@ from evogs_codec.format.directory import read_directory
 from evogs_codec.lifting.lift import largest_leaf_errors, lift_with_order
 from evogs_codec.lifting.shared_sh import with_palette
 from evogs_codec.model.channels import GROUPS, n_channels
+from evogs_codec.model.coded_tree import CodedTree
 from evogs_codec.model.splats import F32, I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.request import Request
 
-__all__ = ["MANY", "SURE_OF_SPLAT", "SURE_PSNR", "FewSplats"]
+__all__ = ["MANY", "SURE_OF_SPLAT", "FewSplats"]
 
 MANY = 8_000  # splats; with fewer each try is quick
 FEW = 6_000  # splats, whose ends stand for those of all
 CHUNK = 256  # neighbours that are among them together
-# Views of the few, and of all: so many that this many splats are drawn.
+# Views of the few, and of all: so many that this many splats are drawn. A third of the most tell
+# that a target is in reach: with few views the ends seem nearer.
 N_VIEWS, MOST_VIEWS, DRAWN = 4, 24, 2_000_000
 # Targets that can be reached for sure: dB, bytes of a splat from this on, and of each of its
 # numbers up to this.
@@ -76,11 +78,14 @@ class FewSplats:
         (is_in,) = families([tree], FEW / tree.n_leaves)
         return FewSplats(tree.shared_leaves(), [part_of(tree, is_in)])
 
-    def expect_in_reach(self, request: Request) -> None:
+    def expect_in_reach(self, request: Request) -> bool:
         """Refuse a target far beyond what streams of the scene reach.
 
         Args:
             request: with a target.
+
+        Returns:
+            Whether the target is so far within that range that it can be met for sure.
 
         Raises:
             TargetMissedError: it is; the ends that it names are estimates.
@@ -90,9 +95,10 @@ class FewSplats:
         elif not request.why_no_views:
             ends = [_Ends(self.scene, some, request) for some in self.trees]
             if request.target_psnr is not None:
-                _expect_psnr(ends, request.target_psnr)
+                return _expect_psnr(ends, request.target_psnr)
             if request.target_bytes is not None:
-                _expect_bytes(ends, request.target_bytes)
+                return _expect_bytes(ends, request.target_bytes)
+        return False
 
     def _expect_errors(self, request: Request) -> None:
         missed: list[TargetMissedError] = []
@@ -114,7 +120,7 @@ class _Ends:
 
     def __init__(self, scene: SplatParams, some: EvolutionTree, request: Request) -> None:
         self.scene, self.some, self.request = scene, some, request
-        self._streams: dict[float, bytes] = {}
+        self._known: dict[float, CodedTree] = {}
 
     @cached_property
     def _encoder(self) -> TargetEncoder:
@@ -122,24 +128,23 @@ class _Ends:
         layers = self.request.n_layers(self.some.n_levels)
         return TargetEncoder(self.some, self.request.settings, views, layers=layers, by_leaves=True)
 
-    def _stream(self, price: float) -> bytes:
-        if price not in self._streams:
-            coded = self._encoder.prepared.coded(price)
-            self._streams[price] = write(coded, effort=1, digests=False)
-        return self._streams[price]
+    def _coded(self, price: float) -> CodedTree:
+        if price not in self._known:
+            self._known[price] = self._encoder.prepared.coded(price)
+        return self._known[price]
 
-    def psnr(self, price: float) -> float:
+    def psnr(self, price: float, most_views: int) -> float:
         """Of the scene, dB, about.
 
         Each splat errs as that one of the few does which has the same rank by size. Small errors
         let splats swap and cross thresholds. A few pixels then have most of the error, which
         pictures of few splats seldom show.
         """
-        n_views = min(max(DRAWN // len(self.scene), N_VIEWS), MOST_VIEWS)
+        n_views = min(max(DRAWN // len(self.scene), N_VIEWS), most_views)
         views = self.request.views(self.scene, n_views)
         assert views is not None, "there are views"
         right = _unit(self.some.shared_leaves().channels())[:, leaf_order(self.some)]
-        leaves = decode(self._stream(price)).leaves(sh_degree=self.scene.sh_degree)
+        leaves = leaves_of(self._coded(price), self.scene.sh_degree)
         off = _unit(leaves.channels()) - right
         moved = _unit(self.scene.channels())
         n, n_some = moved.shape[1], right.shape[1]
@@ -150,32 +155,39 @@ class _Ends:
 
     def n_bytes(self, price: float) -> float:
         """Of the stream of the scene, about."""
-        data = self._stream(price)
+        data = write(self._coded(price), effort=1, digests=False)
         body = int(read_directory(data).packets["size"].sum())
         return len(data) - body + body * len(self.scene) / self.some.n_leaves
 
 
-def _expect_psnr(ends: Sequence[_Ends], wanted: float) -> None:
-    @cache
-    def most() -> float:
-        return max(one.psnr(PRICES[0]) for one in ends)
+def _expect_psnr(ends: Sequence[_Ends], wanted: float) -> bool:
+    """Whether a PSNR is in reach for sure; raises if it is far out of it."""
 
     @cache
-    def least() -> float:
-        return min(one.psnr(PRICES[1]) for one in ends)
+    def most(n_views: int) -> float:
+        return max(one.psnr(PRICES[0], n_views) for one in ends)
 
-    if wanted > SURE_PSNR[1]:
-        off = wanted - most()
-    elif wanted < SURE_PSNR[0]:
-        off = least() - wanted
-    else:
-        return
-    if off > PSNR_ROOM:
-        said = f"{wanted:g} dB cannot be met: {psnr_reached(least(), most(), 'about ')}"
-        raise TargetMissedError(said, off)
+    @cache
+    def least(n_views: int) -> float:
+        return min(one.psnr(PRICES[1], n_views) for one in ends)
+
+    def off(n_views: int) -> float:
+        if wanted > SURE_PSNR[1]:
+            return wanted - most(n_views)
+        return least(n_views) - wanted if wanted < SURE_PSNR[0] else -math.inf
+
+    found = off(MOST_VIEWS // 3)
+    if found >= -PSNR_ROOM:
+        found = off(MOST_VIEWS)
+    if found > PSNR_ROOM:
+        reached = psnr_reached(least(MOST_VIEWS), most(MOST_VIEWS), "about ")
+        raise TargetMissedError(f"{wanted:g} dB cannot be met: {reached}", found)
+    return found < -PSNR_ROOM
 
 
-def _expect_bytes(ends: Sequence[_Ends], wanted: int) -> None:
+def _expect_bytes(ends: Sequence[_Ends], wanted: int) -> bool:
+    """Whether a number of bytes is in reach for sure; raises if it is far out of it."""
+
     @cache
     def most() -> float:
         return max(one.n_bytes(PRICES[0]) for one in ends)
@@ -190,11 +202,12 @@ def _expect_bytes(ends: Sequence[_Ends], wanted: int) -> None:
     elif wanted < SURE_OF_SPLAT * n:
         times = least() / wanted
     else:
-        return
+        return True
     if times > BYTES_ROOM:
         reached = f"about {_rounded(least()):,} to {_rounded(most()):,} bytes can be reached"
         said = f"{wanted:,} bytes cannot be met: {reached}"
         raise TargetMissedError(said, max(least() - wanted, wanted - most()))
+    return times < 1 / BYTES_ROOM
 
 
 def _spread(splats: SplatParams) -> I64:

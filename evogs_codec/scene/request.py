@@ -64,6 +64,7 @@ class Request:
         layers: of precision, where views decide; None if the caller did not say.
         errors: the largest allowed, per name of a group; empty for none.
         up: of the default views; None until `looking_at` finds it.
+        is_in_reach: some of the splats tell that the target can be met, for sure (`reach`).
     """
 
     settings: Settings
@@ -79,6 +80,7 @@ class Request:
     effort: Effort
     info: SceneInfo
     progress: Progress
+    is_in_reach: bool = False
 
     @staticmethod
     def of(default: str, options: TreeOptions) -> Request:

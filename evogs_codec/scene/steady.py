@@ -47,6 +47,7 @@ __all__ = ["steady"]
 GAIN = 0.5
 WIDE = 16.0  # dB; if coarse splats look worse than what is aimed at by more, a layer comes between
 FINER, LEAST_RATIO = 4.0, 2.0  # of the price of a bit, from a layer to the next
+BETTER = 0.2  # dB in two views, of what is no fall in others
 NEAR = 0.1  # of the logarithm of a price of a bit: states at prices this near are not looked at
 TRIES = 8  # streams that are made again, at most
 
@@ -56,11 +57,11 @@ def steady(found: FoundStream, request: Request) -> FoundStream:
     gauge = Gauge.of(found.tree, request)
     if gauge is None:
         made = found.made()
-        made.warn_of_span()
+        _warn_of_span(made, request)
         return replace(made, stream=without_room(made.data, request))
     steadied = _steadied(found, gauge.many, request) if found.is_by_views else found.made()
     steadied = without_falls(steadied, gauge, request)
-    steadied.warn_of_span()
+    _warn_of_span(steadied, request)
     prefixes, data = steadied.prefixes, steadied.data
     cuts = [prefixes.of_level(level) for level in range(prefixes.n_levels)]
     levels: list[float] = []
@@ -69,6 +70,12 @@ def steady(found: FoundStream, request: Request) -> FoundStream:
         levels.append(gauge.views.psnr(leaves))
     request.progress("measure", 1.0)
     return replace(steadied, stream=with_level_psnr(data, LevelPsnr(tuple(levels), gauge.said)))
+
+
+def _warn_of_span(made: FoundStream, request: Request) -> None:
+    """Of coarse values of a stream; with a PSNR that is asked for, what is reached is measured."""
+    if request.target_psnr is None:
+        made.warn_of_span()
 
 
 def _steadied(found: FoundStream, views: Views, request: Request) -> FoundStream:
@@ -186,16 +193,27 @@ class _Mending:
 
 
 def _falls_late(found: FoundStream, views: Views) -> bool:
-    """Whether a state after the coarse levels looks worse than one before it."""
+    """Whether a state after the coarse levels looks worse than one before it.
+
+    Two of the views judge alone where they see that it looks better.
+    """
     draft = found.draft(is_whole=True)
     levels = range(found.n_coarse - 1, draft.n_levels)
     first = list(draft.steps_of(levels.start))
     cuts = first + [cut for level in levels[1:] for cut in draft.steps_of(level, rooms=False)]
-    best = -math.inf
-    for decibels in map(views.psnr, draft.shown(cuts, found.tree.shown_degree)):
-        if decibels < best - FALL:
+    two, others = (replace(views, cameras=some) for some in (views.cameras[:2], views.cameras[2:]))
+    states = draft.shown(cuts, found.tree.shown_degree)
+    of_best = next(states)
+    best = two.psnr(of_best)
+    for leaves in states:
+        decibels = two.psnr(leaves)
+        by = decibels - best
+        if by < BETTER and others.cameras:
+            by = (by + others.psnr(leaves) - others.psnr(of_best)) / 2
+        if by < -FALL:
             return True
-        best = max(best, decibels)
+        if decibels > best:
+            best, of_best = decibels, leaves
     return False
 
 

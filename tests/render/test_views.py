@@ -135,6 +135,20 @@ def test_cameras_that_are_given_weigh_alone():
     )
 
 
+@pytest.mark.parametrize("has_others", [False, True])
+def test_errors_are_weighed_in_smaller_views_and_measured_in_larger(has_others):
+    splats = make_scene(50)
+    large = cameras_around(splats, "z", 64, n=2)
+    others = cameras_around(splats, "z", 64, n=2, elevation=1.0) if has_others else []
+    views = Views(splats, large, weighing=others)
+    smaller = views.weighing_within(16)
+    assert smaller.cameras == large
+    assert [camera.width for camera in smaller.weighing] == [16, 16]
+    for one, other in zip(smaller.weighing, others or large, strict=True):
+        assert np.array_equal(one.translation, other.translation)
+    assert views.weighing_within(None) is views
+
+
 def test_descent_looks_from_all_around():
     splats = make_scene(300)
     cameras = cameras_all_around(splats, "z")

@@ -96,17 +96,3 @@ def test_what_was_measured_before_gives_the_slope():
     tried.clear()
     nearest(measure, Goal(1.0, 0.01), Start(math.exp(2.0), -3.0), (1e-4, 1e4))
     assert len(tried) > 2
-
-
-@pytest.mark.parametrize("known", [None, (2.0, 1.0)])
-def test_what_is_near_enough_late_ends_a_search_once_another_value_is_known(known):
-    tries = []
-
-    def measure(at):
-        tries.append(at)
-        return -math.log(at), at
-
-    goal = Goal(0.0, 0.01, late_slack=0.2)
-    found = nearest(measure, goal, Start(math.exp(-0.15), -1.0, known), (1e-4, 1e4))
-    assert len(tries) == (2 if known is None else 1)
-    assert abs(found.value) <= 0.2

@@ -10,11 +10,13 @@ import pytest
 pytest.importorskip("numba", reason="the rasterizer is compiled")
 
 from evogs_codec import PRESETS, TargetEncoder, lift
-from evogs_codec.encoding import sketch
+from evogs_codec.encoding import sketch, targets
 from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.layers import Layering
+from evogs_codec.encoding.prepared import Prepared
 from evogs_codec.encoding.sketch import Sketch, families, part_of
+from evogs_codec.encoding.targets import Guess, price_near
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
 
@@ -63,6 +65,33 @@ def test_a_sketch_of_a_tree_with_steps_held_back_has_its_families(monkeypatch):
     monkeypatch.setattr(sketch, "LEAST", N // 2)
     held = aim_of(layers=2).holding([Run((1, 0), (2, 0))], Layering(2))
     assert Sketch.of(held.prepared).log_bytes(PRICE) > 0
+
+
+def test_what_meets_a_target_is_not_coded_again(monkeypatch):
+    monkeypatch.setattr(sketch, "LEAST", N // 2)
+    aim = aim_of(layers=2)
+    coded = aim.prepared.coded(PRICE)
+    target = aim.psnr(aim.written(coded)) + 0.1
+    guess = aim.nearer(Guess(PRICE, -3.0), target, coded)
+    monkeypatch.setattr(Prepared, "coded", None)
+    found = aim.guessing(guess).nearest_psnr(target)
+    assert found.what == aim.written(coded)
+    assert found.at == PRICE
+    assert found.value == pytest.approx(target - 0.1)
+    assert aim.nearer(Guess(PRICE, -3.0), target + 0.2, coded).met is None
+    assert aim.guessing(guess).leaving_empty(frozenset()).guess.met is None
+
+
+@pytest.mark.parametrize(("decibels", "slack"), [(60, 0.2), (65, 0.35), (70, 0.5), (90, 0.5)])
+def test_the_higher_a_psnr_the_further_it_may_be_missed(decibels, slack):
+    assert targets._goal(decibels).slack == pytest.approx(slack)
+
+
+@pytest.mark.parametrize(
+    ("decibels", "price"), [(45, 1e-10), (55, 1e-11), (300, 1e-18), (-100, 1e-5)]
+)
+def test_a_first_price_follows_from_the_target(decibels, price):
+    assert price_near(decibels, 1e-10) == pytest.approx(price)
 
 
 @pytest.mark.thorough

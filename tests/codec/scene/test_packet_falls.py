@@ -163,6 +163,24 @@ def test_of_many_splats_some_prefixes_are_looked_at_first(monkeypatch, layered, 
     assert {*turns} <= {*rows}
 
 
+@pytest.mark.parametrize(("in_others", "expected"), [([24.0, 24.1], False), ([24.0, 23.9], True)])
+def test_with_a_target_all_views_look_again_at_a_fall(monkeypatch, layered, in_others, expected):
+    shown = []
+
+    def shown_after(found, directory, some):
+        shown.append(some)
+        return iter([None] * len(some))
+
+    monkeypatch.setattr(packet_falls, "_shown", shown_after)
+    values = {2: iter([20.0, 25.0, 24.9]), 12: iter(in_others)}
+    monkeypatch.setattr(Views, "psnr", lambda self, _: next(values[len(self.cameras)]))
+    views = layered.aim.views
+    two = replace(views, cameras=views.cameras[:1] * 14)
+    sure = replace(views, cameras=views.cameras[:1] * 12)
+    assert packet_falls._may_fall(layered, two, sure) == expected
+    assert shown[1].tolist() == shown[0][1:3].tolist()
+
+
 @pytest.mark.thorough
 def test_packets_of_many_splats_are_looked_at_where_some_of_these_look_worse(monkeypatch):
     splats = dict(odd_scenes(2000, 4))["huge splats"]

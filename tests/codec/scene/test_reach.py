@@ -97,6 +97,35 @@ def test_a_target_just_out_of_reach_costs_both_ends_alone(monkeypatch, target):
     assert sorted(prices) == sorted(PRICES)
 
 
+def test_a_target_that_few_splats_find_in_reach_has_no_end_of_all_tried(monkeypatch):
+    prices = _prices_of_all(monkeypatch)
+    encode_scene(make_scene(N), up="z", effort=1, levels=2, target_psnr=66.0)
+    assert prices
+    assert PRICES[0] not in prices
+
+
+@pytest.mark.parametrize("is_in_reach", [False, True])
+def test_above_the_usual_the_finest_end_is_tried(monkeypatch, is_in_reach):
+    monkeypatch.setattr(FewSplats, "expect_in_reach", lambda *_: is_in_reach)
+    prices = _prices_of_all(monkeypatch)
+    encode_scene(make_scene(N), up="z", effort=1, levels=2, target_psnr=66.0)
+    assert (prices[0] == PRICES[0]) == (not is_in_reach)
+
+
+def _prices_of_all(monkeypatch):
+    """Those at which all splats are coded from now on."""
+    prices = []
+
+    def coded(self, price):
+        if sum(tile.n_leaves for tile in self.tiles) == N:
+            prices.append(price)
+        return code(self, price)
+
+    code = Prepared.coded
+    monkeypatch.setattr(Prepared, "coded", coded)
+    return prices
+
+
 def _sizes_arranged(monkeypatch):
     """Of the trees that are prepared for encoding from now on."""
     sizes = []
