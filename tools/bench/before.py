@@ -12,7 +12,7 @@ from tools.bench.measure import cost
 from tools.bench.page import Rows
 from tools.bench.subjects import Subject
 
-__all__ = ["before"]
+__all__ = ["before", "encode_seconds", "write_subject"]
 
 TURNS = 3
 # On one processor, so that the time of a thread is not that of waiting for another one.
@@ -38,16 +38,12 @@ def before(subjects: Sequence[Subject], checkout: Path, folder: Path) -> Rows:
     checkouts = checkout, Path(__file__).parents[2]
     rows: Rows = []
     for subject in subjects:
-        path, out = folder / f"{subject.name}-before.scene", folder / "before.evogs"
-        if subject.is_scene:
-            write_ply(path, subject.views.scene)
-        else:
-            write_tree(path, subject.tree)
+        path, out = write_subject(subject, folder), folder / "before.evogs"
         seconds: tuple[list[float], list[float]] = [], []
         sizes = [0, 0]
         for _ in range(1 + TURNS):  # in the first, numba compiles what it has not yet
             for k, one in enumerate(checkouts):
-                seconds[k].append(_seconds(subject, one, path, out))
+                seconds[k].append(encode_seconds(subject, one, path, out))
                 sizes[k] = out.stat().st_size
         old, now = (median(found[1:]) for found in seconds)
         rows.append(
@@ -65,13 +61,33 @@ def before(subjects: Sequence[Subject], checkout: Path, folder: Path) -> Rows:
     return rows
 
 
-def _seconds(subject: Subject, checkout: Path, path: Path, out: Path) -> float:
-    """Processor seconds of an encode by a checkout."""
+def write_subject(subject: Subject, folder: Path) -> Path:
+    """The file of a scene or tree, for `encode_seconds`."""
+    path = folder / f"{subject.name}.scene"
+    if subject.is_scene:
+        write_ply(path, subject.views.scene)
+    else:
+        write_tree(path, subject.tree)
+    return path
+
+
+def encode_seconds(
+    subject: Subject, checkout: Path, path: Path, out: Path, **options: float
+) -> float:
+    """Processor seconds of an encode by a checkout, on one processor, in a process of its own.
+
+    Args:
+        subject: what is encoded.
+        checkout: whose encoder does it.
+        path: its file.
+        out: file of the stream.
+        options: of the encode.
+    """
     read = "read_ply" if subject.is_scene else "read_tree"
     code = (
-        f"found = encode_scene(scene, up={subject.up!r})"
+        f"found = encode_scene(scene, up={subject.up!r}, **{options})"
         if subject.is_scene
-        else "found = encode_tree(scene)"
+        else f"found = encode_tree(scene, **{options})"
     )
     setup = SETUP.format(checkout=str(checkout.resolve()), read=read, path=str(path))
     return cost(code, setup, KEEP.format(out=str(out))).processor

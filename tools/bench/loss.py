@@ -229,13 +229,10 @@ def _streams(subject: Subject) -> Iterator[_Stream]:
     preset = timed("preset", lambda fresh: fresh.stream)
     yield preset
     target = TREE_PSNR
-    ways: dict[str, Callable[[Subject], bytes]] = {}
+    ways: dict[str, Callable[[Subject], bytes]] = {DEFAULT: lambda fresh: fresh.encoded()}
     if subject.is_scene:
-        ways[DEFAULT] = lambda fresh: fresh.encoded()
         leaves = decode(preset.data).leaves(sh_degree=subject.best.shown_degree)
         target = round(subject.views.psnr(leaves), 2)
-    else:
-        ways[DEFAULT] = lambda fresh: fresh.encoded(target_psnr=target)
     for n_layers in LAYERS:
         name = f"--target-psnr {target:g} --layers {n_layers}"
         ways[name] = partial(_aimed, n_layers=n_layers, target=target)

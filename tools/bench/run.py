@@ -35,11 +35,12 @@ from tools.bench.scale import scale
 from tools.bench.sog import published, sog
 from tools.bench.subjects import Subject, subjects
 from tools.bench.surface import tables as surface
+from tools.bench.targets import targets
 from tools.bench.worst import worst
 
 OF_SUBJECTS = {
     *("rate", "sog", "surface", "prefix", "loss", "alone", "first", "stream"),
-    *("decimate", "effort", "before", "refused"),
+    *("decimate", "effort", "before", "targets", "refused"),
 }
 Measurement = tuple[str, str, Callable[[], Rows]]  # name, title, what measures it
 
@@ -159,6 +160,8 @@ def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement
     if "before" in args.only and args.before:
         title = "Encoding beside an earlier checkout"
         yield "before", title, partial(before, (*shipped, *of), args.before, folder)
+    if "targets" in args.only:
+        yield "targets", "Encodes with a target", partial(targets, (*shipped, *of), folder)
     if "refused" in args.only:
         title = "Targets that cannot be met"
         yield "refused", title, partial(refused, (*shipped, scene_without_bands(), *of), folder)
