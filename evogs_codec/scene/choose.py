@@ -103,13 +103,12 @@ def best_stream(
     aim = replace(whole, polish=request.polish, layers=layers)
     if views is not None:
         effort = request.effort
+        of_leaves = replace(views, scene=tree.shared_leaves(), drawn={})
         aim = replace(
             aim,
             views=views.weighing_within(effort.pixels),
             ordering=effort.ordering_views(views),
-            measuring=replace(views.fewer(MEASURING), scene=tree.shared_leaves(), drawn={}).within(
-                effort.pixels
-            ),
+            measuring=of_leaves.fewer(MEASURING).within(effort.pixels),
         )
     near = None if views is None else SCENE_PRICE / tree.n_leaves
     if request.target_bytes is not None:

@@ -120,7 +120,8 @@ class _Ends:
 
     def __init__(self, scene: SplatParams, some: EvolutionTree, request: Request) -> None:
         self.scene, self.some, self.request = scene, some, request
-        self._known: dict[float, CodedTree] = {}
+        self._trees: dict[float, CodedTree] = {}
+        self._psnr: dict[tuple[float, int], float] = {}
 
     @cached_property
     def _encoder(self) -> TargetEncoder:
@@ -129,18 +130,24 @@ class _Ends:
         return TargetEncoder(self.some, self.request.settings, views, layers=layers, by_leaves=True)
 
     def _coded(self, price: float) -> CodedTree:
-        if price not in self._known:
-            self._known[price] = self._encoder.prepared.coded(price)
-        return self._known[price]
+        if price not in self._trees:
+            self._trees[price] = self._encoder.prepared.coded(price)
+        return self._trees[price]
 
     def psnr(self, price: float, most_views: int) -> float:
-        """Of the scene, dB, about.
+        """Of the scene, dB, about."""
+        n_views = min(max(DRAWN // len(self.scene), N_VIEWS), most_views)
+        if (price, n_views) not in self._psnr:
+            self._psnr[price, n_views] = self._drawn(price, n_views)
+        return self._psnr[price, n_views]
+
+    def _drawn(self, price: float, n_views: int) -> float:
+        """`psnr` by so many views.
 
         Each splat errs as that one of the few does which has the same rank by size. Small errors
         let splats swap and cross thresholds. A few pixels then have most of the error, which
         pictures of few splats seldom show.
         """
-        n_views = min(max(DRAWN // len(self.scene), N_VIEWS), most_views)
         views = self.request.views(self.scene, n_views)
         assert views is not None, "there are views"
         right = _unit(self.some.shared_leaves().channels())[:, leaf_order(self.some)]
@@ -163,11 +170,9 @@ class _Ends:
 def _expect_psnr(ends: Sequence[_Ends], wanted: float) -> bool:
     """Whether a PSNR is in reach for sure; raises if it is far out of it."""
 
-    @cache
     def most(n_views: int) -> float:
         return max(one.psnr(PRICES[0], n_views) for one in ends)
 
-    @cache
     def least(n_views: int) -> float:
         return min(one.psnr(PRICES[1], n_views) for one in ends)
 
