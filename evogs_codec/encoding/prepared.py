@@ -42,7 +42,7 @@ class Aim:
     Attributes:
         tree: any.
         settings: what is kept of them: the effort, and the steps where there are no views.
-        views: of the tree's leaves, or None.
+        views: of the splats that the tree is of, or None.
         polish: iterations of `polished`, where views decide; 0 for none.
         layers: of precision (`layers`), where views decide.
         leaf_error: (5,) per group, the largest distance of the tree's leaves from the splats that

@@ -116,6 +116,9 @@ def nearest(
         if goal.is_met(value):
             break
         is_above.add(value > target)
+        end = bounds[0] if value < target else bounds[1]
+        if len(is_above) == 1 and math.isclose(math.exp(at), end):
+            return Found(end, value, what, is_end=True)
         distances.append(abs(value - target))
         if before is not None and before[0] != at and (before[1] - value) * (before[0] - at) < 0:
             slope = (before[1] - value) / (before[0] - at)
@@ -124,15 +127,14 @@ def nearest(
         hardly = max(HARDLY * distances[0], SLOW * far)
         is_slow = k + 1 == ONE_SIDED and distances[-1] > hardly
         is_beyond = k > 0 and not math.log(bounds[0]) < there < math.log(bounds[1])
-        if is_slow or is_beyond or (not k and distances[0] > far):
-            end = bounds[0] if value < target else bounds[1]
-            if len(is_above) == 1 and end not in tried:
-                tried.add(end)
-                last, at_end = measure(end)
-                if goal.is_met(last) and last <= goal.most:
-                    return Found(end, last, at_end)
-                if (last > target) == (value > target):
-                    return Found(end, last, at_end, is_end=True)
+        may_be_out = is_slow or is_beyond or (not k and distances[0] > far)
+        if may_be_out and len(is_above) == 1 and end not in tried:
+            tried.add(end)
+            last, at_end = measure(end)
+            if goal.is_met(last) and last <= goal.most:
+                return Found(end, last, at_end)
+            if (last > target) == (value > target):
+                return Found(end, last, at_end, is_end=True)
         if value > target:
             low = at
         else:

@@ -43,12 +43,13 @@ FACTORS = (1e-4, 1e4)
 MORE_TRIES = 60  # of few splats, where a rounding moves a PSNR
 TRIED = 200_000  # splats, those of all tries together
 MISSED_BY, BYTES_SLACK = 0.2, 0.01  # dB from a target, at most, and part of the bytes asked for
-# From so many dB on a PSNR jumps more and more, until so many times as far is near.
+# Up to the first PSNR a stream may miss by that; from the second on by so many times that. Between
+# them the factor rises evenly: the PSNR jumps from price to price.
 SMOOTH_PSNR, ROUGH_PSNR, ROUGHLY = 60.0, 70.0, 2.5
 JUMP = 0.05  # of the logarithm of a price: 0.2 dB, where a PSNR does not jump
 BYTES_SLOPE = -0.25  # of the logarithm of the bytes over that of the price, about
 PSNR_SLOPE = -10 / math.log(10)  # dB, likewise: 3 dB for a price twice as high
-NEAR_SLOPE, USUAL_PSNR = -3.0, 45.0  # dB, likewise, below so many dB
+NEAR_SLOPE, USUAL_PSNR = -3.0, 45.0  # dB, likewise, below that of streams at the usual price
 GUESSES, NEAR = 2, 0.3  # of a sketch; one alone if its price is this near, in the logarithm
 POLISH_GAIN = 2.0  # dB, about
 FAR_PSNR, FAR_BYTES = 15.0, math.log(8.0)  # from the first try: the end of the range is tried next
@@ -95,10 +96,10 @@ class TargetEncoder(Aim):
     guess: Guess | None = None
 
     def at_psnr(self, decibels: float) -> bytes:
-        """The stream whose leaves have this PSNR against the tree's, within 0.2 dB.
+        """The stream whose leaves have this PSNR in the views, within 0.2 dB.
 
-        Above 60 dB a PSNR jumps: there it is within more, from 70 dB on within 0.5 dB. Where the
-        PSNR jumps over that, the smallest that was found above.
+        Above 60 dB it may be further off: 0.5 dB from 70 dB on. If none is that near, the smallest
+        one above that was found.
 
         Raises:
             InputError: no price of a bit gives it.
@@ -193,6 +194,9 @@ class TargetEncoder(Aim):
 
     def nearest_bytes(self, n_bytes: int, near: float | None = None) -> Found[bytes]:
         """`at_bytes`, and the price of a bit; looked for from `near` on."""
+        if self.guess and self.guess.met:
+            done = self.guess.met
+            return Found(done.at, done.value, self.written(done.what))
         coder = self.prepared
         slope = BYTES_SLOPE if self.views else -0.1
 
@@ -201,10 +205,9 @@ class TargetEncoder(Aim):
                 data = self.written(code(price))
                 return math.log(len(data)), data
 
-            most = math.log(n_bytes)
             return nearest(
                 measure,
-                Goal(most - BYTES_SLACK, BYTES_SLACK, most),
+                _goal_of_bytes(n_bytes),
                 replace(self.guess, at=start) if self.guess else Start(start, slope),
                 self._bounds,
                 far=FAR_BYTES,
@@ -255,11 +258,14 @@ class TargetEncoder(Aim):
 
     def guess_of_bytes(self, n_bytes: int, near: float) -> Guess:
         """Where `nearest_bytes` may begin, by a sketch, and by one stream; likewise."""
-        target = math.log(n_bytes) - BYTES_SLACK
+        goal = _goal_of_bytes(n_bytes)
         rough = Sketch.of(self.prepared).log_bytes
-        guess = _guess(rough, target, Guess(near, BYTES_SLOPE))
-        data = self.written(self.prepared.coded(guess.price))
-        return guess.measured(target, math.log(len(data)))
+        guess = _guess(rough, goal.value, Guess(near, BYTES_SLOPE))
+        coded = self.prepared.coded(guess.price)
+        found = math.log(len(self.written(coded)))
+        if goal.is_met(found):
+            return replace(guess, met=Found(guess.price, found, coded))
+        return guess.measured(goal.value, found)
 
     def guessing(self, guess: Guess) -> TargetEncoder:
         """The same that begins there; nothing is drawn again."""
@@ -384,6 +390,9 @@ class TargetEncoder(Aim):
 
     def written(self, coded: CodedTree) -> bytes:
         """The stream of a coded tree that `prepared` made, with digests."""
+        known = self.prepared.written
+        if known is not None and known[1] is coded:
+            return known[0]
         data = self._stream(coded)
         self.prepared.written = data, coded
         return data
@@ -407,6 +416,12 @@ def _goal(decibels: float) -> Goal:
     """Of a search for a PSNR."""
     times = np.interp(decibels, (SMOOTH_PSNR, ROUGH_PSNR), (1.0, ROUGHLY))
     return Goal(decibels, MISSED_BY * float(times))
+
+
+def _goal_of_bytes(n_bytes: int) -> Goal:
+    """Of a search for the logarithm of the bytes."""
+    most = math.log(n_bytes)
+    return Goal(most - BYTES_SLACK, BYTES_SLACK, most)
 
 
 def _psnr_slope(decibels: float) -> float:

@@ -45,8 +45,8 @@ def best_stream(
         trees: of which one is encoded.
         request: what is asked for.
         leaf_error: of the leaves, as of `Aim`.
-        scene: what a PSNR that is aimed at is measured against. Leaves are it but for rounding,
-            which is seen above 75 dB.
+        scene: what a PSNR that is aimed at is measured against. The leaves of the trees are it but
+            for rounding.
     """
     tree = trees[-1]
     whole = TargetEncoder(
@@ -127,8 +127,7 @@ def best_stream(
         return _aimed(aims, of_bytes, near, guess, TargetEncoder.psnr)
     target = request.target_psnr
     assert target is not None, "there is a target"
-    if near is not None:
-        near = price_near(target, near)
+    near = price_near(target, SCENE_PRICE / tree.n_leaves)
 
     def of_psnr(one: TargetEncoder, near: float | None) -> Found[bytes]:
         return one.nearest_psnr(target, near)

@@ -27,7 +27,7 @@ from evogs_codec.model.splats import I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.choose import at_tree_psnr, best_stream, warn_of_preset
 from evogs_codec.scene.found_stream import FoundStream
-from evogs_codec.scene.reach import MANY, FewSplats
+from evogs_codec.scene.reach import MANY, FewSplats, is_surely_in_reach
 from evogs_codec.scene.request import MaxError, Request, SceneOptions, TreeOptions
 from evogs_codec.scene.steady import steady
 
@@ -168,9 +168,11 @@ def encode_scene_with_order(splats: SplatParams, **options: Unpack[SceneOptions]
     request = Request.of(SCENE_PRESET, options).looking_at(splats)
     if request.is_by_views:
         splats = bounded_opacities(splats)
-    if len(splats) >= MANY and not request.is_plain:
+    is_sure = is_surely_in_reach(request, len(splats), splats.sh_degree)
+    if len(splats) >= MANY and not request.is_plain and not is_sure:
         few = FewSplats.of_scene(splats, levels, request, palette=palette == "auto")
-        request = replace(request, is_in_reach=few.expect_in_reach(request))
+        is_sure = few.expect_in_reach(request)
+    request = replace(request, is_in_reach=is_sure)
     lifted = lift_with_order(
         splats, levels, n_neighbours=request.effort.n_neighbours, progress=request.progress
     )
@@ -262,9 +264,10 @@ def encode_tree_with_order(tree: EvolutionTree, **options: Unpack[TreeOptions]) 
             request = replace(request, settings=replace(own, effort=request.settings.effort))
         elif tree.n_leaves:
             found = _at_tree_psnr(tree, request)
-    if tree.n_leaves >= MANY and not request.is_plain:
-        is_in_reach = FewSplats.of_tree(tree).expect_in_reach(request)
-        request = replace(request, is_in_reach=is_in_reach)
+    is_sure = is_surely_in_reach(request, tree.n_leaves, tree.shown_degree)
+    if tree.n_leaves >= MANY and not request.is_plain and not is_sure:
+        is_sure = FewSplats.of_tree(tree).expect_in_reach(request)
+    request = replace(request, is_in_reach=is_sure)
     if found is None:
         asked, leaf_error = replace(request, has_preset=True), (0.0,) * len(GROUPS)
         plain = best_stream([tree], asked, leaf_error, tree.shared_leaves())

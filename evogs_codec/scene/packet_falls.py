@@ -113,7 +113,7 @@ def _may_fall(found: FoundStream, views: Views, sure: Views | None = None) -> bo
     Args:
         found: the stream.
         views: of which two judge.
-        sure: that judge again those two prefixes; None: nothing does.
+        sure: that judge again where one falls; None: nothing does.
     """
     directory = read_directory(found.data)
     rows = _rows_of(directory)
@@ -124,25 +124,24 @@ def _may_fall(found: FoundStream, views: Views, sure: Views | None = None) -> bo
     elif len(ends) > LOOKS[1]:
         ends = ends[_evenly(LOOKS[1], len(ends))]
     two = replace(views, cameras=views.cameras[::FAR], drawn=views.drawn)
-    fall = _first_fall(found, directory, rows[ends], two)
-    if sure is None or not len(fall):
-        return len(fall) > 0
-    return len(_first_fall(found, directory, fall, sure)) > 0
+    for pair in _falls(found, directory, rows[ends], two):
+        if sure is None or any(True for _ in _falls(found, directory, pair, sure)):
+            return True
+    return False
 
 
-def _first_fall(found: FoundStream, directory: Directory, rows: I64, views: Views) -> I64:
-    """Of the prefixes that end with these packets, the first that looks worse than one before.
+def _falls(found: FoundStream, directory: Directory, rows: I64, views: Views) -> Iterator[I64]:
+    """Of the prefixes that end with these packets, each that looks worse than one before.
 
-    Its packet comes after that of the better one; there are none where none looks worse.
+    Two packets: that of the better prefix, then its own.
     """
     best, of_best = -math.inf, 0
     for k, leaves in enumerate(_shown(found, directory, rows)):
         decibels = views.psnr(leaves)
         if decibels < best - LOST:
-            return rows[[of_best, k]]
+            yield rows[[of_best, k]]
         if decibels > best:
             best, of_best = decibels, k
-    return rows[:0]
 
 
 def _looks_worse(one: FoundStream, other: FoundStream, views: Views) -> bool:

@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,13 +32,16 @@ from evogs_codec.model.splats import F32, I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.request import Request
 
-__all__ = ["MANY", "SURE_OF_SPLAT", "FewSplats"]
+if TYPE_CHECKING:
+    from evogs_codec.render import Views
+
+__all__ = ["MANY", "SURE_OF_SPLAT", "FewSplats", "is_surely_in_reach"]
 
 MANY = 8_000  # splats; with fewer each try is quick
 FEW = 6_000  # splats, whose ends stand for those of all
 CHUNK = 256  # neighbours that are among them together
-# Views of the few, and of all: so many that this many splats are drawn. A third of the most tell
-# that a target is in reach: with few views the ends seem nearer.
+# Views of the few, and of all: so many that this many splats are drawn. If a third of the most put
+# a target well inside the range, no more are drawn.
 N_VIEWS, MOST_VIEWS, DRAWN = 4, 24, 2_000_000
 # Targets that can be reached for sure: dB, bytes of a splat from this on, and of each of its
 # numbers up to this.
@@ -82,7 +86,7 @@ class FewSplats:
         """Refuse a target far beyond what streams of the scene reach.
 
         Args:
-            request: with a target.
+            request: with a target that is not `is_surely_in_reach`.
 
         Returns:
             Whether the target is so far within that range that it can be met for sure.
@@ -137,19 +141,20 @@ class _Ends:
     def psnr(self, price: float, most_views: int) -> float:
         """Of the scene, dB, about."""
         n_views = min(max(DRAWN // len(self.scene), N_VIEWS), most_views)
-        if (price, n_views) not in self._psnr:
-            self._psnr[price, n_views] = self._drawn(price, n_views)
-        return self._psnr[price, n_views]
+        views = self.request.views(self.scene, n_views)
+        assert views is not None, "there are views"
+        key = price, len(views.cameras)
+        if key not in self._psnr:
+            self._psnr[key] = self._drawn(price, views)
+        return self._psnr[key]
 
-    def _drawn(self, price: float, n_views: int) -> float:
-        """`psnr` by so many views.
+    def _drawn(self, price: float, views: Views) -> float:
+        """`psnr` by these views.
 
         Each splat errs as that one of the few does which has the same rank by size. Small errors
         let splats swap and cross thresholds. A few pixels then have most of the error, which
         pictures of few splats seldom show.
         """
-        views = self.request.views(self.scene, n_views)
-        assert views is not None, "there are views"
         right = _unit(self.some.shared_leaves().channels())[:, leaf_order(self.some)]
         leaves = leaves_of(self._coded(price), self.scene.sh_degree)
         off = _unit(leaves.channels()) - right
@@ -167,6 +172,16 @@ class _Ends:
         return len(data) - body + body * len(self.scene) / self.some.n_leaves
 
 
+def is_surely_in_reach(request: Request, n_splats: int, sh_degree: int) -> bool:
+    """Whether a target of a scene of so many splats can be met, whatever these are."""
+    if request.target_psnr is not None:
+        return SURE_PSNR[0] <= request.target_psnr <= SURE_PSNR[1]
+    if request.target_bytes is not None:
+        most = SURE_OF_NUMBER * n_channels(sh_degree) * n_splats
+        return SURE_OF_SPLAT * n_splats <= request.target_bytes <= most
+    return False
+
+
 def _expect_psnr(ends: Sequence[_Ends], wanted: float) -> bool:
     """Whether a PSNR is in reach for sure; raises if it is far out of it."""
 
@@ -177,9 +192,7 @@ def _expect_psnr(ends: Sequence[_Ends], wanted: float) -> bool:
         return min(one.psnr(PRICES[1], n_views) for one in ends)
 
     def off(n_views: int) -> float:
-        if wanted > SURE_PSNR[1]:
-            return wanted - most(n_views)
-        return least(n_views) - wanted if wanted < SURE_PSNR[0] else -math.inf
+        return wanted - most(n_views) if wanted > SURE_PSNR[1] else least(n_views) - wanted
 
     found = off(MOST_VIEWS // 3)
     if found >= -PSNR_ROOM:
@@ -201,13 +214,8 @@ def _expect_bytes(ends: Sequence[_Ends], wanted: int) -> bool:
     def least() -> float:
         return min(one.n_bytes(PRICES[1]) for one in ends)
 
-    n = len(ends[0].scene)
-    if wanted > SURE_OF_NUMBER * n_channels(ends[0].scene.sh_degree) * n:
-        times = wanted / most()
-    elif wanted < SURE_OF_SPLAT * n:
-        times = least() / wanted
-    else:
-        return True
+    is_low = wanted < SURE_OF_SPLAT * len(ends[0].scene)
+    times = least() / wanted if is_low else wanted / most()
     if times > BYTES_ROOM:
         reached = f"about {_rounded(least()):,} to {_rounded(most()):,} bytes can be reached"
         said = f"{wanted:,} bytes cannot be met: {reached}"

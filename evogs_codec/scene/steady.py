@@ -47,7 +47,7 @@ __all__ = ["steady"]
 GAIN = 0.5
 WIDE = 16.0  # dB; if coarse splats look worse than what is aimed at by more, a layer comes between
 FINER, LEAST_RATIO = 4.0, 2.0  # of the price of a bit, from a layer to the next
-BETTER = 0.2  # dB in two views, of what is no fall in others
+BETTER = 0.2  # dB; a state that two views find better by this is not drawn in the others
 NEAR = 0.1  # of the logarithm of a price of a bit: states at prices this near are not looked at
 TRIES = 8  # streams that are made again, at most
 
@@ -73,7 +73,7 @@ def steady(found: FoundStream, request: Request) -> FoundStream:
 
 
 def _warn_of_span(made: FoundStream, request: Request) -> None:
-    """Of coarse values of a stream; with a PSNR that is asked for, what is reached is measured."""
+    """Warn of coarse values of a stream; with a target PSNR, what is reached is measured."""
     if request.target_psnr is None:
         made.warn_of_span()
 
@@ -195,26 +195,35 @@ class _Mending:
 def _falls_late(found: FoundStream, views: Views) -> bool:
     """Whether a state after the coarse levels looks worse than one before it.
 
-    Two of the views judge alone where they see that it looks better.
+    Where two of the views, of both sizes, see that it looks better, the others do not judge.
     """
     draft = found.draft(is_whole=True)
     levels = range(found.n_coarse - 1, draft.n_levels)
     first = list(draft.steps_of(levels.start))
     cuts = first + [cut for level in levels[1:] for cut in draft.steps_of(level, rooms=False)]
-    two, others = (replace(views, cameras=some) for some in (views.cameras[:2], views.cameras[2:]))
+    two = _two_of(views)
     states = draft.shown(cuts, found.tree.shown_degree)
-    of_best = next(states)
-    best = two.psnr(of_best)
+    best = next(states)
+    in_two, in_all = two.psnr(best), math.nan
     for leaves in states:
-        decibels = two.psnr(leaves)
-        by = decibels - best
-        if by < BETTER and others.cameras:
-            by = (by + others.psnr(leaves) - others.psnr(of_best)) / 2
+        decibels, whole = two.psnr(leaves), math.nan
+        by = decibels - in_two
+        if by < BETTER:
+            in_all = views.psnr(best) if math.isnan(in_all) else in_all
+            whole = views.psnr(leaves)
+            by = whole - in_all
         if by < -FALL:
             return True
-        if decibels > best:
-            best, of_best = decibels, leaves
+        if by > 0:
+            best, in_two, in_all = leaves, decibels, whole
     return False
+
+
+def _two_of(views: Views) -> Views:
+    """Two of the views, of different sizes if there are some."""
+    one, *others = views.cameras
+    larger = [camera for camera in others if camera.width != one.width]
+    return replace(views, cameras=[one, *(larger or others)[:1]])
 
 
 def _places_of_mends(tiles: Sequence[EvolutionTree]) -> set[tuple[int, int]]:

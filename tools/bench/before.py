@@ -81,13 +81,13 @@ def encode_seconds(
         checkout: whose encoder does it.
         path: its file.
         out: file of the stream.
-        options: of the encode.
+        options: of the encode. If they are a target that cannot be met, the file is empty.
     """
-    read = "read_ply" if subject.is_scene else "read_tree"
-    code = (
-        f"found = encode_scene(scene, up={subject.up!r}, **{options})"
-        if subject.is_scene
-        else f"found = encode_tree(scene, **{options})"
+    read, encode = (
+        ("read_ply", "encode_scene") if subject.is_scene else ("read_tree", "encode_tree")
     )
+    code = f"found = {encode}(scene, **{dict(options, up=subject.up)})"
+    if options:
+        code = f"try:\n    {code}\nexcept TargetMissedError:\n    found = b''"
     setup = SETUP.format(checkout=str(checkout.resolve()), read=read, path=str(path))
     return cost(code, setup, KEEP.format(out=str(out))).processor

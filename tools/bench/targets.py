@@ -17,7 +17,7 @@ __all__ = ["targets"]
 CHECKOUT = Path(__file__).parents[2]
 DECIBELS = (32, 36, 40, 44, 48, 52, 56, 60, 65, 70, 75, 80)
 SHARES = (0.5, 0.75, 1.5, 2.5, 5.0)  # of the bytes of the plain encode
-TURNS, FEW = 3, 100_000  # turns; one with more splats
+TURNS, FEW = 3, 100_000  # turns; scenes of more splats have one
 
 
 def targets(subjects: Sequence[Subject], folder: Path) -> Rows:
@@ -25,43 +25,36 @@ def targets(subjects: Sequence[Subject], folder: Path) -> Rows:
 
     Seconds are of the processor, in processes of their own that have one processor: medians of
     three turns, or one of more than 100,000 splats. Reading the file and loading libraries come
-    before, what numba loads when it first runs does not. PSNR is over 24 views.
+    before, what numba loads when it first runs does not. PSNR is over 24 views. A target that
+    cannot be met has no bytes.
     """
     rows: Rows = []
     for subject in subjects:
         path, out = write_subject(subject, folder), folder / "target.evogs"
         encode_seconds(subject, CHECKOUT, path, out)  # numba compiles what it has not yet
         size = out.stat().st_size
-        asked: list[dict[str, float]] = [{}]
-        asked += [{"target_psnr": decibels} for decibels in DECIBELS]
-        asked += [{"target_bytes": int(share * size)} for share in SHARES]
-        seconds: list[list[float]] = [[] for _ in asked]
-        reached: list[tuple[int, float]] = []
-        for turn in range(TURNS if subject.tree.n_leaves <= FEW else 1):
-            for options, own in zip(asked, seconds, strict=True):
-                own.append(encode_seconds(subject, CHECKOUT, path, out, **options))
-                if not turn:
-                    data = out.read_bytes()
-                    reached.append((len(data), subject.views.psnr(decode_leaves(data))))
-        plain = median(seconds[0])
-        for options, own, (n_bytes, decibels) in zip(asked, seconds, reached, strict=True):
-            row = {
+        asked: dict[str, dict[str, float]] = {"": {}}
+        asked |= {f"{decibels} dB": {"target_psnr": decibels} for decibels in DECIBELS}
+        of_bytes = (int(share * size) for share in SHARES)
+        asked |= {f"{n:,} bytes": {"target_bytes": n} for n in of_bytes}
+        seconds: dict[str, list[float]] = {name: [] for name in asked}
+        reached: dict[str, bytes] = {}
+        for _ in range(TURNS if subject.tree.n_leaves <= FEW else 1):
+            for name, options in asked.items():
+                seconds[name].append(encode_seconds(subject, CHECKOUT, path, out, **options))
+                reached[name] = out.read_bytes()
+        plain = median(seconds[""])
+        for name, data in reached.items():
+            taken = median(seconds[name])
+            row: dict[str, object] = {
                 "scene": subject.name,
                 "splats": subject.tree.n_leaves,
-                "target": _said(options),
-                "bytes": n_bytes,
-                "PSNR, dB": f"{decibels:.2f}",
-                "s": f"{median(own):.1f}",
-                "to plain": f"{median(own) / plain:.2f}",
+                "target": name,
+                "bytes": len(data) or "",
+                "PSNR, dB": f"{subject.views.psnr(decode_leaves(data)):.2f}" if data else "",
+                "s": f"{taken:.1f}",
+                "to plain": f"{taken / plain:.2f}",
             }
             rows.append(row)
             print(*row.values(), sep=", ", file=sys.stderr, flush=True)
     return rows
-
-
-def _said(options: dict[str, float]) -> str:
-    """A target, to be read; empty without one."""
-    return "".join(
-        f"{wanted:,} {'dB' if name == 'target_psnr' else 'bytes'}"
-        for name, wanted in options.items()
-    )

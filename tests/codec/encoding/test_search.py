@@ -29,6 +29,20 @@ def test_a_target_that_only_the_middle_of_the_range_reaches_is_found_though_the_
     assert tries[1] == 1e-40
 
 
+@pytest.mark.parametrize(("start", "target"), [(1e-4, 100.0), (1e4, -100.0)])
+def test_a_search_that_begins_at_the_end_beyond_which_the_target_lies_ends_there(start, target):
+    tries = []
+
+    def measure(at):
+        tries.append(at)
+        return -math.log(at), at
+
+    found = nearest(measure, Goal(target, 0.01), Start(start, -1.0), (1e-4, 1e4))
+    assert found.is_end
+    assert found.at == start
+    assert len(tries) == 1
+
+
 @pytest.mark.parametrize("target", [100, -100])
 def test_a_value_that_no_place_has_is_given_up_after_a_few_tries(target):
     tries = []

@@ -163,8 +163,11 @@ def test_of_many_splats_some_prefixes_are_looked_at_first(monkeypatch, layered, 
     assert {*turns} <= {*rows}
 
 
-@pytest.mark.parametrize(("in_others", "expected"), [([24.0, 24.1], False), ([24.0, 23.9], True)])
-def test_with_a_target_all_views_look_again_at_a_fall(monkeypatch, layered, in_others, expected):
+@pytest.mark.parametrize(
+    ("in_all", "expected"),
+    [([24.0, 24.1, 31.0, 31.1], False), ([24.0, 23.9], True), ([24.0, 24.1, 31.0, 30.9], True)],
+)
+def test_with_a_target_all_views_look_again_at_falls(monkeypatch, layered, in_all, expected):
     shown = []
 
     def shown_after(found, directory, some):
@@ -172,13 +175,15 @@ def test_with_a_target_all_views_look_again_at_a_fall(monkeypatch, layered, in_o
         return iter([None] * len(some))
 
     monkeypatch.setattr(packet_falls, "_shown", shown_after)
-    values = {2: iter([20.0, 25.0, 24.9]), 12: iter(in_others)}
+    in_two = [20.0, 25.0, 24.9, 30.0, 29.9, *[35.0] * 20]
+    values = {2: iter(in_two), 12: iter(in_all)}
     monkeypatch.setattr(Views, "psnr", lambda self, _: next(values[len(self.cameras)]))
     views = layered.aim.views
     two = replace(views, cameras=views.cameras[:1] * 14)
     sure = replace(views, cameras=views.cameras[:1] * 12)
     assert packet_falls._may_fall(layered, two, sure) == expected
-    assert shown[1].tolist() == shown[0][1:3].tolist()
+    pairs = [some.tolist() for some in shown[1:]]
+    assert pairs == [shown[0][1:3].tolist(), shown[0][3:5].tolist()][: len(in_all) // 2]
 
 
 @pytest.mark.thorough
