@@ -42,10 +42,11 @@ from evogs_codec.model.tree import EvolutionTree, Step
 __all__ = [
     "MAX_LAYERS",
     "N_LAYERS",
+    "RATIO",
     "Layered",
     "Layering",
     "expect_levels",
-    "over_odd",
+    "in_odd_numbers",
 ]
 
 MAX_LAYERS = 8
@@ -214,16 +215,16 @@ class Layered:
     def steps(self, price: float, extent: float) -> F64:
         """(1 + n_levels, K) steps of adds, then of psi per level, in scene units.
 
-        Those of a layer are those of the last level over an odd number, nearly, as grids round
-        them: what a coarse step of that level leaves is then a whole number of the finer ones.
+        Those of the last coarse level are an odd number of those of a layer, nearly, as grids round
+        them: what a coarse step leaves is then a whole number of the finer ones.
         """
         first, *others = self.layering.prices(price)
         table = self.importance.at(first).steps(first, extent)[: 1 + self.n_coarse]
-        rows = [table]
-        for other in others:
-            wanted = self.importance.at(other).steps_of_leaves(other, extent) / FINER
-            rows.append(over_odd(table[-1], wanted)[None])
-        found: F64 = np.concatenate(rows)
+        wanted = [
+            self.importance.at(other).steps_of_leaves(other, extent) / FINER for other in others
+        ]
+        found = np.vstack([table, *wanted])
+        found[self.n_coarse :] = in_odd_numbers(found[self.n_coarse :])
         if self.importance.entries is not None:
             # No layer refines the entries of a palette: their steps are those of one layer.
             found[:, N_GROUPS:] = self.importance.at(price).steps(price, extent)[0, N_GROUPS:]
@@ -296,10 +297,21 @@ class Layered:
         )
 
 
-def over_odd(last: F64, wanted: F64) -> F64:
-    """Steps (K,) over that odd number, of each, which comes nearest to others (K,)."""
-    odd = 2 * np.rint((last / wanted - 1) / 2) + 1
-    found: F64 = last / np.maximum(odd, 1)
+def in_odd_numbers(steps: F64) -> F64:
+    """Steps (1 + layers, K) of the last coarse level and of the layers, as they are to be.
+
+    Those of the last layer stay. Those of the coarse level become the odd number of these that
+    comes nearest, of each class, and those of other layers are these over an odd number.
+    """
+    found: F64 = steps.copy()
+    found[0] = steps[-1] * _nearest_odd(steps[0] / steps[-1])
+    found[1:] = found[0] / _nearest_odd(found[0] / steps[1:])
+    return found
+
+
+def _nearest_odd(times: F64) -> F64:
+    """Odd numbers, at least 1, nearest to others."""
+    found: F64 = np.maximum(2 * np.rint((times - 1) / 2) + 1, 1)
     return found
 
 

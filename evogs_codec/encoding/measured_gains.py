@@ -80,19 +80,15 @@ class MeasuredGains:
             pictures: of its leaves.
             shown: PSNR of nothing, and of each level but the last, where it is known.
         """
-        leaves = tree.shared_leaves()
         if shown is None:
             coarse = islice(tree.levels(), max(tree.n_levels - 1, 0))
-            shown = [pictures.psnr(cut) for cut in (nothing_of(leaves), *coarse)]
-        degrees = range(tree.sh_degree if tree.palette is None else 1)
-        plain = (leaves.sh[:, : (k + 1) ** 2] for k in degrees)
-        found = psnr_of_sh(pictures, leaves, chain(plain, _early_sh(tree) if degrees else ()))
-        bands, early = [*islice(found, len(degrees))], [*found]
-        return MeasuredGains(
-            -np.diff(_errors(shown)),
-            -np.diff(_errors(bands)),
-            -np.diff(_errors([*bands[:1], *early])) if bands else np.zeros(tree.n_levels),
-        )
+            cuts = (nothing_of(tree.shared_leaves()), *coarse)
+            shown = [pictures.psnr(cut) for cut in cuts]
+        return MeasuredGains(-np.diff(_errors(shown)), *_of_bands(tree, pictures))
+
+    def with_bands_of(self, tree: EvolutionTree, pictures: Pictures) -> MeasuredGains:
+        """Those of a tree that differs in its SH above band 0 alone, or in having a palette."""
+        return MeasuredGains(self.levels, *_of_bands(tree, pictures))
 
     def rescale(self, tree: CodedTree) -> CodedTree:
         """The tree with gains that add up to these, shared out as they were.
@@ -118,6 +114,17 @@ class MeasuredGains:
             ]
             tiles.append(replace(tile, steps=tuple(steps)))
         return replace(tree, tiles=tuple(tiles))
+
+
+def _of_bands(tree: EvolutionTree, pictures: Pictures) -> tuple[F64, F64]:
+    """`bands` and `bands_of_levels` of `MeasuredGains`."""
+    leaves = tree.shared_leaves()
+    degrees = range(tree.sh_degree if tree.palette is None else 1)
+    plain = (leaves.sh[:, : (k + 1) ** 2] for k in degrees)
+    found = psnr_of_sh(pictures, leaves, chain(plain, _early_sh(tree) if degrees else ()))
+    bands, early = [*islice(found, len(degrees))], [*found]
+    of_levels = -np.diff(_errors([*bands[:1], *early])) if bands else np.zeros(tree.n_levels)
+    return -np.diff(_errors(bands)), of_levels
 
 
 def psnr_of_sh(pictures: Pictures, splats: SplatParams, each: Iterable[F32]) -> Iterator[float]:

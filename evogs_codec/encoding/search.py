@@ -15,7 +15,6 @@ ROUGH, SPREAD, GOLDEN = 0.02, 0.2, 0.618  # of the logarithm of a price
 # After so many tries, all on one side of a target and hardly nearer than the first, the end of the
 # range is tried.
 ONE_SIDED = 3
-FOR_A_JUMP = 5  # tries, before a value is taken to jump
 HARDLY, SLOW = 0.5, 0.2  # of the distance of the first try from the target, and of a far one
 T = TypeVar("T")
 
@@ -94,8 +93,7 @@ def nearest(
             that are all on one side, hardly come nearer and stay a fifth of that off, or of which a
             line meets the target beyond the end. If the end does not reach the target, nothing
             does.
-        narrow: of the logarithm; after some tries the value jumps over the target between places
-            this near.
+        narrow: of the logarithm; between places this near the value jumps over the target.
     """
     target = goal.value
     low, high = (math.log(bound) for bound in bounds)
@@ -147,8 +145,7 @@ def nearest(
         if middle is not None:
             # Of few splats a PSNR is rough: places around have any value near it.
             at = middle + SPREAD * (k * GOLDEN % 1 - 0.5)
-        is_a_jump = high - low < narrow and k + 1 >= FOR_A_JUMP
-        if middle is None and (is_a_jump or high - low < NARROW or k + 1 >= MOST_TRIES):
+        if middle is None and (high - low < narrow or k + 1 >= MOST_TRIES):
             break
     assert best is not None
     return replace(best, above=above)

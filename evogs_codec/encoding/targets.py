@@ -14,6 +14,17 @@ from functools import cached_property
 import numpy as np
 
 from evogs_codec.decoding.decode import decode
+from evogs_codec.encoding.drawn import Drawn
+from evogs_codec.encoding.guess import (
+    BYTES_SLOPE,
+    PRICES,
+    PSNR_SLOPE,
+    USUAL_PSNR,
+    Guess,
+    goal_of_bytes,
+    goal_of_psnr,
+    psnr_slope,
+)
 from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.layers import Layering
 from evogs_codec.encoding.out_of_reach import (
@@ -35,54 +46,15 @@ from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import F64
 from evogs_codec.model.tree import EvolutionTree
 
-__all__ = ["PRICES", "Guess", "TargetEncoder", "price_near"]
+__all__ = ["TargetEncoder"]
 
 FIRST_PRICE = 1e-11  # mean squared error that a bit is worth: about 45 dB
-PRICES = (1e-18, 1e-5)
 FACTORS = (1e-4, 1e4)
 MORE_TRIES = 60  # of few splats, where a rounding moves a PSNR
 TRIED = 200_000  # splats, those of all tries together
-MISSED_BY, BYTES_SLACK = 0.2, 0.01  # dB from a target, at most, and part of the bytes asked for
-# Up to the first PSNR a stream may miss by that; from the second on by so many times that. Between
-# them the factor rises evenly: the PSNR jumps from price to price.
-SMOOTH_PSNR, ROUGH_PSNR, ROUGHLY = 60.0, 70.0, 2.5
-JUMP = 0.05  # of the logarithm of a price: 0.2 dB, where a PSNR does not jump
-BYTES_SLOPE = -0.25  # of the logarithm of the bytes over that of the price, about
-PSNR_SLOPE = -10 / math.log(10)  # dB, likewise: 3 dB for a price twice as high
-NEAR_SLOPE, USUAL_PSNR = -3.0, 45.0  # dB, likewise, below that of streams at the usual price
-GUESSES, NEAR = 2, 0.3  # of a sketch; one alone if its price is this near, in the logarithm
+JUMP = 0.09  # of the logarithm of a price: an end of it is within 0.2 dB, where no PSNR jumps
 POLISH_GAIN = 2.0  # dB, about
 FAR_PSNR, FAR_BYTES = 15.0, math.log(8.0)  # from the first try: the end of the range is tried next
-
-
-@dataclass(frozen=True)
-class Guess(Start):
-    """Where a search may begin: at a price of a bit, at which a target is nearly met.
-
-    `met`: what is coded there, if it meets the target.
-    """
-
-    met: Found[CodedTree] | None = None
-
-    @property
-    def price(self) -> float:
-        """Of a bit."""
-        return self.at
-
-    def at_target(self, target: float, value: float) -> Guess:
-        """Where the target is, if the value is what it is here."""
-        low, high = map(math.log, PRICES)
-        at = math.log(self.price) + (target - value) / self.slope
-        return replace(self, at=math.exp(min(max(at, low), high)))
-
-    def measured(self, target: float, value: float) -> Guess:
-        """`at_target` of a value that was measured."""
-        return replace(self.at_target(target, value), known=(self.price, value))
-
-    @property
-    def unmeasured(self) -> Guess:
-        """The same of a stream that differs: what was measured is not of that."""
-        return replace(self, known=None, met=None)
 
 
 @dataclass(frozen=True)
@@ -120,7 +92,9 @@ class TargetEncoder(Aim):
         if self.guess and self.guess.met:
             done = self.guess.met
             return Found(done.at, done.value, self.written(done.what))
-        goal, coder = _goal(decibels), self.prepared
+        goal, coder = goal_of_psnr(decibels), self.prepared
+        if self.guess:
+            goal = replace(goal, slack=max(goal.slack, self.guess.jump))
         missed_by = goal.slack if missed_by is None else max(missed_by, goal.slack)
         tries = max(MOST_TRIES, min(MORE_TRIES, TRIED // max(self.tree.n_leaves, 1)))
 
@@ -175,7 +149,7 @@ class TargetEncoder(Aim):
         price = PRICES[0 if is_high else 1]
         coded = self.prepared.coded(price)
         value = self._psnr_of(coded)
-        if (decibels - value if is_high else value - decibels) > _goal(decibels).slack:
+        if (decibels - value if is_high else value - decibels) > goal_of_psnr(decibels).slack:
             raise self._psnr_missed(decibels, Found(price, value, coded))
 
     def _psnr_missed(self, decibels: float, end: Found[CodedTree]) -> TargetMissedError:
@@ -194,9 +168,6 @@ class TargetEncoder(Aim):
 
     def nearest_bytes(self, n_bytes: int, near: float | None = None) -> Found[bytes]:
         """`at_bytes`, and the price of a bit; looked for from `near` on."""
-        if self.guess and self.guess.met:
-            done = self.guess.met
-            return Found(done.at, done.value, self.written(done.what))
         coder = self.prepared
         slope = BYTES_SLOPE if self.views else -0.1
 
@@ -207,7 +178,7 @@ class TargetEncoder(Aim):
 
             return nearest(
                 measure,
-                _goal_of_bytes(n_bytes),
+                goal_of_bytes(n_bytes),
                 replace(self.guess, at=start) if self.guess else Start(start, slope),
                 self._bounds,
                 far=FAR_BYTES,
@@ -239,33 +210,17 @@ class TargetEncoder(Aim):
         other = self._bounds[end.at == self._bounds[0]]
         return bytes_missed(n_bytes, len(end.what), len(self.written(self.prepared.coded(other))))
 
-    def guess_of_psnr(self, decibels: float, near: float) -> Guess:
-        """Where `nearest_psnr` may begin, by a sketch; `nearer` makes it better.
-
-        Args:
-            decibels: the target.
-            near: a price of a bit to begin with.
-        """
-        rough = Sketch.of(self.prepared).psnr
-        return _guess(rough, decibels, Guess(near, _psnr_slope(decibels)))
+    @cached_property
+    def sketch(self) -> Sketch:
+        """Of the tree, by views."""
+        return Sketch.of(self.prepared)
 
     def nearer(self, guess: Guess, decibels: float, coded: CodedTree) -> Guess:
         """A better one, by the PSNR of what is coded at the price of a guess."""
-        found, goal = self._psnr_of(coded), _goal(decibels)
+        found, goal = self._psnr_of(coded), goal_of_psnr(decibels)
         if goal.is_met(found):
             return replace(guess, met=Found(guess.price, found, coded))
-        return replace(guess, slope=_psnr_slope(decibels)).measured(decibels, found)
-
-    def guess_of_bytes(self, n_bytes: int, near: float) -> Guess:
-        """Where `nearest_bytes` may begin, by a sketch, and by one stream; likewise."""
-        goal = _goal_of_bytes(n_bytes)
-        rough = Sketch.of(self.prepared).log_bytes
-        guess = _guess(rough, goal.value, Guess(near, BYTES_SLOPE))
-        coded = self.prepared.coded(guess.price)
-        found = math.log(len(self.written(coded)))
-        if goal.is_met(found):
-            return replace(guess, met=Found(guess.price, found, coded))
-        return guess.measured(goal.value, found)
+        return replace(guess, slope=psnr_slope(decibels)).measured(decibels, found)
 
     def guessing(self, guess: Guess) -> TargetEncoder:
         """The same that begins there; nothing is drawn again."""
@@ -317,6 +272,18 @@ class TargetEncoder(Aim):
         other = replace(self, guess=self.guess and self.guess.unmeasured)
         other.__dict__["prepared"] = self.prepared.holding(runs, layering)
         return other
+
+    def weighed_as(self, other: TargetEncoder) -> TargetEncoder:
+        """The same with what views tell of another tree: little is drawn again.
+
+        Args:
+            other: its tree differs in the SH above band 0 alone, or in having a palette.
+        """
+        drawn, pictures = other.prepared.drawn, self.ordering or self.views
+        if drawn is None or pictures is None:
+            return self
+        gains = drawn.gains and drawn.gains.with_bands_of(self.tree, pictures)
+        return replace(self, drawn=Drawn(drawn.cuts, gains))
 
     def at_once(self) -> TargetEncoder:
         """The same with all leaves in the place of the roots at once, in one layer."""
@@ -399,48 +366,6 @@ class TargetEncoder(Aim):
 
     def _stream(self, coded: CodedTree) -> bytes:
         return write(coded, effort=self.settings.effort, progress=self.progress)
-
-
-def price_near(decibels: float, usual: float) -> float:
-    """A price of a bit at which streams have about this PSNR, if they have `USUAL_PSNR` at another.
-
-    Args:
-        decibels: PSNR.
-        usual: price of a bit.
-    """
-    low, high = PRICES
-    return min(max(usual * 10 ** ((USUAL_PSNR - decibels) / 10), low), high)
-
-
-def _goal(decibels: float) -> Goal:
-    """Of a search for a PSNR."""
-    times = np.interp(decibels, (SMOOTH_PSNR, ROUGH_PSNR), (1.0, ROUGHLY))
-    return Goal(decibels, MISSED_BY * float(times))
-
-
-def _goal_of_bytes(n_bytes: int) -> Goal:
-    """Of a search for the logarithm of the bytes."""
-    most = math.log(n_bytes)
-    return Goal(most - BYTES_SLACK, BYTES_SLACK, most)
-
-
-def _psnr_slope(decibels: float) -> float:
-    """Of streams of about this PSNR: dB over the logarithm of the price of a bit."""
-    return NEAR_SLOPE if decibels < USUAL_PSNR else PSNR_SLOPE
-
-
-def _guess(rough: Callable[[float], float], target: float, guess: Guess) -> Guess:
-    """By a sketch's rough values at some prices, the first of which is that of a guess."""
-    slope, before = guess.slope, None
-    for _ in range(GUESSES):
-        at, value = math.log(guess.price), rough(guess.price)
-        if before is not None and (before[1] - value) * (before[0] - at) < 0:
-            slope = (before[1] - value) / (before[0] - at)
-        before = at, value
-        guess = replace(guess, slope=slope).at_target(target, value)
-        if abs(math.log(guess.price) - at) <= NEAR:
-            break
-    return guess
 
 
 def _errors(tiles: Sequence[EvolutionTree], data: bytes, sh_degree: int) -> F64:

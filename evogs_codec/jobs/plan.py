@@ -18,7 +18,7 @@ import numpy as np
 from evogs_codec.encoding.alpha_tables import tables_of
 from evogs_codec.encoding.grids import Grid, grid_exponents, with_fewer_units
 from evogs_codec.encoding.late_level import gains_little
-from evogs_codec.encoding.layers import over_odd
+from evogs_codec.encoding.layers import in_odd_numbers
 from evogs_codec.encoding.ranges import Ranges
 from evogs_codec.encoding.sensitivity import steps_of_entries
 from evogs_codec.encoding.settings import Settings
@@ -322,12 +322,10 @@ def _shared_steps(steps: F64, n_coarse: int) -> F64:
     """(1 + L, K) steps that suit tiles with `steps` (S, 1 + L, K).
 
     The median; where a tile needs less than about 0.7 of it, a half, a quarter and so on. Those of
-    a layer are those of the last coarse level over an odd number, nearly, as in `layers`.
+    the last coarse level are an odd number of those of a layer, as in `layers`.
     """
     shared: F64 = np.median(steps, axis=0)
     lacks = np.log2(shared / steps).max(axis=(0, 1))
     shared /= 2.0 ** np.maximum(np.ceil(lacks - 0.5), 0)
-    last = shared[n_coarse]
-    for row in shared[1 + n_coarse :]:
-        row[:] = over_odd(last, row)
+    shared[n_coarse:] = in_odd_numbers(shared[n_coarse:])
     return shared

@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import partial
 
 from evogs_codec.encoding.encode import encode
+from evogs_codec.encoding.guess import Guess, price_near
 from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
 from evogs_codec.encoding.missed import MEASURING
 from evogs_codec.encoding.out_of_reach import TargetMissedError
@@ -16,7 +17,8 @@ from evogs_codec.encoding.palette_worth import bits_of_palette, bits_of_psi
 from evogs_codec.encoding.search import Found
 from evogs_codec.encoding.sensitivity import SEEN_OF_CIRCLE
 from evogs_codec.encoding.settings import SCENE_PRESET, SCENE_PRICE, TREE_PRESET, TREE_PSNR
-from evogs_codec.encoding.targets import Guess, TargetEncoder, price_near
+from evogs_codec.encoding.sketch import Sketch
+from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.errors import InputError
 from evogs_codec.model.splats import SplatParams
 from evogs_codec.model.tree import EvolutionTree
@@ -119,12 +121,12 @@ def best_stream(
         def of_bytes(one: TargetEncoder, near: float | None) -> Found[bytes]:
             return one.nearest_bytes(most, near)
 
-        guess = partial(TargetEncoder.guess_of_bytes, n_bytes=most)
+        guess = partial(Guess.of_bytes, n_bytes=most)
         aims = _each(aim, trees)
         may_be_few = not request.is_in_reach and most < SURE_OF_SPLAT * tree.n_leaves
         if views is not None and tree.n_leaves >= MANY and may_be_few:
             _expect_one(aims, lambda one: one.expect_bytes(most))
-        return _aimed(aims, of_bytes, near, guess, TargetEncoder.psnr)
+        return _aimed(aims, of_bytes, near, guess, Sketch.psnr, TargetEncoder.psnr)
     target = request.target_psnr
     assert target is not None, "there is a target"
     near = price_near(target, SCENE_PRICE / tree.n_leaves)
@@ -132,11 +134,11 @@ def best_stream(
     def of_psnr(one: TargetEncoder, near: float | None) -> Found[bytes]:
         return one.nearest_psnr(target, near)
 
-    guess = partial(TargetEncoder.guess_of_psnr, decibels=target)
+    guess = partial(Guess.of_psnr, decibels=target)
     aims = _each(aim, trees)
     if not request.polish and tree.n_leaves >= MANY and not request.is_in_reach:
         aims[0].expect_psnr(target)  # the leaves of the other tree are on the same grids
-    return replace(_aimed(aims, of_psnr, near, guess), psnr=target)
+    return replace(_aimed(aims, of_psnr, near, guess, _fewness), psnr=target)
 
 
 def _draws(request: Request) -> bool:
@@ -161,6 +163,7 @@ def _that_pay(
     importance = shared.importance
     if importance is None:
         return aims
+    plain = plain.weighed_as(shared)
     bits = bits_of_palette(shared.tree, importance, price)
     instead = bits_of_psi(plain.tree, importance, price)
     if instead > SURE * bits:
@@ -169,7 +172,7 @@ def _that_pay(
         return [plain]
     if is_sure:
         return [shared if palette_pays(bits, instead) else plain]
-    return aims
+    return [shared, plain]
 
 
 def palette_pays(bits: float, instead: float) -> bool:
@@ -210,20 +213,24 @@ def _aimed(
     make: Make,
     near: float | None,
     guess: Callable[..., Guess],
+    sketched: Callable[[Sketch, float], float],
     worth: Callable[[TargetEncoder, bytes], float] | None = None,
 ) -> FoundStream:
     """`_best`; of two trees one alone where an estimate is sure, at the price of the first.
 
-    Of a tree of many splats, yet to be made, near a price that is guessed.
+    Of trees of many splats one, yet to be made, near a price that is guessed: of two that of which
+    `sketched` gives more, of a sketch at that price, and which can meet the target.
     """
     if near is not None and aims[0].tree.n_leaves >= MANY and not aims[0].polish:
-        found = guess(aims[0], near=near)
-        paying = _that_pay(aims, found.price)
-        if len(paying) == 1:
-            if paying[0] is not aims[0]:
-                found = guess(paying[0], near=found.price)
-            return FoundStream.of(paying[0].guessing(found), make, found.price)
-        near = found.price
+        found = guess(aims[0].sketch, near=near)
+        guesses = [
+            (aim, found if aim is aims[0] else guess(aim.sketch, near=found.price))
+            for aim in _that_pay(aims, found.price)
+        ]
+        aim, found = guesses[0]
+        if len(guesses) > 1:
+            aim, found = max(guesses, key=lambda pair: _promise(pair[0], pair[1], sketched))
+        return FoundStream.of(aim.guessing(found), make, found.price)
     streams = [FoundStream.of(aim, make, near) for aim in aims]
     if len(aims) == 1 or near is None:
         return _best(streams, worth)
@@ -237,6 +244,18 @@ def _aimed(
     assert first.price is not None, "views decide"
     others = [aim for aim in _that_pay(aims, first.price) if aim is not aims[0]]
     return _best([first, *(FoundStream.of(aim, make, first.price) for aim in others)], worth)
+
+
+def _fewness(sketch: Sketch, price: float) -> float:
+    """Greater of fewer bytes."""
+    return -sketch.log_bytes(price)
+
+
+def _promise(
+    aim: TargetEncoder, guess: Guess, sketched: Callable[[Sketch, float], float]
+) -> tuple[bool, float]:
+    """What a tree promises at a price that is guessed; of two the greater is better."""
+    return not guess.is_end, sketched(aim.sketch, guess.price)
 
 
 def _expect_one(aims: Sequence[TargetEncoder], expect: Callable[[TargetEncoder], None]) -> None:
@@ -306,7 +325,7 @@ def at_tree_psnr(tree: EvolutionTree, request: Request) -> FoundStream | None:
 
     if tree.n_leaves < MANY:
         return replace(FoundStream.of(aim, make).made(), psnr=TREE_PSNR)
-    guess = aim.guess_of_psnr(TREE_PSNR, SCENE_PRICE / tree.n_leaves)
+    guess = Guess.of_psnr(aim.sketch, TREE_PSNR, SCENE_PRICE / tree.n_leaves)
     return replace(FoundStream.of(aim.guessing(guess), make, guess.price), psnr=TREE_PSNR)
 
 

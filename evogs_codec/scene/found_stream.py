@@ -60,8 +60,10 @@ class FoundStream:
             return self
         assert self.aim is not None, "what is not made can be"
         assert self.make is not None, "what is not made can be"
-        found = self.make(self.aim, self.price)
-        return replace(self, stream=found.what, price=found.at)
+        found, aim = self.make(self.aim, self.price), self.aim
+        if aim.guess and self.psnr is not None:
+            aim = aim.guessing(aim.guess.jumping(found, self.psnr))
+        return replace(self, stream=found.what, aim=aim, price=found.at)
 
     @property
     def data(self) -> bytes:

@@ -18,10 +18,11 @@ import numpy as np
 
 from evogs_codec.common.morton import morton_order
 from evogs_codec.encoding.arrange import leaf_order
+from evogs_codec.encoding.guess import PRICES
 from evogs_codec.encoding.out_of_reach import TargetMissedError, psnr_reached
 from evogs_codec.encoding.replayed import leaves_of
 from evogs_codec.encoding.sketch import families, part_of
-from evogs_codec.encoding.targets import PRICES, TargetEncoder
+from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.encoding.write import write
 from evogs_codec.format.directory import read_directory
 from evogs_codec.lifting.lift import largest_leaf_errors, lift_with_order

@@ -47,6 +47,9 @@ __all__ = ["steady"]
 GAIN = 0.5
 WIDE = 16.0  # dB; if coarse splats look worse than what is aimed at by more, a layer comes between
 FINER, LEAST_RATIO = 4.0, 2.0  # of the price of a bit, from a layer to the next
+COARSEST = (
+    0.2  # price of a bit of coarse splats, times all splats: beyond, they show hardly anything
+)
 BETTER = 0.2  # dB; a state that two views find better by this is not drawn in the others
 NEAR = 0.1  # of the logarithm of a price of a bit: states at prices this near are not looked at
 TRIES = 8  # streams that are made again, at most
@@ -83,9 +86,8 @@ def _steadied(found: FoundStream, views: Views, request: Request) -> FoundStream
     may_be_late = request.layers is None and not request.polish
     mending = _Mending(views, request.progress, may_be_late, found.layering)
     met = found  # the last that is known to meet a target, or else the first
-    if found.psnr is not None:  # a third layer takes bytes
-        found = mending.with_three_layers(found, found.psnr) or found
-    found = found.nearer()
+    if found.psnr is not None:
+        found = mending.begun(found, found.psnr).nearer()
     try:
         for _ in range(TRIES):
             again = mending.mended(found)
@@ -129,30 +131,35 @@ class _Mending:
     before: list[Run] = field(default_factory=list)
     looked_at_roots: bool = False
 
-    def with_three_layers(self, found: FoundStream, aimed: float) -> FoundStream | None:
-        """With its last level late, of a stream that aims at this PSNR.
+    def begun(self, found: FoundStream, aimed: float) -> FoundStream:
+        """With the layers that suit it by a first look, of a stream that aims at this PSNR.
 
-        None if coarse splats look well enough beside the whole, or if a state of the last two
-        layers falls. With a palette one did, so it is not tried.
+        Its last level comes late, in three layers if coarse splats look far worse than what is
+        aimed at and no state of the last two layers falls. With a palette one did, so three are
+        not tried.
         """
-        if not (self.may_be_late and found.can_be_late) or found.tree.palette is not None:
-            return None
-        views, draft = self.views.fewer(FEW), found.draft()
-        cuts = [draft.of_level(found.n_coarse - 1)]
-        (coarse,) = map(views.psnr, draft.shown(cuts, found.tree.shown_degree))
-        if aimed < coarse + WIDE:
-            return None
-        layering = Layering(N_LAYERS + 1, is_late=True, between=BETWEEN)
-        other = found.holding((), layering)
-        if _falls_late(other, views):
-            return None
-        self.layering = layering
-        return other
+        ratio = self._ratio_of_use(found)
+        if ratio < self.layering.ratio:
+            self.layering = replace(self.layering, ratio=ratio)
+            found = found.holding((), self.layering)
+        if not (self.may_be_late and found.can_be_late):
+            return found
+        before, coarse = self._draft(found).last_two()
+        if aimed >= coarse + WIDE and found.tree.palette is None:
+            layering = Layering(N_LAYERS + 1, is_late=True, between=BETWEEN)
+            other = found.holding((), layering)
+            if not _falls_late(other, self.views.fewer(FEW)):
+                self.layering = layering
+                return other
+        return self._late(found) if gains_little(coarse - before) else found
 
     def mended(self, found: FoundStream) -> FoundStream | None:
         """With finer coarse splats, or with steps held back; None if there is nothing to mend."""
-        tree = found.tree
-        draft = Draft(found.draft(), found.n_coarse, tree.shown_degree, tree.n_leaves, self.views)
+        ratio = self._ratio_of_use(found)
+        if ratio < self.layering.ratio:
+            self.layering = replace(self.layering, ratio=ratio)
+            return found.holding(self.before, self.layering)
+        draft = self._draft(found)
         if not self.looked_at_roots:
             self.looked_at_roots = True
             if draft.roots_fall():
@@ -178,6 +185,19 @@ class _Mending:
             self.before = runs
             return found.holding(runs, self.layering)
         return None
+
+    def _draft(self, found: FoundStream) -> Draft:
+        tree = found.tree
+        return Draft(found.draft(), found.n_coarse, tree.shown_degree, tree.n_leaves, self.views)
+
+    def _ratio_of_use(self, found: FoundStream) -> float:
+        """From layer to layer, of the price of a bit, at which coarse splats show anything."""
+        ratio, price = self.layering.ratio, found.price
+        assert price is not None, "it is by views"
+        most = COARSEST / max(found.tree.n_leaves, 1) / price
+        while found.is_layered and ratio > most and ratio / FINER >= LEAST_RATIO:
+            ratio /= FINER
+        return ratio
 
     def _gain_of_last(self, found: FoundStream, draft: Draft) -> float:
         """By how many dB the last level, if it may come late and does not yet, looks better."""

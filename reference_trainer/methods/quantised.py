@@ -23,11 +23,11 @@ from torch import Tensor
 
 from evogs_codec import EvolutionTree, SplatParams
 from evogs_codec.encoding.grids import AccuracyWarning
+from evogs_codec.encoding.guess import PRICES
 from evogs_codec.encoding.quantise import quantise
 from evogs_codec.encoding.ranges import Ranges
 from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.encoding.settings import Settings
-from evogs_codec.encoding.targets import PRICES
 from evogs_codec.model.channels import channel_class, n_channels
 from evogs_codec.model.coded_tree import CodedTree
 from evogs_codec.model.splats import F32, F64

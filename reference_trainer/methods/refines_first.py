@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from evogs_codec import encode
-from evogs_codec.encoding.targets import PRICES
+from evogs_codec.encoding.guess import PRICES
 from evogs_codec.render.views import Views
 from reference_trainer.config import Config, FrontierGrowth
 from reference_trainer.methods.base import Done, Plan, Setting

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from evogs_codec import PRESETS, decode_leaves, lift, read_directory
-from evogs_codec.encoding import targets
-from evogs_codec.encoding.targets import PRICES, TargetEncoder
+from evogs_codec.encoding import guess, targets
+from evogs_codec.encoding.guess import PRICES
+from evogs_codec.encoding.targets import TargetEncoder
 
 pytest.importorskip("numba", reason="the rasterizer is compiled")
 from evogs_codec.render import cameras_around
@@ -71,7 +72,7 @@ def test_the_loss_is_what_the_dedicated_stream_has_above_the_prefix(losses, subj
 
 def test_trained_trees_aim_at_the_default_of_trees(monkeypatch):
     monkeypatch.setattr(loss, "TREE_PSNR", 40.0)
-    monkeypatch.setattr(targets, "MISSED_BY", 4.0)  # of few splats a search is long
+    monkeypatch.setattr(guess, "MISSED_BY", 4.0)  # of few splats a search is long
     monkeypatch.setattr(loss, "LAYERS", (1,))
     names = [stream.name for stream in loss._streams(small("trained"))]
     assert names == ["preset", "default", "--target-psnr 40 --layers 1"]

@@ -16,9 +16,10 @@ import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
 from evogs_codec import Cut, decode, read_directory
+from evogs_codec.encoding.guess import PRICES
 from evogs_codec.encoding.out_of_reach import TargetMissedError
 from evogs_codec.encoding.settings import TREE_PSNR
-from evogs_codec.encoding.targets import PRICES, TargetEncoder
+from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.views import Views
 from tools.bench.measure import seconds_text

@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from evogs_codec import decode_leaves, write_ply, write_tree
+from evogs_codec.encoding.guess import PRICES
 from evogs_codec.encoding.layers import N_LAYERS
-from evogs_codec.encoding.targets import PRICES
 from tools.bench.measure import Cost, cost
 from tools.bench.page import Rows
 from tools.bench.subjects import Subject, aim_of

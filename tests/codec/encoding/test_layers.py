@@ -27,6 +27,7 @@ from evogs_codec.encoding.layers import (
     EVEN,
     FINER,
     MAX_LAYERS,
+    RATIO,
     Layered,
     Layering,
 )
@@ -178,7 +179,9 @@ def test_steps_of_layers_divide_those_of_the_tree_by_odd_numbers(price):
     assert (np.rint(ratios) % 2 == 1).all()
     assert (np.diff(ratios, axis=0) >= 0).all()
     wanted = importance.steps_of_leaves(price, 1.0) / FINER
-    assert np.all(np.abs(table[-1] / wanted - 1) <= 1 / ratios[-1] + 1e-9)
+    np.testing.assert_allclose(table[-1], wanted)
+    coarse = importance.steps(price * RATIO ** (MAX_LAYERS - 1), 1.0)[N_LEVELS]
+    assert np.all(np.abs(table[N_LEVELS] / coarse - 1) <= wanted / coarse + 1e-9)
 
 
 def test_layers_between_weigh_leaves_more_alike_than_the_last_with_the_same_means():

@@ -81,10 +81,12 @@ def test_a_palette_of_what_neighbours_share_anyway_saves_nothing():
 @pytest.mark.parametrize(("splats", "right"), [(PAYS, 0), (DOES_NOT, 1)], ids=["random", "smooth"])
 def test_only_one_tree_is_encoded_where_the_estimate_is_sure(splats, right, monkeypatch):
     both = encoders(splats)
-    assert choose._that_pay(both, PRICE) == [both[right]]
+    (found,) = choose._that_pay(both, PRICE)
+    assert found.tree is both[right].tree
     monkeypatch.setattr(choose, "SURE", 1e9)
     monkeypatch.setattr(choose, "SURE_OF_PICKS", 1e9)
-    assert choose._that_pay(both, PRICE) == both
+    found, other = choose._that_pay(both, PRICE)
+    assert (found.tree, other.tree) == tuple(one.tree for one in both)
 
 
 def test_of_one_tree_there_is_nothing_to_choose():

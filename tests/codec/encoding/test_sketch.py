@@ -10,13 +10,14 @@ import pytest
 pytest.importorskip("numba", reason="the rasterizer is compiled")
 
 from evogs_codec import PRESETS, TargetEncoder, lift
-from evogs_codec.encoding import sketch, targets
+from evogs_codec.encoding import sketch
 from evogs_codec.encoding.arrange import arrange
+from evogs_codec.encoding.guess import Guess, goal_of_psnr, price_near
 from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.layers import Layering
 from evogs_codec.encoding.prepared import Prepared
+from evogs_codec.encoding.search import Found
 from evogs_codec.encoding.sketch import Sketch, families, part_of
-from evogs_codec.encoding.targets import Guess, price_near
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
 
@@ -84,7 +85,15 @@ def test_what_meets_a_target_is_not_coded_again(monkeypatch):
 
 @pytest.mark.parametrize(("decibels", "slack"), [(60, 0.2), (65, 0.35), (70, 0.5), (90, 0.5)])
 def test_the_higher_a_psnr_the_further_it_may_be_missed(decibels, slack):
-    assert targets._goal(decibels).slack == pytest.approx(slack)
+    assert goal_of_psnr(decibels).slack == pytest.approx(slack)
+
+
+def test_where_a_psnr_jumps_over_a_target_it_may_be_missed_by_as_much_again():
+    guess = Guess(PRICE, -4.0)
+    assert guess.jumping(Found(PRICE, 40.15, b""), 40).jump == 0
+    found = guess.jumping(Found(PRICE, 40.6, b""), 40)
+    assert 0.6 < found.jump < 0.75
+    assert found.unmeasured.jump == found.jump
 
 
 @pytest.mark.parametrize(
@@ -100,9 +109,21 @@ def test_a_search_begins_near_its_target(monkeypatch):
     # In fewer pixels the PSNR of the streams themselves is rough: 0.5 dB between prices 3 % apart.
     aim = aim_of(width=100, n_views=12, layers=2)
     for target in (38.0, 40.0, 42.0):
-        rough = aim.guess_of_psnr(target, PRICE)
+        rough = Guess.of_psnr(aim.sketch, target, PRICE)
         guess = aim.nearer(rough, target, aim.prepared.coded(rough.price))
         assert aim.psnr(aim.at_price(guess.price)) == pytest.approx(target, abs=0.5)
-    guess = aim.guess_of_bytes(20_000, PRICE)
-    assert len(aim.at_price(guess.price)) == pytest.approx(20_000, rel=0.05)
-    assert aim.guess_of_psnr(1e6, PRICE).price == pytest.approx(1e-18)  # an end of the range
+    tried, coded = [], aim.prepared.coded
+
+    def counted(price):
+        tried.append(price)
+        return coded(price)
+
+    monkeypatch.setattr(aim.prepared, "coded", counted)
+    guess = Guess.of_bytes(aim.sketch, 20_000, PRICE)
+    assert not tried  # but a sketch
+    found = aim.guessing(guess).nearest_bytes(20_000, guess.price)
+    assert 0.98 * 20_000 <= len(found.what) <= 20_000
+    assert len(tried) <= 3
+    assert Guess.of_psnr(aim.sketch, 1e6, PRICE).price == pytest.approx(
+        1e-18
+    )  # an end of the range

@@ -15,11 +15,12 @@ from conformance.decoders import oracle
 from evogs_codec import PRESETS, Cut, EvolutionTree, decode, encode, lift
 from evogs_codec.cli.commands import main
 from evogs_codec.encoding.arrange import arrange
+from evogs_codec.encoding.guess import PRICES
 from evogs_codec.encoding.out_of_reach import TargetMissedError
 from evogs_codec.encoding.quantise import quantise
 from evogs_codec.encoding.rate_distortion import cheapest
 from evogs_codec.encoding.settings import TREE_PSNR
-from evogs_codec.encoding.targets import PRICES, TargetEncoder
+from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.io.ply import write_ply
 from evogs_codec.io.tree_npz import write_tree
 from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS

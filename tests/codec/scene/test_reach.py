@@ -12,8 +12,8 @@ pytest.importorskip("numba", reason="the rasterizer is compiled")
 from evogs_codec import TargetMissedError, decode, encode_scene, encode_tree, lift
 from evogs_codec.encoding import arrange as arranging
 from evogs_codec.encoding import prepared
+from evogs_codec.encoding.guess import PRICES
 from evogs_codec.encoding.prepared import Prepared
-from evogs_codec.encoding.targets import PRICES
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.scene import choose, encode, reach

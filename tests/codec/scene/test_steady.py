@@ -245,6 +245,22 @@ def test_layers_that_were_asked_for_stay_where_coarse_splats_are_made_finer(monk
     assert read_directory(data).n_levels == 3 + 2
 
 
+@pytest.mark.parametrize(
+    ("price", "ratio"), [(1e-3, 192.0), (3e-3, 48.0), (1e-2, 12.0), (1.0, 3.0)]
+)
+def test_coarse_splats_that_would_show_hardly_anything_are_made_finer_unseen(
+    monkeypatch, price, ratio
+):
+    splats = make_scene(N)
+    found = replace(found_of(aim_of(lift(splats, 3), splats, layers=2)), price=price / N)
+    monkeypatch.setattr(steady, "_runs", lambda *_: ([], False))
+    request = Request.of("scene", {})
+    mending = steady._Mending(found.aim.views, request.progress, False, found.layering)
+    again = mending.mended(found)
+    assert (found if again is None else again).layering.ratio == ratio
+    assert again is None or mending.mended(again) is None
+
+
 @pytest.mark.parametrize("some_fall", [False, True])
 def test_a_level_that_gains_somewhat_comes_late_where_steps_would_be_held_back(
     monkeypatch, some_fall
