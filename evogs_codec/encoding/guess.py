@@ -37,7 +37,7 @@ BYTES_SLOPE = -0.25  # of the logarithm of the bytes over that of the price, abo
 PSNR_SLOPE = -10 / math.log(10)  # dB, likewise: 3 dB for a price twice as high
 # dB, likewise, of streams of up to the first PSNR; at the usual price streams have the second, and
 # the slope above. Between them it changes evenly.
-LOW_SLOPE, LOW_PSNR, USUAL_PSNR = -1.8, 33.0, 45.0
+LOW_SLOPE, LOW_PSNR, USUAL_PSNR = -2.0, 33.0, 45.0
 GUESSES, NEAR = 2, 0.3  # of a sketch; one alone if its price is this near, in the logarithm
 
 

@@ -168,6 +168,9 @@ class TargetEncoder(Aim):
 
     def nearest_bytes(self, n_bytes: int, near: float | None = None) -> Found[bytes]:
         """`at_bytes`, and the price of a bit; looked for from `near` on."""
+        if self.guess and self.guess.met:
+            done = self.guess.met
+            return Found(done.at, done.value, self.written(done.what))
         coder = self.prepared
         slope = BYTES_SLOPE if self.views else -0.1
 
@@ -221,6 +224,13 @@ class TargetEncoder(Aim):
         if goal.is_met(found):
             return replace(guess, met=Found(guess.price, found, coded))
         return replace(guess, slope=psnr_slope(decibels)).measured(decibels, found)
+
+    def nearer_bytes(self, guess: Guess, n_bytes: int, coded: CodedTree) -> Guess:
+        """`nearer`, by the bytes of what is coded."""
+        found, goal = math.log(len(self.written(coded))), goal_of_bytes(n_bytes)
+        if goal.is_met(found):
+            return replace(guess, met=Found(guess.price, found, coded))
+        return guess.measured(goal.value, found)
 
     def guessing(self, guess: Guess) -> TargetEncoder:
         """The same that begins there; nothing is drawn again."""

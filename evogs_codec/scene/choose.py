@@ -126,7 +126,8 @@ def best_stream(
         may_be_few = not request.is_in_reach and most < SURE_OF_SPLAT * tree.n_leaves
         if views is not None and tree.n_leaves >= MANY and may_be_few:
             _expect_one(aims, lambda one: one.expect_bytes(most))
-        return _aimed(aims, of_bytes, near, guess, Sketch.psnr, TargetEncoder.psnr)
+        found = _aimed(aims, of_bytes, near, guess, Sketch.psnr, TargetEncoder.psnr)
+        return replace(found, n_bytes=most)
     target = request.target_psnr
     assert target is not None, "there is a target"
     near = price_near(target, SCENE_PRICE / tree.n_leaves)

@@ -36,6 +36,7 @@ class FoundStream:
         make: the stream of an aim, and its price of a bit; looked for from a price on.
         price: of a bit, at which it is made, or near which.
         psnr: that it aims at, dB; None if it does not.
+        n_bytes: at most, likewise.
     """
 
     tree: EvolutionTree
@@ -44,6 +45,7 @@ class FoundStream:
     make: Make | None = None
     price: float | None = None
     psnr: float | None = None
+    n_bytes: int | None = None
 
     @staticmethod
     def of(aim: TargetEncoder, make: Make, price: float | None = None) -> FoundStream:
@@ -128,16 +130,18 @@ class FoundStream:
         return StreamPrefixes(self.data)
 
     def nearer(self) -> FoundStream:
-        """At a price at which its PSNR is nearer to what it aims at, by that of a draft.
+        """At a price at which it is nearer to what it aims at, by a draft.
 
         Itself if its price is no guess.
         """
-        if self.stream is not None or self.psnr is None:
+        if self.stream is not None or self.aim is None or self.aim.guess is None:
             return self
-        assert self.aim is not None, "it aims at a PSNR"
-        if self.aim.guess is None:
+        if self.psnr is not None:
+            guess = self.aim.nearer(self.aim.guess, self.psnr, self._whole.tree)
+        elif self.n_bytes is not None:
+            guess = self.aim.nearer_bytes(self.aim.guess, self.n_bytes, self._whole.tree)
+        else:
             return self
-        guess = self.aim.nearer(self.aim.guess, self.psnr, self._whole.tree)
         return replace(self, aim=self.aim.guessing(guess), price=guess.price)
 
     @property

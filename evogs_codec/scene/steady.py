@@ -86,8 +86,8 @@ def _steadied(found: FoundStream, views: Views, request: Request) -> FoundStream
     may_be_late = request.layers is None and not request.polish
     mending = _Mending(views, request.progress, may_be_late, found.layering)
     met = found  # the last that is known to meet a target, or else the first
-    if found.psnr is not None:
-        found = mending.begun(found, found.psnr).nearer()
+    if found.psnr is not None or found.n_bytes is not None:
+        found = mending.begun(found).nearer()
     try:
         for _ in range(TRIES):
             again = mending.mended(found)
@@ -131,11 +131,11 @@ class _Mending:
     before: list[Run] = field(default_factory=list)
     looked_at_roots: bool = False
 
-    def begun(self, found: FoundStream, aimed: float) -> FoundStream:
-        """With the layers that suit it by a first look, of a stream that aims at this PSNR.
+    def begun(self, found: FoundStream) -> FoundStream:
+        """With the layers that suit it by a first look, of a stream that has a target.
 
-        Its last level comes late, in three layers if coarse splats look far worse than what is
-        aimed at and no state of the last two layers falls. With a palette one did, so three are
+        Its last level comes late, in three layers if coarse splats look far worse than a PSNR that
+        is aimed at and no state of the last two layers falls. With a palette one did, so three are
         not tried.
         """
         ratio = self._ratio_of_use(found)
@@ -145,7 +145,8 @@ class _Mending:
         if not (self.may_be_late and found.can_be_late):
             return found
         before, coarse = self._draft(found).last_two()
-        if aimed >= coarse + WIDE and found.tree.palette is None:
+        is_wide = found.psnr is not None and found.psnr >= coarse + WIDE
+        if is_wide and found.tree.palette is None:
             layering = Layering(N_LAYERS + 1, is_late=True, between=BETWEEN)
             other = found.holding((), layering)
             if not _falls_late(other, self.views.fewer(FEW)):
