@@ -9,6 +9,7 @@ import pytest
 from evogs_codec import SplatParams
 from evogs_codec.io.interchange import sog
 from evogs_codec.render.demo_scene import make_scene
+from tools.bench import sog_set
 from tools.bench.sog_set import write_set
 from tools.bench.streamed_sog import SogStream
 
@@ -33,6 +34,16 @@ def test_a_set_is_read_as_it_was_written(scene, tmp_path):
     opaque = 1 / (1 + np.exp(-scene.opacity_logits))
     assert np.abs(1 / (1 + np.exp(-read.opacity_logits)) - opaque).max() < 0.003
     assert np.sqrt(np.mean((read.sh - scene.sh) ** 2)) < 0.02
+
+
+@pytest.mark.parametrize("n", [1000, 1023, 1537])
+def test_a_palette_has_no_more_entries_than_are_allowed(scene, n):
+    vectors = scene.sh[:n, 1:].reshape(n, -1)
+    entries, labels = sog_set._palette(vectors)
+    assert n // 3 < len(entries) <= 1 << (n.bit_length() - 1)
+    assert labels.max() < len(entries)
+    near = np.linalg.norm(entries[labels] - vectors, axis=1).mean()
+    assert near < 0.6 * np.linalg.norm(vectors, axis=1).mean()
 
 
 def test_few_different_sh_are_the_palette_itself(scene, tmp_path):

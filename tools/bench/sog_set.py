@@ -119,11 +119,14 @@ def _palette(vectors: F32) -> tuple[F32, I64]:
         return distinct, labels.reshape(n).astype(np.int64)
     n_clusters = 1 << ((most.bit_length() - 1) // 2)
     _, clusters = _kmeans(vectors, n_clusters)
+    # One entry of each, and the others as they have vectors: not more than `most` in all.
+    until = np.cumsum(np.bincount(clusters, minlength=n_clusters)) * (most - n_clusters) // n
+    shares = 1 + np.diff(until, prepend=0)
     found: list[F32] = []
     labels = np.empty(n, np.int64)
-    for cluster in range(n_clusters):
+    for cluster, share in enumerate(shares.tolist()):
         rows = np.flatnonzero(clusters == cluster)
-        entries, own = _kmeans(vectors[rows], round(len(rows) * most / n))
+        entries, own = _kmeans(vectors[rows], share)
         labels[rows] = sum(map(len, found)) + own
         found.append(entries)
     return np.concatenate(found), labels
