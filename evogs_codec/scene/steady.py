@@ -47,9 +47,8 @@ __all__ = ["steady"]
 GAIN = 0.5
 WIDE = 16.0  # dB; if coarse splats look worse than what is aimed at by more, a layer comes between
 FINER, LEAST_RATIO = 4.0, 2.0  # of the price of a bit, from a layer to the next
-COARSEST = (
-    0.2  # price of a bit of coarse splats, times all splats: beyond, they show hardly anything
-)
+# Price of a bit of coarse splats, times the number of splats: beyond, they show hardly anything.
+COARSEST = 0.2
 BETTER = 0.2  # dB; a state that two views find better by this is not drawn in the others
 NEAR = 0.1  # of the logarithm of a price of a bit: states at prices this near are not looked at
 TRIES = 8  # streams that are made again, at most
@@ -159,7 +158,7 @@ class _Mending:
         ratio = self._ratio_of_use(found)
         if ratio < self.layering.ratio:
             self.layering = replace(self.layering, ratio=ratio)
-            return found.holding(self.before, self.layering)
+            return found.holding((), self.layering)
         draft = self._draft(found)
         if not self.looked_at_roots:
             self.looked_at_roots = True
