@@ -137,10 +137,7 @@ class _Mending:
         is aimed at and no state of the last two layers falls. With a palette one did, so three are
         not tried.
         """
-        ratio = self._ratio_of_use(found)
-        if ratio < self.layering.ratio:
-            self.layering = replace(self.layering, ratio=ratio)
-            found = found.holding((), self.layering)
+        found = self._with_ratio_of_use(found) or found
         if not (self.may_be_late and found.can_be_late):
             return found
         before, coarse = self._draft(found).last_two()
@@ -155,10 +152,9 @@ class _Mending:
 
     def mended(self, found: FoundStream) -> FoundStream | None:
         """With finer coarse splats, or with steps held back; None if there is nothing to mend."""
-        ratio = self._ratio_of_use(found)
-        if ratio < self.layering.ratio:
-            self.layering = replace(self.layering, ratio=ratio)
-            return found.holding((), self.layering)
+        finer = self._with_ratio_of_use(found)
+        if finer is not None:
+            return finer
         draft = self._draft(found)
         if not self.looked_at_roots:
             self.looked_at_roots = True
@@ -171,9 +167,9 @@ class _Mending:
         assert found.aim is not None, "it is by views"
         some_mends = set() if self.before else _places_of_mends(found.aim.prepared.tiles)
         runs, is_coarse = _runs(states, some_mends)
-        finer = self.layering.ratio / FINER
-        if is_coarse and found.is_layered and finer >= LEAST_RATIO:
-            self.layering = replace(self.layering, ratio=finer)
+        ratio = self.layering.ratio / FINER
+        if is_coarse and found.is_layered and ratio >= LEAST_RATIO:
+            self.layering = replace(self.layering, ratio=ratio)
             return found.holding((), self.layering)
         falls = len(states) > 1 and not states[-1].keeps_up_with(states[0])
         if falls and found.is_layered and self.may_be_late:
@@ -190,14 +186,17 @@ class _Mending:
         tree = found.tree
         return Draft(found.draft(), found.n_coarse, tree.shown_degree, tree.n_leaves, self.views)
 
-    def _ratio_of_use(self, found: FoundStream) -> float:
-        """From layer to layer, of the price of a bit, at which coarse splats show anything."""
+    def _with_ratio_of_use(self, found: FoundStream) -> FoundStream | None:
+        """With coarse splats so fine that they show something; None if they are."""
         ratio, price = self.layering.ratio, found.price
         assert price is not None, "it is by views"
         most = COARSEST / max(found.tree.n_leaves, 1) / price
         while found.is_layered and ratio > most and ratio / FINER >= LEAST_RATIO:
             ratio /= FINER
-        return ratio
+        if ratio == self.layering.ratio:
+            return None
+        self.layering = replace(self.layering, ratio=ratio)
+        return found.holding((), self.layering)
 
     def _gain_of_last(self, found: FoundStream, draft: Draft) -> float:
         """By how many dB the last level, if it may come late and does not yet, looks better."""
