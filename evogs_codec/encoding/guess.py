@@ -17,6 +17,7 @@ from evogs_codec.model.coded_tree import CodedTree
 
 __all__ = [
     "BYTES_SLOPE",
+    "LOW_PSNR",
     "PRICES",
     "PSNR_SLOPE",
     "USUAL_PSNR",
@@ -38,7 +39,9 @@ PSNR_SLOPE = -10 / math.log(10)  # dB, likewise: 3 dB for a price twice as high
 # dB, likewise, of streams of up to the first PSNR; at the usual price streams have the second, and
 # the slope above. Between them it changes evenly.
 LOW_SLOPE, LOW_PSNR, USUAL_PSNR = -2.0, 33.0, 45.0
-GUESSES, NEAR = 2, 0.3  # of a sketch; one alone if its price is this near, in the logarithm
+# Of a sketch: another guess follows if the price moved further, in the logarithm.
+NEAR = (0.3, 1.0, math.inf)
+OF_END = 1.0  # of the logarithm of a price; a guess may be that far off
 
 
 @dataclass(frozen=True)
@@ -76,9 +79,9 @@ class Guess(Start):
         return self.at
 
     @property
-    def is_end(self) -> bool:
-        """Whether it is an end of the range of prices: the target may be beyond."""
-        return any(math.isclose(self.price, end) for end in PRICES)
+    def is_at_end(self) -> bool:
+        """Whether it is about an end of the range of prices: the target may be beyond."""
+        return any(abs(math.log(self.price / end)) <= OF_END for end in PRICES)
 
     def at_target(self, target: float, value: float) -> Guess:
         """Where the target is, if the value is what it is here."""
@@ -132,12 +135,12 @@ def price_near(decibels: float, usual: float) -> float:
 def _guess(rough: Callable[[float], float], target: float, guess: Guess) -> Guess:
     """By a sketch's rough values at some prices, the first of which is that of a guess."""
     slope, before = guess.slope, None
-    for _ in range(GUESSES):
+    for near in NEAR:
         at, value = math.log(guess.price), rough(guess.price)
         if before is not None and (before[1] - value) * (before[0] - at) < 0:
             slope = (before[1] - value) / (before[0] - at)
         before = at, value
         guess = replace(guess, slope=slope).at_target(target, value)
-        if abs(math.log(guess.price) - at) <= NEAR:
+        if abs(math.log(guess.price) - at) <= near:
             break
     return guess

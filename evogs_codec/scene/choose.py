@@ -90,7 +90,7 @@ def best_stream(
         return _best(_made_plainly(whole, trees, plainly))
     if not tree.n_leaves:
         raise InputError("a scene without splats has nothing to aim at")
-    views = request.views(scene, descent=request.polish > 0)
+    views = request.views_of_scene(scene)
     layers = request.n_layers(tree.n_levels)
     if views is None and (request.polish or layers > 1 or request.target_psnr is not None):
         by_bytes = "polishing needs" if request.polish else "several layers need"
@@ -256,7 +256,7 @@ def _promise(
     aim: TargetEncoder, guess: Guess, sketched: Callable[[Sketch, float], float]
 ) -> tuple[bool, float]:
     """What a tree promises at a price that is guessed; of two the greater is better."""
-    return not guess.is_end, sketched(aim.sketch, guess.price)
+    return not guess.is_at_end, sketched(aim.sketch, guess.price)
 
 
 def _expect_one(aims: Sequence[TargetEncoder], expect: Callable[[TargetEncoder], None]) -> None:

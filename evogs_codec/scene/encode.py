@@ -168,7 +168,7 @@ def encode_scene_with_order(splats: SplatParams, **options: Unpack[SceneOptions]
     request = Request.of(SCENE_PRESET, options).looking_at(splats)
     if request.is_by_views:
         splats = bounded_opacities(splats)
-    is_sure = is_surely_in_reach(request, len(splats), splats.sh_degree)
+    is_sure = is_surely_in_reach(request, splats)
     if len(splats) >= MANY and not request.is_plain and not is_sure:
         few = FewSplats.of_scene(splats, levels, request, palette=palette == "auto")
         is_sure = few.expect_in_reach(request)
@@ -264,7 +264,7 @@ def encode_tree_with_order(tree: EvolutionTree, **options: Unpack[TreeOptions]) 
             request = replace(request, settings=replace(own, effort=request.settings.effort))
         elif tree.n_leaves:
             found = _at_tree_psnr(tree, request)
-    is_sure = is_surely_in_reach(request, tree.n_leaves, tree.shown_degree)
+    is_sure = is_surely_in_reach(request, tree.shared_leaves())
     if tree.n_leaves >= MANY and not request.is_plain and not is_sure:
         is_sure = FewSplats.of_tree(tree).expect_in_reach(request)
     request = replace(request, is_in_reach=is_sure)

@@ -47,6 +47,10 @@ N_VIEWS, MOST_VIEWS, DRAWN = 4, 24, 2_000_000
 # Targets that can be reached for sure: dB, bytes of a splat from this on, and of each of its
 # numbers up to this.
 SURE_PSNR, SURE_OF_SPLAT, SURE_OF_NUMBER = (30.0, 60.0), 2.5, 0.75
+# dB, likewise, where positions can be so exact: within this part of the size of half of the splats.
+# Scenes of all kinds reach 90 dB then.
+SURE_OF_EXACT, EXACT = 80.0, 0.01
+FINEST = 2.0**-24  # of the extent: positions are no integers of more bits
 # What a target may be beyond an end of the few and yet be tried: dB, times the bytes, times the
 # error.
 PSNR_ROOM, BYTES_ROOM, ERROR_ROOM = 6.0, 2.0, 4.0
@@ -142,8 +146,9 @@ class _Ends:
     def psnr(self, price: float, most_views: int) -> float:
         """Of the scene, dB, about."""
         n_views = min(max(DRAWN // len(self.scene), N_VIEWS), most_views)
-        views = self.request.views(self.scene, n_views)
+        views = self.request.views_of_scene(self.scene)
         assert views is not None, "there are views"
+        views = views.fewer(n_views)
         key = price, len(views.cameras)
         if key not in self._psnr:
             self._psnr[key] = self._drawn(price, views)
@@ -173,14 +178,27 @@ class _Ends:
         return len(data) - body + body * len(self.scene) / self.some.n_leaves
 
 
-def is_surely_in_reach(request: Request, n_splats: int, sh_degree: int) -> bool:
-    """Whether a target of a scene of so many splats can be met, whatever these are."""
+def is_surely_in_reach(request: Request, scene: SplatParams) -> bool:
+    """Whether a target of a scene can be met; no picture is drawn."""
+    n = len(scene)
     if request.target_psnr is not None:
-        return SURE_PSNR[0] <= request.target_psnr <= SURE_PSNR[1]
+        low, high = SURE_PSNR
+        wanted = request.target_psnr
+        return low <= wanted <= high or (high < wanted <= SURE_OF_EXACT and _is_exact(scene))
     if request.target_bytes is not None:
-        most = SURE_OF_NUMBER * n_channels(sh_degree) * n_splats
-        return SURE_OF_SPLAT * n_splats <= request.target_bytes <= most
+        most = SURE_OF_NUMBER * n_channels(scene.sh_degree) * n
+        return SURE_OF_SPLAT * n <= request.target_bytes <= most
     return False
+
+
+def _is_exact(scene: SplatParams) -> bool:
+    """Whether positions can be `EXACT`."""
+    if not len(scene):
+        return False
+    furthest = np.float32(np.abs(scene.means).max())
+    extent = float(np.ptp(scene.means, axis=0).max())
+    sizes = np.exp(scene.log_scales.mean(axis=1, dtype=np.float64))
+    return max(float(np.spacing(furthest)), FINEST * extent) <= EXACT * float(np.median(sizes))
 
 
 def _expect_psnr(ends: Sequence[_Ends], wanted: float) -> bool:

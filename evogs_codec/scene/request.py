@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Literal, TypeAlias, TypedDict
 
@@ -65,6 +65,7 @@ class Request:
         errors: the largest allowed, per name of a group; empty for none.
         up: of the default views; None until `looking_at` finds it.
         is_in_reach: some of the splats tell that the target can be met, for sure (`reach`).
+        of_scene: its views, once they have been asked for.
     """
 
     settings: Settings
@@ -81,6 +82,7 @@ class Request:
     info: SceneInfo
     progress: Progress
     is_in_reach: bool = False
+    of_scene: list[Views] = field(default_factory=list, repr=False, compare=False)
 
     @staticmethod
     def of(default: str, options: TreeOptions) -> Request:
@@ -169,6 +171,18 @@ class Request:
         from evogs_codec.render import Views
 
         return Views.of(scene, self.cameras, up=self.up, n_views=n_views, descent=descent)
+
+    def views_of_scene(self, scene: SplatParams) -> Views | None:
+        """`views` of the scene that is encoded, always the same: no picture is drawn twice.
+
+        With `descent` where it is polished.
+        """
+        if not self.of_scene:
+            found = self.views(scene, descent=self.polish > 0)
+            if found is None:
+                return None
+            self.of_scene.append(found)
+        return self.of_scene[0]
 
     def weighing_views(self, scene: SplatParams) -> Views | None:
         """Those by which errors are weighed where there is no target: what the effort allows."""

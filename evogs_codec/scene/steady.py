@@ -25,11 +25,13 @@ from typing import TYPE_CHECKING
 
 from evogs_codec.common.progress import Progress
 from evogs_codec.editing.level_psnr import LevelPsnr, with_level_psnr
+from evogs_codec.encoding.guess import LOW_PSNR
 from evogs_codec.encoding.held_steps import ROOTS, Run, places
 from evogs_codec.encoding.late_level import gains_little
 from evogs_codec.encoding.layers import BETWEEN, N_LAYERS, Layering
 from evogs_codec.encoding.mends import mends
 from evogs_codec.encoding.out_of_reach import TargetMissedError
+from evogs_codec.model.splats import SplatParams
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.measure import Gauge, without_room
@@ -38,18 +40,21 @@ from evogs_codec.scene.request import Request
 from evogs_codec.scene.states import FALL, FEW, SAME, Draft, State
 
 if TYPE_CHECKING:
-    from evogs_codec.render import Views
+    from evogs_codec.render import Camera, Views
 
 __all__ = ["steady"]
 
 # dB; all coarse splats look better than level 0 by this at least, and worse than the best state by
 # this at most. Otherwise they are made more exact.
 GAIN = 0.5
-WIDE = 16.0  # dB; if coarse splats look worse than what is aimed at by more, a layer comes between
+# dB; if coarse splats look worse than what is aimed at by more, a layer comes between. Nobody looks
+# at them where a slope tells that they do, by so much more.
+WIDE, UNSURE = 16.0, 3.0
 FINER, LEAST_RATIO = 4.0, 2.0  # of the price of a bit, from a layer to the next
 # Price of a bit of coarse splats, times the number of splats: beyond, they show hardly anything.
 COARSEST = 0.2
-BETTER = 0.2  # dB; a state that two views find better by this is not drawn in the others
+# dB; a state that one view, or two, find better by this is not drawn in the others.
+BETTER_IN_ONE, BETTER = 1.0, 0.2
 NEAR = 0.1  # of the logarithm of a price of a bit: states at prices this near are not looked at
 TRIES = 8  # streams that are made again, at most
 
@@ -140,14 +145,19 @@ class _Mending:
         found = self._with_ratio_of_use(found) or found
         if not (self.may_be_late and found.can_be_late):
             return found
-        before, coarse = self._draft(found).last_two()
-        is_wide = found.psnr is not None and found.psnr >= coarse + WIDE
+        before = coarse = math.nan
+        is_wide = self._is_surely_wide(found)
+        if not is_wide:
+            before, coarse = self._draft(found).last_two()
+            is_wide = found.psnr is not None and found.psnr >= coarse + WIDE
         if is_wide and found.tree.palette is None:
             layering = Layering(N_LAYERS + 1, is_late=True, between=BETWEEN)
             other = found.holding((), layering)
             if not _falls_late(other, self.views.fewer(FEW)):
                 self.layering = layering
                 return other
+        if math.isnan(coarse):
+            before, coarse = self._draft(found).last_two()
         return self._late(found) if gains_little(coarse - before) else found
 
     def mended(self, found: FoundStream) -> FoundStream | None:
@@ -186,6 +196,13 @@ class _Mending:
         tree = found.tree
         return Draft(found.draft(), found.n_coarse, tree.shown_degree, tree.n_leaves, self.views)
 
+    def _is_surely_wide(self, found: FoundStream) -> bool:
+        """Whether coarse splats look far worse than a PSNR that is aimed at, by a slope alone."""
+        if found.psnr is None or found.aim is None or found.aim.guess is None:
+            return False
+        wide = -found.aim.guess.slope * math.log(self.layering.ratio)
+        return wide >= WIDE + UNSURE and found.psnr - wide >= LOW_PSNR
+
     def _with_ratio_of_use(self, found: FoundStream) -> FoundStream | None:
         """With coarse splats so fine that they show something; None if they are."""
         ratio, price = self.layering.ratio, found.price
@@ -214,35 +231,55 @@ class _Mending:
 def _falls_late(found: FoundStream, views: Views) -> bool:
     """Whether a state after the coarse levels looks worse than one before it.
 
-    Where two of the views, of both sizes, see that it looks better, the others do not judge.
+    Where one or two of the views see that it looks better, the others do not judge.
     """
     draft = found.draft(is_whole=True)
     levels = range(found.n_coarse - 1, draft.n_levels)
     first = list(draft.steps_of(levels.start))
     cuts = first + [cut for level in levels[1:] for cut in draft.steps_of(level, rooms=False)]
-    two = _two_of(views)
-    states = draft.shown(cuts, found.tree.shown_degree)
-    best = next(states)
-    in_two, in_all = two.psnr(best), math.nan
-    for leaves in states:
-        decibels, whole = two.psnr(leaves), math.nan
-        by = decibels - in_two
-        if by < BETTER:
-            in_all = views.psnr(best) if math.isnan(in_all) else in_all
-            whole = views.psnr(leaves)
-            by = whole - in_all
+    one, other = _two_of(views)
+    best = None
+    for leaves in draft.shown(cuts, found.tree.shown_degree):
+        state = _Seen(leaves)
+        if best is None:
+            best = state
+            continue
+        by = state.lead(best, one)
+        if by < BETTER_IN_ONE:
+            by = (by + state.lead(best, other)) / 2
+            if by < BETTER:
+                by = state.lead(best, views)
         if by < -FALL:
             return True
         if by > 0:
-            best, in_two, in_all = leaves, decibels, whole
+            best = state
     return False
 
 
-def _two_of(views: Views) -> Views:
-    """Two of the views, of different sizes if there are some."""
+@dataclass(eq=False)
+class _Seen:
+    """What a state shows, and its PSNR in those views that have judged it."""
+
+    leaves: SplatParams
+    known: dict[tuple[Camera, ...], float] = field(default_factory=dict)
+
+    def lead(self, other: _Seen, views: Views) -> float:
+        """By how many dB views find it better than another one."""
+        return self._psnr(views) - other._psnr(views)
+
+    def _psnr(self, views: Views) -> float:
+        key = tuple(views.cameras)
+        if key not in self.known:
+            self.known[key] = views.psnr(self.leaves)
+        return self.known[key]
+
+
+def _two_of(views: Views) -> tuple[Views, Views]:
+    """The first of the views, and another one: of another size if there is one."""
     one, *others = views.cameras
     larger = [camera for camera in others if camera.width != one.width]
-    return replace(views, cameras=[one, *(larger or others)[:1]])
+    other = (larger or others or [one])[0]
+    return replace(views, cameras=[one]), replace(views, cameras=[other])
 
 
 def _places_of_mends(tiles: Sequence[EvolutionTree]) -> set[tuple[int, int]]:

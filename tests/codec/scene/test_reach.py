@@ -99,7 +99,8 @@ def test_a_target_just_out_of_reach_costs_both_ends_alone(monkeypatch, target):
 
 def test_a_target_that_few_splats_find_in_reach_has_no_end_of_all_tried(monkeypatch):
     prices = _prices_of_all(monkeypatch)
-    encode_scene(make_scene(N), up="z", effort=1, levels=2, target_psnr=66.0)
+    scene = _with_far_splats(make_scene(N))
+    encode_scene(scene, up="z", effort=1, levels=2, target_psnr=66.0)
     assert prices
     assert PRICES[0] not in prices
 
@@ -108,8 +109,24 @@ def test_a_target_that_few_splats_find_in_reach_has_no_end_of_all_tried(monkeypa
 def test_above_the_usual_the_finest_end_is_tried(monkeypatch, is_in_reach):
     monkeypatch.setattr(FewSplats, "expect_in_reach", lambda *_: is_in_reach)
     prices = _prices_of_all(monkeypatch)
-    encode_scene(make_scene(N), up="z", effort=1, levels=2, target_psnr=66.0)
+    scene = _with_far_splats(make_scene(N))
+    encode_scene(scene, up="z", effort=1, levels=2, target_psnr=66.0)
     assert (prices[0] == PRICES[0]) == (not is_in_reach)
+
+
+@pytest.mark.parametrize(("is_far", "decibels"), [(False, 66.0), (True, 66.0), (False, 84.0)])
+def test_few_splats_are_looked_at_where_positions_limit_a_psnr(monkeypatch, is_far, decibels):
+    looks = []
+
+    def look(*_):
+        looks.append(1)
+        return True
+
+    monkeypatch.setattr(FewSplats, "expect_in_reach", look)
+    scene = make_scene(N)
+    scene = _with_far_splats(scene) if is_far else scene
+    encode_scene(scene, up="z", effort=1, levels=2, target_psnr=decibels)
+    assert len(looks) == (is_far or decibels > 80)
 
 
 def _prices_of_all(monkeypatch):
