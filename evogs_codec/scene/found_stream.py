@@ -74,6 +74,11 @@ class FoundStream:
         return self.stream
 
     @property
+    def has_target(self) -> bool:
+        """Whether it aims at a PSNR or at bytes."""
+        return self.psnr is not None or self.n_bytes is not None
+
+    @property
     def is_by_views(self) -> bool:
         """Whether views decided how exact numbers are."""
         return self.aim is not None and self.aim.views is not None and self.price is not None

@@ -28,7 +28,7 @@ from evogs_codec.editing.level_psnr import LevelPsnr, with_level_psnr
 from evogs_codec.encoding.guess import LOW_PSNR
 from evogs_codec.encoding.held_steps import ROOTS, Run, places
 from evogs_codec.encoding.late_level import gains_little
-from evogs_codec.encoding.layers import BETWEEN, N_LAYERS, Layering
+from evogs_codec.encoding.layers import BETWEEN, N_LAYERS, RATIO, Layering
 from evogs_codec.encoding.mends import mends
 from evogs_codec.encoding.out_of_reach import TargetMissedError
 from evogs_codec.model.splats import SplatParams
@@ -90,7 +90,7 @@ def _steadied(found: FoundStream, views: Views, request: Request) -> FoundStream
     may_be_late = request.layers is None and not request.polish
     mending = _Mending(views, request.progress, may_be_late, found.layering)
     met = found  # the last that is known to meet a target, or else the first
-    if found.psnr is not None or found.n_bytes is not None:
+    if found.has_target:
         found = mending.begun(found).nearer()
     try:
         for _ in range(TRIES):
@@ -161,7 +161,11 @@ class _Mending:
         return self._late(found) if gains_little(coarse - before) else found
 
     def mended(self, found: FoundStream) -> FoundStream | None:
-        """With finer coarse splats, or with steps held back; None if there is nothing to mend."""
+        """With finer coarse splats, or with steps held back; None if there is nothing to mend.
+
+        With a target coarse splats are finer first: its price of a bit may be so high that coarse
+        steps make levels fall, and to hold them back takes more bytes.
+        """
         finer = self._with_ratio_of_use(found)
         if finer is not None:
             return finer
@@ -187,10 +191,13 @@ class _Mending:
             return found.holding((), self.layering)
         if runs and gains_little(gain, some_fall=True):
             return self._late(found)
-        if runs and runs != self.before:  # else they could not be held back
-            self.before = runs
-            return found.holding(runs, self.layering)
-        return None
+        if not runs or runs == self.before:  # these could not be held back
+            return None
+        if found.has_target and self.layering.ratio == RATIO and found.is_layered:
+            self.layering = replace(self.layering, ratio=RATIO / FINER)
+            return found.holding((), self.layering)
+        self.before = runs
+        return found.holding(runs, self.layering)
 
     def _draft(self, found: FoundStream) -> Draft:
         tree = found.tree
