@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -101,6 +102,22 @@ def test_where_a_psnr_jumps_over_a_target_it_may_be_missed_by_as_much_again():
 )
 def test_a_first_price_follows_from_the_target(decibels, price):
     assert price_near(decibels, 1e-10) == pytest.approx(price)
+
+
+@pytest.mark.parametrize(("target", "n_sketches"), [(45.5, 1), (42.0, 2), (33.0, 3)])
+def test_a_sketch_is_made_again_where_its_price_has_moved_far(monkeypatch, target, n_sketches):
+    prices = []
+
+    def psnr(_, price):
+        prices.append(price)
+        return 45.0 - 2.5 * math.log(price / PRICE)
+
+    monkeypatch.setattr(Sketch, "psnr", psnr)
+    guess = Guess.of_psnr(Sketch(None, 1.0, 0), target, PRICE)  # type: ignore[arg-type]
+    assert len(prices) == n_sketches
+    assert n_sketches == 1 or guess.price == pytest.approx(PRICE * math.exp((45.0 - target) / 2.5))
+    assert not guess.is_at_end
+    assert replace(guess, at=5e-6).is_at_end
 
 
 @pytest.mark.thorough

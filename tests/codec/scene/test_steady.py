@@ -20,6 +20,7 @@ from evogs_codec import (
     read_directory,
 )
 from evogs_codec.encoding import late_level
+from evogs_codec.encoding.guess import Guess
 from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.layers import Layering
 from evogs_codec.encoding.out_of_reach import TargetMissedError
@@ -259,6 +260,52 @@ def test_coarse_splats_that_would_show_hardly_anything_are_made_finer_unseen(
     again = mending.mended(found)
     assert (found if again is None else again).layering.ratio == ratio
     assert again is None or mending.mended(again) is None
+
+
+@pytest.mark.parametrize(
+    ("target", "ratio", "is_held"), [({}, 192.0, True), ({"psnr": 38.0}, 48.0, False)]
+)
+def test_with_a_target_coarse_splats_are_finer_before_steps_are_held_back(
+    monkeypatch, target, ratio, is_held
+):
+    run = Run((1, 0), (1, 9))
+    monkeypatch.setattr(steady, "_runs", lambda *_: ([run], False))
+    splats = make_scene(N)
+    found = replace(found_of(aim_of(lift(splats, 3), splats, layers=2)), **target)
+    request = Request.of("scene", {})
+    mending = steady._Mending(found.aim.views, request.progress, False, found.layering)
+    again = mending.mended(found)
+    assert again is not None
+    assert again.layering.ratio == ratio
+    assert (mending.before == [run]) == is_held
+    again = mending.mended(again)  # now or already
+    assert mending.before == [run]
+    assert (again is None) == is_held
+
+
+@pytest.mark.parametrize(
+    ("decibels", "slope", "is_sure"),
+    [(60.0, -4.3, True), (50.0, -4.3, False), (60.0, -3.0, False)],
+)
+def test_nobody_looks_whether_coarse_splats_are_far_off_where_a_slope_tells(
+    monkeypatch, decibels, slope, is_sure
+):
+    splats = make_scene(N)
+    found = found_of(aim_of(lift(splats, 3), splats, layers=2))
+    aim = found.aim.guessing(Guess(found.price, slope))
+    looks = []
+
+    def last_two(draft):
+        looks.append(draft)
+        return [20.0, 20.0 + decibels]  # not far off
+
+    monkeypatch.setattr(Draft, "last_two", last_two)
+    monkeypatch.setattr(steady, "_falls_late", lambda *_: False)
+    request = Request.of("scene", {})
+    mending = steady._Mending(found.aim.views, request.progress, True, found.layering)
+    begun = mending.begun(replace(found, aim=aim, psnr=decibels))
+    assert (not looks) == is_sure
+    assert begun.layering.n == (3 if is_sure else 2)
 
 
 @pytest.mark.parametrize("some_fall", [False, True])
