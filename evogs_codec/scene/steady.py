@@ -31,6 +31,7 @@ from evogs_codec.encoding.late_level import gains_little
 from evogs_codec.encoding.layers import BETWEEN, N_LAYERS, RATIO, Layering
 from evogs_codec.encoding.mends import mends
 from evogs_codec.encoding.out_of_reach import TargetMissedError
+from evogs_codec.encoding.settings import SCENE_PRICE
 from evogs_codec.model.splats import SplatParams
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.found_stream import FoundStream
@@ -90,11 +91,20 @@ def _steadied(found: FoundStream, views: Views, request: Request) -> FoundStream
     may_be_late = request.layers is None and not request.polish
     mending = _Mending(views, request.progress, may_be_late, found.layering)
     met = found  # the last that is known to meet a target, or else the first
-    if found.has_target:
-        found = mending.begun(found).nearer()
+    is_guess = found.has_target
+    if is_guess:
+        found = mending.begun(found)
+        if not _is_coarse(found):
+            found, is_guess = found.nearer(), False
     try:
         for _ in range(TRIES):
             again = mending.mended(found)
+            if again is None and is_guess:
+                again, is_guess = found.nearer(), False
+                if not _is_near(again, found):
+                    found = again
+                    continue
+                found, again = again, None
             if again is None:
                 again = found.made()
                 if again is found or _is_near(again, found):
@@ -106,6 +116,15 @@ def _steadied(found: FoundStream, views: Views, request: Request) -> FoundStream
         if met is found:
             raise
         return met.made()
+
+
+def _is_coarse(found: FoundStream) -> bool:
+    """Whether its price is higher than that of a stream without a target: levels may well fall.
+
+    Such a stream is measured once they do not: what holds them back changes it.
+    """
+    assert found.price is not None, "it is by views"
+    return found.price > SCENE_PRICE / max(found.tree.n_leaves, 1)
 
 
 def _is_near(one: FoundStream, other: FoundStream) -> bool:
