@@ -195,10 +195,11 @@ def _is_exact(scene: SplatParams) -> bool:
     """Whether positions can be `EXACT`."""
     if not len(scene):
         return False
-    furthest = np.float32(np.abs(scene.means).max())
-    extent = float(np.ptp(scene.means, axis=0).max())
-    sizes = np.exp(scene.log_scales.mean(axis=1, dtype=np.float64))
-    return max(float(np.spacing(furthest)), FINEST * extent) <= EXACT * float(np.median(sizes))
+    means = scene.means.astype(np.float64)
+    furthest = np.float32(np.abs(means).max())
+    unit = max(float(np.spacing(furthest)), FINEST * float(np.ptp(means, axis=0).max()))
+    # Of sizes the logarithm: some have no float.
+    return math.log(unit / EXACT) <= float(np.median(scene.log_scales.mean(1, dtype=np.float64)))
 
 
 def _expect_psnr(ends: Sequence[_Ends], wanted: float) -> bool:

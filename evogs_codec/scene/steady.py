@@ -2,9 +2,9 @@
 
 The state after each step of the levels is rendered. If one of the roots looks worse than one before
 it, all roots come in one step. If another state looks worse than one before it, its step is held
-back until it looks better (`held_steps`). If all coarse splats together look worse than some of
-them, all are made more exact; if they look worse than level 0 then, there is one layer of
-precision.
+back until it looks better (`held_steps`); with a target, coarse splats are made finer before that.
+If all coarse splats together look worse than some of them, all are made more exact; if they look
+worse than level 0 then, there is one layer of precision.
 
 If the last level, at coarse steps, looks hardly better than the level before it, it comes late
 (`late_level`); where steps would be held back, it does even if it looks somewhat better. It comes
@@ -48,8 +48,8 @@ __all__ = ["steady"]
 # dB; all coarse splats look better than level 0 by this at least, and worse than the best state by
 # this at most. Otherwise they are made more exact.
 GAIN = 0.5
-# dB; if coarse splats look worse than what is aimed at by more, a layer comes between. Nobody looks
-# at them where a slope tells that they do, by so much more.
+# dB; if coarse splats look worse than what is aimed at by more, a layer comes between. They are not
+# drawn where the slope of the PSNR tells that they look worse, by so many dB more.
 WIDE, UNSURE = 16.0, 3.0
 FINER, LEAST_RATIO = 4.0, 2.0  # of the price of a bit, from a layer to the next
 # Price of a bit of coarse splats, times the number of splats: beyond, they show hardly anything.
@@ -100,11 +100,9 @@ def _steadied(found: FoundStream, views: Views, request: Request) -> FoundStream
         for _ in range(TRIES):
             again = mending.mended(found)
             if again is None and is_guess:
-                again, is_guess = found.nearer(), False
-                if not _is_near(again, found):
-                    found = again
+                before, found, is_guess = found, found.nearer(), False
+                if not _is_near(found, before):
                     continue
-                found, again = again, None
             if again is None:
                 again = found.made()
                 if again is found or _is_near(again, found):

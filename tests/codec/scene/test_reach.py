@@ -129,6 +129,14 @@ def test_few_splats_are_looked_at_where_positions_limit_a_psnr(monkeypatch, is_f
     assert len(looks) == (is_far or decibels > 80)
 
 
+def test_sizes_that_no_float_has_are_compared():
+    scene = make_scene(N)
+    sizes = scene.log_scales.copy()
+    sizes[: N // 2 + 1] = 2000.0
+    assert reach._is_exact(replace(scene, log_scales=sizes))
+    assert not reach._is_exact(replace(scene, log_scales=-sizes))
+
+
 def _prices_of_all(monkeypatch):
     """Those at which all splats are coded from now on."""
     prices = []
