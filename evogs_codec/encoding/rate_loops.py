@@ -8,16 +8,14 @@ Letters: C rows of n numbers, W bins of all rows together.
 
 from __future__ import annotations
 
-from typing import Any
-
-import numba
 import numpy as np
 
+from evogs_codec.common.compiled import jit
 from evogs_codec.model.splats import F64, I64
 
 __all__ = ["apart", "choose", "count", "extents", "go_down", "go_up"]
 
-_jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
+_jit = jit()
 
 
 @_jit

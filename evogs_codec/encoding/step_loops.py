@@ -7,17 +7,15 @@ Letters: D channels, C of them, P refines and splits of a step, S splits, A adds
 
 from __future__ import annotations
 
-from typing import Any
-
-import numba
 import numpy as np
 
+from evogs_codec.common.compiled import jit
 from evogs_codec.model.arithmetic import MAX_DELTA, MAX_PRODUCT, MAX_X
 from evogs_codec.model.splats import F32, F64, I32, I64
 
 __all__ = ["advance", "apply", "differences"]
 
-_jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False, error_model="numpy")
+_jit = jit(error_model="numpy")
 
 
 @_jit

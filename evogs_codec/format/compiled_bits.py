@@ -6,11 +6,9 @@ read lies in the frame.
 
 from __future__ import annotations
 
-from typing import Any
-
-import numba
 import numpy as np
 
+from evogs_codec.common.compiled import jit
 from evogs_codec.model.splats import I32, I64, U8
 
 __all__ = [
@@ -25,7 +23,7 @@ __all__ = [
     "word_at",
 ]
 
-_jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
+_jit = jit()
 
 _BIT_LENGTHS = np.array([k.bit_length() for k in range(1024)], np.int64)
 

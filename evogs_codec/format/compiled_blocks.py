@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import numba
 import numpy as np
 
+from evogs_codec.common.compiled import jit
 from evogs_codec.format.compiled_costs import bits_of_counts
 from evogs_codec.model.splats import I64, U8
 
 __all__ = ["best_end", "huffman_bits_and_kinds"]
 
-_jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
+_jit = jit()
 
 
 @_jit

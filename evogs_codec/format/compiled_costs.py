@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import numba
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.common.compiled import jit
 from evogs_codec.model.splats import F64, I64
 
 __all__ = ["bits_of_counts", "huffman_costs"]
 
 Stored = npt.NDArray[np.uint32]
-_jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
+_jit = jit()
 _COUNTED = 16  # bits of values that are counted, each once; longer ones are looked at one by one
 
 

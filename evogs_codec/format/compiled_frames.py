@@ -6,12 +6,12 @@ libzstd takes it. What is written lies in the content of the frame, what is read
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.common.compiled import jit
 from evogs_codec.format.compiled_bits import (
     below,
     fill_states,
@@ -27,7 +27,7 @@ from evogs_codec.model.splats import I32, I64, U8
 
 __all__ = ["is_frame", "read_frames"]
 
-_jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
+_jit = jit()
 _MAX_CONTENT, _MAX_BLOCK = 16 << 20, 128 << 10  # R-5.10-4, R-5.10-5
 _MAX_OFFSET_BITS = 24  # an offset of more is above any content (R-5.10-4)
 # Of literals lengths, offsets and match lengths: the predefined tables and what tables may hold.

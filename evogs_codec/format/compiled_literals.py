@@ -7,12 +7,12 @@ refused.
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.common.compiled import jit
 from evogs_codec.format.compiled_bits import (
     below,
     bit_length,
@@ -28,7 +28,7 @@ from evogs_codec.model.splats import I32, I64, U8
 __all__ = ["N_WEIGHTS", "read_streams", "read_tree"]
 
 U16: TypeAlias = npt.NDArray[np.uint16]
-_jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
+_jit = jit()
 _MAX_LOG = 6  # of FSE-coded weights
 N_WEIGHTS = 256
 _AT_ONCE = 57 // MAX_BITS  # codes that 8 bytes hold, whatever bit comes first

@@ -3,8 +3,7 @@
 `kernel` and `parallel_kernel` compile with IEEE arithmetic: what screens non-finite input must see
 NaN. `row_kernel` is for loops over the 16 pixels of a row: inlined, and free to reorder sums, so
 that they become vector code. That order is fixed when they are compiled, so results do not depend
-on the number of threads. A kernel that inlines a function of another file does not notice when
-that file changes: after an edit, remove `__pycache__`.
+on the number of threads.
 """
 
 from __future__ import annotations
@@ -17,6 +16,8 @@ from typing import Any, TypeAlias, TypeVar, cast
 import numba
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba.extending import intrinsic, overload
+
+from evogs_codec.common.compiled import jit
 
 __all__ = [
     "POWERS",
@@ -39,7 +40,6 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 # choice is milliseconds: beside other programs, small pictures then take 40 times as long.
 os.environ.setdefault("GOMP_SPINCOUNT", "1000")
 
-_COMMON = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
 _FAST = {"contract", "nsz", "arcp", "reassoc", "nnan"}
 
 prange: Any = numba.prange
@@ -47,22 +47,22 @@ prange: Any = numba.prange
 
 def kernel(function: Function) -> Function:
     """Compile `function` for one thread."""
-    return cast(Function, numba.njit(**_COMMON)(function))
+    return cast(Function, jit(error_model="numpy")(function))
 
 
 def parallel_kernel(function: Function) -> Function:
     """Compile `function`, its `prange` loops over all threads."""
-    return cast(Function, numba.njit(parallel=True, **_COMMON)(function))
+    return cast(Function, jit(parallel=True, error_model="numpy")(function))
 
 
 def inlined(function: Function) -> Function:
     """Compile `function` into the kernels that call it."""
-    return cast(Function, numba.njit(forceinline=True, **_COMMON)(function))
+    return cast(Function, jit(forceinline=True, error_model="numpy")(function))
 
 
 def row_kernel(function: Function) -> Function:
     """Compile `function` into the kernels that call it, as vector code."""
-    return cast(Function, numba.njit(forceinline=True, fastmath=_FAST, **_COMMON)(function))
+    return cast(Function, jit(forceinline=True, fastmath=_FAST, error_model="numpy")(function))
 
 
 def n_threads() -> int:

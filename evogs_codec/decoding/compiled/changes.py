@@ -9,11 +9,9 @@ Letters: P records with psi, S splits, A adds, all of one step; C channels that 
 
 from __future__ import annotations
 
-from typing import Any
-
-import numba
 import numpy as np
 
+from evogs_codec.common.compiled import jit
 from evogs_codec.decoding.compiled.headers import Headers
 from evogs_codec.decoding.compiled.plans import CHUNK, SH_GROUP, Channels, Plans, Tables
 from evogs_codec.decoding.compiled.runs import gather, refine_runs, scatter, split_runs
@@ -35,7 +33,7 @@ from evogs_codec.model.splats import I32, U8
 
 __all__ = ["apply_psi"]
 
-_jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
+_jit = jit()
 
 
 @_jit

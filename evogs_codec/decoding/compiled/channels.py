@@ -12,12 +12,10 @@ Letters: A adds of one step; C channels that are turned together, 1 or 3.
 
 from __future__ import annotations
 
-from typing import Any
-
-import numba
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.common.compiled import jit
 from evogs_codec.decoding.compiled.changes import apply_psi
 from evogs_codec.decoding.compiled.headers import (
     EMPTY,
@@ -64,7 +62,7 @@ __all__ = [
     "unzigzag",
 ]
 
-_jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
+_jit = jit()
 
 
 @_jit

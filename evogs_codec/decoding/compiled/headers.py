@@ -6,11 +6,11 @@ It knows no faults: where a packet is not plainly legal it gives up, and the cod
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from evogs_codec.common.compiled import jit
 from evogs_codec.format.packet_header import FLAG_OF_CHANGED
 from evogs_codec.model.components import PICKS
 from evogs_codec.model.splats import I64, U8
@@ -25,7 +25,7 @@ __all__ = [
     "read_headers",
 ]
 
-_jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
+_jit = jit()
 N_SIDES = 7  # lists of core before psi: gaps, kinds, alpha of each group
 N_CORE = 14  # channels of core
 MAX_LISTS = 42  # of band 3; core has 35

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import numba
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.common.compiled import jit
 from evogs_codec.decoding.compiled.headers import Headers
 from evogs_codec.decoding.compiled.plans import CHUNK, DROP, N_GROUPS, REFINE, SPLIT, Plans, Tables
 from evogs_codec.decoding.compiled.values import unpack
@@ -15,7 +13,7 @@ from evogs_codec.model.splats import I32, I64
 
 __all__ = ["read_records", "sibling_runs"]
 
-_jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
+_jit = jit()
 
 
 @_jit

@@ -6,16 +6,14 @@ each function gives back the run after them.
 
 from __future__ import annotations
 
-from typing import Any
-
-import numba
 import numpy as np
 
+from evogs_codec.common.compiled import jit
 from evogs_codec.model.splats import I32, I64
 
 __all__ = ["gather", "refine_runs", "scatter", "split_runs"]
 
-_jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
+_jit = jit()
 
 
 @_jit

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
+from evogs_codec.common.compiled import jit
 from evogs_codec.model.arithmetic import MAX_DELTA, MAX_PRODUCT
 from evogs_codec.model.siblings import MAX_SIBLING
 from evogs_codec.model.splats import F32, I32, I64, U8
@@ -35,7 +35,7 @@ __all__ = [
     "unzigzag",
 ]
 
-_jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
+_jit = jit()
 MAX_INT = 0x7FFFFFFF
 BLOCK = 2048  # splats whose floats are written at a time
 N_ASKED = 64  # rows of a palette that are read ahead

@@ -5,18 +5,18 @@ Letters: n nodes, k neighbours, e edges.
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
-import numba
 import numpy as np
 
+from evogs_codec.common.compiled import jit
 from evogs_codec.model.splats import F32, F64, I64
 
 __all__ = ["differences", "edges", "greedy", "prices"]
 
 Numbers: TypeAlias = tuple[float, ...]
 
-_jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False, error_model="numpy")
+_jit = jit(error_model="numpy")
 
 
 @_jit

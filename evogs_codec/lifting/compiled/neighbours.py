@@ -9,17 +9,15 @@ Letters: n points, k neighbours of each.
 
 from __future__ import annotations
 
-from typing import Any
-
-import numba
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.common.compiled import jit
 from evogs_codec.model.splats import F64, I64
 
 __all__ = ["build", "depth_of", "nearest"]
 
-_jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False)
+_jit = jit()
 LEAF = 16  # points of a leaf at most
 
 

@@ -5,17 +5,15 @@ Letters: n nodes or pairs, D channels, K alphas of a table, C channels that shar
 
 from __future__ import annotations
 
-from typing import Any
-
-import numba
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.common.compiled import jit
 from evogs_codec.model.splats import F32, F64, I64
 
 __all__ = ["choose", "merge", "midpoints", "misfits", "split"]
 
-_jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False, error_model="numpy")
+_jit = jit(error_model="numpy")
 
 
 @_jit

@@ -5,16 +5,14 @@ Letters: n Gaussians; numbers of float32 stay what they are, so constants are fl
 
 from __future__ import annotations
 
-from typing import Any
-
-import numba
 import numpy as np
 
+from evogs_codec.common.compiled import jit
 from evogs_codec.model.splats import F32, F64, I64, U8
 
 __all__ = ["nearest_turns", "variances"]
 
-_jit: Any = numba.njit(nogil=True, cache=True, boundscheck=False, error_model="numpy")
+_jit = jit(error_model="numpy")
 
 
 @_jit

@@ -1,0 +1,121 @@
+"""numba, with compiled code that several processes may keep at once.
+
+numba numbers the files of a function's signatures and has an index of the numbers. Two processes
+that compile two signatures at the same time may both take a number; the index then names machine
+code of another signature, which reads and writes memory that is not its own. Nor does it see that a
+function of another file changed, which it compiled in. Here a file's name follows from the
+signature, so that processes only replace a file by its like, and a file says what it was made from.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import inspect
+import linecache
+import pickle
+from functools import cache, cached_property
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+import numba
+import numpy as np
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.serialize import dumps
+
+__all__ = ["jit"]
+
+_CONSTANTS = (bool, int, float, str, bytes, tuple, np.generic)
+_DIGEST = hashlib.sha256().digest_size
+
+
+def jit(**options: Any) -> Any:  # noqa: ANN401 - numba has no types
+    """The decorator `numba.njit` with `options`; what it compiles is kept beside the source.
+
+    No other thread waits for compiled code (`nogil`), and indices are not checked: callers check
+    what they give.
+    """
+
+    def compiled(function: FunctionType) -> Any:  # noqa: ANN401
+        dispatcher = numba.njit(nogil=True, boundscheck=False, **options)(function)
+        dispatcher._cache = _Cache(function)
+        return dispatcher
+
+    return compiled
+
+
+class _Cache(FunctionCache):  # type: ignore[misc]
+    """numba's, which finds a folder that can be written to, with our files."""
+
+    def __init__(self, function: FunctionType) -> None:
+        super().__init__(function)
+        self._cache_file = _CodeFiles(self._cache_path, self._impl.filename_base, function)
+
+
+class _CodeFiles(IndexDataCacheFile):  # type: ignore[misc]
+    """The files of one function: a signature each, a digest and what is pickled."""
+
+    def __init__(self, folder: str, name: str, function: FunctionType) -> None:
+        super().__init__(folder, name, source_stamp=None)
+        self._function = function
+        self._name = name
+
+    def save(self, key: Any, code: Any) -> None:  # noqa: ANN401
+        """Keep code; where the disk is full or may not be written to, it is compiled again."""
+        content = dumps((self._made_from, key, code))
+        with contextlib.suppress(OSError), self._open_for_write(str(self._path(key))) as file:
+            file.write(hashlib.sha256(content).digest() + content)
+
+    def load(self, key: Any) -> Any:  # noqa: ANN401
+        """The code of a signature; None if there is none, or it is damaged or of other sources."""
+        try:
+            data = self._path(key).read_bytes()
+        except OSError:
+            return None
+        content = data[_DIGEST:]
+        if hashlib.sha256(content).digest() != data[:_DIGEST]:
+            return None
+        made_from, of_key, code = pickle.loads(content)
+        return code if (made_from, of_key) == (self._made_from, key) else None
+
+    def flush(self) -> None:
+        """Remove every file of the function."""
+        for path in Path(self._cache_path).glob(f"{self._name}.*.nbc"):
+            path.unlink(missing_ok=True)
+
+    def _path(self, key: Any) -> Path:  # noqa: ANN401
+        return Path(self._cache_path, f"{self._name}.{_digest(repr(key).encode())[:16]}.nbc")
+
+    @cached_property
+    def _made_from(self) -> tuple[str, str]:
+        """Numba's version and a digest of the sources and numbers that the code depends on."""
+        sources: set[str] = set()
+        _gather(self._function, sources, set())
+        return numba.__version__, _digest("\n".join(sorted(sources)).encode())
+
+
+def _gather(function: FunctionType, sources: set[str], seen: set[FunctionType]) -> None:
+    """Digests of the files of a function and of what it calls, and of the constants they name."""
+    if function in seen:
+        return
+    seen.add(function)
+    sources.add(_digest_of_file(function.__code__.co_filename))
+    variables = inspect.getclosurevars(function)
+    for name, value in (*variables.globals.items(), *variables.nonlocals.items()):
+        called = getattr(value, "py_func", value)
+        if isinstance(called, FunctionType):
+            _gather(called, sources, seen)
+        elif isinstance(value, np.ndarray):
+            sources.add(f"{name} {value.dtype} {value.shape} {_digest(value.tobytes())}")
+        elif isinstance(value, _CONSTANTS):
+            sources.add(f"{name} {value!r}")
+
+
+@cache
+def _digest_of_file(path: str) -> str:
+    return _digest("".join(linecache.getlines(path)).encode())
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
