@@ -14,7 +14,7 @@ __all__ = ["CAPABILITIES", "MODES", "add_options", "run_of_request"]
 
 MODES = ["file", "progressive"]
 CAPABILITIES = {  # all there are; a decoder adds its name
-    "version": "1.0-draft 4",
+    "version": "1.0-draft 5",
     "modes": MODES,
     "codes": True,
     "verify": True,

@@ -155,6 +155,7 @@ class Packet:
     step: int = 0
     start: int = 0
     label: int = 0  # 12: of picks, that of the step (3.4)
+    n_before: int = 0  # 12.2: packets of the palette that stand before it
 
     @property
     def n_psi(self) -> int:
@@ -209,9 +210,9 @@ class Scene:
     metadata: dict[str, str] = field(default_factory=dict)
     faults: list[FaultError] = field(default_factory=list)  # 6.4: those found, in the order of 6.1
 
-    def palette_up_to(self, level: int) -> list[Packet]:
-        """12: packets of the palette that picks of a step with this label require."""
-        return [p for p in self.palette_packets if p.level <= level]
+    def palette_up_to(self, level: int, n: int | None = None) -> list[Packet]:
+        """12.2: of the first n packets of the palette, or of all, those up to a level."""
+        return [p for p in self.palette_packets[:n] if p.level <= level]
 
     def dump(self) -> bytes:
         """7.7: the dump of the cut."""
@@ -354,7 +355,7 @@ def read_packets(scene: Scene, body: bytes, own: dict[str, int]) -> None:
     labels = [list[int]() for _ in range(h.n_tiles)]  # of the steps of core so far
     live = [0] * h.n_tiles
     level, slots = ([0] * (h.n_tiles + 1) for _ in range(2))  # of each tile, then of the palette
-    data_size, all_slots, picked = 0, 0, -1  # picked: the highest label of picks so far
+    data_size, all_slots = 0, 0
     for row in PACKET_ENTRY.iter_unpack(body):
         p, t = Packet(*row), row[0]
         n_new, no_counts = p.n_adds + p.n_splits, p.n_adds + p.n_records == 0
@@ -375,7 +376,7 @@ def read_packets(scene: Scene, body: bytes, own: dict[str, int]) -> None:
         require(p.n_records <= live[t], "E_COUNT", "R-5.6-6")
         require(p.n_adds + p.n_records <= 16 * p.size, "E_AMPLIFICATION", "R-5.6-7")
         require(p.size > 0 or p.crc == 0, "E_CRC", "R-5.6-8")
-        require(not is_palette or (t == 0 and p.level > picked), "E_CHAIN", "R-5.6-10")
+        require(not is_palette or t == 0, "E_CHAIN", "R-5.6-10")
         p.step, p.start = rows[t][p.component], HEADER.size + h.chunks_size + data_size
         scene.packets.append(p)
         rows[t][p.component] += 1
@@ -386,8 +387,7 @@ def read_packets(scene: Scene, body: bytes, own: dict[str, int]) -> None:
         if p.component == 0:
             labels[t].append(p.level)
         if is_picks:
-            p.label = labels[t][p.step]
-            picked = max(picked, p.label)
+            p.label, p.n_before = labels[t][p.step], len(scene.palette_packets)
         slots[of], all_slots = slots[of] + n_new, all_slots + n_new
         data_size += p.size
         check_limit("tile_steps", rows[t][p.component], h.tier, own)
@@ -955,7 +955,7 @@ def apply_picks(scene: Scene, packet: Packet, body: bytes) -> None:
     picks = [0] * n_new  # of a packet of no bytes until below
     if packet.size > 0:
         _, _, (picks,) = read_lists(body, [len(changed) + n_new], first_delta=1, n_flags=3)
-    n_entries = sum(p.n_adds for p in scene.palette_up_to(packet.label))
+    n_entries = sum(p.n_adds for p in scene.palette_up_to(packet.label, packet.n_before))
     require(all(pick <= n_entries for pick in picks), "E_INDEX", "R-7.2-4")
     repicks, picks = picks[: len(changed)], picks[len(changed) :]
     for channel, entries in zip(scene.header.above_core, scene.palette, strict=True):
@@ -1045,8 +1045,9 @@ def check_cut(scene: Scene, cut: list[list[int]]) -> None:
         valid &= all(n <= steps[0] for n in steps[:PALETTE])
     if valid and scene.header.has_palette:
         picks = (p for p in scene.packets if p.component == PICKS)
-        taken = [p.label for p in picks if p.step < cut[p.tile][PICKS]]
-        valid = not taken or cut[0][PALETTE] >= len(scene.palette_up_to(max(taken)))
+        taken = [p for p in picks if p.step < cut[p.tile][PICKS]]
+        required = (len(scene.palette_up_to(p.label, p.n_before)) for p in taken)
+        valid = not taken or cut[0][PALETTE] >= max(required)
     if not valid:
         raise ValueError("the cut is not valid")
 
@@ -1148,7 +1149,7 @@ def decode_what_came(
         if p.component == PALETTE:  # 12
             required = p.step == steps[PALETTE]
         elif p.component == PICKS:
-            required &= scene.tiles[0].cut[PALETTE] >= len(scene.palette_up_to(p.label))
+            required &= scene.tiles[0].cut[PALETTE] >= len(scene.palette_up_to(p.label, p.n_before))
         if not required or not is_there(pieces, p):
             continue
         try:

@@ -72,8 +72,8 @@ class Palette:
         due, self.n_came = self.packets[self.n_came : n], max(self.n_came, n)
         return due
 
-    def required(self, level: int) -> list[Packet]:
-        """Those that picks of the level require."""
+    def of_level(self, level: int) -> list[Packet]:
+        """Those that picks of the level may require."""
         return [packet for packet in self.packets if packet.level <= level]
 
 
@@ -210,13 +210,16 @@ def _palette(rng: Random, stream: Stream) -> list[Packet]:
 
 
 def _picks(rng: Random, core: Packet, palette: Palette) -> list[Packet]:
-    """A packet of picks, after those of the palette that it requires and that have not come.
+    """A packet of picks, after some of the palette that it then requires.
 
-    Now and then it is of no bytes; some change the picks of slots that are there.
+    Most often all of its level come before it. Now and then it is of no bytes; some change the
+    picks of slots that are there.
     """
-    required = palette.required(core.level)
+    n_of_level = len(palette.of_level(core.level))
+    n_before = n_of_level if rng.random() < 0.6 else rng.randint(0, n_of_level)
+    packets = palette.come(n_before)
+    required = palette.of_level(core.level)[: palette.n_came]
     n_entries = sum(packet.counts["n_adds"] for packet in required)
-    packets = palette.come(len(required))
     packet = Packet(tile=core.tile, component=PICKS)
     if n_entries == 0 or rng.random() < 0.2:
         return [*packets, packet]

@@ -132,7 +132,7 @@ def _run(run: Run, outcome: Outcome) -> Entry:
 
 def manifest(families: Sequence[Entry], entries: Sequence[Entry]) -> bytes:
     """JSON with a line for each vector, so that a change of one shows as one."""
-    top = {"suite": "evogs-conformance", "version": "1.0", "spec": "1.0-draft 4", "zstd": ZSTD}
+    top = {"suite": "evogs-conformance", "version": "1.0", "spec": "1.0-draft 5", "zstd": ZSTD}
     lines = [json.dumps(top, indent=1)[:-2]]
     for name, rows in (("families", families), ("vectors", entries)):
         inner = ",\n".join("  " + json.dumps(row) for row in rows)

@@ -302,7 +302,7 @@ def _palette(rng: Random, parts: Parts) -> None:
     rows = parts.table()
     n = min(len(rows) // ROW_SIZE, len(parts.packets))
     own = [k for k in range(n) if parts.component(k) in (PICKS, PALETTE)]
-    action = rng.randrange(8) if parts.header[19] & 1 and own else 0
+    action = rng.randrange(9) if parts.header[19] & 1 and own else 0
     if action == 0:
         parts.header[19] ^= 1
         return
@@ -320,8 +320,10 @@ def _palette(rng: Random, parts: Parts) -> None:
     elif action < 7:  # a level of entries: other picks require them, or it falls
         entries = [at for at in own if parts.component(at) == PALETTE] or own
         rows[rng.choice(entries) * ROW_SIZE + 5] = rng.randrange(parts.header[12] + 1)
-    else:
+    elif action == 7:
         rows[row + 4] = rng.choice((PICKS, PALETTE, 0, 3))
+    else:
+        struct.pack_into("<I", rows, row, rng.randrange(3))  # the tile
 
 
 def _move(parts: Parts, a: int, b: int) -> None:

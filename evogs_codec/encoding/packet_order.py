@@ -15,15 +15,16 @@ import numpy as np
 
 from evogs_codec.encoding.palette_parts import apart, palette_packets
 from evogs_codec.format import layout
-from evogs_codec.model.coded_tree import CodedTile, CodedTree
+from evogs_codec.model.coded_tree import CodedStep, CodedTile, CodedTree
 from evogs_codec.model.components import PICKS
 from evogs_codec.model.packet_id import PacketId
-from evogs_codec.model.splats import F64
+from evogs_codec.model.splats import F64, I64
 from evogs_codec.model.tree import Kind
 
 __all__ = [
     "TileGains",
     "gains_of_tile",
+    "highest_picks",
     "leaf_shares",
     "order_of_tiles",
     "order_with_palette",
@@ -40,11 +41,13 @@ class TileGains:
         steps: (K, B) what the packet of each step and component takes off the squared error of
             pictures of the tile.
         levels: (K,) of the steps.
+        n_entries: (K,) entries that picks up to each step are of, where there is a palette.
     """
 
     n_leaves: int
     steps: F64
     levels: Sequence[int]
+    n_entries: I64 | None = None
 
 
 def packet_order(tree: CodedTree, sizes: Mapping[PacketId, int]) -> list[PacketId]:
@@ -76,17 +79,19 @@ def order_with_palette(
         shows: packets of tiles after which pictures are better, if those of the palette are to come
             earlier where they are a long wait.
     """
-    most = _most_of_picks(tiles, palette, sizes)
-    caps = [[most.get(level, np.inf) for level in tile.levels] for tile in tiles]
+    needed = [_needed(tile, palette) for tile in tiles]
+    caps = _caps_of_picks(tiles, needed, palette, sizes)
     components = palette.components.of_tiles
     order: list[PacketId] = []
-    waiting = list(zip(palette_packets(palette), palette.palette_levels, strict=True))
-    for packet in order_of_tiles(tiles, components, sizes, caps if most else None):
-        label = tiles[packet.tile].levels[packet.step]
-        while waiting and packet.component == PICKS and waiting[0][1] <= label:
-            order.append(waiting.pop(0)[0])
+    waiting = palette_packets(palette)
+    n_before = 0
+    for packet in order_of_tiles(tiles, components, sizes, caps):
+        if packet.component == PICKS:
+            n = max(needed[packet.tile][packet.step] - n_before, 0)
+            order += waiting[n_before : n_before + n]
+            n_before += n
         order.append(packet)
-    order += [packet for packet, _ in waiting]  # what no pick requires
+    order += waiting[n_before:]
     return order if shows is None else apart(order, sizes, shows)
 
 
@@ -94,7 +99,7 @@ def order_of_tiles(
     tiles: Sequence[TileGains],
     components: Sequence[int],
     sizes: Mapping[PacketId, int],
-    caps: Sequence[Sequence[float]] | None = None,
+    caps: Sequence[F64] | None = None,
 ) -> list[PacketId]:
     """The packets of tiles as `packet_order` has them.
 
@@ -129,7 +134,14 @@ def gains_of_tile(tree: CodedTree, tile: CodedTile) -> TileGains:
         _n_leaves(tile),
         np.reshape(gains, (len(gains), len(nothing))),
         [step.level for step in tile.steps],
+        None if tree.entries is None else highest_picks(tile.steps),
     )
+
+
+def highest_picks(steps: Sequence[CodedStep]) -> I64:
+    """(K,) the highest pick up to each step."""
+    own = [max(s.picks.max(initial=0), s.changed_picks.max(initial=0)) for s in steps]
+    return np.maximum.accumulate(np.array(own, np.int64))
 
 
 def _showing(tree: CodedTree) -> set[PacketId]:
@@ -144,34 +156,41 @@ def _showing(tree: CodedTree) -> set[PacketId]:
     }
 
 
-def _most_of_picks(
-    tiles: Sequence[TileGains], tree: CodedTree, sizes: Mapping[PacketId, int]
-) -> dict[int, float]:
-    """By level, the gain per byte of its best packets of picks with the palette they require.
+def _needed(tile: TileGains, tree: CodedTree) -> I64:
+    """(K,) packets of the palette that hold the entries of the picks of a tile."""
+    assert tile.n_entries is not None, "there is a palette"
+    begins = [rows.start for rows in tree.palette_rows]
+    return np.searchsorted(begins, tile.n_entries)
 
-    Whichever comes first brings all entries of the level: none comes before they pay for them.
+
+def _caps_of_picks(
+    tiles: Sequence[TileGains],
+    needed: Sequence[I64],
+    tree: CodedTree,
+    sizes: Mapping[PacketId, int],
+) -> list[F64]:
+    """Per tile (K,) the gain per byte of the best packets of picks that need the same entries.
+
+    Whichever comes first brings these entries: none comes before they pay for them.
     """
-    most: dict[int, float] = {}
     column = tree.components.columns[PICKS]
     n_leaves = max(sum(tile.n_leaves for tile in tiles), 1)
-    n_entries: dict[int, int] = {}
-    for palette, level in zip(palette_packets(tree), tree.palette_levels, strict=True):
-        n_entries[level] = n_entries.get(level, 0) + sizes[palette]
-    for level, n_of_entries in n_entries.items():
+    n_bytes = np.cumsum([0, *(sizes[packet] for packet in palette_packets(tree))])
+    caps = [np.full(len(tile.levels), np.inf) for tile in tiles]
+    before = 0
+    for n in np.unique(np.concatenate([[0], *needed]))[1:].tolist():
         packets = [
-            (
-                tile.n_leaves / n_leaves * tile.steps[k, column],
-                sizes[PacketId(number, PICKS, k)],
-            )
+            (tile.n_leaves / n_leaves * tile.steps[k, column], sizes[PacketId(number, PICKS, k)])
             for number, tile in enumerate(tiles)
-            for k, own in enumerate(tile.levels)
-            if own == level
+            for k in np.flatnonzero(needed[number] == n).tolist()
         ]
-        if not packets:
-            continue
-        gains, n_bytes = np.array(sorted(packets, key=lambda p: -p[0] / max(p[1], 1))).T
-        most[level] = float(np.max(np.cumsum(gains) / (n_of_entries + np.cumsum(n_bytes))))
-    return most
+        gains, of_picks = np.array(sorted(packets, key=lambda p: -p[0] / max(p[1], 1))).T
+        of_entries = n_bytes[n] - n_bytes[before]
+        most = np.max(np.cumsum(gains) / (of_entries + np.cumsum(of_picks)))
+        for number, own in enumerate(needed):
+            caps[number][own == n] = most
+        before = n
+    return caps
 
 
 def leaf_shares(tree: CodedTree) -> list[float]:

@@ -5,6 +5,7 @@ Letters: C SH channels above band 0, n entries.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -24,11 +25,14 @@ __all__ = [
     "CodedEntries",
     "coded_entries",
     "entries_in_order",
-    "first_levels",
+    "first_uses",
     "quantised_entries",
+    "renumbered",
 ]
 
-NEVER = 1 << 30  # above all levels
+NEVER = 1 << 30  # above all uses
+STEPS = 256  # of a level, at most
+FEW = 1000  # entries that are no part of their own
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,34 +42,33 @@ class CodedEntries:
     Attributes:
         q: (C, n).
         levels: (n,) int32, never falling: the first that picks each.
+        uses: (n,) int32, never falling: the first use of each (`first_uses`).
         number: (1 + entries of the tree,) the number of every pick now.
     """
 
     q: I32
     levels: I32
+    uses: I32
     number: I32
 
-    def renumbered(self, tile: CodedTile) -> CodedTile:
-        """The tile with picks in the numbers that entries have now.
 
-        A step that gives its slots no other picks than they have without any holds none.
-        """
-        picks, n = np.zeros(sum(step.n_new for step in tile.steps), np.int32), 0
-        steps: list[CodedStep] = []
-        for step in tile.steps:
-            now = replace(
-                step,
-                picks=self.number[step.picks],
-                changed_picks=self.number[step.changed_picks],
-            )
-            if not len(now.changed_picks):
-                without = replace(now, picks=now.picks[:0])
-                take_picks(without, picks, n)
-                now = without if np.array_equal(now.picks, picks[n : n + step.n_new]) else now
-            take_picks(now, picks, n)
-            n += step.n_new
-            steps.append(now)
-        return replace(tile, steps=tuple(steps))
+def renumbered(tile: CodedTile, number: I32) -> CodedTile:
+    """The tile with picks in the numbers that entries have now (`CodedEntries.number`).
+
+    A step that gives its slots no other picks than they have without any holds none.
+    """
+    picks, n = np.zeros(sum(step.n_new for step in tile.steps), np.int32), 0
+    steps: list[CodedStep] = []
+    for step in tile.steps:
+        now = replace(step, picks=number[step.picks], changed_picks=number[step.changed_picks])
+        if not len(now.changed_picks):
+            without = replace(now, picks=now.picks[:0])
+            take_picks(without, picks, n)
+            now = without if np.array_equal(now.picks, picks[n : n + step.n_new]) else now
+        take_picks(now, picks, n)
+        n += step.n_new
+        steps.append(now)
+    return replace(tile, steps=tuple(steps))
 
 
 def quantised_entries(palette: Palette, grid: Grid, weights: F32 | None, price: float) -> I32:
@@ -97,28 +100,35 @@ def quantised_entries(palette: Palette, grid: Grid, weights: F32 | None, price: 
 
 def coded_entries(q: I32, n_coarse: int, tiles: Sequence[CodedTile]) -> CodedEntries:
     """The entries of q (C, n) that tiles pick, those that have become equal as one."""
-    return entries_in_order(q, first_levels(tiles, q.shape[1]), n_coarse)
+    return entries_in_order(q, first_uses(tiles, q.shape[1]), n_coarse)
 
 
-def first_levels(tiles: Sequence[CodedTile], n: int) -> I64:
-    """(n,) the first level that picks each entry; `NEVER` if none does."""
+def first_uses(tiles: Sequence[CodedTile], n: int) -> I64:
+    """(n,) the first use of each entry; `NEVER` if none picks it.
+
+    A use is a level and a step: `STEPS` times the level, and the number of the step among those of
+    the level in its tile.
+    """
     first = np.full(1 + n, NEVER)
     for tile in tiles:
+        steps: Counter[int] = Counter()
         for step in tile.steps:
-            np.minimum.at(first, step.picks, step.level)
-            np.minimum.at(first, step.changed_picks, step.level)
+            use = step.level * STEPS + min(steps[step.level], STEPS - 1)
+            np.minimum.at(first, step.picks, use)
+            np.minimum.at(first, step.changed_picks, use)
+            steps[step.level] += 1
     return first[1:]
 
 
 def entries_in_order(q: I32, first: I64, n_coarse: int) -> CodedEntries:
-    """Entries by level, in a level those of coarse splats first, then in lexical order.
+    """Entries by first use; of a use those of coarse splats first, then in lexical order.
 
     Few entries of coarse levels in front let their picks take few bits. In lexical order, by the
     channels with most entropy first, entries stored as differences take few.
 
     Args:
         q: (C, n).
-        first: (n,) of `first_levels`.
+        first: (n,) of `first_uses`.
         n_coarse: of them, the first ones, were made for coarse splats.
     """
     rows, _ = decorrelate(q, slice(None))
@@ -129,16 +139,32 @@ def entries_in_order(q: I32, first: I64, n_coarse: int) -> CodedEntries:
     group = np.empty(len(order), np.int64)  # equal ones, in lexical order
     group[order] = np.cumsum(is_new) - 1
     kept = q[:, order[is_new]]
-    level = np.full(kept.shape[1], NEVER)
-    np.minimum.at(level, group, first)
+    use = np.full(kept.shape[1], NEVER)
+    np.minimum.at(use, group, first)
+    use = _without_few(use)
     is_own = np.ones(kept.shape[1], bool)
     is_own[group[:n_coarse]] = False
-    place = np.lexsort([is_own, level])
-    place = place[(level[place] < NEVER) & kept[:, place].any(axis=0)]
+    place = np.lexsort([is_own, use])
+    place = place[(use[place] < NEVER) & kept[:, place].any(axis=0)]
     number = np.zeros(kept.shape[1], np.int32)  # that of zeros is 0
     number[place] = np.arange(1, 1 + len(place))
     return CodedEntries(
         kept[:, place],
-        level[place].astype(np.int32),
+        (use[place] // STEPS).astype(np.int32),
+        use[place].astype(np.int32),
         np.concatenate([[0], number[group]]).astype(np.int32),
     )
+
+
+def _without_few(uses: I64) -> I64:
+    """(n,) the same uses; few entries are used with those of their level before them.
+
+    In a part of its own, an entry is not stored as its difference from one of another part.
+    """
+    found = uses.copy()
+    part, n = -1, Counter(uses.tolist())
+    for use in sorted(n):
+        if part // STEPS != use // STEPS or n[use] >= FEW:
+            part = use
+        found[uses == use] = part
+    return found

@@ -11,9 +11,12 @@ from collections import deque
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from evogs_codec.model.coded_tree import CodedTree
 from evogs_codec.model.components import PALETTE
 from evogs_codec.model.packet_id import PacketId
+from evogs_codec.model.splats import I32
 
 __all__ = ["apart", "in_parts", "palette_packets"]
 
@@ -44,8 +47,26 @@ def in_parts(tree: CodedTree, sizes: Mapping[PacketId, int]) -> CodedTree:
     for packet, rows in zip(packets, tree.palette_rows, strict=True):
         n_entries = rows.stop - rows.start
         n_parts = min(max(math.ceil(sizes[packet] / (PART * n_bytes)), 1), most, n_entries)
-        ends += [rows.start + n_entries * (k + 1) // n_parts for k in range(n_parts)]
+        ends += _ends(rows, tree.entry_uses[rows], n_parts)
     return replace(tree, palette_ends=tuple(ends)) if len(ends) > len(packets) else tree
+
+
+def _ends(rows: slice, uses: I32, n_parts: int) -> list[int]:
+    """Where about `n_parts` packets of some entries end: after those of a first use, if they can.
+
+    Args:
+        rows: of the entries.
+        uses: of them, or none.
+        n_parts: packets of about the same number of entries.
+    """
+    ends: list[int] = []
+    at, length = rows.start, (rows.stop - rows.start) / n_parts
+    for end in [*(rows.start + 1 + np.flatnonzero(np.diff(uses))).tolist(), rows.stop]:
+        if end == rows.stop or end - at >= length / 2:
+            n = max(1, round((end - at) / length))
+            ends += [at + (end - at) * (k + 1) // n for k in range(n)]
+            at = end
+    return ends
 
 
 def apart(

@@ -23,7 +23,7 @@ from evogs_codec.encoding.grids import (
     with_fewer_units,
 )
 from evogs_codec.encoding.packet_gains import LeafTracker
-from evogs_codec.encoding.palette_entries import coded_entries, quantised_entries
+from evogs_codec.encoding.palette_entries import coded_entries, quantised_entries, renumbered
 from evogs_codec.encoding.ranges import Ranges
 from evogs_codec.encoding.sensitivity import StepWeights
 from evogs_codec.encoding.settings import Settings
@@ -145,8 +145,13 @@ def quantise_on(
     if palette is None:
         return tree
     entries = coded_entries(q, palette.n_coarse, coded)
-    renumbered = tuple(entries.renumbered(tile) for tile in coded)
-    return replace(tree, tiles=renumbered, entries=entries.q, entry_levels=entries.levels)
+    return replace(
+        tree,
+        tiles=tuple(renumbered(tile, entries.number) for tile in coded),
+        entries=entries.q,
+        entry_levels=entries.levels,
+        entry_uses=entries.uses,
+    )
 
 
 def tiles_on(

@@ -144,9 +144,9 @@ class Directory:
     def palette_required(self) -> I64:
         """(n_packets,) packets of the palette that each packet of picks requires; 0 for others."""
         required = np.zeros(len(self.packets), np.int64)
-        picks = self.packets["component"] == PICKS
-        levels = self.labels[self.palette_packets]
-        required[picks] = np.searchsorted(levels, self.labels[picks], side="right")
+        palette, picks = self.palette_packets, np.flatnonzero(self.packets["component"] == PICKS)
+        of_levels = np.searchsorted(self.labels[palette], self.labels[picks], side="right")
+        required[picks] = np.minimum(of_levels, np.searchsorted(palette, picks))
         return required
 
     @cached_property

@@ -121,10 +121,7 @@ class _PacketTable:
         yield Fault.E_AMPLIFICATION, many, "too many records for its size"
         yield Fault.E_CRC, (size == 0) & (rows["crc"] != 0), "the CRC-32 of no bytes is 0"
         if palette.any():
-            labels = np.where(self.is_picks, labels_of(rows, self.step), -1)
-            late = palette & ((tile > 0) | (level <= np.maximum.accumulate(labels)))
-            detail = "a packet of the palette has another tile, or is after picks that require it"
-            yield Fault.E_CHAIN, late, detail
+            yield Fault.E_CHAIN, palette & (tile > 0), "a packet of the palette has another tile"
         new = adds + splits
         columns = {
             "tile_steps": self.step + 1,

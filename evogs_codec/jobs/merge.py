@@ -46,7 +46,10 @@ def merge(parts: Sequence[Path], out: Path, entries: Entries | None = None) -> N
     """
     directories = [_directory(part) for part in parts]
     first = directories[0]
-    gains = [_gains(part, own) for part, own in zip(parts, directories, strict=True)]
+    gains = [
+        _gains(part, own, has_picks=entries is not None)
+        for part, own in zip(parts, directories, strict=True)
+    ]
     packets = _Packets()
     for number, (part, directory) in enumerate(zip(parts, directories, strict=True)):
         packets.take(number, part, directory)
@@ -161,13 +164,17 @@ def _directory(part: Path) -> Directory:
         return read_directory(np.memmap(part, np.uint8, "r").data)
 
 
-def _gains(part: Path, directory: Directory) -> TileGains:
+def _gains(part: Path, directory: Directory, *, has_picks: bool) -> TileGains:
     with arrays_of(Path(f"{part}.gains")) as array:
         found = array
     of_core = directory.packets["component"] == CORE
     order = np.argsort(directory.steps[of_core], kind="stable")
     levels = directory.packets["level"][of_core][order]
-    return TileGains(int(found[0, 0]), found[1:], levels.tolist())
+    n_entries = None
+    if has_picks:
+        with arrays_of(rows_of_picks(numbered_of(part))) as rows:
+            n_entries = rows["highest"]
+    return TileGains(int(found[0, 0]), found[1:], levels.tolist(), n_entries)
 
 
 def _showing(gains: Sequence[TileGains], palette: CodedTree) -> set[PacketId] | None:

@@ -21,11 +21,12 @@ from typing import Any
 import numpy as np
 
 from evogs_codec.decoding.palette_state import unpack_picks
+from evogs_codec.encoding.packet_order import highest_picks
 from evogs_codec.encoding.palette_entries import (
-    CodedEntries,
     entries_in_order,
-    first_levels,
+    first_uses,
     quantised_entries,
+    renumbered,
 )
 from evogs_codec.encoding.palette_worth import bits_of_entries
 from evogs_codec.encoding.sensitivity import steps_of_entries
@@ -77,7 +78,7 @@ class Unnumbered:
         errors: (K,) for the rows of the packets of picks.
         keys: of the vectors that the tile has, as of `Vectors`.
         weights: (degree, n_coarse + keys) of each entry, in prices of a bit.
-        first: (n_coarse + keys,) the first level that picks each (`first_levels`).
+        first: (n_coarse + keys,) the first use of each (`first_uses`).
     """
 
     steps: Sequence[CodedStep]
@@ -94,7 +95,7 @@ class Unnumbered:
             np.array([step.error[1] for step in tile.steps], np.int64),
             keys,
             weights,
-            first_levels([tile], weights.shape[1]),
+            first_uses([tile], weights.shape[1]),
         )
 
     def write(self, path: Path) -> None:
@@ -163,7 +164,7 @@ class Entries:
         n_coarse, degree = plan.coarse.values.shape[1], plan.sh_degree
         values = np.concatenate([plan.coarse.values, vectors.rows.T], axis=1)
         palette = Palette(degree, np.ascontiguousarray(values, np.float32), n_coarse)
-        weights, first = np.zeros((degree, values.shape[1])), first_levels([], values.shape[1])
+        weights, first = np.zeros((degree, values.shape[1])), first_uses([], values.shape[1])
         for path in picks:
             with np.load(path) as found:
                 place = _places(found["keys"], vectors.keys, n_coarse)
@@ -174,7 +175,7 @@ class Entries:
         q = quantised_entries(palette, grid, weights.astype(np.float32), 1.0)
         coded = entries_in_order(q, first, n_coarse)
         tree = plan.coded(grid, [])
-        tree = replace(tree, entries=coded.q, entry_levels=coded.levels)
+        tree = replace(tree, entries=coded.q, entry_levels=coded.levels, entry_uses=coded.uses)
         return Entries(tree, vectors.keys, coded.number, effort)
 
     def write(self, path: Path) -> None:
@@ -223,9 +224,11 @@ def number_picks(picks: str, entries: str, effort: int, out: str) -> None:
     n_coarse = len(number) - 1 - len(keys)
     local = np.append(0, 1 + _places(own.keys, keys, n_coarse))
     tile = CodedTile((0, 0, 0), (0, 0, 0), (0, 0, 0), tuple(own.steps))
-    numbered = CodedEntries(x, levels, number[local]).renumbered(tile)
-    bodies = [pack_picks(s.picks, s.changed_picks, effort=effort) for s in numbered.steps]
-    NumberedPicks(bodies, own.errors, _digest(numbered.steps, bodies, x, levels)).write(Path(out))
+    steps = renumbered(tile, number[local]).steps
+    bodies = [pack_picks(s.picks, s.changed_picks, effort=effort) for s in steps]
+    NumberedPicks(
+        bodies, own.errors, highest_picks(steps), _digest(steps, bodies, x, levels)
+    ).write(Path(out))
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,11 +238,13 @@ class NumberedPicks:
     Attributes:
         bodies: (K,) bytes.
         errors: (K,) for their rows.
+        highest: (K,) pick up to each step.
         digest: of the last state (spec 12.6).
     """
 
     bodies: Sequence[bytes]
     errors: I64
+    highest: I64
     digest: bytes
 
     def write(self, path: Path) -> None:
@@ -248,7 +253,14 @@ class NumberedPicks:
         crcs = np.array([zlib.crc32(body) for body in self.bodies], np.int64)
         found = io.BytesIO()
         digest = np.frombuffer(self.digest, np.uint8)
-        np.savez(found, sizes=sizes, crcs=crcs, errors=self.errors, digest=digest)
+        np.savez(
+            found,
+            sizes=sizes,
+            crcs=crcs,
+            errors=self.errors,
+            highest=self.highest,
+            digest=digest,
+        )
         write_atomic(rows_of_picks(path), found.getvalue())
         write_atomic(path, b"".join(self.bodies))
 

@@ -76,8 +76,10 @@ class CodedTree:
     """All that a stream says of a scene, but for the bytes it says it in.
 
     Where there is a palette (spec 12), `entries` (C, n) int32 are its q, `entry_levels` (n,) the
-    levels of their packets, never falling; psi and adds have the channels of core alone. A packet
-    of the palette ends after each of `palette_ends` entries; by default each level has one.
+    levels of their packets, never falling; psi and adds have the channels of core alone.
+    `entry_uses` (n,) or (0,) are numbers that rise where other steps are the first to pick entries.
+    A packet of the palette ends after each of `palette_ends` entries; by default each level has
+    one.
     """
 
     sh_degree: int
@@ -89,6 +91,7 @@ class CodedTree:
     info: SceneInfo = field(default_factory=SceneInfo)
     entries: I32 | None = None
     entry_levels: I32 = field(default_factory=lambda: np.empty(0, np.int32))
+    entry_uses: I32 = field(default_factory=lambda: np.empty(0, np.int32))
     palette_ends: tuple[int, ...] = ()
 
     def alpha_table(self, level: int, group: int) -> AlphaTable:

@@ -236,7 +236,7 @@ def test_a_claim_is_made_only_of_a_whole_suite(made_suite, tmp_path):
     report = json.loads(path.read_text())
     assert report["footer"]["complete"]
     assert report["claim"].startswith(
-        "right 0 decodes EvoGS 1.0-draft 4 (file, progressive) to tier 3"
+        "right 0 decodes EvoGS 1.0-draft 5 (file, progressive) to tier 3"
     )
     assert run(folder, "right", "--quick", "--json", str(path)) == 0
     assert json.loads(path.read_text())["claim"] is None

@@ -268,9 +268,6 @@ def test_a_wrong_packet_of_picks_is_not_examined_while_the_palette_is_not_there(
         ("E_AMPLIFICATION", "R-5.6-7", [Packet(component=5, n_adds=16 * 11 + 1, is_explicit=True)]),
         ("E_CRC", "R-5.6-8", [Packet(component=5, tile=1, row={"crc": 1})]),
         ("E_CHAIN", "R-5.6-10", [replace(ENTRIES, tile=1)]),
-        ("E_CHAIN", "R-5.6-10", [ADDS, PICKS, ENTRIES]),
-        ("E_CHAIN", "R-5.6-10", [replace(ADDS, tile=1), replace(PICKS, tile=1), ENTRIES]),
-        ("E_CHAIN", "R-5.6-10", [ADDS, Packet(component=4), Packet(component=5)]),
     ],
 )
 def test_a_wrong_row_is_a_fault_of_the_packet_table(code, requirement, packets) -> None:

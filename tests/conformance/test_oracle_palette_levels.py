@@ -80,7 +80,7 @@ def test_entries_of_a_level_that_no_step_has_come_before_picks_of_higher_ones() 
     with pytest.raises(ValueError, match="cut"):
         oracle.decode(build(stream(*packets, n_levels=5)), cut=wide([[2, 2, 1]]))
     swapped = build(stream(ENTRIES, ADDS, PICKS, grow, late, more, n_levels=5))
-    assert fault(swapped)[:2] == ("E_CHAIN", "R-5.6-10")
+    assert fault(swapped)[:2] == ("E_INDEX", "R-7.2-4")
 
 
 def test_the_highest_label_of_picks_in_any_tile_says_what_a_cut_needs() -> None:
@@ -120,8 +120,7 @@ def test_picks_wait_for_entries_of_at_most_their_level(missing, cut) -> None:
         ("E_CHAIN", "R-5.6-3", [replace(ENTRIES, level=2), ADDS, replace(MORE, level=1)]),
         ("E_CHAIN", "R-5.6-3", [replace(ENTRIES, level=3, row={"n_drops": 1})]),  # and R-5.6-4
         ("E_CHAIN", "R-5.6-3", [replace(ENTRIES, level=1), Packet(component=5, tile=1)]),
-        ("E_CHAIN", "R-5.6-10", [replace(ADDS, level=1), PICKS, replace(ENTRIES, level=1)]),
-        ("E_CHAIN", "R-5.6-10", [replace(ADDS, level=2), PICKS, replace(ENTRIES, level=1)]),
+        ("E_CHAIN", "R-5.6-10", [replace(ENTRIES, tile=1)]),
     ],
 )
 def test_a_wrong_level_or_place_is_a_fault_of_the_packet_table(code, requirement, packets) -> None:
@@ -129,17 +128,26 @@ def test_a_wrong_level_or_place_is_a_fault_of_the_packet_table(code, requirement
     assert fault(data) == (code, requirement, data.index(b"PACK"))
 
 
-def test_picks_of_a_low_label_do_not_hide_those_of_a_higher_one_in_another_tile() -> None:
-    first = (replace(ADDS, tile=1, level=1), replace(PICKS, tile=1, picks=[0, 0, 0]))
-    packets = (*first, ADDS, replace(PICKS, picks=[0, 0, 0]))
-    right = build(stream(*packets, replace(ENTRIES, level=2), n_tiles=2, n_levels=3))
-    assert len(oracle.decode(right).palette[0]) == 3
-    wrong = build(stream(*packets, replace(ENTRIES, level=1), n_tiles=2, n_levels=3))
-    assert fault(wrong)[:2] == ("E_CHAIN", "R-5.6-10")
+def test_picks_require_the_entries_up_to_their_label_that_stand_before_them() -> None:
+    """12.2: the third entry stands behind the first picks, of the same label."""
+    first, grow = replace(ENTRIES, adds={0: [1, 2]}), replace(GROW, level=0)
+    third = replace(ENTRIES, adds={0: [3]})
+    early, late = replace(PICKS, picks=[2, 0, 1]), replace(MORE_PICKS, picks=[3, 1])
+    packets = [first, ADDS, early, third, grow, late]
+    data = build(stream(*packets))
+    scene = oracle.decode(data)
+    assert [p.n_before for p in scene.packets if p.component == 4] == [1, 2]
+    assert narrow(oracle.decode_pieces(data, pieces(data, 3)).tiles[0].cut) == [2, 1, 1]
+    assert narrow(oracle.decode(data, cut=wide([[2, 1, 1]])).tiles[0].cut) == [2, 1, 1]
+    with pytest.raises(ValueError, match="cut"):
+        oracle.decode(data, cut=wide([[2, 2, 1]]))
+    wrong = build(stream(first, ADDS, replace(PICKS, picks=[3, 0, 1]), third))
+    assert fault(wrong)[:2] == ("E_INDEX", "R-7.2-4")
 
 
-@pytest.mark.parametrize(("label", "level"), [(0, 1), (0, 2), (1, 2)])
-def test_entries_may_follow_picks_of_lower_labels(label: int, level: int) -> None:
+@pytest.mark.parametrize("label", [0, 1, 2])
+@pytest.mark.parametrize("level", [0, 1, 2])
+def test_entries_may_follow_picks_of_any_label(label: int, level: int) -> None:
     packets = (replace(ADDS, level=label), Packet(component=4), replace(ENTRIES, level=level))
     assert oracle.decode(build(stream(*packets, n_levels=3))).palette[0] == [20, 40, 60]
 

@@ -54,7 +54,7 @@ def write_suite(folder):
 
 
 def write_manifest(folder, entries, families=()):
-    head = {"suite": "evogs-conformance", "version": "0", "spec": "1.0-draft 4", "zstd": "?"}
+    head = {"suite": "evogs-conformance", "version": "0", "spec": "1.0-draft 5", "zstd": "?"}
     manifest = head | {"families": list(families), "vectors": entries}
     (folder / "manifest.json").write_text(json.dumps(manifest))
 

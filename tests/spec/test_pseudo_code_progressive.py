@@ -13,7 +13,7 @@ from tests.support.palette_streams import each_stream
 from tests.support.pseudo_code import pseudo_code
 
 SPEC = pseudo_code()
-N_STREAMS = 150
+N_STREAMS = 160
 
 
 def streams() -> list[bytes]:
@@ -31,14 +31,14 @@ def components(scene: oracle.Scene) -> dict[int, int]:
 
 def rows_of(scene: oracle.Scene) -> list[SimpleNamespace]:
     """The packets as the pseudo-code wants them (3.5)."""
-    names, levels, rows = components(scene), {}, []
+    names, levels, rows = components(scene), {}, list[SimpleNamespace]()
     for p in scene.packets:
         row = SimpleNamespace(tile=p.tile, step=p.step, component=names[p.component], size=p.size)
         if row.component == SPEC.CORE:
             levels[p.tile, p.step] = p.level
         own = row.component in (SPEC.CORE, SPEC.PALETTE)
         row.label = p.level if own else levels[p.tile, p.step]
-        row.packet = p
+        row.packet, row.row = p, len(rows)
         rows.append(row)
     return rows
 

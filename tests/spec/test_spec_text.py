@@ -308,7 +308,7 @@ def gives_new_picks(data: bytes, scene: oracle.Scene) -> bool:
 def has_levels(scene: oracle.Scene) -> bool:
     """Some picks may be of entries, and of fewer than there are."""
     n_required = {
-        len(scene.palette_up_to(scene.tiles[p.tile].steps[p.step].core.level))
+        len(scene.palette_up_to(p.label, p.n_before))
         for p in scene.packets
         if p.component == oracle.PICKS
     }

@@ -91,6 +91,7 @@ class Row(NamedTuple):
     size: int
     crc: int
     holds: str  # "core", "band", "picks" or "entries"
+    n_entries: int  # of picks: of the packets of the palette that they require (12.2); else 0
     level: int
     n_adds: int
     n_splits: int
@@ -113,7 +114,6 @@ class Stream:
     own: Limits  # the limits of this decoder
     widths: Mapping[int, int] = field(default_factory=dict)  # channels, by component of tiles
     palette: list[array[int]] = field(default_factory=list)  # channels of entries; none: no palette
-    n_entries: list[int] = field(default_factory=list)  # of the packets of the palette, by level
     chunks: dict[bytes, tuple[int, memoryview]] = field(default_factory=dict)
     quantisers: list[list[tuple[int, int]]] = field(default_factory=list)
     alpha: dict[tuple[int, int], tuple[int, Sequence[int]]] = field(default_factory=dict)
@@ -226,9 +226,8 @@ def read_pack(body: memoryview, stream: Stream) -> None:
     chains: dict[tuple[int, int], list[Row]] = {}
     splats = [0] * stream.n_tiles
     slots = [0] * (stream.n_tiles + 1)  # the last are entries, bounded like those of a tile (8.2)
-    stream.n_entries = [0] * stream.n_levels
+    entries_of = [0] * stream.n_levels  # of the palette, by level, in the rows so far
     all_slots, start = 0, 64 + stream.chunks_size
-    picked = -1  # the highest label of the picks so far, which require entries up to it (12)
     held = dict.fromkeys(range(1, 1 + stream.sh_degree), "band")
     held = {0: "core", **({4: "picks", 5: "entries"} if stream.palette else held)}
     for entry in struct.iter_unpack("<IBBHIIIIIII", body):
@@ -253,19 +252,20 @@ def read_pack(body: memoryview, stream: Stream) -> None:
             level, *counts = core[len(own)][-5:]
         require(n_records <= 16 * size, "E_AMPLIFICATION")  # R-5.6-7
         require(size > 0 or crc == 0, "E_CRC")  # R-5.6-8
-        of = tile
+        of, n_entries = tile, 0
         if holds == "entries":
-            require(tile == 0 and level > picked, "E_CHAIN")  # R-5.6-10
-            stream.n_entries[level] += adds
+            require(tile == 0, "E_CHAIN")  # R-5.6-10
+            entries_of[level] += adds
             of = stream.n_tiles
         elif holds == "picks":
-            picked = max(picked, level)
+            n_entries = sum(entries_of[: level + 1])  # before it, up to its label (12.2)
         slots[of] += adds + splits
         all_slots += adds + splits
         stream.limit("tile_steps", len(own) + 1)
         stream.limit("tile_slots", slots[of])
         stream.limit("slots", all_slots)
-        own.append(Row(tile, component, len(own), start, size, crc, holds, level, *counts))
+        name = tile, component, len(own)
+        own.append(Row(*name, start, size, crc, holds, n_entries, level, *counts))
         stream.rows.append(own[-1])
         start += size
 
@@ -746,9 +746,8 @@ def apply_packet(data: memoryview, row: Row, stream: Stream, tile: Tile) -> None
         tile.steps[row.step] = read_records(lists, row, stream, tile)
     step = tile.steps[row.step]
     if row.holds == "picks":
-        n_entries = sum(stream.n_entries[: row.level + 1])  # of the packets that it requires (12)
         picks = lists[0].integers() if row.size > 0 else None
-        apply_picks(picks, flags & 4 > 0, n_entries, step, stream, tile)
+        apply_picks(picks, flags & 4 > 0, row.n_entries, step, stream, tile)
         return
     n = len(tile.x[row.component])
     classes = CORE_CLASSES if row.holds == "core" else (4 + row.component,) * n
@@ -779,14 +778,14 @@ def choose(source: Source, stream: Stream, level: int | None, progressive: bool)
     faulty = {start for _, start in stream.faults}
     cut: list[Row] = []
     taken: set[tuple[int, int, int]] = set()
-    lacking = stream.n_levels  # the level of the first packet of the palette that is not taken
+    lacking = stream.n_levels  # the level of the first packet of the palette so far not taken
     for row in stream.rows:
         if level is not None and row.level > level:
             continue  # not asked for: R-6.2-3
         tile, component, step = row[:3]
         ready = step == 0 or (tile, component, step - 1) in taken
         ready = ready and (row.holds in ("core", "entries") or (tile, 0, step) in taken)
-        ready = ready and (row.holds != "picks" or row.level < lacking)  # 12, R-5.6-10
+        ready = ready and (row.holds != "picks" or row.level < lacking)  # 12.2
         ready = ready and (row.size == 0 or row.start not in faulty)
         if not progressive or (ready and source.has(row.start, row.size)):  # R-6.4-1, R-6.4-3
             taken.add(row[:3])

@@ -43,7 +43,6 @@ def header() -> Iterator[Case]:
 
 def chains() -> Iterator[Case]:
     """Components and places of rows."""
-    after = [ADD, entries(2), picks(1, 2, 0), entries(1)]
     yield from refused([
         ("component-3", with_palette(ADD, Packet(component=3, n_adds=0, row={"component": 3}),
                                      degree=3),
@@ -66,21 +65,12 @@ def chains() -> Iterator[Case]:
         ("picks-of-another-tile",
          with_palette(ADD, entries(2), picks(1, 2, 0, tile=1), n_tiles=2), "R-5.6-2", "E_CHAIN",
          "picks of a tile that has no core", "counts core packets of all tiles"),
-        ("palette-after-picks", with_palette(*after), "R-5.6-10", "E_CHAIN",
-         "a row of the palette behind one of picks", "lets the palette grow at any time"),
-        ("palette-after-picks-of-size-0", with_palette(ADD, picks(), entries(1)), "R-5.6-10",
-         "E_CHAIN", "a row of the palette behind one of picks, which has no bytes",
-         "looks at picks that have bytes"),
-        ("palette-of-size-0-after-picks", with_palette(*after[:3], entries(0)), "R-5.6-10",
-         "E_CHAIN", "a row of the palette without entries behind one of picks",
-         "looks at rows that have entries"),
-        ("palette-after-picks-of-another-tile",
-         with_palette(replace(ADD, tile=1), picks(0, 0, 0, tile=1), entries(1), ADD, n_tiles=2),
-         "R-5.6-10", "E_CHAIN", "a row of the palette behind one of picks of tile 1",
-         "looks at rows of tile 0"),
         ("palette-of-tile-1",
          with_palette(ADD, replace(entries(2), tile=1), picks(1, 2, 0), n_tiles=2), "R-5.6-10",
          "E_CHAIN", "a row of the palette that says tile 1", "takes the palette from any tile"),
+        ("palette-of-size-0-of-tile-1",
+         with_palette(ADD, replace(entries(0), tile=1), picks(), n_tiles=2), "R-5.6-10", "E_CHAIN",
+         "a row of the palette without entries that says tile 1", "looks at rows with entries"),
         ("palette-of-no-tile", with_palette(replace(entries(2), tile=1)), "R-5.6-1", "E_CHAIN",
          "a row of the palette that says a tile that is none", "does not look at its tile"),
     ])  # fmt: skip
@@ -272,19 +262,21 @@ def order() -> Iterator[Case]:
     """Two faults each."""
     bad_picks = replace(picks(3, 3, 3), style=lambda c: raw(bytes([c[0] | 0x80])))
     rows: list[Row] = [
-        ("order-count-and-place",
-         with_palette(ADD, picks(), replace(entries(1), row={"n_drops": 1})),
-         "R-6.1-1 R-5.6-4 6.1", "E_COUNT", "a row of the palette behind picks, with `n_drops` 1",
-         "looks at its place before its counts"),
-        ("order-amplification-and-place",
+        ("order-count-and-tile",
+         with_palette(ADD, replace(entries(1), tile=1, row={"n_drops": 1}), n_tiles=2),
+         "R-6.1-1 R-5.6-4 6.1", "E_COUNT",
+         "a row of the palette that says tile 1, with `n_drops` 1",
+         "looks at its tile before its counts"),
+        ("order-amplification-and-tile",
          with_palette(ADD, replace(entries(0), tile=1, n_adds=177, is_explicit=True), n_tiles=2),
          "R-6.1-1 R-5.6-7 6.1", "E_AMPLIFICATION",
          "a row of the palette that says tile 1, and 177 entries in 11 bytes",
-         "looks at its place before its size"),
-        ("order-checksum-and-place",
-         with_palette(ADD, picks(), replace(entries(0), row={"crc": 1})), "R-6.1-1 R-5.6-8 6.1",
-         "E_CRC", "a row of the palette of size 0 behind picks, its checksum 1",
-         "looks at its place before its checksum"),
+         "looks at its tile before its size"),
+        ("order-checksum-and-tile",
+         with_palette(ADD, replace(entries(0), tile=1, row={"crc": 1}), n_tiles=2),
+         "R-6.1-1 R-5.6-8 6.1", "E_CRC",
+         "a row of the palette of size 0 that says tile 1, its checksum 1",
+         "looks at its tile before its checksum"),
         ("order-low-plane-and-pick", with_palette(ADD, entries(2), bad_picks),
          "R-6.1-1 R-5.9-9 6.1", "E_PACKET",
          "picks above the entries, and bits that belong to no pick",
@@ -302,9 +294,10 @@ def order() -> Iterator[Case]:
     ]  # fmt: skip
     yield from refused(rows, FILE)
     yield from refused([
-        ("order-place-and-limit", with_palette(ADD, picks(), entries(4)), "R-6.1-1 R-5.6-10 6.1",
-         "E_CHAIN", "a row of the palette behind picks, with more entries than the decoder's limit",
-         "looks at limits before places"),
+        ("order-tile-and-limit",
+         with_palette(ADD, replace(entries(4), tile=1), n_tiles=2), "R-6.1-1 R-5.6-10 6.1",
+         "E_CHAIN", "a row of the palette of tile 1, with more entries than the decoder's limit",
+         "looks at limits before tiles"),
     ], Run(limits={"tile_slots": 3}))  # fmt: skip
 
 

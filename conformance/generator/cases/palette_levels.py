@@ -221,8 +221,6 @@ def digests() -> Iterator[Case]:
 
 def chains() -> Iterator[Case]:
     """Levels of rows, and places of rows with levels."""
-    first, later = replace(ADD, level=1), entries(1, seed=3, level=1)
-    other = replace(ADD, tile=1)
     rows: list[tuple[str, Stream, str, str, str]] = [
         ("palette-level-2-of-2", with_palette(ADD, replace(HIGH, level=2)), "R-5.6-3",
          "a row of the palette says level 2, and there are two", "does not bound it"),
@@ -233,29 +231,6 @@ def chains() -> Iterator[Case]:
         ("palette-level-falls-behind-size-0", with_palette(entries(0, level=1), LOW), "R-5.6-3",
          "a row of the palette of level 0 behind one of level 1 without bytes",
          "compares with rows that have bytes"),
-        ("palette-after-picks-of-level-1",
-         with_palette(ADD, LOW, picks(2, 0, 1), GROW, picks(1, 2), later), "R-5.6-10",
-         "a row of the palette of level 1 behind picks of a step with label 1",
-         "takes the label of picks from the level of their row, which is 0"),
-        ("palette-after-picks-of-a-higher-level", with_palette(first, picks(), entries(1)),
-         "R-5.6-10", "a row of the palette of level 0 behind picks of a step with label 1",
-         "looks for picks of the same level"),
-        ("palette-after-picks-of-a-first-step",
-         with_palette(other, picks(tile=1), first, picks(), later, n_tiles=2), "R-5.6-10",
-         "a row of the palette of level 1 behind picks of a first step with label 1",
-         "takes the labels of tiles from their numbers of steps"),
-        ("palette-after-picks-of-levels-1-and-0",
-         with_palette(first, picks(), other, picks(tile=1), later, n_tiles=2), "R-5.6-10",
-         "a row of the palette of level 1 behind picks of labels 1 and 0, of two tiles",
-         "looks at the last row of picks, or at rows of the last tile"),
-        ("palette-after-picks-of-a-higher-level-of-tile-1",
-         with_palette(ADD, replace(first, tile=1), picks(tile=1), later, n_tiles=2), "R-5.6-10",
-         "a row of the palette of level 1 behind picks of a step with label 1 of tile 1",
-         "takes labels from the steps of tile 0"),
-        ("palette-of-size-0-after-picks-of-level-1",
-         with_palette(first, picks(), entries(0, level=1)), "R-5.6-10",
-         "a row of the palette without entries behind picks that require it",
-         "looks at rows that have entries"),
         ("order-level-and-count",
          with_palette(ADD, replace(LOW, row={"level": 2, "n_drops": 1})), "R-6.1-1 R-5.6-3 6.1",
          "a row of the palette says level 2 of 2, and `n_drops` 1",

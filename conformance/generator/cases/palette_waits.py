@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from conformance.decoders.outcomes import Run
-from conformance.generator.builder import build, patched, places
+from conformance.generator.builder import Stream, build, patched, places
 from conformance.generator.cases.case import FILE, PROGRESSIVE, Case, Recipe, case
 from conformance.generator.cases.palette import ADD, GROW, entries, picks, with_palette
 from conformance.generator.cases.palette_levels import HIGH, LOW, SCENE, TWIN
@@ -16,9 +16,9 @@ from conformance.generator.cases.progressive import came
 FAMILY = "palette"
 
 
-def order(*numbers_: int) -> Run:
-    """These packets of `SCENE` came, in this order."""
-    spans = places(build(SCENE)).packets
+def order(*numbers_: int, stream: Stream = SCENE) -> Run:
+    """These packets of a stream came, in this order."""
+    spans = places(build(stream)).packets
     pieces = (spans[k] for k in numbers_)
     return came((0, spans[0][0]), *((begin, end - begin) for begin, end in pieces))
 
@@ -74,14 +74,14 @@ def arrivals() -> Iterator[Case]:
         "waits for entries of higher levels, or for core",
         runs=tuple(came((0, end)) for _, end in places(data).packets),
     )
-    behind = with_palette(ADD, LOW, GROW, picks(2, 0, 1), HIGH, picks(3, 4))
+    behind = with_palette(ADD, LOW, HIGH, GROW, picks(2, 0, 1), picks(3, 4))
     yield case(
         "levels-of-late-picks-without-level-1",
         build(behind),
         "R-6.4-1 12 6.4",
-        "picks of level 0 stand behind core of label 1, and entries of level 1 are missing",
+        "picks of level 0 stand behind core and entries of level 1, and the entries are missing",
         "takes the label of picks from the last step of core before them",
-        runs=(without(4, stream=behind), without(4, 5, stream=behind)),
+        runs=(without(2, stream=behind), without(2, 5, stream=behind)),
     )
     empty = with_palette(
         ADD, LOW, picks(2, 0, 1), HIGH, GROW, picks(), replace(ADD, tile=1), picks(tile=1),

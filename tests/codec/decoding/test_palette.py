@@ -296,15 +296,15 @@ TABLES = [
     (None, [HIGH, replace(HIGH), FIRST[0], picks(0)]),
     (None, [LOW, FIRST[0], picks(0), HIGH, FIRST[1], picks(1), SECOND[1], picks(1)]),
     (None, [FIRST[0], FIRST[1], SECOND[1], picks(1), HIGH, picks(1)]),
+    (None, [FIRST[0], picks(0), LOW]),  # 12.2: picks require what stands before them
+    (None, [LOW, FIRST[2], FIRST[1], SECOND[1], picks(1), picks(2), picks(1), HIGH]),
+    (None, [LOW, FIRST[2], SECOND[2], picks(2), picks(2), FIRST[1], picks(1), HIGH]),
     ("E_CHAIN", [HIGH, LOW]),  # R-5.6-3
     ("E_CHAIN", [replace(HIGH, level=3)]),
     ("E_CHAIN", [HIGH, replace(LOW, row={"n_drops": 1})]),
     ("E_COUNT", [LOW, replace(HIGH, row={"n_drops": 1})]),  # R-5.6-4
     ("E_COUNT", [HIGH, FIRST[0], replace(picks(0, 1), level=1)]),
     ("E_CHAIN", [replace(LOW, tile=1)]),  # R-5.6-10
-    ("E_CHAIN", [FIRST[0], picks(0), LOW]),
-    ("E_CHAIN", [LOW, FIRST[2], FIRST[1], SECOND[1], picks(1), picks(2), picks(1), HIGH]),
-    ("E_CHAIN", [LOW, FIRST[2], SECOND[2], picks(2), picks(2), FIRST[1], picks(1), HIGH]),
     ("E_CHAIN", [picks(0), LOW]),
 ]
 

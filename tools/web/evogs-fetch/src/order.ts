@@ -39,17 +39,15 @@ export function viewOrder(view: View, budget: Budget = {}): Order {
     const heaviest = weights.reduce((a, b) => Math.max(a, b), 0);
     const value = new Float64Array(packets.length);
     const before = new Int32Array(packets.first.length).fill(-1);
-    let paletteBefore = Number.POSITIVE_INFINITY;
     for (let i = 0; i < packets.length; i++) {
       const component = packets.component[i];
       const chain = packets.chainOf(i);
       let v = component === PALETTE ? heaviest : weights[packets.tile[i]];
       v /= packets.offset[i];
-      // Nothing comes before what it needs: the packet before it, its core, and the palette.
+      // Nothing comes before what it needs: the packet before it, its core, and entries of the palette.
       if (before[chain] >= 0) v = Math.min(v, value[before[chain]]);
       if (component !== CORE && component !== PALETTE) v = Math.min(v, value[packets.core[i]]);
-      if (component === PICKS) v = Math.min(v, paletteBefore);
-      if (component === PALETTE) paletteBefore = Math.min(paletteBefore, v);
+      if (packets.palette[i] >= 0) v = Math.min(v, value[packets.palette[i]]);
       value[i] = v;
       before[chain] = i;
     }
@@ -81,6 +79,7 @@ function withinBudget(directory: Directory, order: ArrayLike<number>, budget: Bu
       (isBand && component > shDegree) ||
       (component >= PICKS && isPaletteOut()) ||
       (component !== CORE && component !== PALETTE && isOut[packets.core[i]] === 1) ||
+      (packets.palette[i] >= 0 && isOut[packets.palette[i]] === 1) ||
       nSplats + made > splats ||
       nBytes + packets.size[i] > bytes;
     if (isLeftOut) {

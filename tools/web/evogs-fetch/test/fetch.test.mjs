@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { Decoder, decode, dump } from "evogs";
-import { chance, core, packet, stream } from "../../evogs/test/streams.mjs";
+import { CORE, PALETTE, PICKS, chance, core, packet, stream } from "../../evogs/test/streams.mjs";
 import { FetchError, Intervals, SceneFetch, fileOrder, viewOrder } from "../dist/index.js";
 import { serve } from "./server.mjs";
 
@@ -239,6 +239,70 @@ test("an order by view is that of the file with near tiles ahead, and nothing be
     for (const j of all) if (packets.offset[j] < 0.3 * packets.offset[i]) assert.ok(place.get(j) < place.get(i));
   }
   assert.ok(ahead > packets.length, `${ahead} places`);
+});
+
+/** Two tiles whose picks need more and more of a palette. Packets of entries are as large as `n` says. */
+function pickedScene(n) {
+  const entries = (level) => ({
+    component: PALETTE,
+    level,
+    adds: n,
+    bytes: packet(9, { 0: [0x08, new Array(n).fill(2)] }),
+  });
+  const shown = (tile, level, pick) => [
+    { tile, level, adds: 1, bytes: core({ [ADDS]: [0x08, [1]] }) },
+    { tile, component: PICKS, bytes: packet(1, { 0: [0x08, [pick]] }) },
+  ];
+  const rows = [
+    entries(0),
+    shown(0, 1, 1),
+    entries(1),
+    shown(1, 0, 1),
+    entries(1),
+    shown(0, 1, 2),
+    shown(1, 1, 1),
+  ];
+  return stream({ nTiles: 2, nLevels: 2, shDegree: 1, hasPalette: true, rows: rows.flat() });
+}
+
+test("by view, picks come after the entries that they need", () => {
+  const { directory } = decode(pickedScene(2000));
+  const { packets, tiles } = directory;
+  tiles.origin.set([0, 0, 0, 5000, 0, 0]);
+  for (const near of [0, 1]) {
+    const view = { eye: [5000 * near, 0, 0], planes: [near ? [1, 0, 0, -4000] : [-1, 0, 0, 1000]] };
+    tiles.boxMin.fill(-10);
+    tiles.boxMax.fill(10);
+    const order = [...viewOrder(view)(directory)];
+    assert.equal(order.length, packets.length);
+    assert.ok(order.some((i, k) => i !== k));
+    const came = new Set();
+    for (const i of order) {
+      for (let q = 0; q < packets.length; q++) {
+        const isBefore = q < i && packets.label[q] <= packets.label[i];
+        const isEntries = packets.component[i] === PICKS && packets.component[q] === PALETTE && isBefore;
+        if (isEntries || packets.next[q] === i || packets.core[i] === q) assert.ok(q === i || came.has(q));
+      }
+      came.add(i);
+    }
+  }
+});
+
+test("picks whose entries are beyond the budget are left out, and no others", () => {
+  const { directory } = decode(pickedScene(2000));
+  const { packets } = directory;
+  const last = packets.length - 5;
+  assert.equal(packets.component[last], PALETTE);
+  const taken = [...fileOrder({ bytes: packets.end - packets.size[last] })(directory)];
+  assert.ok(!taken.includes(last));
+  const all = Array.from({ length: packets.length }, (_, i) => i);
+  const isLeft = (i) => i === last || (i > last && packets.component[i] === PICKS);
+  assert.deepEqual(
+    taken,
+    all.filter((i) => !isLeft(i)),
+  );
+  assert.ok(taken.some((i) => i < last && packets.component[i] === PICKS) && taken.at(-1) === packets.length - 2);
+  assert.equal(packets.component[packets.length - 2], CORE);
 });
 
 test("by view tiles come first that cover much of the picture, also one around the viewer", () => {

@@ -14,9 +14,6 @@ export interface Cut {
   entries: number;
   /** Packets of SH and of picks that need the records of each core packet: 0 to 4. */
   users: Uint8Array;
-  /** By label of a packet of picks: the packets of the palette that it requires, and their entries (12.2). */
-  palettePacketsUpTo: Uint32Array;
-  entriesUpTo: Uint32Array;
 }
 
 /** The cut by `level`, or all packets. Throws a CallerError if the stream has no such level. */
@@ -30,18 +27,7 @@ export function cutByLevel(directory: Directory, level: number | undefined): Cut
     slots: new Uint32Array(header.nTiles),
     entries: 0,
     users: new Uint8Array(packets.length),
-    palettePacketsUpTo: new Uint32Array(header.nLevels),
-    entriesUpTo: new Uint32Array(header.nLevels),
   };
-  let p = packets.first[PALETTE] ?? -1;
-  for (let label = 0; label < header.nLevels; label++) {
-    cut.palettePacketsUpTo[label] = cut.palettePacketsUpTo[label - 1] ?? 0;
-    cut.entriesUpTo[label] = cut.entriesUpTo[label - 1] ?? 0;
-    for (; p >= 0 && packets.label[p] === label; p = packets.next[p]) {
-      cut.palettePacketsUpTo[label]++;
-      cut.entriesUpTo[label] = packets.slotsAfter[p];
-    }
-  }
   for (let i = 0; i < packets.length; i++) {
     if (packets.label[i] > cut.level) continue;
     const component = packets.component[i];

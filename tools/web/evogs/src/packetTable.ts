@@ -30,6 +30,8 @@ export class PacketTable {
   readonly label: Uint8Array;
   /** The core packet of the same tile and step, itself for core, -1 for the palette. */
   readonly core: Int32Array;
+  /** The last packet of the palette that a packet of picks requires, with all before it (12.2). -1: it requires none. */
+  readonly palette: Int32Array;
   /** The next packet of the chain, or -1. */
   readonly next: Int32Array;
   /** Slots of the tile after the step. Entries of the palette after the packet, if it is of the palette. */
@@ -57,6 +59,7 @@ export class PacketTable {
     this.step = u32();
     this.label = new Uint8Array(length);
     this.core = new Int32Array(length).fill(NONE);
+    this.palette = new Int32Array(length).fill(NONE);
     this.next = new Int32Array(length).fill(NONE);
     this.slotsAfter = u32();
     this.first = new Int32Array(Math.max(nTiles, 1) * N_COMPONENTS).fill(NONE);
@@ -79,6 +82,12 @@ export class PacketTable {
     const component = this.component[i];
     return component === PALETTE ? PALETTE : this.tile[i] * N_COMPONENTS + component;
   }
+
+  /** The entries that a packet of picks may pick: they are the first of the palette (R-7.2-4). */
+  entriesFor(i: number): number {
+    const last = this.palette[i];
+    return last === NONE ? 0 : this.slotsAfter[last];
+  }
 }
 
 /** What is counted while the rows are read. */
@@ -92,8 +101,8 @@ interface Running {
   tileSlots: Float64Array;
   entries: number;
   slots: number;
-  /** The highest label of a row of picks so far. */
-  pickLabel: number;
+  /** The last row of the palette up to each level below that of the last row so far, or -1. */
+  paletteUpTo: Int32Array;
 }
 
 /** Reads the table, with the checks of 6.1, step 3. Throws a StreamError at `PACK`, or at 0 for R-5.1-8. */
@@ -108,7 +117,7 @@ export function parsePacketTable(chunk: Chunk, header: Header, limits: Limits = 
     tileSlots: new Float64Array(header.nTiles),
     entries: 0,
     slots: 0,
-    pickLabel: NONE,
+    paletteUpTo: new Int32Array(header.nLevels).fill(NONE),
   };
   const checker = new LimitChecker(header.tier, limits);
   const view = viewOf(chunk.body);
@@ -180,9 +189,14 @@ function parseRow(
   table.crc[i] = view.getUint32(row + 32, true);
   check(size > 0 || table.crc[i] === 0, "E_CRC", at);
   if (component === PALETTE) {
-    check(tile === 0 && level > running.pickLabel, "E_CHAIN", at, "place of a palette row (R-5.6-10)");
+    check(tile === 0, "E_CHAIN", at, "tile of a palette row (R-5.6-10)");
+    // Levels do not fall (R-5.6-3): no level below this one has more rows.
+    if (before !== NONE) running.paletteUpTo.fill(before, table.label[before], level);
+  } else if (component === PICKS) {
+    const last = running.last[PALETTE];
+    const isOfAll = last === NONE || table.label[i] >= table.label[last];
+    table.palette[i] = isOfAll ? last : running.paletteUpTo[table.label[i]];
   }
-  if (component === PICKS) running.pickLabel = Math.max(running.pickLabel, table.label[i]);
 
   running.steps[chain] = step + 1;
   running.last[chain] = i;

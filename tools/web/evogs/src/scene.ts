@@ -148,8 +148,8 @@ export class Scene {
         : (this.records.get(packets.core[i])?.records as StepRecords);
     const from = tile.slotsOf(component);
     if (component === PICKS) {
-      const nEntries = this.cut.entriesUpTo[packets.label[i]];
-      check(applyPicks(tile, records, lists, nEntries, this.workspace), "E_INDEX", offset, "a pick");
+      const isGood = applyPicks(tile, records, lists, packets.entriesFor(i), this.workspace);
+      check(isGood, "E_INDEX", offset, "a pick");
     } else {
       check(this.applyChannels(t, tile, component, records, lists), "E_RANGE", offset);
     }

@@ -26,9 +26,8 @@ export class Scheduler {
   private readonly held = new Map<number, Uint8Array>();
   /** The next packet of each chain. */
   private readonly next: Int32Array;
-  /** Tiles whose picks wait for the palette, by the packets of it that they need. */
-  private readonly waiting = new Map<number, number[]>();
-  private nPalette = 0;
+  /** Chains of picks that wait for the palette, by the last packet of it that they need. */
+  private readonly waiting = new Map<number, Set<number>>();
 
   constructor(
     private readonly scene: Scene,
@@ -82,18 +81,20 @@ export class Scheduler {
 
   /** Examines what it can of a chain, and of the chains that waited for it. */
   private runFrom(chain: number): void {
+    const from = this.next[chain];
     if (!this.run(chain)) return;
-    if (chain === PALETTE && this.scene.directory.header.hasPalette) this.wake();
+    if (chain === PALETTE && this.scene.directory.header.hasPalette) this.wake(from);
     if (chain % N_COMPONENTS !== CORE) return;
     for (let component = 1; component <= PICKS; component++) this.run(chain + component);
   }
 
-  /** Picks that wait for no more of the palette than there is. */
-  private wake(): void {
-    for (const [need, chains] of [...this.waiting]) {
-      if (need > this.nPalette) continue;
-      this.waiting.delete(need);
-      for (const chain of chains) this.run(chain);
+  /** Runs the picks that waited for packet `from` of the palette, or for one behind it that was applied. */
+  private wake(from: number): void {
+    const { next } = this.scene.directory.packets;
+    for (let p = from; p >= 0 && this.status[p] === APPLIED; p = next[p]) {
+      const chains = this.waiting.get(p);
+      this.waiting.delete(p);
+      for (const chain of chains ?? []) this.run(chain);
     }
   }
 
@@ -119,11 +120,10 @@ export class Scheduler {
     if (component === CORE || component === PALETTE) return false;
     if (this.status[packets.core[i]] !== APPLIED) return true;
     if (component !== PICKS) return false;
-    const need = this.scene.cut.palettePacketsUpTo[packets.label[i]];
-    if (need <= this.nPalette) return false;
-    const chains = this.waiting.get(need) ?? [];
-    if (chains[chains.length - 1] !== chain) chains.push(chain);
-    this.waiting.set(need, chains);
+    const last = packets.palette[i];
+    if (last < 0 || this.status[last] === APPLIED) return false;
+    const chains = this.waiting.get(last) ?? new Set();
+    this.waiting.set(last, chains.add(chain));
     return true;
   }
 
@@ -144,7 +144,6 @@ export class Scheduler {
     }
     this.status[i] = APPLIED;
     this.nApplied++;
-    if (this.scene.directory.packets.component[i] === PALETTE) this.nPalette++;
     this.verifier?.check(this.scene, i);
     return true;
   }

@@ -98,16 +98,16 @@ class CompiledTiles {
       n += records.nSplits + records.nAdds;
       return step;
     });
-    const data = component === PICKS ? this.picks(steps, n) : this.channels(component, steps, n, null);
+    const data = component === PICKS ? this.picks(chain, steps, n) : this.channels(component, steps, n, null);
     this.sink.component(component, data, n, steps.length);
   }
 
-  private picks(steps: Step[], n: number): number {
-    const { engine, cut } = this;
+  private picks(chain: number[], steps: Step[], n: number): number {
+    const { engine } = this;
     const { kernels } = engine;
     const x = engine.takeIntegers(n);
-    for (const { lists, records, from } of steps) {
-      const { nPsi, psi, nSplits, parents, nAdds, nDrops, drops, label } = records;
+    for (const [k, { lists, records, from }] of steps.entries()) {
+      const { nPsi, psi, nSplits, parents, nAdds, nDrops, drops } = records;
       const nNew = nSplits + nAdds;
       const fresh = x + 4 * from;
       if (lists === null) {
@@ -116,7 +116,7 @@ class CompiledTiles {
       } else {
         const nChanged = (lists.flags & PICKS_OF_CHANGED) !== 0 ? nPsi : 0;
         const picks = storedOf(engine, lists, lists.layout.picks);
-        need(kernels.areWithin(picks, nChanged + nNew, 0, cut.entriesUpTo[label]));
+        need(kernels.areWithin(picks, nChanged + nNew, 0, this.directory.packets.entriesFor(chain[k])));
         kernels.setSlots(x, psi, nChanged, picks);
         engine.at(fresh, nNew).set(engine.at(picks + 4 * nChanged, nNew));
       }
