@@ -9,11 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conformance.decoders import oracle
-from evogs_codec import PRESETS, EvolutionTree, Palette, Step, decode, encode, read_directory
-from evogs_codec.encoding import palette_parts
+from evogs_codec import PRESETS, Cut, EvolutionTree, Palette, Step, decode, encode, read_directory
+from evogs_codec.encoding import palette_entries, palette_parts
 from evogs_codec.encoding.arrange import arrange
+from evogs_codec.encoding.packet_order import highest_picks, packet_order
+from evogs_codec.encoding.palette_entries import FEW, NEVER, STEPS, first_uses
 from evogs_codec.encoding.palette_parts import apart, in_parts
 from evogs_codec.encoding.quantise import quantise
+from evogs_codec.encoding.write import write
 from evogs_codec.model.components import CORE, PALETTE, PICKS
 from evogs_codec.model.packet_id import PacketId
 
@@ -141,3 +144,77 @@ def test_the_palette_only_comes_earlier(seed):
     for packet in order:
         if in_turn(packet):
             assert {*found[: found.index(packet)]} <= {*order[: order.index(packet)]}
+
+
+# --- entries of steps -----------------------------------------------------------------------------
+
+
+def two_steps(n_second=6_000, seed=1):
+    """Two steps of one level: the first picks of 6,000 entries, the second of others as well."""
+    rng, n = np.random.default_rng(seed), 6_000 + n_second
+    steps = []
+    for most in (6_000, n):
+        adds = Step.of_adds(0, rng.normal(size=(14, 20_000)).astype(np.float32))
+        steps.append(replace(adds, picks=rng.integers(0, most + 1, 20_000).astype(np.int32)))
+    entries = rng.normal(0, 0.2, (9, n)).astype(np.float32)
+    return EvolutionTree(0, tuple(steps), palette=Palette(1, entries[:, rng.permutation(n)]))
+
+
+def coded_steps(n_second=6_000):
+    return quantise([two_steps(n_second)], 1, PRESETS["scene"])
+
+
+def test_the_first_use_of_an_entry_is_a_level_and_a_step():
+    coded = coded_steps()
+    tile, n = coded.tiles[0], len(coded.entry_uses)
+    later = replace(tile.steps[1], level=3)
+    uses = first_uses([replace(tile, steps=(*tile.steps, later))], n)
+    assert set(uses.tolist()) == {0, 1}
+    assert uses.tolist() == sorted(uses.tolist()), "entries are in order of use"
+    assert set(first_uses([replace(tile, steps=(later,))], n).tolist()) == {3 * STEPS, NEVER}
+
+
+def test_entries_come_before_the_first_step_that_picks_them():
+    coded = coded_steps()
+    first, both = highest_picks(coded.tiles[0].steps).tolist()
+    assert 5_500 < first < 6_001 < both
+    sizes = {PacketId(0, PALETTE, 0): 100_000}
+    sizes |= {PacketId(0, c, k): 100_000 for c in (CORE, PICKS) for k in range(2)}
+    divided = in_parts(coded, sizes)
+    assert first in [rows.stop for rows in divided.palette_rows]
+    n_first = sum(rows.stop <= first for rows in divided.palette_rows)
+    sizes |= {PacketId(0, PALETTE, k): 30_000 for k in range(len(divided.palette_rows))}
+    order = packet_order(divided, sizes)
+    before = order[: order.index(PacketId(0, PICKS, 0))]
+    assert PacketId(0, PALETTE, n_first - 1) in before
+
+
+@pytest.mark.thorough
+def test_a_stream_has_entries_behind_picks_of_their_level(monkeypatch):
+    data = write(coded_steps())
+    directory = read_directory(data)
+    rows = directory.packets
+    first, second = np.flatnonzero(rows["component"] == PICKS).tolist()
+    assert first < directory.palette_packets[-1] < second
+    assert directory.entries_required[first] < directory.entries_required[second]
+    assert set(rows["level"].tolist()) == {0}
+    decoded = decode(data, verify=True)
+    assert oracle.decode(data, check_digests=True).dump() == decoded.dump()
+    prefix = Cut.of_rows(directory, np.arange(first + 1))
+    assert prefix.palette < len(directory.palette_packets)
+    assert decode(data, prefix).dump() == oracle.decode(data, cut=as_of_oracle(prefix)).dump()
+    monkeypatch.setattr(palette_entries, "FEW", 1 << 20)
+    assert len(data) <= 1.005 * len(write(coded_steps()))
+
+
+def as_of_oracle(cut):
+    """A cut of one tile with picks and a palette."""
+    core, picks = cut.steps[0].tolist()
+    return [[core, 0, 0, 0, picks, cut.palette]]
+
+
+def test_few_entries_of_a_step_are_among_those_of_the_step_before():
+    coded = coded_steps(FEW - 500)
+    assert set(coded.entry_uses.tolist()) == {0}
+    enough = coded_steps(FEW + 500)
+    assert set(enough.entry_uses.tolist()) == {0, 1}
