@@ -62,7 +62,7 @@ def _ends(rows: slice, uses: I32, n_parts: int) -> list[int]:
     ends: list[int] = []
     at, length = rows.start, (rows.stop - rows.start) / n_parts
     for end in [*(rows.start + 1 + np.flatnonzero(np.diff(uses))).tolist(), rows.stop]:
-        if end == rows.stop or end - at >= length / 2:
+        if end == rows.stop or (n_parts > 1 and end - at >= length / 2):
             n = max(1, round((end - at) / length))
             ends += [at + (end - at) * (k + 1) // n for k in range(n)]
             at = end
