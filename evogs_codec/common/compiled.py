@@ -54,7 +54,7 @@ class _Cache(FunctionCache):  # type: ignore[misc]
 
 
 class _CodeFiles(IndexDataCacheFile):  # type: ignore[misc]
-    """The files of one function: a signature each, a digest and what is pickled."""
+    """The files of one function, of a signature each: a digest, and what is pickled."""
 
     def __init__(self, folder: str, name: str, function: FunctionType) -> None:
         super().__init__(folder, name, source_stamp=None)
@@ -63,9 +63,9 @@ class _CodeFiles(IndexDataCacheFile):  # type: ignore[misc]
 
     def save(self, key: Any, code: Any) -> None:  # noqa: ANN401
         """Keep code; where the disk is full or may not be written to, it is compiled again."""
-        content = dumps((self._made_from, key, code))
+        content = dumps((key, code))
         with contextlib.suppress(OSError), self._open_for_write(str(self._path(key))) as file:
-            file.write(hashlib.sha256(content).digest() + content)
+            file.write(self._digest_of(content) + content)
 
     def load(self, key: Any) -> Any:  # noqa: ANN401
         """The code of a signature; None if there is none, or it is damaged or of other sources."""
@@ -74,10 +74,10 @@ class _CodeFiles(IndexDataCacheFile):  # type: ignore[misc]
         except OSError:
             return None
         content = data[_DIGEST:]
-        if hashlib.sha256(content).digest() != data[:_DIGEST]:
-            return None
-        made_from, of_key, code = pickle.loads(content)
-        return code if (made_from, of_key) == (self._made_from, key) else None
+        if self._digest_of(content) != data[:_DIGEST]:
+            return None  # also what another version of numba kept, which this one may not load
+        of_key, code = pickle.loads(content)
+        return code if of_key == key else None
 
     def flush(self) -> None:
         """Remove every file of the function."""
@@ -87,12 +87,16 @@ class _CodeFiles(IndexDataCacheFile):  # type: ignore[misc]
     def _path(self, key: Any) -> Path:  # noqa: ANN401
         return Path(self._cache_path, f"{self._name}.{_digest(repr(key).encode())[:16]}.nbc")
 
+    def _digest_of(self, content: bytes) -> bytes:
+        """SHA-256 of a content and of what it was made from."""
+        return hashlib.sha256(self._made_from + content).digest()
+
     @cached_property
-    def _made_from(self) -> tuple[str, str]:
-        """Numba's version and a digest of the sources and numbers that the code depends on."""
+    def _made_from(self) -> bytes:
+        """Numba's version, and digests of the sources and numbers that the code depends on."""
         sources: set[str] = set()
         _gather(self._function, sources, set())
-        return numba.__version__, _digest("\n".join(sorted(sources)).encode())
+        return "\n".join([numba.__version__, *sorted(sources)]).encode()
 
 
 def _gather(function: FunctionType, sources: set[str], seen: set[FunctionType]) -> None:

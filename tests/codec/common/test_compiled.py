@@ -128,6 +128,17 @@ def test_a_damaged_file_is_made_again(sources, damage):
     assert sum(kept.stats.cache_hits.values()) == 1
 
 
+def test_what_another_numba_kept_is_not_loaded(sources, monkeypatch):
+    x = np.arange(4, dtype=np.int32)
+    with monkeypatch.context() as other:
+        other.setattr(compiled.numba, "__version__", "0.1")
+        total(sources)(x)
+    monkeypatch.setattr(compiled.pickle, "loads", lambda _: pytest.fail("it was loaded"))
+    again = total(sources)
+    assert again(x) == 20
+    assert sum(again.stats.cache_hits.values()) == 0
+
+
 def test_a_folder_that_cannot_be_written_to_only_costs_time(sources, monkeypatch):
     def full(*_args):
         raise OSError("no space left on device")
