@@ -1,10 +1,12 @@
 """numba, with compiled code that several processes may keep at once.
 
-numba numbers the files of a function's signatures and has an index of the numbers. Two processes
-that compile two signatures at the same time may both take a number; the index then names machine
-code of another signature, which reads and writes memory that is not its own. Nor does it see that a
-function of another file changed, which it compiled in. Here a file's name follows from the
-signature, so that processes only replace a file by its like, and a file says what it was made from.
+numba numbers the files of a function's signatures and keeps an index of the numbers. Two processes
+that compile two signatures at the same time may both take one number. The index then names machine
+code of another signature, which reads and writes memory that is not its own. And a function may
+have another one compiled in: numba does not see that the file of that one changed.
+
+Here the name of a file follows from the signature, so processes only replace a file by its like.
+A digest tells whether a file is whole, and whether it was made from today's sources.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from evogs_codec.errors import Fault, StreamError
 from evogs_codec.format import layout
 from evogs_codec.format.chunks import read_rows
 from evogs_codec.format.packet_header import MAX_RECORDS_PER_BYTE
-from evogs_codec.model.components import CORE, PALETTE, PICKS, Components
+from evogs_codec.model.components import CORE, PALETTE, Components
 from evogs_codec.model.splats import I64
 
 __all__ = ["labels_of", "read_packet_table", "state_sizes"]
@@ -83,7 +83,6 @@ class _PacketTable:
         self.is_core = rows["component"] == CORE
         self.is_palette = rows["component"] == PALETTE
         self.has_counts = self.is_core | self.is_palette  # and a level of their own
-        self.is_picks = rows["component"] == PICKS
         self.tile = rows["tile"].astype(np.int64)
         chain = self.tile * 256 + rows["component"]
         self.step = _running(chain, np.ones(len(rows), np.int64))
