@@ -7,6 +7,11 @@ have another one compiled in: numba does not see that the file of that one chang
 
 Here the name of a file follows from the signature, so processes only replace a file by its like.
 A digest tells whether a file is whole, and whether it was made from today's sources.
+
+numba also counts the functions that a process compiles, and names them in machine code by their
+count. Functions that one factory made have one name apart from that. Two processes may give two of
+them the same count; what calls both is then linked to one of them (numba issue 10486). Here the
+number is random.
 """
 
 from __future__ import annotations
@@ -16,13 +21,15 @@ import hashlib
 import inspect
 import linecache
 import pickle
-from functools import cache, cached_property
+import secrets
+from functools import cache, cached_property, partial
 from pathlib import Path
 from types import FunctionType
 from typing import Any
 
 import numba
 import numpy as np
+from numba.core.bytecode import FunctionIdentity
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.serialize import dumps
 
@@ -30,6 +37,7 @@ __all__ = ["jit"]
 
 _CONSTANTS = (bool, int, float, str, bytes, tuple, np.generic)
 _DIGEST = hashlib.sha256().digest_size
+FunctionIdentity._unique_ids = iter(partial(secrets.randbits, 63), None)
 
 
 def jit(**options: Any) -> Any:  # noqa: ANN401 - numba has no types
@@ -96,7 +104,7 @@ class _CodeFiles(IndexDataCacheFile):  # type: ignore[misc]
     @cached_property
     def _made_from(self) -> bytes:
         """Numba's version, and digests of the sources and numbers that the code depends on."""
-        sources: set[str] = set()
+        sources = {_digest_of_file(__file__)}
         _gather(self._function, sources, set())
         return "\n".join([numba.__version__, *sorted(sources)]).encode()
 

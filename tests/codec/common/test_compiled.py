@@ -31,6 +31,21 @@ FACTOR = {factor}
 def term(v):
     return v + {plus}
 """
+FACTORY = """
+from evogs_codec.common.compiled import jit
+
+def adder(plus):
+    @jit()
+    def add(x):
+        return x + plus
+    return add
+
+one, two = adder(1), adder(2)
+
+@jit()
+def both(x):
+    return 100 * one(x) + two(x)
+"""
 TYPES = ("int32", "int64", "float32", "float64")
 RACE = """
 import multiprocessing, sys
@@ -101,6 +116,17 @@ def test_processes_that_compile_at_the_same_time_keep_all_signatures(sources):
     for type_ in TYPES:
         assert function(np.arange(24, dtype=type_)) == 2 * (24 * 23 // 2 + 24)
     assert sum(function.stats.cache_hits.values()) == len(TYPES)
+
+
+def test_functions_of_one_factory_that_two_processes_keep_are_told_apart(tmp_path):
+    """With numba's own numbers, each process names its first function alike: 100 * 5 + 5."""
+    (tmp_path / "factory.py").write_text(FACTORY)
+    for expression in ("one(4)", "two(4)", "both(4)"):
+        code = f"import factory; print(factory.{expression})"
+        run = subprocess.run(
+            [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, check=True, timeout=240
+        )
+    assert int(run.stdout) == 100 * 5 + 6
 
 
 @pytest.mark.parametrize(("factor", "plus"), [(30, 1), (2, 50)])
