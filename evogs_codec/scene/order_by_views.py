@@ -10,7 +10,7 @@ A state is how many packets of each component are there. Letters: B components.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import TYPE_CHECKING, TypeAlias
@@ -34,25 +34,30 @@ DIGITS = 2  # of a fall, dB: what is less is no difference
 _State: TypeAlias = tuple[int, ...]
 
 
-def ordered_by_views(data: bytes, views: Views, sh_degree: int) -> bytes:
-    """The stream with its last packets in another order; itself with several tiles or a palette.
+def ordered_by_views(
+    data: bytes, views: Views, sh_degree: int, before: Callable[[int], tuple[float, float]]
+) -> tuple[bytes, float]:
+    """The stream with its last packets in another order, and its deepest fall, dB.
+
+    Itself with several tiles or a palette, with an infinite fall.
 
     Args:
         data: a stream.
         views: that judge.
         sh_degree: of the splats that are looked at.
+        before: the deepest fall of the prefixes that end before a row, and their highest PSNR, dB.
     """
     directory = read_directory(data)
     if len(directory.tiles) != 1 or directory.has_palette:
-        return data
+        return data, math.inf
     ends = _Ends.of(directory)
+    fall, highest = before(len(ends.first))
     drawn = _Drawn(data, directory, views, sh_degree)
-    before = max(map(drawn.psnr, ends.before(directory)), default=-math.inf)
     states = product(*map(range, ends.counts))
     cuts = {state: cut for state in states if (cut := ends.cut(state)) is not None}
     looks = {state: drawn.psnr(cut) for state, cut in cuts.items()}
-    way = _best_way(ends, looks, before, directory.packets["size"].astype(np.int64))
-    return _reordered(data, directory, ends.rows(way))
+    way = _best_way(ends, looks, highest, directory.packets["size"].astype(np.int64))
+    return _reordered(data, directory, ends.rows(way.columns)), max(fall, way.fall)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,12 +111,6 @@ class _Ends:
         """(B,) states of each component."""
         return [1 + len(chain) for chain in self.chains]
 
-    def before(self, directory: Directory) -> list[Cut]:
-        """Prefixes that end with one of the first packets."""
-        rows = self.first[directory.packets["size"][self.first] > 0]
-        ends = directory.offsets[rows] + directory.packets["size"][rows]
-        return [Cut.of_prefix(directory, int(end)) for end in ends]
-
     def cut(self, state: _State) -> Cut | None:
         """What a state has; None if a band would have a step that core does not."""
         steps = self.steps.copy()
@@ -125,10 +124,8 @@ class _Ends:
         return np.concatenate([self.first, *(next(turns[column]) for column in way), self.last])
 
 
-def _best_way(
-    ends: _Ends, looks: Mapping[_State, float], before: float, sizes: I64
-) -> tuple[int, ...]:
-    """The components in the order in which they take their turns.
+def _best_way(ends: _Ends, looks: Mapping[_State, float], before: float, sizes: I64) -> _Way:
+    """The way through all states that falls least.
 
     Of ways that fall as little, the one whose prefixes look better, byte for byte.
 
@@ -148,7 +145,7 @@ def _best_way(
             found += [way.after(column, looks[state], n_bytes) for way in there]
         ways[state] = _not_beaten(found)
     last = ways[max(ways, key=sum)]
-    return min(last, key=lambda way: (round(way.fall, DIGITS), way.lost)).columns
+    return min(last, key=lambda way: (round(way.fall, DIGITS), way.lost))
 
 
 def _not_beaten(ways: Sequence[_Way]) -> list[_Way]:

@@ -13,9 +13,9 @@ Of many splats, a few prefixes are looked at first, and all only if one of these
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,7 +29,7 @@ from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.format.write_directory import MAX_LEVELS
 from evogs_codec.model.components import CORE
 from evogs_codec.model.packet_id import PacketId
-from evogs_codec.model.splats import I64, SplatParams
+from evogs_codec.model.splats import F64, I64, SplatParams
 from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.measure import SMALL, Gauge
 from evogs_codec.scene.order_by_views import ordered_by_views
@@ -56,6 +56,9 @@ LOOKS, FAR, LOST = (6, 12), 7, 0.01
 # take more bytes or look worse.
 OF_MANY = (FALL, 3 * FALL)
 VERY_MANY = 100_000  # of more, few views judge, since a splat is little of one
+# One of so many views judges first; they are of both sizes. The mean of all views differs from
+# theirs by so many standard deviations, at most.
+EACH, UNSURE = 5, 0.8
 
 
 def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundStream:
@@ -179,17 +182,16 @@ def _shown(found: FoundStream, directory: Directory, rows: I64) -> Iterator[Spla
 
 def _with_least_fall(found: FoundStream, views: Views) -> tuple[FoundStream, float]:
     """Without its worst packets, and of few packets or splats with the last in another order."""
-    found, fall = _without_worst(found, views)
+    found, looks = _without_worst(found, views)
     is_few = found.tree.n_leaves <= VERY_FEW or found.is_at_once
-    if fall <= DEEP or not is_few:
-        return found, fall
-    ordered = replace(found, stream=ordered_by_views(found.data, views, found.tree.shown_degree))
-    after = _Looks.of(ordered, views).fall
-    return (ordered, after) if after < fall else (found, fall)
+    if looks.fall <= DEEP or not is_few:
+        return found, looks.fall
+    data, fall = ordered_by_views(found.data, views, found.tree.shown_degree, looks.before)
+    return (replace(found, stream=data), fall) if fall < looks.fall else (found, looks.fall)
 
 
-def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, float]:
-    """Without the packets that look worse, as many at once as may be; and the fall that is left."""
+def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, _Looks]:
+    """Without the packets that look worse, as many at once as may be; and how the others look."""
     looks, n_bytes = _Looks.of(found, views), len(found.data)
     empty: frozenset[PacketId] = frozenset()
     refused: list[frozenset[PacketId]] = []
@@ -209,7 +211,7 @@ def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, float
             refused.append(some)
         else:
             found, looks, empty = again, then, some
-    return found, looks.fall
+    return found, looks
 
 
 @dataclass(frozen=True)
@@ -221,12 +223,14 @@ class _Looks:
         falls: how much worse pictures are with packets of SH bands than before, dB.
         fall: the deepest with any packet.
         needless: packets of SH bands after the prefix that looks best, if the whole looks worse.
+        until: per packet with bytes its row, the deepest fall until then, and the best prefix.
     """
 
     whole: float
     falls: Mapping[PacketId, float]
     fall: float
     needless: frozenset[PacketId]
+    until: Sequence[tuple[int, float, _Prefix]]
 
     @property
     def worse(self) -> frozenset[PacketId]:
@@ -238,6 +242,11 @@ class _Looks:
         """The one of them that is the deepest."""
         return frozenset(sorted(self.falls, key=lambda packet: -self.falls[packet])[:1])
 
+    def before(self, row: int) -> tuple[float, float]:
+        """The deepest fall of the prefixes that end before a packet, and their highest PSNR, dB."""
+        known = [(fall, best) for at, fall, best in self.until if at < row]
+        return (known[-1][0], known[-1][1].psnr) if known else (0.0, -math.inf)
+
     @staticmethod
     def of(found: FoundStream, views: Views) -> _Looks:
         """Of a stream that is made."""
@@ -248,21 +257,62 @@ class _Looks:
             _place_of(directory, row)
             for row in np.flatnonzero(directory.packets["n_adds"]).tolist()
         }
-        deepest, best, before = 0.0, -math.inf, -math.inf
+        few = replace(views, cameras=views.cameras[::EACH], drawn=views.drawn)
+        best: _Prefix | None = None
+        before, deepest = best, 0.0
         falls: dict[PacketId, float] = {}
         since_best: set[PacketId] = set()
-        for row, leaves in zip(rows, _shown(found, directory, rows), strict=True):
-            decibels = views.psnr(leaves)
+        until: list[tuple[int, float, _Prefix]] = []
+        for row, leaves in zip(rows.tolist(), _shown(found, directory, rows), strict=True):
+            prefix = _Prefix(leaves, views, few)
+            fall = 0.0 if best is None else prefix.fall_after(best)
+            deepest = max(deepest, fall)
             component = directory.components.of_tiles[directory.columns[row]]
-            deepest = max(deepest, best - decibels)
-            if decibels >= best:
+            if best is None or fall <= 0:
+                best = prefix
                 since_best.clear()
             elif component != CORE and (found.is_layered or _place_of(directory, row) not in adds):
                 tile, step = _place_of(directory, row)
                 packet = PacketId(tile, component, step)
                 since_best.add(packet)
-                if decibels < before and best - decibels > DEEP:
-                    falls[packet] = best - decibels
-            best, before = max(best, decibels), decibels
-        needless = frozenset(since_best) if before < best - DEEP else frozenset()
-        return _Looks(before, falls, deepest, needless)
+                if fall > DEEP and before is not None and prefix.psnr < before.psnr:
+                    falls[packet] = fall
+            before = prefix
+            until.append((row, deepest, best))
+        if best is None or before is None:
+            return _Looks(-math.inf, falls, deepest, frozenset(), until)
+        needless = frozenset(since_best if before.psnr < best.psnr - DEEP else ())
+        return _Looks(before.psnr, falls, deepest, needless, until)
+
+
+class _Prefix:
+    """How good views find what a prefix shows.
+
+    Of few splats all of them judge only where some leave doubt; many are not kept for that.
+    """
+
+    def __init__(self, leaves: SplatParams, views: Views, few: Views) -> None:
+        """Of leaves; `few` are some of the views."""
+        self._leaves = leaves if len(leaves) <= SMALL else None
+        self._views, self._few = views, few
+        if self._leaves is None:
+            self.psnr = views.psnr(leaves)
+
+    @cached_property
+    def psnr(self) -> float:
+        """Of all views, dB."""
+        assert self._leaves is not None, "it is known without"
+        return self._views.psnr(self._leaves)
+
+    def fall_after(self, other: _Prefix) -> float:
+        """How much worse it looks than another prefix, dB; about, if that is `DEEP` at most."""
+        if self._leaves is not None and other._leaves is not None:
+            worse = other._of_few - self._of_few
+            if worse.mean() + UNSURE * worse.std() <= DEEP:
+                return float(worse.mean())
+        return other.psnr - self.psnr
+
+    @cached_property
+    def _of_few(self) -> F64:
+        assert self._leaves is not None, "few splats are kept"
+        return self._few.psnr_of_each(self._leaves)

@@ -23,7 +23,7 @@ SAME = 0.03  # dB; two states look the same if no view differs by more
 # A state is a fall if its lead over one before it, in the mean over views and less DOUBT standard
 # errors of JUDGES views, is below -FALL dB.
 FALL, DOUBT, JUDGES = 0.05, 1.0, 6
-MANY = 10_000  # of more splats a few views judge first
+MANY = 1_000  # of more splats a few views judge first
 FEW = 5  # of them, at most; every second or fifth view, so that they are of both sizes
 UNSURE = 0.8  # standard deviations that the mean of a few views is from that of all, at most
 

@@ -2,7 +2,8 @@
 
 The state after each step of the levels is rendered. If one of the roots looks worse than one before
 it, all roots come in one step. If another state looks worse than one before it, its step is held
-back until it looks better (`held_steps`); with a target, coarse splats are made finer before that.
+back until it looks better (`held_steps`); with a target, coarse splats are made finer before that,
+until their last level looks better than the one before it.
 If all coarse splats together look worse than some of them, all are made more exact; if they look
 worse than level 0 then, there is one layer of precision.
 
@@ -181,7 +182,8 @@ class _Mending:
         """With finer coarse splats, or with steps held back; None if there is nothing to mend.
 
         With a target coarse splats are finer first: its price of a bit may be so high that coarse
-        steps make levels fall, and to hold them back takes more bytes.
+        steps make levels fall, and to hold them back takes more bytes. They are finer still while
+        their last level hardly looks better than the one before it.
         """
         finer = self._with_ratio_of_use(found)
         if finer is not None:
@@ -210,8 +212,9 @@ class _Mending:
             return self._late(found)
         if not runs or runs == self.before:  # these could not be held back
             return None
-        if found.has_target and self.layering.ratio == RATIO and found.is_layered:
-            self.layering = replace(self.layering, ratio=RATIO / FINER)
+        shows_little = self.layering.ratio == RATIO or _added_by_last(states) < GAIN
+        if found.has_target and found.is_layered and shows_little and ratio >= LEAST_RATIO:
+            self.layering = replace(self.layering, ratio=ratio)
             return found.holding((), self.layering)
         self.before = runs
         return found.holding(runs, self.layering)
@@ -337,6 +340,16 @@ def _runs(states: Sequence[State], some_mends: set[tuple[int, int]]) -> tuple[li
     good.append(len(states) - 1)
     most = max(state.mean for state in states)
     return _between(states, good), last.mean < max(states[0].mean + GAIN, most - GAIN)
+
+
+def _added_by_last(states: Sequence[State]) -> float:
+    """By how many dB the last level looks better than the one before it; infinite if it is alone.
+
+    As a few views find it.
+    """
+    last = states[-1]
+    before = [state for state in states if state.place[0] < last.place[0]]
+    return last.mean - before[-1].mean if before else math.inf
 
 
 def _between(states: Sequence[State], good: Sequence[int]) -> list[Run]:

@@ -1,6 +1,7 @@
 """The last packets of few splats in the order that falls least."""
 
 import itertools
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -54,6 +55,11 @@ class Judge(Views):
         return self.decibels.get(is_there, 0.0) if len(leaves) == len(self.whole) else -1.0
 
 
+def in_order(data, judge, sh_degree=N_BANDS, fall=0.0):
+    """After prefixes that fall by so much and show nothing."""
+    return ordered_by_views(data, judge, sh_degree, lambda _: (fall, -1.0))
+
+
 def packets(data):
     directory = read_directory(data)
     return [
@@ -64,23 +70,25 @@ def packets(data):
 
 
 @pytest.mark.parametrize(
-    ("decibels", "bands"),
+    ("decibels", "bands", "deepest_of_ends"),
     [
-        ({1: -5, 2: 1, 3: -5, 4: -5, 5: -5, 6: 2, 7: 3}, [2, 3, 1]),
-        ({1: -5, 2: -5, 3: 5, 4: 1, 5: 2, 6: -5, 7: 3}, [3, 1, 2]),
-        ({1: 1, 2: -1, 3: -5, 4: 2, 5: 0.5, 6: -5, 7: 3}, [1, 3, 2]),
+        ({1: -5, 2: 1, 3: -5, 4: -5, 5: -5, 6: 2, 7: 3}, [2, 3, 1], 0.0),
+        ({1: -5, 2: -5, 3: 5, 4: 1, 5: 2, 6: -5, 7: 3}, [3, 1, 2], 0.0),
+        ({1: 1, 2: -1, 3: -5, 4: 2, 5: 0.5, 6: -5, 7: 3}, [1, 3, 2], 0.5),
     ],
 )
-def test_bands_come_in_the_order_that_falls_least(stream, decibels, bands):
+def test_bands_come_in_the_order_that_falls_least(stream, decibels, bands, deepest_of_ends):
     whole = decode(stream).leaves()
-    data = ordered_by_views(stream, Judge(whole, decibels), 3)
+    data, fall = in_order(stream, Judge(whole, decibels))
     ends = {packet.component: k for k, packet in enumerate(packets(data))}
     assert sorted(range(1, 1 + N_BANDS), key=lambda band: ends[band]) == bands
+    assert fall == deepest_of_ends
+    assert in_order(stream, Judge(whole, decibels), fall=9.0) == (data, 9.0)
 
 
 def test_nothing_but_the_order_changes(stream):
     judge = Judge(decode(stream).leaves(), {4: 1, 6: 2, 7: 3})
-    data = ordered_by_views(stream, judge, 3)
+    data, _ = in_order(stream, judge)
     assert data != stream
     assert len(data) == len(stream)
     assert sorted(packets(data)) == sorted(packets(stream))
@@ -120,7 +128,8 @@ def test_no_other_way_falls_less(counts):
             deepest(columns, looks, before, len(counts))
             for columns in set(itertools.permutations(turns))
         )
-        found = deepest(way, looks, before, len(counts))
+        found = deepest(way.columns, looks, before, len(counts))
+        assert way.fall == found
         assert found == pytest.approx(least, abs=0.5 * 10**-order_by_views.DIGITS)
 
 
@@ -128,7 +137,8 @@ def test_what_looks_best_may_stay_where_it_is():
     looks: dict[tuple[int, ...], float]
     looks = {(0, 0): 30.0, (1, 0): 31.0, (0, 1): 30.5, (1, 1): 29.0}
     nothing = np.empty(0, np.int64)
-    assert order_by_views._best_way(ends_of((1, 1)), looks, 29.0, nothing) == (1, 0)
+    way = order_by_views._best_way(ends_of((1, 1)), looks, 29.0, nothing)
+    assert (way.columns, way.fall) == ((1, 0), 1.5)
     assert deepest((0, 1), looks, 33.0, 2) == deepest((1, 0), looks, 33.0, 2) == 4.0
 
 
@@ -145,7 +155,7 @@ def test_what_looks_best_may_stay_where_it_is():
 def test_odd_streams_say_the_same_in_another_order(splats):
     data = encode_scene(splats, preset="scene", levels=3)
     judge = Judge(decode(data).leaves(), {4: 1, 6: 2, 7: 3})
-    again = ordered_by_views(data, judge, splats.sh_degree)
+    again, _ = in_order(data, judge, splats.sh_degree)
     assert decode(again, verify=True).dump() == decode(data).dump()
     assert sorted(packets(again)) == sorted(packets(data))
 
@@ -159,8 +169,8 @@ def test_states_are_bounded(stream):
             return float(self.n)
 
     judge = Counting(decode(stream).leaves(), {})
-    ordered_by_views(stream, judge, 3)
-    assert 2 ** (1 + N_BANDS) <= judge.n <= MOST_STATES + len(packets(stream))
+    in_order(stream, judge)
+    assert 2 ** (1 + N_BANDS) <= judge.n <= MOST_STATES
 
 
 def test_bands_that_are_decoded_one_by_one_are_those_of_the_cut(stream):
@@ -184,4 +194,6 @@ def test_bands_that_are_decoded_one_by_one_are_those_of_the_cut(stream):
 
 def test_several_tiles_stay_as_they_are():
     data = encode_scene(make_scene(200), n_tiles=2, preset="scene")
-    assert ordered_by_views(data, Judge(decode(data).leaves(), {}), 3) is data
+    found, fall = in_order(data, Judge(decode(data).leaves(), {}))
+    assert found is data
+    assert fall == math.inf

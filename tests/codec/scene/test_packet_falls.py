@@ -3,6 +3,7 @@
 from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -236,12 +237,63 @@ def test_huge_splats_have_no_fall_in_views_that_judge():
     assert fall <= 0.05
 
 
+class ByNumber:
+    """Views that give splats the PSNR that they are."""
+
+    which: Any
+    n_drawn: int
+
+    def __init__(self, which: Any) -> None:
+        self.which, self.n_drawn = which, 0
+
+    def psnr_of_each(self, leaves):
+        self.n_drawn += len(self.which)
+        return np.array([float(leaves[k]) for k in self.which])
+
+    def psnr(self, leaves):
+        return float(self.psnr_of_each(leaves).mean())
+
+
+def prefix_of(leaves: Any, views: Any, few: Any) -> packet_falls._Prefix:
+    return packet_falls._Prefix(leaves, views, few)
+
+
+@pytest.mark.parametrize(
+    ("one", "fall", "n_drawn"),
+    [
+        ([31.0, 31.1, 31.2, 29.0], -1.05, 0),  # better in the first two: no others are asked
+        ([30.02, 29.98, 29.0, 30.0], 0.0, 0),  # the same in these, nearly
+        ([31.0, 29.5, 29.0, 29.7], 0.2, 4),  # better in one of these
+        ([30.0, 29.9, 30.0, 29.0], 0.275, 4),
+    ],
+)
+def test_of_few_splats_all_views_judge_where_a_few_leave_doubt(monkeypatch, one, fall, n_drawn):
+    views, few = ByNumber(range(4)), ByNumber(range(2))
+    prefix, other = (prefix_of(x, views, few) for x in (one, [30.0] * 4))
+    assert prefix.fall_after(other) == pytest.approx(fall)
+    assert views.n_drawn == 2 * n_drawn
+    monkeypatch.setattr(packet_falls, "SMALL", 3)
+    many, other = (prefix_of(x, views, few) for x in (one, [30.0] * 4))
+    assert many.fall_after(other) == pytest.approx(30.0 - np.mean(one))
+
+
+def test_what_is_known_of_prefixes_before_a_packet():
+    views = ByNumber(range(2))
+    first, second = (prefix_of(x, views, views) for x in ([20.0, 22.0], [30.0, 31.0]))
+    until = [(3, 0.0, first), (5, 0.1, first), (6, 0.1, second)]
+    looks = packet_falls._Looks(0.0, {}, 0.1, frozenset(), until)
+    assert looks.before(3) == (0.0, -np.inf)
+    assert looks.before(4) == (0.0, 21.0)
+    assert looks.before(6) == (0.1, 21.0)
+    assert looks.before(7) == (0.1, 30.5)
+
+
 def test_another_order_that_falls_more_is_not_taken(monkeypatch, layered):
     falls = iter([0.3, 0.2])
-    monkeypatch.setattr(packet_falls, "_without_worst", lambda one, _: (one, 0.25))
-    monkeypatch.setattr(packet_falls, "ordered_by_views", lambda *_: b"in another order")
-    looks = SimpleNamespace(of=lambda *_: SimpleNamespace(fall=next(falls)))
-    monkeypatch.setattr(packet_falls, "_Looks", looks)
+    looks = SimpleNamespace(fall=0.25, before=None)
+    monkeypatch.setattr(packet_falls, "_without_worst", lambda one, _: (one, looks))
+    ordered = lambda *_: (b"in another order", next(falls))  # noqa: E731
+    monkeypatch.setattr(packet_falls, "ordered_by_views", ordered)
     views = layered.aim.views
     assert packet_falls._with_least_fall(layered, views) == (layered, 0.25)
     other, fall = packet_falls._with_least_fall(layered, views)
