@@ -183,7 +183,7 @@ class _Mending:
 
         With a target coarse splats are finer first: its price of a bit may be so high that coarse
         steps make levels fall, and to hold them back takes more bytes. They are finer still while
-        their last level hardly looks better than the one before it.
+        their last level hardly looks better than the one before it, and more so if it looks worse.
         """
         finer = self._with_ratio_of_use(found)
         if finer is not None:
@@ -200,7 +200,8 @@ class _Mending:
         assert found.aim is not None, "it is by views"
         some_mends = set() if self.before else _places_of_mends(found.aim.prepared.tiles)
         runs, is_coarse = _runs(states, some_mends)
-        ratio = self.layering.ratio / FINER
+        added = _added_by_last(states)
+        ratio = self.layering.ratio / (FINER if added > 0 or not found.has_target else FINER**2)
         if is_coarse and found.is_layered and ratio >= LEAST_RATIO:
             self.layering = replace(self.layering, ratio=ratio)
             return found.holding((), self.layering)
@@ -212,7 +213,7 @@ class _Mending:
             return self._late(found)
         if not runs or runs == self.before:  # these could not be held back
             return None
-        shows_little = self.layering.ratio == RATIO or _added_by_last(states) < GAIN
+        shows_little = self.layering.ratio == RATIO or added < GAIN
         if found.has_target and found.is_layered and shows_little and ratio >= LEAST_RATIO:
             self.layering = replace(self.layering, ratio=ratio)
             return found.holding((), self.layering)
