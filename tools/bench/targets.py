@@ -15,7 +15,7 @@ from tools.bench.subjects import Subject
 __all__ = ["targets"]
 
 CHECKOUT = Path(__file__).parents[2]
-DECIBELS = (32, 36, 40, 44, 48, 52, 56, 60, 65, 70, 75, 80)
+DECIBELS = (28, 32, 36, 40, 44, 48, 52, 56, 60, 65, 70, 75, 80)
 SHARES = (0.5, 0.75, 1.5, 2.5, 5.0)  # of the bytes of the plain encode
 TURNS, FEW = 3, 100_000  # turns; scenes of more splats have one
 

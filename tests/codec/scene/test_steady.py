@@ -19,6 +19,7 @@ from evogs_codec import (
     lift,
     read_directory,
 )
+from evogs_codec.common.progress import no_progress
 from evogs_codec.encoding import late_level
 from evogs_codec.encoding.guess import Guess
 from evogs_codec.encoding.held_steps import Run
@@ -281,6 +282,38 @@ def test_with_a_target_coarse_splats_are_finer_before_steps_are_held_back(
     again = mending.mended(again)  # now or already
     assert mending.before == [run]
     assert (again is None) == is_held
+
+
+@pytest.mark.parametrize(
+    ("target", "decibels", "ratios"),
+    [
+        ({"psnr": 38.0}, [20.0, 22.0, 21.0, 21.4], [48.0, 12.0, 3.0]),  # it adds 0.4 dB
+        ({"psnr": 38.0}, [20.0, 22.0, 21.0, 21.6], [48.0, 48.0]),  # it adds enough, once finer
+        ({"psnr": 38.0}, [20.0, 22.0, 21.0, 20.9], [12.0]),  # it looks worse
+        ({"n_bytes": 9000}, [20.0, 22.0, 21.0, 20.9], [12.0]),
+        ({}, [20.0, 22.0, 21.0, 20.9], [48.0, 12.0, 3.0]),  # of which the last is too coarse
+    ],
+)
+def test_with_a_target_coarse_splats_are_finer_until_their_last_level_shows_something(
+    monkeypatch, target, decibels, ratios
+):
+    places = [(0, 0), (1, 0), (1, 1), (2, 0)]
+    states = [state(place, one) for place, one in zip(places, decibels, strict=True)]
+    monkeypatch.setattr(Draft, "states", lambda *_: states)
+    splats = make_scene(N)
+    found = replace(found_of(aim_of(lift(splats, 3), splats, layers=2)), **target)
+    mending = steady._Mending(found.aim.views, no_progress, False, found.layering)
+    for ratio in ratios:
+        found = mending.mended(found)
+        assert found is not None
+        assert found.layering.ratio == ratio
+    assert bool(mending.before) == (len(set(ratios)) < len(ratios))
+
+
+def test_what_the_last_level_adds():
+    states = [state((0, 0), 20.0), state((1, 0), 24.0), state((1, 1), 23.0), state((2, 0), 23.5)]
+    assert steady._added_by_last(states) == 0.5
+    assert steady._added_by_last(states[:1]) == np.inf
 
 
 @pytest.mark.parametrize(
