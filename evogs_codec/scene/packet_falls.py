@@ -183,11 +183,15 @@ def _shown(found: FoundStream, directory: Directory, rows: I64) -> Iterator[Spla
 def _with_least_fall(found: FoundStream, views: Views) -> tuple[FoundStream, float]:
     """Without its worst packets, and of few packets or splats with the last in another order."""
     found, looks = _without_worst(found, views)
-    is_few = found.tree.n_leaves <= VERY_FEW or found.is_at_once
-    if looks.fall <= DEEP or not is_few:
+    if looks.fall <= DEEP or not _may_be_ordered(found):
         return found, looks.fall
     data, fall = ordered_by_views(found.data, views, found.tree.shown_degree, looks.before)
     return (replace(found, stream=data), fall) if fall < looks.fall else (found, looks.fall)
+
+
+def _may_be_ordered(found: FoundStream) -> bool:
+    """Whether its last packets may be put in another order: of few splats, or if they are few."""
+    return found.tree.n_leaves <= VERY_FEW or found.is_at_once
 
 
 def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, _Looks]:
@@ -223,7 +227,8 @@ class _Looks:
         falls: how much worse pictures are with packets of SH bands than before, dB.
         fall: the deepest with any packet.
         needless: packets of SH bands after the prefix that looks best, if the whole looks worse.
-        until: per packet with bytes its row, the deepest fall until then, and the best prefix.
+        until: per packet with bytes its row, the deepest fall until then, and the best prefix; none
+            where packets are not put in another order.
     """
 
     whole: float
@@ -278,7 +283,8 @@ class _Looks:
                 if fall > DEEP and before is not None and prefix.psnr < before.psnr:
                     falls[packet] = fall
             before = prefix
-            until.append((row, deepest, best))
+            if _may_be_ordered(found):
+                until.append((row, deepest, best))
         if best is None or before is None:
             return _Looks(-math.inf, falls, deepest, frozenset(), until)
         needless = frozenset(since_best if before.psnr < best.psnr - DEEP else ())
@@ -288,7 +294,7 @@ class _Looks:
 class _Prefix:
     """How good views find what a prefix shows.
 
-    Of few splats all of them judge only where some leave doubt; many are not kept for that.
+    Of few splats, all views judge only where some leave doubt. Many splats are not kept for that.
     """
 
     def __init__(self, leaves: SplatParams, views: Views, few: Views) -> None:

@@ -200,8 +200,9 @@ class _Mending:
         assert found.aim is not None, "it is by views"
         some_mends = set() if self.before else _places_of_mends(found.aim.prepared.tiles)
         runs, is_coarse = _runs(states, some_mends)
-        added = _added_by_last(states)
-        ratio = self.layering.ratio / (FINER if added > 0 or not found.has_target else FINER**2)
+        added, ratio = _added_by_last(states), self.layering.ratio / FINER
+        if found.has_target and added <= 0 and ratio / FINER >= LEAST_RATIO:
+            ratio /= FINER
         if is_coarse and found.is_layered and ratio >= LEAST_RATIO:
             self.layering = replace(self.layering, ratio=ratio)
             return found.holding((), self.layering)

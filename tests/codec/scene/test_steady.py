@@ -289,8 +289,8 @@ def test_with_a_target_coarse_splats_are_finer_before_steps_are_held_back(
     [
         ({"psnr": 38.0}, [20.0, 22.0, 21.0, 21.4], [48.0, 12.0, 3.0]),  # it adds 0.4 dB
         ({"psnr": 38.0}, [20.0, 22.0, 21.0, 21.6], [48.0, 48.0]),  # it adds enough, once finer
-        ({"psnr": 38.0}, [20.0, 22.0, 21.0, 20.9], [12.0]),  # it looks worse
-        ({"n_bytes": 9000}, [20.0, 22.0, 21.0, 20.9], [12.0]),
+        ({"psnr": 38.0}, [20.0, 22.0, 21.0, 20.9], [12.0, 3.0]),  # it looks worse
+        ({"n_bytes": 9000}, [20.0, 22.0, 21.0, 20.9], [12.0, 3.0]),
         ({}, [20.0, 22.0, 21.0, 20.9], [48.0, 12.0, 3.0]),  # of which the last is too coarse
     ],
 )
