@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import json
 import zipfile
-import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -29,8 +29,6 @@ from evogs_codec.model.splats import F32, U8, SplatParams
 __all__ = ["META", "is_sog", "read"]
 
 META = "meta.json"
-# What `zipfile` raises of a damaged zip, and of one that it cannot read.
-DAMAGED = (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError)
 MAX_META = 16 << 20  # bytes
 ROW = 64  # palette entries in a row of the picture
 N_REST = (0, 3, 8, 15)  # coefficients above band 0, by SH degree
@@ -58,15 +56,23 @@ def read(path: Path) -> tuple[SplatParams, SceneInfo]:
         InputError: the file is damaged or of another version, or Pillow is not installed.
     """
     if path.is_file() and zipfile.is_zipfile(path):
-        try:
-            with zipfile.ZipFile(path) as archive:
-                return _read(_Bundle(path, archive))
-        except DAMAGED as error:
-            raise InputError(f"{path}: the zip is damaged: {shown(error)}") from error
+        with _unzipping(path):
+            archive = zipfile.ZipFile(path)
+        with archive:
+            return _read(_Bundle(path, archive))
     return _read(_Folder(path if path.is_dir() else path.parent, path))
 
 
 # --- members --------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _unzipping(path: Path) -> Iterator[None]:
+    """Raises InputError of what goes wrong in it."""
+    try:
+        yield
+    except Exception as error:  # whatever `zipfile` raises, it could not read it
+        raise InputError(f"{path}: the zip is damaged: {shown(error)}") from error
 
 
 @dataclass(frozen=True)
@@ -87,7 +93,8 @@ class _Bundle:
         except KeyError:
             raise InputError(f"{self.path}: it has no member {shown(name)}") from None
         check_size(self.path, info.file_size, self.n_bytes)
-        return self.archive.read(info)
+        with _unzipping(self.path):
+            return self.archive.read(info)
 
 
 @dataclass(frozen=True)

@@ -284,6 +284,17 @@ def test_sog_files_that_are_not_what_they_say_are_refused(tmp_path):
 
 
 @cache
+def test_sogs_whose_names_of_files_are_no_text_are_refused(tmp_path):
+    """`zipfile` decodes the name before a file if its flags say that it is UTF-8."""
+    path = tmp_path / "x.sog"
+    data = bytearray(zipped(sog_1(odd_scene(20, 1))))
+    flags, name = 6, 30  # offsets in the header before a file
+    data[flags + 1] |= 0x08
+    data[name] = 0xB0
+    path.write_bytes(data)
+    assert "the zip is damaged: 'utf-8' codec can't decode" in refusal(path)
+
+
 def large_picture():
     """The bytes of a WebP of 64,000,000 equal pixels."""
     from PIL import Image
