@@ -34,7 +34,7 @@ from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.measure import SMALL, Gauge
 from evogs_codec.scene.order_by_views import ordered_by_views
 from evogs_codec.scene.request import Request
-from evogs_codec.scene.states import FALL, FEW
+from evogs_codec.scene.states import FALL, FEW, UNSURE
 
 if TYPE_CHECKING:
     from evogs_codec.render import Views
@@ -56,9 +56,7 @@ LOOKS, FAR, LOST = (6, 12), 7, 0.01
 # take more bytes or look worse.
 OF_MANY = (FALL, 3 * FALL)
 VERY_MANY = 100_000  # of more, few views judge, since a splat is little of one
-# One of so many views judges first; they are of both sizes. The mean of all views differs from
-# theirs by so many standard deviations, at most.
-EACH, UNSURE = 5, 0.8
+EACH = 5  # one of so many views judges first; they are of both sizes
 
 
 def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundStream:

@@ -17,7 +17,7 @@ from evogs_codec.scene.prefixes import Prefixes
 if TYPE_CHECKING:
     from evogs_codec.render import Views
 
-__all__ = ["SAME", "Draft", "State"]
+__all__ = ["FALL", "FEW", "SAME", "UNSURE", "Draft", "State"]
 
 SAME = 0.03  # dB; two states look the same if no view differs by more
 # A state is a fall if its lead over one before it, in the mean over views and less DOUBT standard
