@@ -31,6 +31,7 @@ import numba
 import numpy as np
 from numba.core.bytecode import FunctionIdentity
 from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
 __all__ = ["jit"]
@@ -61,6 +62,15 @@ class _Cache(FunctionCache):  # type: ignore[misc]
     def __init__(self, function: FunctionType) -> None:
         super().__init__(function)
         self._cache_file = _CodeFiles(self._cache_path, self._impl.filename_base, function)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:  # noqa: ANN401
+        """numba's, less what only compiling needs, which takes as long as loading.
+
+        That is the implementations of all that a function may call; numba's compiler asks for them
+        itself. Memory of arrays is what compiled code needs when it runs.
+        """
+        rtsys.initialize(target_context)
+        return self._load_overload(sig, target_context)
 
 
 class _CodeFiles(IndexDataCacheFile):  # type: ignore[misc]

@@ -46,6 +46,14 @@ one, two = adder(1), adder(2)
 def both(x):
     return 100 * one(x) + two(x)
 """
+LOADED = """
+import sys
+import numpy as np
+from outer import total
+
+print(total(np.ones(2, np.int64)), "numba.core.typing.cffi_utils" in sys.modules)
+print(total(np.ones(2, np.float32)), "numba.core.typing.cffi_utils" in sys.modules)
+"""
 TYPES = ("int32", "int64", "float32", "float64")
 RACE = """
 import multiprocessing, sys
@@ -105,6 +113,15 @@ def test_it_is_kept(sources):
     assert (first(x), second(x)) == (20, 20)
     assert sum(first.stats.cache_hits.values()) == 0
     assert sum(second.stats.cache_hits.values()) == 1
+
+
+def test_it_is_loaded_without_what_compiles(sources):
+    assert total(sources)(np.ones(2, np.int64)) == 8
+    (sources / "loaded.py").write_text(LOADED)
+    run = subprocess.run(
+        [sys.executable, "loaded.py"], cwd=sources, check=True, capture_output=True, text=True
+    )
+    assert run.stdout.split() == ["8", "False", "8.0", "True"]
 
 
 @pytest.mark.thorough
