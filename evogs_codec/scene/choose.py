@@ -32,6 +32,7 @@ __all__ = ["at_tree_psnr", "best_stream", "palette_pays"]
 # So many times the bits, by an estimate, are more: of psi, and of picks, of which the estimate does
 # not see that neighbours have the same.
 SURE, SURE_OF_PICKS = 1.05, 2.0
+GUESSED = 1_000  # splats; of fewer, a target is looked for before levels are looked at
 ABOUT = 1.0  # dB from `TREE_PSNR`, at most: of a splat or two a price of a bit moves a PSNR so far
 
 
@@ -222,7 +223,7 @@ def _aimed(
     Of trees of many splats one, yet to be made, near a price that is guessed: of two that of which
     `sketched` gives more, of a sketch at that price, and which can meet the target.
     """
-    if near is not None and aims[0].tree.n_leaves >= MANY and not aims[0].polish:
+    if near is not None and aims[0].tree.n_leaves >= GUESSED and not aims[0].polish:
         found = guess(aims[0].sketch, near=near)
         guesses = [
             (aim, found if aim is aims[0] else guess(aim.sketch, near=found.price))
@@ -324,7 +325,7 @@ def at_tree_psnr(tree: EvolutionTree, request: Request) -> FoundStream | None:
     def make(one: TargetEncoder, near: float | None) -> Found[bytes]:
         return one.nearest_psnr(TREE_PSNR, near, ABOUT)
 
-    if tree.n_leaves < MANY:
+    if tree.n_leaves < GUESSED:
         return replace(FoundStream.of(aim, make).made(), psnr=TREE_PSNR)
     guess = Guess.of_psnr(aim.sketch, TREE_PSNR, SCENE_PRICE / tree.n_leaves)
     return replace(FoundStream.of(aim.guessing(guess), make, guess.price), psnr=TREE_PSNR)

@@ -57,7 +57,9 @@ class Gauge:
         more = [one.within((PIXELS, MORE_PIXELS)[k // 2 % 2]) for k, one in enumerate(chosen)]
         of_packets = more if is_small else [one.within(PIXELS) for one in all_]
         empty = background_for(scene)
-        views = Views(scene, cameras, background=empty, options=options_for(scene))
+        # Streams that are tried after one another have states in common.
+        known: dict[tuple[bytes, Camera], float] | None = {} if is_small else None
+        views = Views(scene, cameras, background=empty, options=options_for(scene), known=known)
         if not any((picture != empty).any() for picture in views.pictures):
             return None
         many, packets = (replace(views, cameras=some) for some in (more, of_packets))

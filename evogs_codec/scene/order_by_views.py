@@ -13,15 +13,15 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from evogs_codec.decoding.cut import Cut
-from evogs_codec.decoding.decode import decode_leaves
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.format.write_directory import rebuild_directory
 from evogs_codec.model.splats import I64, SplatParams
+from evogs_codec.scene.prefixes import Prefixes
 
 if TYPE_CHECKING:
     from evogs_codec.render import Views
@@ -35,7 +35,11 @@ _State: TypeAlias = tuple[int, ...]
 
 
 def ordered_by_views(
-    data: bytes, views: Views, sh_degree: int, before: Callable[[int], tuple[float, float]]
+    data: bytes,
+    prefixes: Prefixes[Any],
+    views: Views,
+    sh_degree: int,
+    before: Callable[[int], tuple[float, float]],
 ) -> tuple[bytes, float]:
     """The stream with its last packets in another order, and its deepest fall, dB.
 
@@ -43,6 +47,7 @@ def ordered_by_views(
 
     Args:
         data: a stream.
+        prefixes: of it.
         views: that judge.
         sh_degree: of the splats that are looked at.
         before: the deepest fall of the prefixes that end before a row, and their highest PSNR, dB.
@@ -52,7 +57,7 @@ def ordered_by_views(
         return data, math.inf
     ends = _Ends.of(directory)
     fall, highest = before(len(ends.first))
-    drawn = _Drawn(data, directory, views, sh_degree)
+    drawn = _Drawn(prefixes, views, len(directory.components.of_tiles), sh_degree)
     states = product(*map(range, ends.counts))
     cuts = {state: cut for state in states if (cut := ends.cut(state)) is not None}
     looks = {state: drawn.psnr(cut) for state, cut in cuts.items()}
@@ -188,12 +193,16 @@ class _Drawn:
     """What cuts of a stream of one tile look like.
 
     Attributes:
+        prefixes: of the stream.
+        views: that judge.
+        n_components: of the tile.
+        sh_degree: of the splats.
         bands: by steps of core, a band and its steps, the leaves of what has these alone.
     """
 
-    data: bytes
-    directory: Directory
+    prefixes: Prefixes[Any]
     views: Views
+    n_components: int
     sh_degree: int
     bands: dict[tuple[int, int, int], SplatParams] = field(default_factory=dict)
 
@@ -210,11 +219,10 @@ class _Drawn:
     def _with_band(self, core: int, band: int, n_steps: int) -> SplatParams:
         key = (core, band, n_steps)
         if key not in self.bands:
-            steps = np.zeros((1, len(self.directory.components.of_tiles)), np.int64)
+            steps = np.zeros((1, self.n_components), np.int64)
             steps[0, band], steps[0, 0] = n_steps, core
-            self.bands[key] = decode_leaves(
-                self.data, Cut(steps), sh_degree=self.sh_degree, directory=self.directory
-            )
+            cut = self.prefixes.of_cut(Cut(steps))
+            self.bands[key] = next(self.prefixes.shown([cut], self.sh_degree))
         return self.bands[key]
 
 

@@ -105,6 +105,19 @@ def test_the_scene_is_drawn_once(tree, views, monkeypatch):
     assert len(cameras["render"]) == 12 + 12 + 3 + 4
 
 
+def test_what_is_known_of_splats_is_not_drawn_again(tree, views, monkeypatch):
+    leaves = tree.leaves(2)
+    expected = views.psnr_of_each(leaves)
+    views = replace(views, known={})
+    cameras = drawn(monkeypatch)["render"]
+    views.fewer(6).psnr_of_each(leaves)
+    assert cameras == views.cameras[::2]
+    assert np.array_equal(views.psnr_of_each(leaves), expected)
+    assert len(cameras) == len(views.cameras)
+    views.psnr_of_each(tree.leaves(1))
+    assert len(cameras) == 2 * len(views.cameras)
+
+
 @pytest.mark.parametrize(("n", "counts"), [(6, (4, 1, 1)), (12, (8, 2, 2)), (24, (16, 4, 4))])
 def test_errors_are_weighed_from_the_circle_from_below_and_from_far_above(n, counts):
     splats = make_scene(400)

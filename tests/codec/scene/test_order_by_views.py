@@ -23,6 +23,7 @@ from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.scene import order_by_views
 from evogs_codec.scene.order_by_views import MOST_STATES, ordered_by_views
+from evogs_codec.scene.prefixes import StreamPrefixes
 
 N_BANDS = 3
 
@@ -57,7 +58,8 @@ class Judge(Views):
 
 def in_order(data, judge, sh_degree=N_BANDS, fall=0.0):
     """After prefixes that fall by so much and show nothing."""
-    return ordered_by_views(data, judge, sh_degree, lambda _: (fall, -1.0))
+    before = (fall, -1.0)
+    return ordered_by_views(data, StreamPrefixes(data), judge, sh_degree, lambda _: before)
 
 
 def packets(data):
@@ -181,7 +183,7 @@ def test_bands_that_are_decoded_one_by_one_are_those_of_the_cut(stream):
 
     directory = read_directory(stream)
     views = Seen(decode(stream).leaves(), {})
-    drawn = order_by_views._Drawn(stream, directory, views, N_BANDS)
+    drawn = order_by_views._Drawn(StreamPrefixes(stream), views, 1 + N_BANDS, N_BANDS)
     ends = order_by_views._Ends.of(directory)
     found = [ends.cut(state) for state in itertools.product(*map(range, ends.counts))]
     cuts = [cut for cut in found if cut is not None]
