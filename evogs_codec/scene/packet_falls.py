@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from evogs_codec.decoding.cut import Cut
-from evogs_codec.decoding.decode import decode_leaves
 from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.layers import Layering
 from evogs_codec.encoding.out_of_reach import TargetMissedError
@@ -147,11 +146,13 @@ def _falls(found: FoundStream, directory: Directory, rows: I64, views: Views) ->
 
 def _looks_worse(one: FoundStream, other: FoundStream, views: Views) -> bool:
     """Whether the whole of a stream that is made looks worse than that of another one."""
-    of_one, of_other = (
-        views.psnr(decode_leaves(found.data, sh_degree=found.tree.shown_degree))
-        for found in (one, other)
-    )
-    return of_one < of_other - OF_MANY[-1]
+    return _psnr_of(one, views) < _psnr_of(other, views) - OF_MANY[-1]
+
+
+def _psnr_of(found: FoundStream, views: Views) -> float:
+    """Of the whole of a stream that is made, dB."""
+    directory = read_directory(found.data)
+    return views.psnr(next(_shown(found, directory, _rows_of(directory)[-1:])))
 
 
 def _evenly(n: int, of: int) -> I64:
@@ -197,6 +198,7 @@ def _may_be_ordered(found: FoundStream) -> bool:
 def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, _Looks]:
     """Without the packets that look worse, as many at once as may be; and how the others look."""
     looks, n_bytes = _Looks.of(found, views), len(found.data)
+    assert looks is not None, "there is no bound"
     empty: frozenset[PacketId] = frozenset()
     refused: list[frozenset[PacketId]] = []
     for _ in range(TRIES if found.tree.n_leaves <= SMALL else TRIES_OF_MANY):
@@ -209,9 +211,11 @@ def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, _Look
         except TargetMissedError:
             refused.append(some)
             continue
-        then = _Looks.of(again, views)
         is_larger = len(again.data) > DEAR * n_bytes
-        if is_larger or then.whole < looks.whole - FALL or then.fall > looks.fall:
+        then = None
+        if not is_larger and _psnr_of(again, views) >= looks.whole - FALL:
+            then = _Looks.of(again, views, looks.fall)
+        if then is None:
             refused.append(some)
         else:
             found, looks, empty = again, then, some
@@ -253,8 +257,8 @@ class _Looks:
         return (known[-1][0], known[-1][1].psnr) if known else (0.0, -math.inf)
 
     @staticmethod
-    def of(found: FoundStream, views: Views) -> _Looks:
-        """Of a stream that is made."""
+    def of(found: FoundStream, views: Views, most: float = math.inf) -> _Looks | None:
+        """Of a stream that is made; None if something falls by more dB than that."""
         directory = read_directory(found.data)
         rows = _rows_of(directory)
         # Without a layer that refines all leaves, SH bands of adds would be lost.
@@ -272,6 +276,8 @@ class _Looks:
             prefix = _Prefix(leaves, views, few)
             fall = 0.0 if best is None else prefix.fall_after(best)
             deepest = max(deepest, fall)
+            if deepest > most:
+                return None
             component = directory.components.of_tiles[directory.columns[row]]
             if best is None or fall <= 0:
                 best = prefix
