@@ -15,7 +15,7 @@ from tools.bench.scale import tiled
 
 __all__ = ["Together", "large", "together"]
 
-SIZES = (100_000, 1_000_000, 3_000_000, 10_000_000)  # splats
+SIZES = (100_000, 1_000_000, 3_000_000, 10_000_000, 30_000_000)  # splats
 WORKERS = 2
 PAUSE = 0.2  # s, between two looks at the memory
 
