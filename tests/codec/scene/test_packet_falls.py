@@ -288,6 +288,34 @@ def test_what_is_known_of_prefixes_before_a_packet():
     assert looks.before(7) == (0.1, 30.5)
 
 
+@pytest.mark.parametrize(("whole", "bounds"), [(39.9, []), (40.0, [1.0])])
+def test_a_stream_that_looks_worse_or_falls_more_is_not_looked_at_to_the_end(
+    monkeypatch, layered, whole, bounds
+):
+    one = PacketId(0, 3, 0)
+    looks = packet_falls._Looks(40.0, {one: 1.0}, 1.0, frozenset(), [])
+    found: list[float] = []
+
+    def of(_found, _views, most=np.inf):
+        found.append(most)
+        return looks if most == np.inf else None
+
+    monkeypatch.setattr(packet_falls._Looks, "of", of)
+    monkeypatch.setattr(packet_falls, "_psnr_of", lambda *_: whole)
+    monkeypatch.setattr(FoundStream, "leaving_empty", lambda found, _: found)
+    views = layered.aim.views
+    assert packet_falls._without_worst(layered, views) == (layered, looks)
+    assert found == [np.inf, *bounds]
+
+
+def test_of_a_stream_that_falls_more_nothing_is_known(layered):
+    views = layered.aim.views
+    looks = packet_falls._Looks.of(layered, views)
+    assert looks is not None
+    assert packet_falls._Looks.of(layered, views, looks.fall) is not None
+    assert packet_falls._Looks.of(layered, views, -1.0) is None
+
+
 def test_another_order_that_falls_more_is_not_taken(monkeypatch, layered):
     falls = iter([0.3, 0.2])
     looks = SimpleNamespace(fall=0.25, before=None)
