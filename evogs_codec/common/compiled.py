@@ -64,10 +64,10 @@ class _Cache(FunctionCache):  # type: ignore[misc]
         self._cache_file = _CodeFiles(self._cache_path, self._impl.filename_base, function)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:  # noqa: ANN401
-        """numba's, less what only compiling needs, which takes as long as loading.
+        """numba's, but for the implementations of all that a function may call.
 
-        That is the implementations of all that a function may call; numba's compiler asks for them
-        itself. Memory of arrays is what compiled code needs when it runs.
+        Only compiling needs these, and numba's compiler loads them itself. They take as long to
+        load as the code. What manages the memory of arrays is needed, and is made ready here.
         """
         rtsys.initialize(target_context)
         return self._load_overload(sig, target_context)

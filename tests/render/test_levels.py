@@ -11,9 +11,6 @@ from tools.bench.pictures import levels
 
 pytestmark = pytest.mark.slow
 EIGHTH, QUARTER, HALF = 1, 2, 3  # levels of five
-# dB that a palette costs: the nearest entry up to 1.0, and one by error and bits up to 0.5 more
-# (spec/decisions/0008-palette.md).
-OF_PALETTE = 1.5
 
 
 def assert_good(rows):
@@ -23,7 +20,7 @@ def assert_good(rows):
     for level in (EIGHTH, QUARTER, HALF):
         assert gain(rows[level], "free parents") >= -1.5
     for row in rows:
-        assert row["with palette, dB"] == "" or gain(row, "with palette") <= OF_PALETTE
+        assert row["with palette, dB"] == "" or gain(row, "with palette") <= 1.0
 
 
 def gain(row, other):
