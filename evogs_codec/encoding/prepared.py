@@ -56,6 +56,7 @@ class Aim:
         n_tiles, info, progress: as of `encode`.
         n_levels: of the tree at least, where a tile may have fewer.
         empty: packets of SH bands whose numbers are all 0, of the streams that are made.
+        order: of the packets of these; None: that of `packet_order`.
     """
 
     tree: EvolutionTree
@@ -74,6 +75,7 @@ class Aim:
     progress: Progress | None = None
     n_levels: int = 1
     empty: frozenset[PacketId] = frozenset()
+    order: tuple[PacketId, ...] | None = None
 
 
 class Prepared:
@@ -149,7 +151,7 @@ class Prepared:
         return self.quantised(self._settings(at), self._weights(at), at)
 
     def leaving_empty(self, aim: Aim) -> Prepared:
-        """The same for an aim that differs in its empty packets."""
+        """The same for an aim that differs in its empty packets and the order of all."""
         other = copy(self)
         other.aim = aim
         return other

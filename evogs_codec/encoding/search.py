@@ -11,7 +11,7 @@ __all__ = ["MOST_TRIES", "NARROW", "ONE_SIDED", "Found", "Goal", "Start", "neare
 
 MOST_TRIES = 14
 NARROW = 1e-6  # of the logarithm of a place
-ROUGH, SPREAD, GOLDEN = 0.02, 0.2, 0.618  # of the logarithm of a price
+SPREAD, GOLDEN = 0.2, 0.618  # of the logarithm: around a jump, where a value is any near it
 # After so many tries, all on one side of a target and hardly nearer than the first, the end of the
 # range is tried.
 ONE_SIDED = 3
@@ -77,7 +77,7 @@ def nearest(
     goal: Goal,
     start: Start,
     bounds: tuple[float, float],
-    tries: int = MOST_TRIES,
+    probes: int = 0,
     far: float = math.inf,
     narrow: float = NARROW,
 ) -> Found[T]:
@@ -88,7 +88,7 @@ def nearest(
         goal: what is wanted.
         start: where the search begins.
         bounds: no place is outside.
-        tries: at most.
+        probes: places around a jump over the target that are tried, at most.
         far: a first value that is further off has the end of the range tried. So have first tries
             that are all on one side, hardly come nearer and stay a fifth of that off, or of which a
             line meets the target beyond the end. If the end does not reach the target, nothing
@@ -101,11 +101,12 @@ def nearest(
     best: Found[T] | None = None
     above: Found[T] | None = None
     before = None if start.known is None else (math.log(start.known[0]), start.known[1])
-    middle: float | None = None
+    middle: float | None = None  # of a jump
+    last_try = MOST_TRIES - 1
     is_above: set[bool] = set()
     tried: set[float] = set()  # ends of the range
     distances: list[float] = []
-    for k in range(tries):
+    for k in range(MOST_TRIES + probes):
         value, what = measure(math.exp(at))
         if best is None or goal.badness(value) < goal.badness(best.value):
             best = Found(math.exp(at), value, what)
@@ -140,12 +141,12 @@ def nearest(
         at = there
         if not low < at < high:
             at = (low + high) / 2
-        if k + 1 == MOST_TRIES and high - low < ROUGH and is_above == {True, False}:
-            middle = (low + high) / 2
-        if middle is not None:
-            # Of few splats a PSNR is rough: places around have any value near it.
-            at = middle + SPREAD * (k * GOLDEN % 1 - 0.5)
-        if middle is None and (high - low < narrow or k + 1 >= MOST_TRIES):
+        if middle is None and high - low < narrow:
+            middle, last_try = (low + high) / 2, k + probes
+        if k >= last_try:
             break
+        if middle is not None:
+            at = middle + SPREAD * (k * GOLDEN % 1 - 0.5)
+            at = min(max(at, math.log(bounds[0])), math.log(bounds[1]))
     assert best is not None
     return replace(best, above=above)

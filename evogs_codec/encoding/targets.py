@@ -50,7 +50,7 @@ __all__ = ["TargetEncoder"]
 
 FIRST_PRICE = 1e-11  # mean squared error that a bit is worth: about 45 dB
 FACTORS = (1e-4, 1e4)
-MORE_TRIES = 60  # of few splats, where a rounding moves a PSNR
+PROBES = 46  # of few splats, where a rounding moves a PSNR
 TRIED = 200_000  # splats, those of all tries together
 JUMP = 0.09  # of the logarithm of a price: an end of it is within 0.2 dB, where no PSNR jumps
 POLISH_GAIN = 2.0  # dB, about
@@ -96,13 +96,13 @@ class TargetEncoder(Aim):
         if self.guess:
             goal = replace(goal, slack=max(goal.slack, self.guess.jump))
         missed_by = goal.slack if missed_by is None else max(missed_by, goal.slack)
-        tries = max(MOST_TRIES, min(MORE_TRIES, TRIED // max(self.tree.n_leaves, 1)))
+        probes = max(0, min(PROBES, TRIED // max(self.tree.n_leaves, 1) - MOST_TRIES))
 
         def search(
             code: Callable[[float], CodedTree],
             goal: Goal,
             start: float,
-            tries: int = MOST_TRIES,
+            probes: int = 0,
             narrow: float = NARROW,
         ) -> Found[CodedTree]:
             def measure(price: float) -> tuple[float, CodedTree]:
@@ -114,14 +114,13 @@ class TargetEncoder(Aim):
                 goal,
                 replace(self.guess, at=start) if self.guess else Start(start, PSNR_SLOPE),
                 PRICES,
-                tries=tries,
+                probes=probes,
                 far=FAR_PSNR,
                 narrow=narrow,
             )
 
         first = near or FIRST_PRICE
-        narrow = NARROW if tries > MOST_TRIES else JUMP  # of few splats a PSNR is rough
-        plain = search(coder.coded, goal, first, tries, narrow)
+        plain = search(coder.coded, goal, first, probes, JUMP)
         room = missed_by + (2 * POLISH_GAIN if coder.polishes else 0)
         if plain.is_end and abs(plain.value - decibels) > room:
             raise self._psnr_missed(decibels, plain)
@@ -301,9 +300,17 @@ class TargetEncoder(Aim):
         other.__dict__["prepared"] = self.prepared.at_once()
         return other
 
-    def leaving_empty(self, packets: frozenset[PacketId]) -> TargetEncoder:
-        """The same with these packets of SH bands empty; nothing is drawn again."""
-        other = replace(self, empty=packets, guess=self.guess and self.guess.unmeasured)
+    def leaving_empty(
+        self, packets: frozenset[PacketId], order: tuple[PacketId, ...] | None = None
+    ) -> TargetEncoder:
+        """The same with these packets of SH bands empty; nothing is drawn again.
+
+        Args:
+            packets: that are empty.
+            order: of all packets, as of `Aim`.
+        """
+        guess = self.guess and self.guess.unmeasured
+        other = replace(self, empty=packets, order=order, guess=guess)
         other.__dict__["prepared"] = self.prepared.leaving_empty(other)
         return other
 
@@ -375,7 +382,8 @@ class TargetEncoder(Aim):
         return data
 
     def _stream(self, coded: CodedTree) -> bytes:
-        return write(coded, effort=self.settings.effort, progress=self.progress)
+        effort = self.settings.effort
+        return write(coded, effort=effort, order=self.order, progress=self.progress)
 
 
 def _errors(tiles: Sequence[EvolutionTree], data: bytes, sh_degree: int) -> F64:

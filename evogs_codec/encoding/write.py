@@ -35,16 +35,16 @@ def write(
     *,
     effort: int = 19,
     digests: bool = True,
+    order: Sequence[PacketId] | None = None,
     progress: Progress | None = None,
 ) -> bytes:
     """The stream of a coded tree; `decode` gives back exactly its integers.
-
-    Packets are in the order of `packet_order`.
 
     Args:
         tree: integers.
         effort: level of Zstandard.
         digests: store a digest of the last state of each tile and component.
+        order: of all packets; None: that of `packet_order`.
         progress: called while packets are compressed and verified.
 
     Raises:
@@ -55,7 +55,8 @@ def write(
     if tree.entries is not None:
         tree, of_palette = packed_palette(tree, _sizes(bodies), effort)
         bodies |= of_palette
-    order = packet_order(tree, _sizes(bodies))
+    if order is None:
+        order = packet_order(tree, _sizes(bodies))
     rows = _rows(tree, order, bodies)
     data = b"".join(bodies[packet] for packet in order)
     head = _directory(tree, rows, {})

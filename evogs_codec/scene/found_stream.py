@@ -186,9 +186,14 @@ class FoundStream:
         return replace(self, stream=None, make=make, price=price)
 
     def leaving_empty(self, packets: frozenset[PacketId]) -> FoundStream:
-        """With these packets of SH bands empty (`TargetEncoder.leaving_empty`), yet to be made."""
+        """With these packets of SH bands empty, in the order of this stream, yet to be made."""
         assert self.aim is not None, "it is by views"
-        return replace(self, stream=None, aim=self.aim.leaving_empty(packets))
+        directory = read_directory(self.data)
+        components = directory.components.of_tiles
+        tiles, steps = directory.packets["tile"].tolist(), directory.steps.tolist()
+        each = zip(tiles, [components[k] for k in directory.columns.tolist()], steps, strict=True)
+        order = tuple(PacketId(*one) for one in each)
+        return replace(self, stream=None, aim=self.aim.leaving_empty(packets, order))
 
     def holding(self, runs: Sequence[Run], layering: Layering) -> FoundStream:
         """That of the same tree with runs of steps held back (`TargetEncoder.holding`)."""

@@ -42,6 +42,7 @@ __all__ = ["without_falls"]
 
 TRIES, TRIES_OF_MANY = 6, 3
 DEAR = 1.05  # times the bytes, which a target may ask for where a band of all splats is empty
+SLOPE = 14.0  # dB of a stream to the logarithm of its bytes, from 30 to 65 dB at least
 DEEP = FALL / 2  # dB; other views may show twice of it
 FINER = (0.93, 0.86)  # of the price of a bit
 ALL_ABOVE_ROOTS = Run((1, 0), (MAX_LEVELS, 0))
@@ -213,7 +214,8 @@ def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, _Look
             continue
         is_larger = len(again.data) > DEAR * n_bytes
         then = None
-        if not is_larger and _psnr_of(again, views) >= looks.whole - FALL:
+        saved = max(math.log(len(found.data) / len(again.data)), 0.0)
+        if not is_larger and _psnr_of(again, views) >= looks.whole - FALL - SLOPE * saved:
             then = _Looks.of(again, views, looks.fall)
         if then is None:
             refused.append(some)

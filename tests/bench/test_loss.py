@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from evogs_codec import PRESETS, decode_leaves, lift, read_directory
-from evogs_codec.encoding import guess, targets
+from evogs_codec.encoding import guess, search
 from evogs_codec.encoding.guess import PRICES
 from evogs_codec.encoding.targets import TargetEncoder
 
@@ -81,8 +81,7 @@ def test_trained_trees_aim_at_the_default_of_trees(monkeypatch):
 def test_a_stream_that_misses_its_target_is_left_out(monkeypatch, capsys):
     monkeypatch.setattr(loss, "TREE_PSNR", 1000.0)
     monkeypatch.setattr(loss, "LAYERS", (2,))
-    monkeypatch.setattr(targets, "MORE_TRIES", 2)
-    monkeypatch.setattr(targets, "MOST_TRIES", 2)
+    monkeypatch.setattr(search, "MOST_TRIES", 2)
     names = [stream.name for stream in loss._streams(small("trained"))]
     assert names == ["preset", "default"]
     assert "left out: 1000 dB cannot be met" in capsys.readouterr().err

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from evogs_codec.encoding.search import Goal, Start, nearest
@@ -69,6 +70,36 @@ def test_where_a_value_jumps_over_the_target_the_nearest_above_is_known_after_fe
     assert above is not None
     assert above.at < 2
     assert above.value == pytest.approx(80.3 - math.log(2), abs=0.06)
+
+
+@pytest.mark.parametrize(("probes", "n_tries"), [(0, 4), (2, 6), (9, 12)])
+def test_places_around_a_jump_are_tried_where_asked(probes, n_tries):
+    tries = []
+
+    def measure(at):
+        tries.append(at)
+        x = math.log(at)
+        is_met = len(tries) == 12
+        return 5.0 if is_met else (5.3 if x < 0.123 else 4.6) - x, at
+
+    found = nearest(measure, Goal(5.0, 0.1), Start(1.0, -1.0), (1e-4, 1e4), probes, narrow=0.05)
+    assert len(tries) == n_tries
+    assert (found.value == 5.0) == (n_tries == 12)
+    around = np.log(tries[4:])
+    assert np.all(np.abs(around - 0.123) < 0.15)
+    assert len(set(around)) == len(around)
+
+
+def test_no_place_around_a_jump_is_outside():
+    tries = []
+
+    def measure(at):
+        tries.append(at)
+        return (1.0 if at < 0.999 else -1.0), at
+
+    nearest(measure, Goal(0.0, 0.1), Start(0.9, -1.0), (1e-4, 1.0), 6, narrow=0.09)
+    assert len(tries) > 6
+    assert max(tries) <= 1.0
 
 
 def test_the_end_of_the_range_is_tried_once_a_line_meets_the_target_beyond_it():

@@ -41,6 +41,12 @@ def sizes(data):
     }
 
 
+def order(found):
+    """Of the packets of a stream of one tile."""
+    directory = read_directory(found.data)
+    return tuple(PacketId(0, *one) for one in zip(directory.columns, directory.steps, strict=True))
+
+
 @pytest.mark.parametrize("layers", [1, 2])
 def test_empty_packets_have_no_bytes_and_later_ones_mend_them(layers):
     splats = make_scene(1500)
@@ -114,7 +120,8 @@ def test_where_pictures_stay_worse_other_streams_are_tried(
     assert chosen.data == chosen.aim.at_price(PRICE * factor)
     empty = frozenset({PacketId(0, 3, max(p.step for p in sizes(chosen.data)))})
     again = chosen.leaving_empty(empty).made()
-    assert again.data == chosen.aim.leaving_empty(empty).at_price(PRICE * factor)
+    assert again.data == chosen.aim.leaving_empty(empty, order(chosen)).at_price(PRICE * factor)
+    assert order(again) == order(chosen)
 
 
 def deepest_fall(data, splats):
@@ -288,9 +295,12 @@ def test_what_is_known_of_prefixes_before_a_packet():
     assert looks.before(7) == (0.1, 30.5)
 
 
-@pytest.mark.parametrize(("whole", "bounds"), [(39.9, []), (40.0, [1.0])])
-def test_a_stream_that_looks_worse_or_falls_more_is_not_looked_at_to_the_end(
-    monkeypatch, layered, whole, bounds
+@pytest.mark.parametrize(
+    ("whole", "n_bytes", "bounds"),
+    [(39.9, 1.0, []), (40.0, 1.0, [1.0]), (39.9, 0.99, [1.0]), (39.8, 0.99, [])],
+)
+def test_a_stream_that_looks_worse_for_its_bytes_or_falls_more_is_not_looked_at_to_the_end(
+    monkeypatch, layered, whole, n_bytes, bounds
 ):
     one = PacketId(0, 3, 0)
     looks = packet_falls._Looks(40.0, {one: 1.0}, 1.0, frozenset(), [])
@@ -302,7 +312,8 @@ def test_a_stream_that_looks_worse_or_falls_more_is_not_looked_at_to_the_end(
 
     monkeypatch.setattr(packet_falls._Looks, "of", of)
     monkeypatch.setattr(packet_falls, "_psnr_of", lambda *_: whole)
-    monkeypatch.setattr(FoundStream, "leaving_empty", lambda found, _: found)
+    shorter = replace(layered, stream=layered.data[: int(n_bytes * len(layered.data))])
+    monkeypatch.setattr(FoundStream, "leaving_empty", lambda *_: shorter)
     views = layered.aim.views
     assert packet_falls._without_worst(layered, views) == (layered, looks)
     assert found == [np.inf, *bounds]
