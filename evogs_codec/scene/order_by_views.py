@@ -1,8 +1,9 @@
-"""The last packets of a stream in the order in which its pictures fall least.
+"""Some packets of a stream in the order in which its pictures fall least.
 
-Packets are put in order by estimates. Of few splats, an SH band alone may make pictures worse until
-another one is there, whatever estimates say. So all states between some prefix and the whole are
-looked at, and the way through them is taken that falls least.
+Packets are put in order by estimates. An SH band alone may make pictures worse until another one is
+there, whatever estimates say. So all states between two prefixes are looked at, and the way through
+them is taken that falls least: from a fall until pictures are better than before it, or, of few
+splats, through the last packets.
 
 A state is how many packets of each component are there. Letters: B components.
 """
@@ -28,8 +29,9 @@ if TYPE_CHECKING:
 
 __all__ = ["ordered_by_views"]
 
-# States that are drawn, and splats of all of them together.
+# States that are drawn, and splats of all of them together, of last packets; states of others.
 MOST_STATES, MOST_SPLATS = 256, 64_000
+MOST_BETWEEN = 16
 DIGITS = 2  # of a fall, dB: what is less is no difference
 _State: TypeAlias = tuple[int, ...]
 
@@ -40,10 +42,11 @@ def ordered_by_views(
     views: Views,
     sh_degree: int,
     before: Callable[[int], tuple[float, float]],
+    rows: range | None = None,
 ) -> tuple[bytes, float]:
-    """The stream with its last packets in another order, and its deepest fall, dB.
+    """The stream with some packets in another order, and the deepest fall until these end, dB.
 
-    Itself with several tiles or a palette, with an infinite fall.
+    Itself, with an infinite fall, with several tiles or a palette, or if there are too many orders.
 
     Args:
         data: a stream.
@@ -51,31 +54,37 @@ def ordered_by_views(
         views: that judge.
         sh_degree: of the splats that are looked at.
         before: the deepest fall of the prefixes that end before a row, and their highest PSNR, dB.
+        rows: of the packets; None: as many of the last as may be.
     """
     directory = read_directory(data)
     if len(directory.tiles) != 1 or directory.has_palette:
         return data, math.inf
-    ends = _Ends.of(directory)
-    fall, highest = before(len(ends.first))
+    if rows is None:
+        stretch = _Stretch.of_last(directory)
+    else:
+        stretch = _Stretch.of(directory, rows)
+        if math.prod(stretch.counts) > MOST_BETWEEN:
+            return data, math.inf
+    fall, highest = before(len(stretch.first))
     drawn = _Drawn(prefixes, views, len(directory.components.of_tiles), sh_degree)
-    states = product(*map(range, ends.counts))
-    cuts = {state: cut for state in states if (cut := ends.cut(state)) is not None}
+    states = product(*map(range, stretch.counts))
+    cuts = {state: cut for state in states if (cut := stretch.cut(state)) is not None}
     looks = {state: drawn.psnr(cut) for state, cut in cuts.items()}
-    way = _best_way(ends, looks, highest, directory.packets["size"].astype(np.int64))
-    return _reordered(data, directory, ends.rows(way.columns)), max(fall, way.fall)
+    way = _best_way(stretch, looks, highest, directory.packets["size"].astype(np.int64))
+    return _reordered(data, directory, stretch.rows(way.columns)), max(fall, way.fall)
 
 
 @dataclass(frozen=True, eq=False)
-class _Ends:
+class _Stretch:
     """The packets of each component that are put in order.
 
     A packet without bytes comes with the next one that has some, or after all others.
 
     Attributes:
-        first: (n,) rows that stay where they are.
+        first: (n,) rows before them.
         chains: per component, the groups of rows that come together.
         steps: (B,) of each component in the first rows.
-        last: rows without bytes that nothing follows.
+        last: rows without bytes that nothing follows, and those after the stretch.
     """
 
     first: I64
@@ -84,32 +93,33 @@ class _Ends:
     last: I64
 
     @staticmethod
-    def of(directory: Directory) -> _Ends:
-        """Of as many packets as give no more states than may be drawn."""
+    def of_last(directory: Directory) -> _Stretch:
+        """Of as many last packets as give no more states than may be drawn."""
         n, n_slots = len(directory.packets), max(int(directory.tile_slots.sum()), 1)
         most = min(MOST_STATES, MOST_SPLATS // n_slots)
-        best = _Ends._from(directory, n)
+        best = _Stretch.of(directory, range(n, n))
         for begin in reversed(range(n)):
-            ends = _Ends._from(directory, begin)
-            if math.prod(ends.counts) > most:
+            stretch = _Stretch.of(directory, range(begin, n))
+            if math.prod(stretch.counts) > most:
                 break
-            best = ends
+            best = stretch
         return best
 
     @staticmethod
-    def _from(directory: Directory, begin: int) -> _Ends:
-        """Of the packets from a row on."""
+    def of(directory: Directory, rows: range) -> _Stretch:
+        """Of the packets of these rows."""
         columns, has_bytes = directory.columns, directory.packets["size"] > 0
         n_columns = len(directory.components.of_tiles)
         chains, last = [], []
         for column in range(n_columns):
-            rows = begin + np.flatnonzero(columns[begin:] == column)
-            groups = np.split(rows, np.flatnonzero(has_bytes[rows]) + 1)
+            own = rows.start + np.flatnonzero(columns[rows.start : rows.stop] == column)
+            groups = np.split(own, np.flatnonzero(has_bytes[own]) + 1)
             chains.append(tuple(groups[:-1]))
             last.append(groups[-1])
-        first = np.arange(begin)
+        first, after = np.arange(rows.start), np.arange(rows.stop, len(columns))
         steps = np.bincount(columns[first], minlength=n_columns)
-        return _Ends(first, tuple(chains), steps, np.sort(np.concatenate(last)))
+        empty = np.sort(np.concatenate(last))
+        return _Stretch(first, tuple(chains), steps, np.concatenate([empty, after]))
 
     @property
     def counts(self) -> list[int]:
@@ -124,28 +134,28 @@ class _Ends:
         return None if (steps > steps[0]).any() else Cut(steps[None])
 
     def rows(self, way: _State) -> I64:
-        """All rows, those of the ends in the order in which components take their turns."""
+        """All rows, those of the stretch in the order in which components take their turns."""
         turns = [iter(chain) for chain in self.chains]
         return np.concatenate([self.first, *(next(turns[column]) for column in way), self.last])
 
 
-def _best_way(ends: _Ends, looks: Mapping[_State, float], before: float, sizes: I64) -> _Way:
+def _best_way(stretch: _Stretch, looks: Mapping[_State, float], before: float, sizes: I64) -> _Way:
     """The way through all states that falls least.
 
     Of ways that fall as little, the one whose prefixes look better, byte for byte.
 
     Args:
-        ends: the packets that are put in order.
+        stretch: the packets that are put in order.
         looks: PSNR of each state that there is, dB.
         before: the highest PSNR of the prefixes of packets that stay where they are, dB.
         sizes: bytes of each packet.
     """
-    start = (0,) * len(ends.chains)
+    start = (0,) * len(stretch.chains)
     ways = {start: [_Way((), 0.0, max(before, looks[start]), 0.0)]}
     for state in sorted(looks, key=sum)[1:]:
         found: list[_Way] = []
         for column, n in enumerate(state):
-            n_bytes = int(sizes[ends.chains[column][n - 1]].sum()) if n else 0
+            n_bytes = int(sizes[stretch.chains[column][n - 1]].sum()) if n else 0
             there = ways.get((*state[:column], n - 1, *state[column + 1 :]), ())
             found += [way.after(column, looks[state], n_bytes) for way in there]
         ways[state] = _not_beaten(found)

@@ -2,10 +2,11 @@
 
 What an error is worth is estimated number by number. Errors of one packet may make up for those of
 another, so that pictures are worse without these. Packets of SH bands with which they are worse are
-left empty. If that is not enough, the last packets of very few splats are put in another order, and
-other prices of a bit and one layer are tried. Then all levels that split are held back until the
-last of them. At last all leaves come at once in the place of the roots: where splats have the same
-depth, even steps that show nothing new change the order in which they are drawn.
+left empty. If that is not enough, packets around a fall are put in another order, and so are the
+last packets of very few splats; other prices of a bit and one layer are tried. Then all levels that
+split are held back until the last of them. At last all leaves come at once in the place of the
+roots: where splats have the same depth, even steps that show nothing new change the order in which
+they are drawn.
 
 Of many splats, a few prefixes are looked at first, and all only if one of these falls.
 """
@@ -16,7 +17,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -206,7 +207,12 @@ def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, _Look
         chosen = [empty | some for some in (looks.needless, looks.worse, looks.worst)]
         some = next((some for some in chosen if some != empty and some not in refused), None)
         if some is None:
-            break
+            ordered = _around_falls(found, looks, views)
+            if ordered is None:
+                break
+            found, looks = ordered
+            refused.clear()
+            continue
         try:
             again = found.leaving_empty(some).made()
         except TargetMissedError:
@@ -224,6 +230,41 @@ def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, _Look
     return found, looks
 
 
+def _around_falls(
+    found: FoundStream, looks: _Looks, views: Views
+) -> tuple[FoundStream, _Looks] | None:
+    """With packets around falls in orders that do not fall, and how they look; None without any."""
+    data, degree = found.data, found.tree.shown_degree
+    for fall in looks.mended:
+        other, deepest = ordered_by_views(
+            data, found.prefixes, views, degree, fall.before, fall.rows
+        )
+        if deepest <= DEEP:
+            data = other
+    if data is found.data:
+        return None
+    again = replace(found, stream=data)
+    then = _Looks.of(again, views, looks.fall)
+    return None if then is None else (again, then)
+
+
+class _Fall(NamedTuple):
+    """A fall that later packets mend.
+
+    Attributes:
+        rows: of the packets from the first that looks worse to the one that mends it.
+        highest: PSNR before them, dB.
+    """
+
+    rows: range
+    highest: float
+
+    def before(self, row: int) -> tuple[float, float]:
+        """As of `_Looks`, of the first of these rows alone."""
+        assert row == self.rows.start, "nothing else is asked for"
+        return 0.0, self.highest
+
+
 @dataclass(frozen=True)
 class _Looks:
     """How the packets of a stream change pictures.
@@ -234,7 +275,8 @@ class _Looks:
         fall: the deepest with any packet.
         needless: packets of SH bands after the prefix that looks best, if the whole looks worse.
         until: per packet with bytes its row, the deepest fall until then, and the best prefix; none
-            where packets are not put in another order.
+            where the last packets are not put in another order.
+        mended: falls that later packets mend.
     """
 
     whole: float
@@ -242,6 +284,7 @@ class _Looks:
     fall: float
     needless: frozenset[PacketId]
     until: Sequence[tuple[int, float, _Prefix]]
+    mended: Sequence[_Fall] = ()
 
     @property
     def worse(self) -> frozenset[PacketId]:
@@ -274,6 +317,8 @@ class _Looks:
         falls: dict[PacketId, float] = {}
         since_best: set[PacketId] = set()
         until: list[tuple[int, float, _Prefix]] = []
+        mended: list[_Fall] = []
+        begin: int | None = None  # row of the first packet that looks worse than the best prefix
         for row, leaves in zip(rows.tolist(), _shown(found, directory, rows), strict=True):
             prefix = _Prefix(leaves, views, few)
             fall = 0.0 if best is None else prefix.fall_after(best)
@@ -281,6 +326,11 @@ class _Looks:
             if deepest > most:
                 return None
             component = directory.components.of_tiles[directory.columns[row]]
+            if fall > DEEP and begin is None:
+                begin = row
+            elif fall <= 0 and best is not None and begin is not None:
+                mended.append(_Fall(range(begin, row + 1), best.psnr))
+                begin = None
             if best is None or fall <= 0:
                 best = prefix
                 since_best.clear()
@@ -296,7 +346,7 @@ class _Looks:
         if best is None or before is None:
             return _Looks(-math.inf, falls, deepest, frozenset(), until)
         needless = frozenset(since_best if before.psnr < best.psnr - DEEP else ())
-        return _Looks(before.psnr, falls, deepest, needless, until)
+        return _Looks(before.psnr, falls, deepest, needless, until, mended)
 
 
 class _Prefix:

@@ -71,6 +71,11 @@ def packets(data):
     ]
 
 
+def rows_of(data):
+    """Rows of packets with bytes."""
+    return np.flatnonzero(read_directory(data).packets["size"]).tolist()
+
+
 @pytest.mark.parametrize(
     ("decibels", "bands", "deepest_of_ends"),
     [
@@ -114,7 +119,7 @@ def ends_of(counts):
     """Packets without bytes, of so many of each component."""
     chains = tuple(tuple(np.empty(0, np.int64) for _ in range(n)) for n in counts)
     nothing = np.empty(0, np.int64)
-    return order_by_views._Ends(nothing, chains, np.zeros(len(counts), np.int64), nothing)
+    return order_by_views._Stretch(nothing, chains, np.zeros(len(counts), np.int64), nothing)
 
 
 @pytest.mark.parametrize("counts", [(1, 1, 1), (2, 1, 1, 1), (2, 2, 1)])
@@ -175,6 +180,43 @@ def test_states_are_bounded(stream):
     assert 2 ** (1 + N_BANDS) <= judge.n <= MOST_STATES
 
 
+@pytest.mark.parametrize(
+    ("looks", "is_turned", "fall"),
+    [
+        ([10.0, 9.0, 12.0, 13.0], True, 0.0),
+        ([10.0, 12.0, 9.0, 13.0], False, 0.0),
+        ([10.0, 9.0, 9.5, 13.0], True, 0.5),
+    ],
+)
+def test_packets_before_and_after_some_stay_where_they_are(stream, looks, is_turned, fall):
+    class Told(Judge):
+        def psnr(self, leaves):
+            return self.decibels.pop(0)  # of none, the later component, the earlier one, both
+
+    before, rows = packets(stream), rows_of(stream)
+    at = next(k for k, packet in enumerate(before) if packet.component)
+    assert before[at].component > before[at + 1].component > 0
+    some = range(rows[at], rows[at + 1] + 1)
+    judge = Told(decode(stream).leaves(), list(looks))
+    highest = lambda row: (0.0, 10.0) if row == some.start else (9.0, 0.0)  # noqa: E731
+    data, found = ordered_by_views(stream, StreamPrefixes(stream), judge, N_BANDS, highest, some)
+    assert found == fall
+    after = packets(data)
+    pair = before[at : at + 2]
+    assert after == before[:at] + (pair[::-1] if is_turned else pair) + before[at + 2 :]
+    assert decode(data, verify=True).dump() == decode(stream).dump()
+
+
+def test_a_stretch_of_many_states_stays_as_it_is(stream):
+    rows = range(len(read_directory(stream).packets))
+    judge = Judge(decode(stream).leaves(), {})
+    found, fall = ordered_by_views(
+        stream, StreamPrefixes(stream), judge, N_BANDS, lambda _: (0.0, 0.0), rows
+    )
+    assert found is stream
+    assert fall == math.inf
+
+
 def test_bands_that_are_decoded_one_by_one_are_those_of_the_cut(stream):
     class Seen(Judge):
         def psnr(self, leaves):
@@ -184,7 +226,7 @@ def test_bands_that_are_decoded_one_by_one_are_those_of_the_cut(stream):
     directory = read_directory(stream)
     views = Seen(decode(stream).leaves(), {})
     drawn = order_by_views._Drawn(StreamPrefixes(stream), views, 1 + N_BANDS, N_BANDS)
-    ends = order_by_views._Ends.of(directory)
+    ends = order_by_views._Stretch.of_last(directory)
     found = [ends.cut(state) for state in itertools.product(*map(range, ends.counts))]
     cuts = [cut for cut in found if cut is not None]
     for cut in cuts[:: max(len(cuts) // 20, 1)]:

@@ -327,6 +327,72 @@ def test_of_a_stream_that_falls_more_nothing_is_known(layered):
     assert packet_falls._Looks.of(layered, views, -1.0) is None
 
 
+class Told(Views):
+    """Views that are told what each finds."""
+
+    def psnr_of_each(self, leaves):
+        return np.array(leaves)
+
+
+@pytest.mark.parametrize(
+    ("decibels", "mended"),
+    [
+        ([20.0, 21.0, 22.0], []),
+        ([20.0, 21.0, 20.5], []),
+        ([20.0, 21.0, 20.99, 22.0], []),
+        ([20.0, 21.0, 20.99, 20.5, 20.7, 21.1], [(3, 5, 21.0)]),
+        ([20.0, 19.0, 20.0, 21.0, 20.9, 21.5], [(1, 2, 20.0), (4, 5, 21.0)]),
+    ],
+)
+def test_falls_that_later_packets_mend_are_known(monkeypatch, layered, decibels, mended):
+    rows = packet_falls._rows_of(read_directory(layered.data))
+    shown = [*decibels, *[decibels[-1]] * (len(rows) - len(decibels))]
+    monkeypatch.setattr(packet_falls, "_shown", lambda *_: ([x] * 4 for x in shown))
+    views = Told(layered.aim.views.scene, layered.aim.views.cameras)
+    looks = packet_falls._Looks.of(layered, views)
+    assert looks is not None
+    found = [(fall.rows[0], fall.rows[-1], fall.highest) for fall in looks.mended]
+    assert found == [(rows[begin], rows[end], highest) for begin, end, highest in mended]
+
+
+@pytest.mark.parametrize(("deepest", "is_taken"), [(0.02, True), (0.03, False)])
+def test_packets_around_a_fall_are_put_in_order_where_empty_ones_do_not_mend_it(
+    monkeypatch, layered, deepest, is_taken
+):
+    one = PacketId(0, 3, 0)
+    fall = packet_falls._Fall(range(4, 7), 39.0)
+    falling = packet_falls._Looks(40.0, {one: 1.0}, 1.0, frozenset(), [], [fall])
+    mended = packet_falls._Looks(40.0, {}, 0.0, frozenset(), [])
+    found: list[Any] = []
+
+    def of(stream, _views, most=np.inf):
+        found.append((stream.data, most))
+        return mended if stream.data == b"in order" else falling
+
+    def ordered(data, _prefixes, _views, _degree, before, rows):
+        assert (before(4), rows) == ((0.0, 39.0), range(4, 7))
+        return b"in order", deepest
+
+    monkeypatch.setattr(packet_falls._Looks, "of", of)
+    monkeypatch.setattr(packet_falls, "_psnr_of", lambda *_: 39.0)
+    monkeypatch.setattr(FoundStream, "leaving_empty", lambda stream, _: stream)
+    monkeypatch.setattr(packet_falls, "ordered_by_views", ordered)
+    stream, looks = packet_falls._without_worst(layered, layered.aim.views)
+    assert (stream.data, looks) == ((b"in order", mended) if is_taken else (layered.data, falling))
+    assert found == [(layered.data, np.inf), (b"in order", 1.0)][: 1 + is_taken]
+
+
+@pytest.mark.thorough
+def test_a_fall_that_only_another_order_mends_does_not_make_the_stream_larger():
+    """Two bands of a step look worse one by one; one layer and all at once took 3 times as many."""
+    splats = dict(odd_scenes(15_000, 36))["one dense clump"]
+    data = encode_scene(splats)
+    fall, decibels = deepest_fall(data, splats)
+    assert fall <= 0.05
+    assert decibels > 42
+    assert len(data) < 140_000
+
+
 def test_another_order_that_falls_more_is_not_taken(monkeypatch, layered):
     falls = iter([0.3, 0.2])
     looks = SimpleNamespace(fall=0.25, before=None)
@@ -352,6 +418,7 @@ def test_very_few_huge_splats_do_not_fall(monkeypatch, n, seed, n_taken, needs_o
     assert reached > 37
     if not needs_order:  # zeros in SH bands of adds are enough
         return
+    monkeypatch.setattr(packet_falls, "_around_falls", lambda *_: None)
     monkeypatch.setattr(packet_falls, "VERY_FEW", 0)
     monkeypatch.setattr(FoundStream, "at_once", lambda found: found)
     before, _ = deepest_fall(encode_scene(splats), splats)
