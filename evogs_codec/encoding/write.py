@@ -48,7 +48,8 @@ def write(
         progress: called while packets are compressed and verified.
 
     Raises:
-        ValueError: an integer needs more than 24 bits, or a limit of the format is exceeded.
+        ValueError: an integer needs more than 24 bits, a limit of the format is exceeded, or the
+            packets of `order` are others.
     """
     report = progress or no_progress
     bodies = _bodies(tree, effort, report)
@@ -57,6 +58,8 @@ def write(
         bodies |= of_palette
     if order is None:
         order = packet_order(tree, _sizes(bodies))
+    elif sorted(order) != sorted(bodies):
+        raise ValueError(f"an order of {len(order)} packets is none of the {len(bodies)} there are")
     rows = _rows(tree, order, bodies)
     data = b"".join(bodies[packet] for packet in order)
     head = _directory(tree, rows, {})

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from evogs_codec import PRESETS, EvolutionTree, Kind, Step, encode, lift, read_directory
+from evogs_codec import PRESETS, EvolutionTree, Kind, Step, decode, encode, lift, read_directory
 from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.packet_order import packet_order
 from evogs_codec.encoding.quantise import quantise
@@ -64,6 +64,18 @@ def test_without_gains_packets_go_step_by_step(coded):
     order = packet_order(bare, sizes_of(bare))
     assert order == sorted(order, key=lambda packet: (packet.step, packet.tile, packet.component))
     assert len(write(bare, effort=1)) == len(write(coded, effort=1))
+
+
+def test_packets_may_come_in_another_order(coded):
+    data = write(coded, effort=1)
+    step_by_step = sorted(sizes_of(coded), key=lambda packet: packet.step)
+    other = write(coded, effort=1, order=step_by_step)
+    assert decode(other, verify=True).dump() == decode(data).dump()
+    directory = read_directory(other)
+    rows = zip(directory.packets["tile"], directory.columns, directory.steps, strict=True)
+    assert [*map(PacketId._make, rows)] == step_by_step
+    with pytest.raises(ValueError, match=r"order of \d+ packets is none of the \d+"):
+        write(coded, effort=1, order=step_by_step[1:])
 
 
 def test_the_next_packet_is_of_the_tile_where_bytes_gain_most(lifted, coded):
