@@ -43,10 +43,12 @@ def ordered_by_views(
     sh_degree: int,
     before: Callable[[int], tuple[float, float]],
     rows: range | None = None,
+    most: float = math.inf,
 ) -> tuple[bytes, float]:
     """The stream with some packets in another order, and the deepest fall until these end, dB.
 
-    Itself, with an infinite fall, with several tiles or a palette, or if there are too many orders.
+    Itself, with an infinite fall, with several tiles or a palette, if there are too many orders, or
+    if it falls too much before.
 
     Args:
         data: a stream.
@@ -55,6 +57,7 @@ def ordered_by_views(
         sh_degree: of the splats that are looked at.
         before: the deepest fall of the prefixes that end before a row, and their highest PSNR, dB.
         rows: of the packets; None: as many of the last as may be.
+        most: what is wanted is a fall of less dB.
     """
     directory = read_directory(data)
     if len(directory.tiles) != 1 or directory.has_palette:
@@ -66,6 +69,8 @@ def ordered_by_views(
         if math.prod(stretch.counts) > MOST_BETWEEN:
             return data, math.inf
     fall, highest = before(len(stretch.first))
+    if fall >= most:
+        return data, math.inf
     drawn = _Drawn(prefixes, views, len(directory.components.of_tiles), sh_degree)
     states = product(*map(range, stretch.counts))
     cuts = {state: cut for state in states if (cut := stretch.cut(state)) is not None}

@@ -186,8 +186,9 @@ def _with_least_fall(found: FoundStream, views: Views) -> tuple[FoundStream, flo
     found, looks = _without_worst(found, views)
     if looks.fall <= DEEP or not _may_be_ordered(found):
         return found, looks.fall
+    degree = found.tree.shown_degree
     data, fall = ordered_by_views(
-        found.data, found.prefixes, views, found.tree.shown_degree, looks.before
+        found.data, found.prefixes, views, degree, looks.before, most=looks.fall
     )
     return (replace(found, stream=data), fall) if fall < looks.fall else (found, looks.fall)
 

@@ -217,6 +217,17 @@ def test_a_stretch_of_many_states_stays_as_it_is(stream):
     assert fall == math.inf
 
 
+@pytest.mark.parametrize(("most", "is_looked_at"), [(0.5, False), (0.6, True)])
+def test_nothing_is_looked_at_where_what_comes_before_falls_too_much(stream, most, is_looked_at):
+    judge = Judge(decode(stream).leaves(), {4: 1, 6: 2, 7: 3})
+    prefixes, before = StreamPrefixes(stream), lambda _: (0.5, -1.0)
+    if not is_looked_at:
+        judge.decibels = None  # which is asked for once something is drawn
+    data, fall = ordered_by_views(stream, prefixes, judge, N_BANDS, before, most=most)
+    assert (data != stream) == is_looked_at
+    assert fall == (0.5 if is_looked_at else math.inf)
+
+
 def test_bands_that_are_decoded_one_by_one_are_those_of_the_cut(stream):
     class Seen(Judge):
         def psnr(self, leaves):

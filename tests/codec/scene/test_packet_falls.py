@@ -397,7 +397,7 @@ def test_another_order_that_falls_more_is_not_taken(monkeypatch, layered):
     falls = iter([0.3, 0.2])
     looks = SimpleNamespace(fall=0.25, before=None)
     monkeypatch.setattr(packet_falls, "_without_worst", lambda one, _: (one, looks))
-    ordered = lambda *_: (b"in another order", next(falls))  # noqa: E731
+    ordered = lambda *_, most: (b"in another order", next(falls))  # noqa: E731
     monkeypatch.setattr(packet_falls, "ordered_by_views", ordered)
     views = layered.aim.views
     assert packet_falls._with_least_fall(layered, views) == (layered, 0.25)
