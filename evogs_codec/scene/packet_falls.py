@@ -14,14 +14,13 @@ Of many splats, a few prefixes are looked at first, and all only if one of these
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from evogs_codec.decoding.cut import Cut
 from evogs_codec.encoding.held_steps import Run
 from evogs_codec.encoding.layers import Layering
 from evogs_codec.encoding.out_of_reach import TargetMissedError
@@ -29,12 +28,20 @@ from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.format.write_directory import MAX_LEVELS
 from evogs_codec.model.components import CORE
 from evogs_codec.model.packet_id import PacketId
-from evogs_codec.model.splats import F64, I64, SplatParams
+from evogs_codec.model.splats import I64
 from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.measure import SMALL, Gauge
 from evogs_codec.scene.order_by_views import ordered_by_views
+from evogs_codec.scene.packet_looks import (
+    DEEP,
+    VERY_FEW,
+    Looks,
+    may_be_ordered,
+    rows_of,
+    shown,
+)
 from evogs_codec.scene.request import Request
-from evogs_codec.scene.states import FALL, FEW, UNSURE
+from evogs_codec.scene.states import FALL, FEW
 
 if TYPE_CHECKING:
     from evogs_codec.render import Views
@@ -44,11 +51,9 @@ __all__ = ["without_falls"]
 TRIES, TRIES_OF_MANY = 6, 3
 DEAR = 1.05  # times the bytes, which a target may ask for where a band of all splats is empty
 SLOPE = 14.0  # dB of a stream to the logarithm of its bytes, from 30 to 65 dB at least
-DEEP = FALL / 2  # dB; other views may show twice of it
-FINER = (0.93, 0.86)  # of the price of a bit
+# Times the price of a bit, of other streams; more of them of very few splats.
+FINER, OTHER_PRICES = (0.93, 0.86), (0.8, 0.74, 1.08, 0.69, 0.64)
 ALL_ABOVE_ROOTS = Run((1, 0), (MAX_LEVELS, 0))
-# Of up to so many splats other orders of the last packets, and other prices, are tried.
-VERY_FEW, OTHER_PRICES = 2_000, (0.8, 0.74, 1.08, 0.69, 0.64)
 
 # Of more than `SMALL` splats, the prefixes that are looked at first: at least and at most so many,
 # by every so-many-th view, of which one is large. Less than `LOST` dB is no fall.
@@ -57,7 +62,6 @@ LOOKS, FAR, LOST = (6, 12), 7, 0.01
 # take more bytes or look worse.
 OF_MANY = (FALL, 3 * FALL)
 VERY_MANY = 100_000  # of more, few views judge, since a splat is little of one
-EACH = 5  # one of so many views judges first; they are of both sizes
 
 
 def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundStream:
@@ -66,8 +70,9 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
     Of many splats, only if some prefix falls in two of the views that look for falls, and with a
     target in all views of packets, too.
 
-    A packet that makes pictures worse stays where the whole would look worse without it, or miss
-    its target. Other prices are not tried with a target, nor one layer where layers were asked for.
+    A packet that makes pictures worse stays where the whole would look worse for its bytes without
+    it, or miss its target. Other prices are not tried with a target, nor one layer where layers
+    were asked for.
     """
     if not found.is_by_views or found.tree.palette is not None:
         return found
@@ -118,7 +123,7 @@ def _may_fall(found: FoundStream, views: Views, sure: Views | None = None) -> bo
         sure: that judge again where one falls; None: nothing does.
     """
     directory = read_directory(found.data)
-    rows = _rows_of(directory)
+    rows = rows_of(directory)
     is_core = directory.columns[rows] == CORE
     ends = np.flatnonzero(np.append(is_core[1:] != is_core[:-1], len(rows) > 0))
     if len(ends) < LOOKS[0]:
@@ -138,7 +143,7 @@ def _falls(found: FoundStream, directory: Directory, rows: I64, views: Views) ->
     Two packets: that of the better prefix, then its own.
     """
     best, of_best = -math.inf, 0
-    for k, leaves in enumerate(_shown(found, directory, rows)):
+    for k, leaves in enumerate(shown(found, directory, rows)):
         decibels = views.psnr(leaves)
         if decibels < best - LOST:
             yield rows[[of_best, k]]
@@ -154,7 +159,7 @@ def _looks_worse(one: FoundStream, other: FoundStream, views: Views) -> bool:
 def _psnr_of(found: FoundStream, views: Views) -> float:
     """Of the whole of a stream that is made, dB."""
     directory = read_directory(found.data)
-    return views.psnr(next(_shown(found, directory, _rows_of(directory)[-1:])))
+    return views.psnr(next(shown(found, directory, rows_of(directory)[-1:])))
 
 
 def _evenly(n: int, of: int) -> I64:
@@ -162,29 +167,10 @@ def _evenly(n: int, of: int) -> I64:
     return np.unique(np.linspace(0, of - 1, min(n, of)).astype(np.int64))
 
 
-def _rows_of(directory: Directory) -> I64:
-    """Packets with bytes, in the order of the stream."""
-    rows = np.flatnonzero(directory.packets["size"])
-    return rows[np.argsort(directory.offsets[rows], kind="stable")]
-
-
-def _place_of(directory: Directory, row: int) -> tuple[int, int]:
-    """Tile and step of a packet."""
-    return int(directory.packets["tile"][row]), int(directory.steps[row])
-
-
-def _shown(found: FoundStream, directory: Directory, rows: I64) -> Iterator[SplatParams]:
-    """What is there after each of these packets."""
-    prefixes = found.prefixes
-    ends = directory.offsets[rows] + directory.packets["size"][rows].astype(np.int64)
-    cuts = [prefixes.of_cut(Cut.of_prefix(directory, end)) for end in ends.tolist()]
-    return prefixes.shown(cuts, found.tree.shown_degree)
-
-
 def _with_least_fall(found: FoundStream, views: Views) -> tuple[FoundStream, float]:
     """Without its worst packets, and of few packets or splats with the last in another order."""
     found, looks = _without_worst(found, views)
-    if looks.fall <= DEEP or not _may_be_ordered(found):
+    if looks.fall <= DEEP or not may_be_ordered(found):
         return found, looks.fall
     degree = found.tree.shown_degree
     data, fall = ordered_by_views(
@@ -193,14 +179,9 @@ def _with_least_fall(found: FoundStream, views: Views) -> tuple[FoundStream, flo
     return (replace(found, stream=data), fall) if fall < looks.fall else (found, looks.fall)
 
 
-def _may_be_ordered(found: FoundStream) -> bool:
-    """Whether its last packets may be put in another order: of few splats, or if they are few."""
-    return found.tree.n_leaves <= VERY_FEW or found.is_at_once
-
-
-def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, _Looks]:
+def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, Looks]:
     """Without the packets that look worse, as many at once as may be; and how the others look."""
-    looks, n_bytes = _Looks.of(found, views), len(found.data)
+    looks, n_bytes = Looks.of(found, views), len(found.data)
     assert looks is not None, "there is no bound"
     empty: frozenset[PacketId] = frozenset()
     refused: list[frozenset[PacketId]] = []
@@ -223,7 +204,7 @@ def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, _Look
         then = None
         saved = max(math.log(len(found.data) / len(again.data)), 0.0)
         if not is_larger and _psnr_of(again, views) >= looks.whole - FALL - SLOPE * saved:
-            then = _Looks.of(again, views, looks.fall)
+            then = Looks.of(again, views, looks.fall)
         if then is None:
             refused.append(some)
         else:
@@ -232,8 +213,8 @@ def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, _Look
 
 
 def _around_falls(
-    found: FoundStream, looks: _Looks, views: Views
-) -> tuple[FoundStream, _Looks] | None:
+    found: FoundStream, looks: Looks, views: Views
+) -> tuple[FoundStream, Looks] | None:
     """With packets around falls in orders that do not fall, and how they look; None without any."""
     data, degree = found.data, found.tree.shown_degree
     for fall in looks.mended:
@@ -245,139 +226,5 @@ def _around_falls(
     if data is found.data:
         return None
     again = replace(found, stream=data)
-    then = _Looks.of(again, views, looks.fall)
+    then = Looks.of(again, views, looks.fall)
     return None if then is None else (again, then)
-
-
-class _Fall(NamedTuple):
-    """A fall that later packets mend.
-
-    Attributes:
-        rows: of the packets from the first that looks worse to the one that mends it.
-        highest: PSNR before them, dB.
-    """
-
-    rows: range
-    highest: float
-
-    def before(self, row: int) -> tuple[float, float]:
-        """As of `_Looks`, of the first of these rows alone."""
-        assert row == self.rows.start, "nothing else is asked for"
-        return 0.0, self.highest
-
-
-@dataclass(frozen=True)
-class _Looks:
-    """How the packets of a stream change pictures.
-
-    Attributes:
-        whole: PSNR of the whole, dB.
-        falls: how much worse pictures are with packets of SH bands than before, dB.
-        fall: the deepest with any packet.
-        needless: packets of SH bands after the prefix that looks best, if the whole looks worse.
-        until: per packet with bytes its row, the deepest fall until then, and the best prefix; none
-            where the last packets are not put in another order.
-        mended: falls that later packets mend.
-    """
-
-    whole: float
-    falls: Mapping[PacketId, float]
-    fall: float
-    needless: frozenset[PacketId]
-    until: Sequence[tuple[int, float, _Prefix]]
-    mended: Sequence[_Fall] = ()
-
-    @property
-    def worse(self) -> frozenset[PacketId]:
-        """Packets that are falls."""
-        return frozenset(self.falls)
-
-    @property
-    def worst(self) -> frozenset[PacketId]:
-        """The one of them that is the deepest."""
-        return frozenset(sorted(self.falls, key=lambda packet: -self.falls[packet])[:1])
-
-    def before(self, row: int) -> tuple[float, float]:
-        """The deepest fall of the prefixes that end before a packet, and their highest PSNR, dB."""
-        known = [(fall, best) for at, fall, best in self.until if at < row]
-        return (known[-1][0], known[-1][1].psnr) if known else (0.0, -math.inf)
-
-    @staticmethod
-    def of(found: FoundStream, views: Views, most: float = math.inf) -> _Looks | None:
-        """Of a stream that is made; None if something falls by more dB than that."""
-        directory = read_directory(found.data)
-        rows = _rows_of(directory)
-        # Without a layer that refines all leaves, SH bands of adds would be lost.
-        adds = {
-            _place_of(directory, row)
-            for row in np.flatnonzero(directory.packets["n_adds"]).tolist()
-        }
-        few = replace(views, cameras=views.cameras[::EACH], drawn=views.drawn)
-        best: _Prefix | None = None
-        before, deepest = best, 0.0
-        falls: dict[PacketId, float] = {}
-        since_best: set[PacketId] = set()
-        until: list[tuple[int, float, _Prefix]] = []
-        mended: list[_Fall] = []
-        begin: int | None = None  # row of the first packet that looks worse than the best prefix
-        for row, leaves in zip(rows.tolist(), _shown(found, directory, rows), strict=True):
-            prefix = _Prefix(leaves, views, few)
-            fall = 0.0 if best is None else prefix.fall_after(best)
-            deepest = max(deepest, fall)
-            if deepest > most:
-                return None
-            component = directory.components.of_tiles[directory.columns[row]]
-            if fall > DEEP and begin is None:
-                begin = row
-            elif fall <= 0 and best is not None and begin is not None:
-                mended.append(_Fall(range(begin, row + 1), best.psnr))
-                begin = None
-            if best is None or fall <= 0:
-                best = prefix
-                since_best.clear()
-            elif component != CORE and (found.is_layered or _place_of(directory, row) not in adds):
-                tile, step = _place_of(directory, row)
-                packet = PacketId(tile, component, step)
-                since_best.add(packet)
-                if fall > DEEP and before is not None and prefix.psnr < before.psnr:
-                    falls[packet] = fall
-            before = prefix
-            if _may_be_ordered(found):
-                until.append((row, deepest, best))
-        if best is None or before is None:
-            return _Looks(-math.inf, falls, deepest, frozenset(), until)
-        needless = frozenset(since_best if before.psnr < best.psnr - DEEP else ())
-        return _Looks(before.psnr, falls, deepest, needless, until, mended)
-
-
-class _Prefix:
-    """How good views find what a prefix shows.
-
-    Of few splats, all views judge only where some leave doubt. Many splats are not kept for that.
-    """
-
-    def __init__(self, leaves: SplatParams, views: Views, few: Views) -> None:
-        """Of leaves; `few` are some of the views."""
-        self._leaves = leaves if len(leaves) <= SMALL else None
-        self._views, self._few = views, few
-        if self._leaves is None:
-            self.psnr = views.psnr(leaves)
-
-    @cached_property
-    def psnr(self) -> float:
-        """Of all views, dB."""
-        assert self._leaves is not None, "it is known without"
-        return self._views.psnr(self._leaves)
-
-    def fall_after(self, other: _Prefix) -> float:
-        """How much worse it looks than another prefix, dB; about, if that is `DEEP` at most."""
-        if self._leaves is not None and other._leaves is not None:
-            worse = other._of_few - self._of_few
-            if worse.mean() + UNSURE * worse.std() <= DEEP:
-                return float(worse.mean())
-        return other.psnr - self.psnr
-
-    @cached_property
-    def _of_few(self) -> F64:
-        assert self._leaves is not None, "few splats are kept"
-        return self._few.psnr_of_each(self._leaves)

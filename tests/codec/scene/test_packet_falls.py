@@ -15,14 +15,13 @@ from evogs_codec.encoding.held_steps import Run
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
-from evogs_codec.scene import choose, packet_falls, steady
+from evogs_codec.scene import packet_falls, packet_looks, steady
 from evogs_codec.scene.encode import encode_scene_with_order
 from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.measure import Gauge
 from evogs_codec.scene.request import Request
+from tests.codec.scene.conftest import PRICE
 from tools.bench.falls import odd_scenes
-
-PRICE = 1e-11
 
 
 def clump(n):
@@ -68,14 +67,6 @@ def test_empty_packets_have_no_bytes_and_later_ones_mend_them(layers):
     one, *others = (decode(x).leaves().sh[:, 4:9] for x in (plain, data, adds))
     for other, most in zip(others, (0.5, 0.5 if layers > 1 else 0.7), strict=True):
         assert np.abs(one - other).mean() < most * np.abs(one).mean()
-
-
-@pytest.fixture(scope="module")
-def layered():
-    splats = make_scene(600)
-    views = Views(splats, cameras_around(splats, "z", 60, n=4))
-    aim = TargetEncoder(lift(splats, 3), PRESETS["scene"], views, layers=2)
-    return choose._at_price([aim], PRICE).made()
 
 
 def gauge_of(found):
@@ -158,11 +149,11 @@ def test_of_many_splats_some_prefixes_are_looked_at_first(monkeypatch, layered, 
 
     views = replace(layered.aim.views, cameras=layered.aim.views.cameras * 2)
     left = iter([*decibels, *[30.0] * 20])
-    monkeypatch.setattr(packet_falls, "_shown", shown)
+    monkeypatch.setattr(packet_falls, "shown", shown)
     monkeypatch.setattr(Views, "psnr", lambda self, _: len(self.cameras) == 2 and next(left))
     assert packet_falls._may_fall(layered, views) == expected
     directory = read_directory(layered.data)
-    every = packet_falls._rows_of(directory)
+    every = packet_looks.rows_of(directory)
     least, most = packet_falls.LOOKS
     assert least <= len(rows) <= most
     assert {every[0], every[-1]} <= {*rows} <= {*every}
@@ -182,7 +173,7 @@ def test_with_a_target_all_views_look_again_at_falls(monkeypatch, layered, in_al
         shown.append(some)
         return iter([None] * len(some))
 
-    monkeypatch.setattr(packet_falls, "_shown", shown_after)
+    monkeypatch.setattr(packet_falls, "shown", shown_after)
     in_two = [20.0, 25.0, 24.9, 30.0, 29.9, *[35.0] * 20]
     values = {2: iter(in_two), 12: iter(in_all)}
     monkeypatch.setattr(Views, "psnr", lambda self, _: next(values[len(self.cameras)]))
@@ -197,7 +188,8 @@ def test_with_a_target_all_views_look_again_at_falls(monkeypatch, layered, in_al
 @pytest.mark.thorough
 def test_packets_of_many_splats_are_looked_at_where_some_of_these_look_worse(monkeypatch):
     splats = dict(odd_scenes(2000, 4))["huge splats"]
-    monkeypatch.setattr(packet_falls, "SMALL", 100)
+    for module in (packet_falls, packet_looks):
+        monkeypatch.setattr(module, "SMALL", 100)
     after, _ = deepest_fall(encode_scene(splats), splats)
     assert after <= 0.05
     monkeypatch.setattr(packet_falls, "_may_fall", lambda *_: False)
@@ -244,57 +236,6 @@ def test_huge_splats_have_no_fall_in_views_that_judge():
     assert fall <= 0.05
 
 
-class ByNumber:
-    """Views that give splats the PSNR that they are."""
-
-    which: Any
-    n_drawn: int
-
-    def __init__(self, which: Any) -> None:
-        self.which, self.n_drawn = which, 0
-
-    def psnr_of_each(self, leaves):
-        self.n_drawn += len(self.which)
-        return np.array([float(leaves[k]) for k in self.which])
-
-    def psnr(self, leaves):
-        return float(self.psnr_of_each(leaves).mean())
-
-
-def prefix_of(leaves: Any, views: Any, few: Any) -> packet_falls._Prefix:
-    return packet_falls._Prefix(leaves, views, few)
-
-
-@pytest.mark.parametrize(
-    ("one", "fall", "n_drawn"),
-    [
-        ([31.0, 31.1, 31.2, 29.0], -1.05, 0),  # better in the first two: no others are asked
-        ([30.02, 29.98, 29.0, 30.0], 0.0, 0),  # the same in these, nearly
-        ([31.0, 29.5, 29.0, 29.7], 0.2, 4),  # better in one of these
-        ([30.0, 29.9, 30.0, 29.0], 0.275, 4),
-    ],
-)
-def test_of_few_splats_all_views_judge_where_a_few_leave_doubt(monkeypatch, one, fall, n_drawn):
-    views, few = ByNumber(range(4)), ByNumber(range(2))
-    prefix, other = (prefix_of(x, views, few) for x in (one, [30.0] * 4))
-    assert prefix.fall_after(other) == pytest.approx(fall)
-    assert views.n_drawn == 2 * n_drawn
-    monkeypatch.setattr(packet_falls, "SMALL", 3)
-    many, other = (prefix_of(x, views, few) for x in (one, [30.0] * 4))
-    assert many.fall_after(other) == pytest.approx(30.0 - np.mean(one))
-
-
-def test_what_is_known_of_prefixes_before_a_packet():
-    views = ByNumber(range(2))
-    first, second = (prefix_of(x, views, views) for x in ([20.0, 22.0], [30.0, 31.0]))
-    until = [(3, 0.0, first), (5, 0.1, first), (6, 0.1, second)]
-    looks = packet_falls._Looks(0.0, {}, 0.1, frozenset(), until)
-    assert looks.before(3) == (0.0, -np.inf)
-    assert looks.before(4) == (0.0, 21.0)
-    assert looks.before(6) == (0.1, 21.0)
-    assert looks.before(7) == (0.1, 30.5)
-
-
 @pytest.mark.parametrize(
     ("whole", "n_bytes", "bounds"),
     [(39.9, 1.0, []), (40.0, 1.0, [1.0]), (39.9, 0.99, [1.0]), (39.8, 0.99, [])],
@@ -303,14 +244,14 @@ def test_a_stream_that_looks_worse_for_its_bytes_or_falls_more_is_not_looked_at_
     monkeypatch, layered, whole, n_bytes, bounds
 ):
     one = PacketId(0, 3, 0)
-    looks = packet_falls._Looks(40.0, {one: 1.0}, 1.0, frozenset(), [])
+    looks = packet_looks.Looks(40.0, {one: 1.0}, 1.0, frozenset(), [])
     found: list[float] = []
 
     def of(_found, _views, most=np.inf):
         found.append(most)
         return looks if most == np.inf else None
 
-    monkeypatch.setattr(packet_falls._Looks, "of", of)
+    monkeypatch.setattr(packet_looks.Looks, "of", of)
     monkeypatch.setattr(packet_falls, "_psnr_of", lambda *_: whole)
     shorter = replace(layered, stream=layered.data[: int(n_bytes * len(layered.data))])
     monkeypatch.setattr(FoundStream, "leaving_empty", lambda *_: shorter)
@@ -319,50 +260,14 @@ def test_a_stream_that_looks_worse_for_its_bytes_or_falls_more_is_not_looked_at_
     assert found == [np.inf, *bounds]
 
 
-def test_of_a_stream_that_falls_more_nothing_is_known(layered):
-    views = layered.aim.views
-    looks = packet_falls._Looks.of(layered, views)
-    assert looks is not None
-    assert packet_falls._Looks.of(layered, views, looks.fall) is not None
-    assert packet_falls._Looks.of(layered, views, -1.0) is None
-
-
-class Told(Views):
-    """Views that are told what each finds."""
-
-    def psnr_of_each(self, leaves):
-        return np.array(leaves)
-
-
-@pytest.mark.parametrize(
-    ("decibels", "mended"),
-    [
-        ([20.0, 21.0, 22.0], []),
-        ([20.0, 21.0, 20.5], []),
-        ([20.0, 21.0, 20.99, 22.0], []),
-        ([20.0, 21.0, 20.99, 20.5, 20.7, 21.1], [(3, 5, 21.0)]),
-        ([20.0, 19.0, 20.0, 21.0, 20.9, 21.5], [(1, 2, 20.0), (4, 5, 21.0)]),
-    ],
-)
-def test_falls_that_later_packets_mend_are_known(monkeypatch, layered, decibels, mended):
-    rows = packet_falls._rows_of(read_directory(layered.data))
-    shown = [*decibels, *[decibels[-1]] * (len(rows) - len(decibels))]
-    monkeypatch.setattr(packet_falls, "_shown", lambda *_: ([x] * 4 for x in shown))
-    views = Told(layered.aim.views.scene, layered.aim.views.cameras)
-    looks = packet_falls._Looks.of(layered, views)
-    assert looks is not None
-    found = [(fall.rows[0], fall.rows[-1], fall.highest) for fall in looks.mended]
-    assert found == [(rows[begin], rows[end], highest) for begin, end, highest in mended]
-
-
 @pytest.mark.parametrize(("deepest", "is_taken"), [(0.02, True), (0.03, False)])
 def test_packets_around_a_fall_are_put_in_order_where_empty_ones_do_not_mend_it(
     monkeypatch, layered, deepest, is_taken
 ):
     one = PacketId(0, 3, 0)
-    fall = packet_falls._Fall(range(4, 7), 39.0)
-    falling = packet_falls._Looks(40.0, {one: 1.0}, 1.0, frozenset(), [], [fall])
-    mended = packet_falls._Looks(40.0, {}, 0.0, frozenset(), [])
+    fall = packet_looks.Fall(range(4, 7), 39.0)
+    falling = packet_looks.Looks(40.0, {one: 1.0}, 1.0, frozenset(), [], [fall])
+    mended = packet_looks.Looks(40.0, {}, 0.0, frozenset(), [])
     found: list[Any] = []
 
     def of(stream, _views, most=np.inf):
@@ -373,7 +278,7 @@ def test_packets_around_a_fall_are_put_in_order_where_empty_ones_do_not_mend_it(
         assert (before(4), rows) == ((0.0, 39.0), range(4, 7))
         return b"in order", deepest
 
-    monkeypatch.setattr(packet_falls._Looks, "of", of)
+    monkeypatch.setattr(packet_looks.Looks, "of", of)
     monkeypatch.setattr(packet_falls, "_psnr_of", lambda *_: 39.0)
     monkeypatch.setattr(FoundStream, "leaving_empty", lambda stream, _: stream)
     monkeypatch.setattr(packet_falls, "ordered_by_views", ordered)
@@ -419,7 +324,8 @@ def test_very_few_huge_splats_do_not_fall(monkeypatch, n, seed, n_taken, needs_o
     if not needs_order:  # zeros in SH bands of adds are enough
         return
     monkeypatch.setattr(packet_falls, "_around_falls", lambda *_: None)
-    monkeypatch.setattr(packet_falls, "VERY_FEW", 0)
+    for module in (packet_falls, packet_looks):
+        monkeypatch.setattr(module, "VERY_FEW", 0)
     monkeypatch.setattr(FoundStream, "at_once", lambda found: found)
     before, _ = deepest_fall(encode_scene(splats), splats)
     assert before > 0.05
