@@ -122,7 +122,7 @@ def _stream_of(view: memoryview, directory: Directory, cut: Cut, kept: Kept) -> 
     of_palette = np.zeros(len(selected), bool)
     of_palette[directory.palette_packets] = True
     selected &= ~of_palette | kept.any()
-    keys = _packet_ids(directory, np.flatnonzero(selected))
+    keys = directory.packet_ids(np.flatnonzero(selected))
     rows, of_palette = directory.packets[selected].copy(), of_palette[selected]
     if not (kept[rows["tile"]] | of_palette).all():
         raise ValueError("the cut has packets of tiles outside the box")
@@ -159,17 +159,10 @@ def _kept_tiles(directory: Directory, box: Box | None) -> Kept:
     return tiles_meeting(directory, box)
 
 
-def _packet_ids(directory: Directory, packets: I64) -> list[PacketId]:
-    """What names each of these packets."""
-    rows, steps = directory.packets[packets], directory.steps[packets]
-    columns = rows["tile"].tolist(), rows["component"].tolist(), steps.tolist()
-    return [PacketId(*numbers) for numbers in zip(*columns, strict=True)]
-
-
 def _extracted_sizes(directory: Directory, selected: I64, box: Box | None) -> I64:
     """(len(selected) + 1,) bytes of the file with the first 0, 1, ... of these packets."""
     rows = directory.packets[selected]
-    keys = _packet_ids(directory, selected)
+    keys = directory.packet_ids(selected)
     has_digest = np.array([key in directory.digests for key in keys], bool)
     per_packet = rows["size"].astype(np.int64) + size_of(PACKET_ENTRY)
     per_packet += has_digest * size_of(DIGEST_ENTRY)

@@ -85,13 +85,8 @@ def joined(streams: Sequence[Source], info: SceneInfo | None = None) -> bytes:
 
 def _digested(directory: Directory) -> list[int]:
     """The packets whose states have digests."""
-    rows = zip(
-        directory.packets["tile"].tolist(),
-        directory.packets["component"].tolist(),
-        directory.steps.tolist(),
-        strict=True,
-    )
-    return [k for k, row in enumerate(rows) if PacketId(*row) in directory.digests]
+    ids = directory.packet_ids()
+    return [k for k, packet in enumerate(ids) if packet in directory.digests]
 
 
 def _check(directories: Sequence[Directory]) -> None:

@@ -50,8 +50,9 @@ __all__ = ["TargetEncoder"]
 
 FIRST_PRICE = 1e-11  # mean squared error that a bit is worth: about 45 dB
 FACTORS = (1e-4, 1e4)
-PROBES = 46  # of few splats, where a rounding moves a PSNR
-TRIED = 200_000  # splats, those of all tries together
+# Prices that are tried around a jump of the PSNR, of few splats, which a rounding moves; and splats
+# of all tries together.
+PROBES, TRIED = 46, 200_000
 JUMP = 0.09  # of the logarithm of a price: an end of it is within 0.2 dB, where no PSNR jumps
 POLISH_GAIN = 2.0  # dB, about
 FAR_PSNR, FAR_BYTES = 15.0, math.log(8.0)  # from the first try: the end of the range is tried next

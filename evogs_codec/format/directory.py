@@ -104,6 +104,12 @@ class Directory:
         columns: I64 = self.components.columns[self.packets["component"]]
         return columns
 
+    def packet_ids(self, packets: I64 | slice = slice(None)) -> list[PacketId]:
+        """What names each of these packets, rows of the table."""
+        rows, steps = self.packets[packets], self.steps[packets]
+        columns = rows["tile"].tolist(), rows["component"].tolist(), steps.tolist()
+        return [PacketId(*numbers) for numbers in zip(*columns, strict=True)]
+
     @cached_property
     def chain_lengths(self) -> I64:
         """(n_tiles, columns) packets of each chain; not to be written to."""

@@ -188,11 +188,7 @@ class FoundStream:
     def leaving_empty(self, packets: frozenset[PacketId]) -> FoundStream:
         """With these packets of SH bands empty, in the order of this stream, yet to be made."""
         assert self.aim is not None, "it is by views"
-        directory = read_directory(self.data)
-        components = directory.components.of_tiles
-        tiles, steps = directory.packets["tile"].tolist(), directory.steps.tolist()
-        each = zip(tiles, [components[k] for k in directory.columns.tolist()], steps, strict=True)
-        order = tuple(PacketId(*one) for one in each)
+        order = tuple(read_directory(self.data).packet_ids())
         return replace(self, stream=None, aim=self.aim.leaving_empty(packets, order))
 
     def holding(self, runs: Sequence[Run], layering: Layering) -> FoundStream:

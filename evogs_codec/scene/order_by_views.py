@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
 __all__ = ["ordered_by_views"]
 
-# States that are drawn, and splats of all of them together, of last packets; states of others.
+# Of the last packets, states that are drawn, and splats of all of these together.
 MOST_STATES, MOST_SPLATS = 256, 64_000
-MOST_BETWEEN = 16
+MOST_AROUND = 16  # states around a fall that are drawn
 DIGITS = 2  # of a fall, dB: what is less is no difference
 _State: TypeAlias = tuple[int, ...]
 
@@ -66,7 +66,7 @@ def ordered_by_views(
         stretch = _Stretch.of_last(directory)
     else:
         stretch = _Stretch.of(directory, rows)
-        if math.prod(stretch.counts) > MOST_BETWEEN:
+        if math.prod(stretch.counts) > MOST_AROUND:
             return data, math.inf
     fall, highest = before(len(stretch.first))
     if fall >= most:

@@ -180,7 +180,10 @@ def _with_least_fall(found: FoundStream, views: Views) -> tuple[FoundStream, flo
 
 
 def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, Looks]:
-    """Without the packets that look worse, as many at once as may be; and how the others look."""
+    """Without the packets that look worse, as many at once as may be, and how the others look.
+
+    What falls all the same comes in another order, if one does not fall.
+    """
     looks, n_bytes = Looks.of(found, views), len(found.data)
     assert looks is not None, "there is no bound"
     empty: frozenset[PacketId] = frozenset()

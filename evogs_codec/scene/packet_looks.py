@@ -35,11 +35,6 @@ def rows_of(directory: Directory) -> I64:
     return rows[np.argsort(directory.offsets[rows], kind="stable")]
 
 
-def _place_of(directory: Directory, row: int) -> tuple[int, int]:
-    """Tile and step of a packet."""
-    return int(directory.packets["tile"][row]), int(directory.steps[row])
-
-
 def shown(found: FoundStream, directory: Directory, rows: I64) -> Iterator[SplatParams]:
     """What is there after each of these packets."""
     prefixes = found.prefixes
@@ -112,10 +107,8 @@ class Looks:
         directory = read_directory(found.data)
         rows = rows_of(directory)
         # Without a layer that refines all leaves, SH bands of adds would be lost.
-        adds = {
-            _place_of(directory, row)
-            for row in np.flatnonzero(directory.packets["n_adds"]).tolist()
-        }
+        of_adds = directory.packet_ids(np.flatnonzero(directory.packets["n_adds"]))
+        adds = {(packet.tile, packet.step) for packet in of_adds}
         few = replace(views, cameras=views.cameras[::EACH], drawn=views.drawn)
         best: _Prefix | None = None
         before, deepest = best, 0.0
@@ -124,13 +117,13 @@ class Looks:
         until: list[tuple[int, float, _Prefix]] = []
         mended: list[Fall] = []
         begin: int | None = None  # row of the first packet that looks worse than the best prefix
-        for row, leaves in zip(rows.tolist(), shown(found, directory, rows), strict=True):
+        packets = zip(rows.tolist(), directory.packet_ids(rows), strict=True)
+        for (row, packet), leaves in zip(packets, shown(found, directory, rows), strict=True):
             prefix = _Prefix(leaves, views, few)
             fall = 0.0 if best is None else prefix.fall_after(best)
             deepest = max(deepest, fall)
             if deepest > most:
                 return None
-            component = directory.components.of_tiles[directory.columns[row]]
             if fall > DEEP and begin is None:
                 begin = row
             elif fall <= 0 and best is not None and begin is not None:
@@ -139,9 +132,9 @@ class Looks:
             if best is None or fall <= 0:
                 best = prefix
                 since_best.clear()
-            elif component != CORE and (found.is_layered or _place_of(directory, row) not in adds):
-                tile, step = _place_of(directory, row)
-                packet = PacketId(tile, component, step)
+            elif packet.component != CORE and (
+                found.is_layered or (packet.tile, packet.step) not in adds
+            ):
                 since_best.add(packet)
                 if fall > DEEP and before is not None and prefix.psnr < before.psnr:
                     falls[packet] = fall
