@@ -67,6 +67,7 @@ def made(tmp_path_factory):
     write_ply(folder / "scene.ply", make_scene(3000))
     write_tree(folder / "x.tree.npz", damage.random_tree(20, 3, 1))
     words = ["encode", str(folder / "scene.ply"), str(folder / "scene.evogs"), "--preset", "scene"]
+    words += ["--levels", "5"]
     assert main(words) == 0
     return folder
 

@@ -26,7 +26,7 @@ PAGES = [
     *(ROOT / "conformance").glob("*.md"),
     *(ROOT / "spec").rglob("*.md"),
 ]
-FAST_SCENE = ["--splats", "3000"]  # of 40,000
+FAST_SCENE = ["--splats", "8000"]  # of 40,000
 
 
 def blocks(text, language):
@@ -37,7 +37,7 @@ def blocks(text, language):
 def test_the_examples_of_the_api_page_run(tmp_path, monkeypatch):
     found = blocks((ROOT / "docs" / "api.md").read_text(encoding="utf-8"), "python")
     assert len(found) >= 5
-    write_ply(tmp_path / "scene.ply", make_scene(3000))
+    write_ply(tmp_path / "scene.ply", make_scene(8000))
     monkeypatch.chdir(tmp_path)
     exec(compile("\n".join(found), "docs/api.md", "exec"), {})
 
@@ -48,7 +48,7 @@ def test_the_examples_of_the_page_on_cuts_run(tmp_path, monkeypatch):
     assert len(found) == 6
     monkeypatch.chdir(tmp_path)
     write_ply(tmp_path / "scene.ply", make_scene(3000))
-    assert evogs(["encode", "scene.ply", "scene.evogs", "--tiles", "4"]) == 0
+    assert evogs(["encode", "scene.ply", "scene.evogs", "--tiles", "4", "--levels", "5"]) == 0
     names: dict[str, Any] = {}
     exec(compile("\n".join(found), "docs/choosing-a-cut.md", "exec"), names)
     assert 0 < names["level"] < 5

@@ -70,7 +70,7 @@ def run_encode(args: argparse.Namespace) -> None:
             up = find_up(args, splats, info)
             data = encode_scene(
                 splats,
-                levels=args.levels or N_LEVELS,
+                levels=args.levels,
                 preset=preset,
                 palette="never" if args.no_palette else "auto",
                 improve=_refiner(args, progress),

@@ -122,7 +122,7 @@ def encode_large(
     info = info_of(SplatFiles(files).info)
     up = up_asked(args)
     options = JobOptions(
-        levels=args.levels or JobOptions.levels,
+        levels=args.levels,
         layers=args.layers,
         up=None if up is None else up.vector,
         effort=args.effort or JobOptions.effort,

@@ -28,7 +28,7 @@ from evogs_codec.encoding.layers import MAX_LAYERS, N_LAYERS
 from evogs_codec.encoding.settings import MOST_PSNR, PRESETS, TREE_PSNR
 from evogs_codec.io import files
 from evogs_codec.io.interchange.scene_files import TARGETS, kind_of_stream, kind_to_write
-from evogs_codec.lifting.lift import N_LEVELS
+from evogs_codec.lifting.lift import FIRST_LEVEL, N_LEVELS
 from evogs_codec.model.channels import GROUPS
 
 __all__ = [
@@ -105,7 +105,11 @@ def add_encode(commands: Commands, run: Run, *, many: bool = False) -> None:
         parser.add_argument("others", type=path_or_url, nargs="*", metavar="IN", help=said)
     add_output(parser, "OUT.evogs", kind_of_stream, is_named=not many)
     add_many(parser, ["evogs"])
-    _add_lift_options(parser, "--refine, --polish and targets")
+    _add_lift_options(
+        parser,
+        "--refine, --polish and targets",
+        f"{N_LEVELS}; fewer of less than {FIRST_LEVEL << N_LEVELS - 1:,} splats, without --refine",
+    )
     add_view_option(parser)
     accuracy = parser.add_mutually_exclusive_group()
     accuracy.add_argument(
@@ -296,7 +300,7 @@ def add_lift(commands: Commands, run: Run) -> None:
     )
     parser.add_argument("input", type=path_or_url, metavar="IN", help=SCENES_IN)
     add_output(parser, "OUT.tree.npz", files.TREE)
-    _add_lift_options(parser, "--refine")
+    _add_lift_options(parser, "--refine", str(N_LEVELS))
 
 
 def add_info(commands: Commands, run: Run) -> None:
@@ -355,12 +359,12 @@ def add_extract(commands: Commands, run: Run) -> None:
     add_limits(parser)
 
 
-def _add_lift_options(parser: argparse.ArgumentParser, uses: str) -> None:
+def _add_lift_options(parser: argparse.ArgumentParser, uses: str, levels: str) -> None:
     parser.add_argument(
         "--levels",
         type=number(int, 1, 64),
         metavar="N",
-        help=f"number of levels to build from a scene (default: {N_LEVELS})",
+        help=f"number of levels to build from a scene (default: {levels})",
     )
     parser.add_argument(
         "--drop-invalid", action="store_true", help="drop splats that have a NaN or an infinity"

@@ -15,6 +15,7 @@ import numpy as np
 
 from evogs_codec.decoding.decode import decode
 from evogs_codec.encoding.drawn import Drawn
+from evogs_codec.encoding.few_views import Divisible, FewViews
 from evogs_codec.encoding.guess import (
     BYTES_SLOPE,
     PRICES,
@@ -43,7 +44,7 @@ from evogs_codec.encoding.write import write
 from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS
 from evogs_codec.model.coded_tree import CodedTree
 from evogs_codec.model.packet_id import PacketId
-from evogs_codec.model.splats import F64
+from evogs_codec.model.splats import F64, SplatParams
 from evogs_codec.model.tree import EvolutionTree
 
 __all__ = ["TargetEncoder"]
@@ -106,11 +107,14 @@ class TargetEncoder(Aim):
             probes: int = 0,
             narrow: float = NARROW,
         ) -> Found[CodedTree]:
+            views = self.views
+            psnr = FewViews(views, goal).psnr if isinstance(views, Divisible) else self._psnr
+
             def measure(price: float) -> tuple[float, CodedTree]:
                 coded = code(price)
-                return self._psnr_of(coded), coded
+                return psnr(leaves_of(coded, self.tree.shown_degree)), coded
 
-            return nearest(
+            found = nearest(
                 measure,
                 goal,
                 replace(self.guess, at=start) if self.guess else Start(start, PSNR_SLOPE),
@@ -119,6 +123,7 @@ class TargetEncoder(Aim):
                 far=FAR_PSNR,
                 narrow=narrow,
             )
+            return found if goal.is_met(found.value) else self._with_psnr(found)
 
         first = near or FIRST_PRICE
         plain = search(coder.coded, goal, first, probes, JUMP)
@@ -132,7 +137,7 @@ class TargetEncoder(Aim):
             found.append(search(coder.polished, goal, below.at))
         met = [one for one in found if abs(one.value - decibels) <= missed_by]
         if not met and plain.above is not None and not plain.is_end:
-            met = [plain.above]
+            met = [self._with_psnr(plain.above)]
         if not met:
             said = f"{decibels:g} dB cannot be met: {plain.value:.2f} dB is nearest"
             raise TargetMissedError(said, abs(plain.value - decibels))
@@ -363,15 +368,20 @@ class TargetEncoder(Aim):
         Raises:
             ValueError: there are no views.
         """
-        if self.views is None:
-            raise ValueError("a PSNR needs views")
-        return self.views.psnr(decode(data).leaves(sh_degree=self.tree.shown_degree))
+        return self._psnr(decode(data).leaves(sh_degree=self.tree.shown_degree))
 
     def _psnr_of(self, coded: CodedTree) -> float:
         """`psnr` of the stream of a coded tree, which is not written."""
+        return self._psnr(leaves_of(coded, self.tree.shown_degree))
+
+    def _psnr(self, leaves: SplatParams) -> float:
         if self.views is None:
             raise ValueError("a PSNR needs views")
-        return self.views.psnr(leaves_of(coded, self.tree.shown_degree))
+        return self.views.psnr(leaves)
+
+    def _with_psnr(self, found: Found[CodedTree]) -> Found[CodedTree]:
+        """With the PSNR of all views, where it was that of a few."""
+        return replace(found, value=self._psnr_of(found.what))
 
     def written(self, coded: CodedTree) -> bytes:
         """The stream of a coded tree that `prepared` made, with digests."""

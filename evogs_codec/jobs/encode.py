@@ -38,7 +38,7 @@ from evogs_codec.jobs.stages import code_tile, draw_tile, survey_tile
 from evogs_codec.jobs.tile_job import TileJob
 from evogs_codec.jobs.up import up_of_tiles
 from evogs_codec.jobs.weighed import Weighed
-from evogs_codec.lifting.lift import N_LEVELS
+from evogs_codec.lifting.lift import default_levels
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.scene.effort import Effort
 from evogs_codec.scene.request import NO_NUMBA, with_generator
@@ -54,7 +54,7 @@ class JobOptions:
     """How files are encoded.
 
     Attributes:
-        levels: of the tree of each tile.
+        levels: of the tree of each tile; None: `default_levels` of the whole scene.
         layers: of precision; None: 2, and the last level may come late (`late_level`).
         up: what is up in views, an axis or a vector; None: what the first file says, or else what
             the splats show.
@@ -65,7 +65,7 @@ class JobOptions:
         info: metadata; None: what the first file says.
     """
 
-    levels: int = N_LEVELS
+    levels: int | None = None
     layers: int | None = None
     up: str | tuple[float, float, float] | None = None
     effort: str | int = "default"
@@ -160,7 +160,7 @@ class _Run:
         info = with_generator(self.options.info or self.files.info)
         surveys = self._surveys()
         has_palette = palette_pays(self.partition, surveys)
-        plan = Plan.of(self.partition, surveys, self.options.levels, info, has_palette=has_palette)
+        plan = Plan.of(self.partition, surveys, self._n_levels, info, has_palette=has_palette)
         tiles = np.flatnonzero(self.partition.counts).tolist()
         while True:
             name = "_".join(map(str, plan.exponents))
@@ -180,6 +180,10 @@ class _Run:
                 warn_if_coarser(plan.grid((0,) * plan.steps.shape[1]), plan.steps, plan.settings)
                 return parts, entries
             plan = plan.with_less_of(too_fine)
+
+    @property
+    def _n_levels(self) -> int:
+        return self.options.levels or default_levels(int(self.partition.counts.sum()))
 
     def _draw(self) -> None:
         """Panes of each tile that has splats and is not alone in its neighbourhood."""
@@ -261,7 +265,7 @@ class _Run:
             ),
             split=self.neighbourhoods[int(tree.blocks[tile])],
             n_around=int(self.partition.counts[block].sum()),
-            n_levels=self.options.levels,
+            n_levels=self._n_levels,
             n_layers=self.options.layers or N_LAYERS,
             may_be_late=self.options.layers is None,
             up=self.up.vector,

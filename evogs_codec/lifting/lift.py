@@ -49,9 +49,19 @@ from evogs_codec.model.channels import N_GEOMETRY, n_channels
 from evogs_codec.model.splats import F32, F64, I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree, Step
 
-__all__ = ["N_LEVELS", "N_NEIGHBOURS", "Lifted", "largest_leaf_errors", "lift", "lift_with_order"]
+__all__ = [
+    "FIRST_LEVEL",
+    "N_LEVELS",
+    "N_NEIGHBOURS",
+    "Lifted",
+    "default_levels",
+    "largest_leaf_errors",
+    "lift",
+    "lift_with_order",
+]
 
 N_LEVELS = 5  # of a tree, if nothing else is asked for
+FIRST_LEVEL = 2_000  # splats of level 0 of a stream at least, likewise
 N_PRICED = 14  # channels that decide who pairs: all but the higher SH bands
 PART = 1 << 19  # splats that are lifted together at most
 
@@ -67,6 +77,14 @@ class Lifted:
 
     tree: EvolutionTree
     leaf_of: I64
+
+
+def default_levels(n_splats: int) -> int:
+    """How many levels a stream has: five, or fewer of less than 32,000 splats.
+
+    Coarse levels of few splats cost more bytes than they show.
+    """
+    return min(N_LEVELS, max(n_splats // FIRST_LEVEL, 1).bit_length())
 
 
 def lift(

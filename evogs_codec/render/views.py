@@ -240,6 +240,16 @@ class Views:
                     self.drawn[camera] = self._render(ready, camera)
         return [self.drawn[camera] for camera in self.cameras]
 
+    def divided(self, every: int) -> tuple[Views, Views]:
+        """Of the views that `psnr` is the mean of every so-many-th, and the others."""
+        shows = self._shows if any(self._shows) else [True] * len(self.cameras)
+        cameras = [camera for camera, shown in zip(self.cameras, shows, strict=True) if shown]
+        others = [camera for k, camera in enumerate(cameras) if k % every]
+        return (
+            replace(self, cameras=cameras[::every], drawn=self.drawn),
+            replace(self, cameras=others, drawn=self.drawn),
+        )
+
     @cached_property
     def _shows(self) -> Sequence[bool]:
         """Of each view, whether the scene is in it."""

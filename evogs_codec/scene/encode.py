@@ -19,7 +19,13 @@ from evogs_codec.encoding.grids import expect_near
 from evogs_codec.encoding.settings import SCENE_PRESET, TREE_PRESET, Settings
 from evogs_codec.errors import InputError
 from evogs_codec.io.finite import bounded_opacities
-from evogs_codec.lifting.lift import N_LEVELS, Lifted, largest_leaf_errors, lift_with_order
+from evogs_codec.lifting.lift import (
+    N_LEVELS,
+    Lifted,
+    default_levels,
+    largest_leaf_errors,
+    lift_with_order,
+)
 from evogs_codec.lifting.shared_sh import with_palette
 from evogs_codec.model.channels import GROUPS
 from evogs_codec.model.scene_info import SceneInfo
@@ -78,7 +84,7 @@ class EncodedScene:
 def encode_scene(
     splats: SplatParams,
     *,
-    levels: int = N_LEVELS,
+    levels: int | None = None,
     preset: str | Settings | None = None,
     palette: Literal["auto", "never"] = "auto",
     target_psnr: float | None = None,
@@ -98,7 +104,8 @@ def encode_scene(
 
     Args:
         splats: N splats, all finite (`drop_non_finite`).
-        levels: of the tree that is built under them, 1 to 64.
+        levels: of the tree that is built under them, 1 to 64; by default 5, or fewer of less than
+            32,000 splats (`default_levels`), unless they are to be improved.
         preset: a name in `PRESETS` or settings: fixed steps. No target goes with it. By default
             rendered views decide how exact each number is, at a fixed price of a bit; "scene" where
             nothing can be rendered.
@@ -160,8 +167,10 @@ def encode_scene_with_order(splats: SplatParams, **options: Unpack[SceneOptions]
         options: as of `encode_scene`, which says what is raised.
     """
     _expect_splats(splats)
-    levels, palette = options.pop("levels", N_LEVELS), options.pop("palette", "auto")
+    levels, palette = options.pop("levels", None), options.pop("palette", "auto")
     improve = options.pop("improve", None)
+    if levels is None:
+        levels = default_levels(len(splats)) if improve is None else N_LEVELS
     if palette not in ("auto", "never"):
         raise ValueError(f"palette is {palette!r}, expected 'auto' or 'never'")
     expect_near(float(np.abs(splats.means).max(initial=0)))

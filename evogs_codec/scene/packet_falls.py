@@ -72,7 +72,7 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
 
     A packet that makes pictures worse stays where the whole would look worse for its bytes without
     it, or miss its target. Other prices are not tried with a target, nor one layer where layers
-    were asked for.
+    were asked for, and nothing else where a stream is polished.
     """
     if not found.is_by_views or found.tree.palette is not None:
         return found
@@ -86,11 +86,16 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
     others = _others(found, request)
     for k, of_other in enumerate(others):
         other = of_other()
-        is_dear = k >= len(FINER)
-        if fall <= (DEEP if other.is_layered else FALL) or (is_many and fall <= OF_MANY[is_dear]):
+        is_dear = k >= len(FINER) or not request.is_plain
+        least = DEEP if other.is_layered and request.is_plain else FALL
+        if fall <= least or (is_many and fall <= OF_MANY[is_dear]):
             break
         request.progress("try", k / len(others))
-        one, of_one = _with_least_fall(other.made(), views)
+        try:
+            other = other.made()
+        except TargetMissedError:
+            continue
+        one, of_one = _with_least_fall(other, views)
         if of_one < fall and not (is_many and _looks_worse(one, best, views)):
             best, fall = one, of_one
     return best
@@ -98,11 +103,12 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
 
 def _others(found: FoundStream, request: Request) -> list[Callable[[], FoundStream]]:
     """What gives streams that may be made instead, yet to be made."""
-    if not request.is_plain:
+    if request.polish:
         return []
-    n = found.tree.n_leaves
-    factors = (*FINER, *(OTHER_PRICES if n <= VERY_FEW else ()))
-    others: list[Callable[[], FoundStream]] = [partial(found.at, factor) for factor in factors]
+    factors = (*FINER, *(OTHER_PRICES if found.tree.n_leaves <= VERY_FEW else ()))
+    others: list[Callable[[], FoundStream]] = []
+    if request.is_plain:
+        others += [partial(found.at, factor) for factor in factors]
     if found.is_layered and request.layers is None:
         others.append(partial(found.holding, (), Layering(1)))
     layering = found.layering if request.layers else Layering(1)

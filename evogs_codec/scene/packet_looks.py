@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from evogs_codec.decoding.cut import Cut
+from evogs_codec.encoding.few_views import EVERY, UNSURE
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.model.components import CORE
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import F64, I64, SplatParams
 from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.measure import SMALL
-from evogs_codec.scene.states import FALL, UNSURE
+from evogs_codec.scene.states import FALL
 
 if TYPE_CHECKING:
     from evogs_codec.render import Views
@@ -26,7 +27,6 @@ __all__ = ["DEEP", "VERY_FEW", "Fall", "Looks", "may_be_ordered", "rows_of", "sh
 
 DEEP = FALL / 2  # dB; other views may show twice of it
 VERY_FEW = 2_000  # splats, whose last packets may be put in another order
-EACH = 5  # one of so many views judges first; they are of both sizes
 
 
 def rows_of(directory: Directory) -> I64:
@@ -109,7 +109,7 @@ class Looks:
         # Without a layer that refines all leaves, SH bands of adds would be lost.
         of_adds = directory.packet_ids(np.flatnonzero(directory.packets["n_adds"]))
         adds = {(packet.tile, packet.step) for packet in of_adds}
-        few = replace(views, cameras=views.cameras[::EACH], drawn=views.drawn)
+        few = replace(views, cameras=views.cameras[::EVERY], drawn=views.drawn)
         best: _Prefix | None = None
         before, deepest = best, 0.0
         falls: dict[PacketId, float] = {}

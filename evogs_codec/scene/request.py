@@ -49,7 +49,7 @@ class TreeOptions(TypedDict, total=False):
 class SceneOptions(TreeOptions, total=False):
     """The options of `encode_scene`."""
 
-    levels: int
+    levels: int | None
     palette: Literal["auto", "never"]
     improve: Callable[[EvolutionTree], EvolutionTree] | None
 

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from evogs_codec.common.progress import Progress, no_progress
+from evogs_codec.encoding.few_views import UNSURE
 from evogs_codec.model.splats import F64
 from evogs_codec.scene.prefixes import Prefixes
 
 if TYPE_CHECKING:
     from evogs_codec.render import Views
 
-__all__ = ["FALL", "FEW", "SAME", "UNSURE", "Draft", "State"]
+__all__ = ["FALL", "FEW", "SAME", "Draft", "State"]
 
 SAME = 0.03  # dB; two states look the same if no view differs by more
 # A state is a fall if its lead over one before it, in the mean over views and less DOUBT standard
@@ -25,7 +26,6 @@ SAME = 0.03  # dB; two states look the same if no view differs by more
 FALL, DOUBT, JUDGES = 0.05, 1.0, 6
 MANY = 1_000  # of more splats a few views judge first
 FEW = 5  # of them, at most; every second or fifth view, so that they are of both sizes
-UNSURE = 0.8  # standard deviations that the mean of a few views is from that of all, at most
 
 _Place: TypeAlias = tuple[int, int]  # a level, and which of its steps
 

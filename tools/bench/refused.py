@@ -77,7 +77,7 @@ def _answer(subject: Subject, target: dict[str, int], folder: Path) -> tuple[Cos
     words = {
         "path": str(path),
         "out": str(out),
-        "target": target,
+        "target": target | ({"levels": subject.tree.n_levels} if subject.is_scene else {}),
         "up": subject.up,
         "read": "read_ply" if subject.is_scene else "read_tree",
         "encode": "encode_scene" if subject.is_scene else "encode_tree",

@@ -21,6 +21,7 @@ from tools.bench import pictures, raster, trained
 from tools.bench.alone import alone
 from tools.bench.before import before
 from tools.bench.decimate import decimate
+from tools.bench.depth import depth
 from tools.bench.extremes import page as extremes
 from tools.bench.falls import falls
 from tools.bench.inputs import inputs
@@ -40,7 +41,7 @@ from tools.bench.worst import worst
 
 OF_SUBJECTS = {
     *("rate", "sog", "surface", "prefix", "loss", "alone", "first", "stream"),
-    *("decimate", "effort", "before", "targets", "refused"),
+    *("decimate", "depth", "effort", "before", "targets", "refused"),
 }
 Measurement = tuple[str, str, Callable[[], Rows]]  # name, title, what measures it
 
@@ -141,6 +142,9 @@ def _of_subjects(args: argparse.Namespace, folder: Path) -> Iterator[Measurement
     if "alone" in args.only:
         title = "Levels and layers beside the splats alone"
         yield "alone", title, partial(alone, (*shipped, scene_without_bands(), *of))
+    if "depth" in args.only:
+        title = "Levels of small scenes"
+        yield "depth", title, partial(depth, (*shipped, *of))
     if "first" in args.only:
         yield "first", "Time to the first picture", partial(first, of, folder)
     if "stream" in args.only:

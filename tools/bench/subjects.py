@@ -27,7 +27,7 @@ from evogs_codec import (
 from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
 from evogs_codec.encoding.missed import MEASURING
 from evogs_codec.encoding.targets import TargetEncoder
-from evogs_codec.lifting.lift import N_LEVELS, Lifted
+from evogs_codec.lifting.lift import Lifted, default_levels
 from evogs_codec.render import (
     Camera,
     cameras_all_around,
@@ -102,7 +102,13 @@ class Subject:
         """What `evogs encode` makes of it with these options."""
         if self.is_scene:
             scene = self.views.scene
-            return encode_scene(scene, up=self.up, target_psnr=target_psnr, polish=polish)
+            return encode_scene(
+                scene,
+                levels=self.tree.n_levels,
+                up=self.up,
+                target_psnr=target_psnr,
+                polish=polish,
+            )
         return encode_tree(self.tree, up=self.up, target_psnr=target_psnr, polish=polish)
 
     @cached_property
@@ -127,7 +133,7 @@ class Subject:
     def of_scene(name: str, splats: SplatParams, up: str) -> Subject:
         """A scene, lifted; judged by pictures of itself."""
         views = _views_of(splats, up)
-        lifted = lift_with_order(splats, N_LEVELS)
+        lifted = lift_with_order(splats, default_levels(len(splats)))
         subject = Subject.of_tree(name, lifted.tree, PRESETS["scene"], views)
         return replace(subject, up=up, lifted=lifted)
 

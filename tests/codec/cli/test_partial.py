@@ -175,7 +175,8 @@ def test_extract_says_what_it_keeps(options, said, evogs, made, tmp_path):
 def test_a_part_of_an_extraction_by_level_is_said_to_be_one(evogs, made, tmp_path):
     shutil.copy(made / "scene.ply", tmp_path / "scene.ply")
     tiles = tmp_path / "tiles.evogs"
-    assert evogs("encode", tmp_path / "scene.ply", tiles, "--tiles", 8, "--preset", "scene")[0] == 0
+    options = ["--tiles", 8, "--levels", 5, "--preset", "scene"]
+    assert evogs("encode", tmp_path / "scene.ply", tiles, *options)[0] == 0
     target = tmp_path / "x.evogs"
     out = evogs("extract", tiles, target, "--box", *[-1e9] * 3, *[1e9] * 3, "--level", 1)[1]
     assert "2 of 5 levels, " in out

@@ -33,7 +33,9 @@ def store(address, monkeypatch):
 
 @pytest.fixture(scope="module")
 def tiled():
-    return encode_scene(make_scene(2000), n_tiles=12, preset="scene", effort=1, cameras=())
+    return encode_scene(
+        make_scene(2000), levels=5, n_tiles=12, preset="scene", effort=1, cameras=()
+    )
 
 
 @pytest.fixture

@@ -43,6 +43,7 @@ def test_the_command_takes_a_palette_where_it_pays(tmp_path, capsys, option):
 def test_the_command_takes_none_where_psi_are_smaller(tmp_path, capsys, option):
     splats = shared_scene(1600, 380, degree=1)
     faint = np.concatenate([splats.sh[:, :1], splats.sh[:, 1:] * np.float32(0.005)], axis=1)
+    option = [*option, "--levels", "5"]
     assert encoded(tmp_path, capsys, replace(splats, sh=faint), option) == [False, False]
 
 

@@ -113,7 +113,7 @@ def test_a_scene_is_encoded_on_the_way(view, tmp_path):
     code, out, _, opened, got = view(tmp_path / "a scene.ply")
     assert code == 0
     assert "encoded" in out
-    assert read_directory(got["scene"]).n_levels == 6
+    assert read_directory(got["scene"]).n_levels == 2
     assert "a%2520scene.evogs" in opened[0]
     assert [path.name for path in tmp_path.iterdir()] == ["a scene.ply"]
 
@@ -126,7 +126,7 @@ def test_a_sog_that_is_unpacked_is_no_tileset(view, tmp_path):
         code, _, _, opened, got = view(given, "--fast")
         assert code == 0
         assert opened[0].endswith("/scenes/scan.evogs")
-        assert read_directory(got["scene"]).n_levels == 6
+        assert read_directory(got["scene"]).n_levels == 2
 
 
 @pytest.mark.thorough

@@ -218,11 +218,11 @@ def test_a_last_level_that_looks_hardly_better_is_late(monkeypatch):
     for by in (-np.inf, np.inf):
         for limit in ("LATE", "LATE_IF_SOME_FALL"):
             monkeypatch.setattr(f"evogs_codec.encoding.late_level.{limit}", by)
-        data = encode_scene(SPLATS, effort=1)
+        data = encode_scene(SPLATS, levels=LAST + 1, effort=1)
         n_levels[by] = read_directory(data).n_levels
         assert VIEWS.psnr(decode(data).leaves(sh_degree=3)) > 35
     assert n_levels == {-np.inf: LAST + 2, np.inf: LAST + 1}
-    asked = encode_scene(SPLATS, layers=2, effort=1)
+    asked = encode_scene(SPLATS, levels=LAST + 1, layers=2, effort=1)
     assert read_directory(asked).n_levels == LAST + 2
 
 
@@ -230,7 +230,7 @@ def test_a_last_level_that_looks_hardly_better_is_late(monkeypatch):
 def test_the_order_of_a_scene_is_that_of_a_stream_whose_last_level_is_late(monkeypatch):
     monkeypatch.setattr("evogs_codec.encoding.late_level.LATE", np.inf)
     monkeypatch.setattr("evogs_codec.encoding.layer_parts.LEAST_LEAVES", 150)
-    found = encode_scene_with_order(SPLATS, cameras=VIEWS.cameras, effort=1)
+    found = encode_scene_with_order(SPLATS, levels=LAST + 1, cameras=VIEWS.cameras, effort=1)
     assert read_directory(found.data).n_levels == LAST + 1
     assert sorted(found.leaf_order) == list(range(len(SPLATS)))
     means = decode(found.data).leaves().means

@@ -12,7 +12,7 @@ from evogs_codec.common.morton import morton_order
 from evogs_codec.lifting import lift as lift_module
 from evogs_codec.lifting import pairing
 from evogs_codec.lifting.concat import joined
-from evogs_codec.lifting.lift import lift, lift_with_order
+from evogs_codec.lifting.lift import default_levels, lift, lift_with_order
 from evogs_codec.lifting.orientations import MAX_G, largest_w, turned
 from evogs_codec.lifting.parents import ALPHAS_OPACITY, ALPHAS_SCALE, MENDED
 from evogs_codec.model.splats import F64, SplatParams
@@ -39,6 +39,11 @@ def test_leaves_are_the_input_as_gaussians(sh_degree):
 @pytest.mark.parametrize("n_levels", [1, 2, 5])
 def test_few_splats_are_lifted(n, n_levels):
     assert_leaves_are(surface(n), n_levels)
+
+
+def test_streams_of_few_splats_have_fewer_levels():
+    n_splats = [0, 1, 2000, 3999, 4000, 7999, 8000, 16_000, 31_999, 32_000, 10**9]
+    assert [default_levels(n) for n in n_splats] == [1, 1, 1, 1, 2, 2, 3, 4, 4, 5, 5]
 
 
 def test_one_level_is_a_tree_of_adds():

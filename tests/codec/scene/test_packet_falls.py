@@ -87,7 +87,9 @@ def gauge_of(found):
         ([1.0, 0.7, 0.9, 0.8, 0.0], {}, 0, 1, 1),
         ([1.0, 0.7, 0.9, 0.1], {"layers": 2}, 0, 1, 2),
         ([1.0, 0.7, 0.9, 0.8], {"layers": 2}, 0, packet_falls.FINER[0], 2),
-        ([1.0], {"target_psnr": 40.0}, 600, 1, 2),
+        ([1.0, 0.9, 0.0], {"target_psnr": 40.0}, 600, 1, 1),
+        ([0.04], {"target_psnr": 40.0}, 600, 1, 2),
+        ([1.0], {"target_psnr": 40.0, "polish": 1}, 600, 1, 2),
         ([1.0, 0.7, 0.9, 0.0], {}, 600, packet_falls.OTHER_PRICES[0], 2),
         ([1.0, 0.7, 0.9, *[0.8] * len(packet_falls.OTHER_PRICES), 0.04], {}, 600, 1, 1),
     ],
@@ -190,10 +192,10 @@ def test_packets_of_many_splats_are_looked_at_where_some_of_these_look_worse(mon
     splats = dict(odd_scenes(2000, 4))["huge splats"]
     for module in (packet_falls, packet_looks):
         monkeypatch.setattr(module, "SMALL", 100)
-    after, _ = deepest_fall(encode_scene(splats), splats)
+    after, _ = deepest_fall(encode_scene(splats, levels=5), splats)
     assert after <= 0.05
     monkeypatch.setattr(packet_falls, "_may_fall", lambda *_: False)
-    before, _ = deepest_fall(encode_scene(splats), splats)
+    before, _ = deepest_fall(encode_scene(splats, levels=5), splats)
     assert before > 0.05
 
 
@@ -291,7 +293,7 @@ def test_packets_around_a_fall_are_put_in_order_where_empty_ones_do_not_mend_it(
 def test_a_fall_that_only_another_order_mends_does_not_make_the_stream_larger():
     """Two bands of a step look worse one by one; one layer and all at once took 3 times as many."""
     splats = dict(odd_scenes(15_000, 36))["one dense clump"]
-    data = encode_scene(splats)
+    data = encode_scene(splats, levels=5)
     fall, decibels = deepest_fall(data, splats)
     assert fall <= 0.05
     assert decibels > 42
@@ -336,12 +338,12 @@ def test_levels_that_fall_whatever_is_done_are_held_back(monkeypatch):
     """Of huge black splats in a plane, errors of levels add up."""
     splats = dict(odd_scenes(300, 4))["black plane"]
     monkeypatch.setattr(packet_falls, "OTHER_PRICES", ())
-    data = encode_scene(splats)
+    data = encode_scene(splats, levels=5)
     fall, reached = deepest_fall(data, splats)
     assert fall <= 0.05
     assert reached > 30
     monkeypatch.setattr(packet_falls, "ALL_ABOVE_ROOTS", Run((9, 0), (9, 0)))
-    found = encode_scene_with_order(splats)
+    found = encode_scene_with_order(splats, levels=5)
     fall, _ = deepest_fall(found.data, splats)
     assert fall <= 0.05
     assert len(found.data) > 1.5 * len(data)  # all leaves come at once, in full
@@ -349,7 +351,7 @@ def test_levels_that_fall_whatever_is_done_are_held_back(monkeypatch):
     off = np.abs(means - splats.means[found.leaf_order]).max(axis=1)
     assert np.median(off) < 0.1 < np.median(np.abs(means - splats.means).max(axis=1))
     monkeypatch.setattr(FoundStream, "at_once", lambda found: found)
-    before, _ = deepest_fall(encode_scene(splats), splats)
+    before, _ = deepest_fall(encode_scene(splats, levels=5), splats)
     assert before > 0.05
 
 
