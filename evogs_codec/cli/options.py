@@ -28,7 +28,7 @@ from evogs_codec.encoding.layers import MAX_LAYERS, N_LAYERS
 from evogs_codec.encoding.settings import MOST_PSNR, PRESETS, TREE_PSNR
 from evogs_codec.io import files
 from evogs_codec.io.interchange.scene_files import TARGETS, kind_of_stream, kind_to_write
-from evogs_codec.lifting.lift import FIRST_LEVEL, N_LEVELS
+from evogs_codec.lifting.lift import ALL_LEVELS, N_LEVELS
 from evogs_codec.model.channels import GROUPS
 
 __all__ = [
@@ -108,7 +108,7 @@ def add_encode(commands: Commands, run: Run, *, many: bool = False) -> None:
     _add_lift_options(
         parser,
         "--refine, --polish and targets",
-        f"{N_LEVELS}; fewer of less than {FIRST_LEVEL << N_LEVELS - 1:,} splats, without --refine",
+        f"{N_LEVELS}; fewer of less than {ALL_LEVELS:,} splats, without --refine",
     )
     add_view_option(parser)
     accuracy = parser.add_mutually_exclusive_group()

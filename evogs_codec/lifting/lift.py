@@ -50,7 +50,7 @@ from evogs_codec.model.splats import F32, F64, I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree, Step
 
 __all__ = [
-    "FIRST_LEVEL",
+    "ALL_LEVELS",
     "N_LEVELS",
     "N_NEIGHBOURS",
     "Lifted",
@@ -61,7 +61,8 @@ __all__ = [
 ]
 
 N_LEVELS = 5  # of a tree, if nothing else is asked for
-FIRST_LEVEL = 2_000  # splats of level 0 of a stream at least, likewise
+# Streams of fewer splats have fewer levels, likewise, with so many splats in level 0 at least.
+ALL_LEVELS, FIRST_LEVEL = 20_000, 2_000
 N_PRICED = 14  # channels that decide who pairs: all but the higher SH bands
 PART = 1 << 19  # splats that are lifted together at most
 
@@ -80,10 +81,12 @@ class Lifted:
 
 
 def default_levels(n_splats: int) -> int:
-    """How many levels a stream has: five, or fewer of less than 32,000 splats.
+    """How many levels a stream has: five, or fewer of less than 20,000 splats.
 
     Coarse levels of few splats cost more bytes than they show.
     """
+    if n_splats >= ALL_LEVELS:
+        return N_LEVELS
     return min(N_LEVELS, max(n_splats // FIRST_LEVEL, 1).bit_length())
 
 

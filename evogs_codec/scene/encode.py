@@ -105,7 +105,7 @@ def encode_scene(
     Args:
         splats: N splats, all finite (`drop_non_finite`).
         levels: of the tree that is built under them, 1 to 64; by default 5, or fewer of less than
-            32,000 splats (`default_levels`), unless they are to be improved.
+            20,000 splats (`default_levels`), unless they are to be improved.
         preset: a name in `PRESETS` or settings: fixed steps. No target goes with it. By default
             rendered views decide how exact each number is, at a fixed price of a bit; "scene" where
             nothing can be rendered.
