@@ -27,6 +27,7 @@ from evogs_codec.encoding.guess import (
     psnr_slope,
 )
 from evogs_codec.encoding.held_steps import Run
+from evogs_codec.encoding.largest_errors import largest_errors
 from evogs_codec.encoding.layers import Layering
 from evogs_codec.encoding.out_of_reach import (
     TargetMissedError,
@@ -41,11 +42,10 @@ from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.encoding.settings import NearLossless, StepTable
 from evogs_codec.encoding.sketch import Sketch
 from evogs_codec.encoding.write import write
-from evogs_codec.model.channels import GROUP_CHANNELS, GROUPS
+from evogs_codec.model.channels import GROUPS
 from evogs_codec.model.coded_tree import CodedTree
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import F64, SplatParams
-from evogs_codec.model.tree import EvolutionTree
 
 __all__ = ["TargetEncoder"]
 
@@ -360,7 +360,7 @@ class TargetEncoder(Aim):
 
     def _errors_of(self, coder: Prepared, data: bytes) -> F64:
         """(5,) largest error of a stream per group, with those of the tree."""
-        return _errors(coder.tiles, data, self.tree.shown_degree) + self.leaf_error
+        return largest_errors(coder.tiles, data, self.tree.shown_degree) + self.leaf_error
 
     def psnr(self, data: bytes) -> float:
         """Of the leaves of a stream, dB.
@@ -395,14 +395,3 @@ class TargetEncoder(Aim):
     def _stream(self, coded: CodedTree) -> bytes:
         effort = self.settings.effort
         return write(coded, effort=effort, order=self.order, progress=self.progress)
-
-
-def _errors(tiles: Sequence[EvolutionTree], data: bytes, sh_degree: int) -> F64:
-    """(5,) largest error of the leaves of a stream, per group, in the units of the group."""
-    leaves = [tile.leaves().channels() for tile in tiles if tile.steps]
-    if not leaves:
-        return np.zeros(len(GROUPS))
-    right = np.concatenate(leaves, axis=1)
-    found = decode(data).leaves(sh_degree=sh_degree).channels()
-    off = np.abs(found.astype(np.float64) - right)
-    return np.array([off[part].max(initial=0.0) for part in GROUP_CHANNELS])

@@ -28,7 +28,9 @@ BOX = (-20, -20, -20, 0, 0, 20)
 
 @pytest.fixture(scope="module")
 def stream():
-    return encode_scene(make_scene(2000), n_tiles=12, preset="scene", effort=1, cameras=())
+    return encode_scene(
+        make_scene(2000), levels=5, n_tiles=12, preset="scene", effort=1, cameras=()
+    )
 
 
 @pytest.fixture
