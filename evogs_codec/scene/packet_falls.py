@@ -111,6 +111,8 @@ def _others(found: FoundStream, request: Request) -> list[Callable[[], FoundStre
         others += [partial(found.at, factor) for factor in factors]
     if found.is_layered and request.layers is None:
         others.append(partial(found.holding, (), Layering(1)))
+    if found.tree.n_levels == 1:  # no level is above the roots
+        return others
     layering = found.layering if request.layers else Layering(1)
     others.append(partial(found.holding, (ALL_ABOVE_ROOTS,), layering))
     if layering.n == 1:

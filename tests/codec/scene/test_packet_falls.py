@@ -199,6 +199,13 @@ def test_packets_of_many_splats_are_looked_at_where_some_of_these_look_worse(mon
     assert before > 0.05
 
 
+def test_of_one_level_nothing_is_held_back(layered):
+    """Without levels above the roots, such streams would be the one that is there."""
+    plain = Request.of("scene", {})
+    one = replace(layered, tree=lift(make_scene(600), 1))
+    assert len(packet_falls._others(layered, plain)) == len(packet_falls._others(one, plain)) + 2
+
+
 @pytest.mark.parametrize(("fall", "n_tried"), [(0.04, 1), (0.14, 3), (0.2, 5)])
 def test_of_many_splats_other_streams_are_tried_for_a_deep_fall(
     monkeypatch, layered, fall, n_tried
