@@ -32,7 +32,7 @@ from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.io.files import KIND_BYTES, STREAM, kind_of, write_atomic
 from evogs_codec.io.finite import drop_non_finite
 from evogs_codec.io.foreign import hint_for_zip
-from evogs_codec.io.interchange.scene_files import Scene, read_scene
+from evogs_codec.io.interchange.scene_files import Scene, read_scene, size_of_scene
 from evogs_codec.io.interchange.sog import is_sog
 from evogs_codec.io.tree_npz import read_tree, write_tree
 from evogs_codec.lifting.lift import N_LEVELS, lift
@@ -261,8 +261,7 @@ def _options(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 def _target_bytes(args: argparse.Namespace) -> int | None:
     if args.target_bytes is None:
         return None
-    files = args.input.iterdir() if args.input.is_dir() else [args.input]
-    n_bytes: int = args.target_bytes.of(sum(file.stat().st_size for file in files))
+    n_bytes: int = args.target_bytes.of(size_of_scene(args.input))
     if n_bytes < 1:
         raise InputError("--target-bytes: a stream has at least one byte")
     return n_bytes

@@ -17,11 +17,11 @@ from evogs_codec.editing.extract import extract
 from evogs_codec.errors import Fault, InputError, StreamError
 from evogs_codec.format.directory import Directory
 from evogs_codec.io.interchange.gltf_stream import read_gltf_stream
-from evogs_codec.io.interchange.scene_files import read_scene, scene_format
+from evogs_codec.io.interchange.scene_files import read_scene, scene_format, size_of_scene
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import SplatParams
 
-__all__ = ["Loaded", "load_part", "load_whole", "size_of"]
+__all__ = ["Loaded", "load_part", "load_whole"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,12 +90,6 @@ def load_whole(path: Path, limits: dict[str, int] | None) -> Loaded:
     return Loaded(splats, directory.info, directory.size, "", "evogs")
 
 
-def size_of(path: Path) -> int:
-    """Bytes of a file, or of all files of a folder."""
-    files = path.iterdir() if path.is_dir() else [path]
-    return sum(file.stat().st_size for file in files)
-
-
 def _is_scene(path: Path) -> bool:
     """Whether a file is read as a scene: a stream in a glTF file is read as a stream."""
     kind = scene_format(path)
@@ -109,4 +103,4 @@ def _scene(path: Path) -> Loaded:
         text = f"{path}: {n_bad:,} splats with NaN or infinite numbers are not drawn"
         warnings.warn(text, stacklevel=1)
     info = without_refuted_up(scene)
-    return Loaded(scene.splats, info, size_of(path), "", scene_format(path) or "ply")
+    return Loaded(scene.splats, info, size_of_scene(path), "", scene_format(path) or "ply")

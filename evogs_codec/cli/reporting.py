@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from evogs_codec.cli.loading import size_of
 from evogs_codec.cli.looking import fitted
 from evogs_codec.cli.terminal import progress_bar
 from evogs_codec.common.printable import shown
 from evogs_codec.common.version import __version__
 from evogs_codec.io.files import write_atomic
+from evogs_codec.io.interchange.scene_files import size_of_scene
 from evogs_codec.model.splats import SplatParams
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def write_report(
     from evogs_codec.comparison.report import Encoded, report_page
 
     source, name = args.input.name, args.output.name
-    of = Encoded(source, size_of(args.input), scene, name, data, notes)
+    of = Encoded(source, size_of_scene(args.input), scene, name, data, notes)
     cameras, views = _cameras(args, scene, up)
     with progress_bar() as progress:
         page = report_page(

@@ -25,7 +25,7 @@ from evogs_codec.model.channels import N_CORE
 from evogs_codec.model.splats import F64, I32, I64
 from evogs_codec.model.tree import EvolutionTree, Kind, Step, columns_of
 
-__all__ = ["Renumbered", "arrange", "default_tiles", "leaf_order"]
+__all__ = ["Renumbered", "arrange", "leaf_order"]
 
 SPLATS_PER_TILE = 131_072  # packets of a few 100 kB; spec 3.5 allows any number
 FIRST_BIN = 512  # adds of level 0 in a step at least: the first scene comes early
@@ -37,17 +37,16 @@ LIST_BITS = 320  # that a list of integers takes beside theirs, about
 RUN = 64  # records of neighbouring slots that rank as one: gathering fewer runs is quicker
 
 
-def default_tiles(n_leaves: int) -> int:
-    """One tile below about 200,000 splats, then as many as keep packets of a good size."""
-    return 1 if n_leaves < 200_000 else -(-n_leaves // SPLATS_PER_TILE)
-
-
-def arrange(tree: EvolutionTree, n_tiles: int) -> list[EvolutionTree]:
+def arrange(tree: EvolutionTree, n_tiles: int | None = None) -> list[EvolutionTree]:
     """One tree per tile with the same leaves at each level.
 
     Args:
         tree: any tree.
-        n_tiles: tiles wanted; fewer come back if there are fewer roots.
+        n_tiles: tiles wanted; fewer come back if there are fewer roots. By default one below
+            about 200,000 leaves, then as many as keep packets of a good size.
+
+    Raises:
+        ValueError: `n_tiles` is below 1.
     """
     return [replace(tree, steps=tuple(b.steps), quanta=()) for b in _builders(tree, n_tiles)]
 
@@ -66,10 +65,13 @@ def leaf_order(
     Returns:
         (N,) `decode(encode(tree, settings)).leaves()` has at place k, rounded, what
         `tree.leaves()` has at the k-th of these places.
+
+    Raises:
+        ValueError: `n_tiles` is below 1.
     """
     if not tree.n_leaves:
         return np.empty(0, np.int64)
-    orders = [builder.order for builder in _builders(tree, n_tiles or default_tiles(tree.n_leaves))]
+    orders = [builder.order for builder in _builders(tree, n_tiles)]
     if others is not None:
         pairs = zip(orders, others, strict=True)
         orders = [own if other is None else own[other] for own, other in pairs]
@@ -79,11 +81,19 @@ def leaf_order(
     return number[slots[live[slots]]].astype(np.int64)
 
 
-def _builders(tree: EvolutionTree, n_tiles: int) -> list[_TileBuilder]:
+def _n_tiles(n_leaves: int, wanted: int | None) -> int:
+    if wanted is None:
+        return 1 if n_leaves < 200_000 else -(-n_leaves // SPLATS_PER_TILE)
+    if wanted < 1:
+        raise ValueError(f"n_tiles is {wanted}, expected at least 1")
+    return wanted
+
+
+def _builders(tree: EvolutionTree, n_tiles: int | None) -> list[_TileBuilder]:
     """One per tile, with its steps."""
     is_rounded = bool(tree.quanta)
     tree = replace(tree, steps=tuple(_adds_before_refines(tree.steps)), quanta=())
-    tile_of_slot = tiles_of_slots(tree, n_tiles)
+    tile_of_slot = tiles_of_slots(tree, _n_tiles(tree.n_leaves, n_tiles))
     n = int(tile_of_slot.max()) + 1 if len(tile_of_slot) else 1
     builders = [_TileBuilder(tile_of_slot == tile, is_rounded) for tile in range(n)]
     states = tree.states(slice(11))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.encoding.alpha_tables import with_used_entries
-from evogs_codec.encoding.arrange import arrange, default_tiles
+from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.measured_gains import MeasuredGains, Pictures
 from evogs_codec.encoding.quantise import quantise
 from evogs_codec.encoding.settings import PRESETS, Settings
@@ -44,13 +44,14 @@ def encode(
     Raises:
         NotRepresentableError: values too large for any grid of the format.
         TypeError: `tree` is no tree, or `settings` are none; the message says what to call.
-        ValueError: the tree exceeds the limits of the format, or settings are missing.
+        ValueError: the tree exceeds the limits of the format, settings are missing, or `n_tiles` is
+            below 1.
     """
     expect_tree(tree)
     settings = _settings(tree, settings)
     report = progress or no_progress
     report("arrange", 0.0)
-    tiles = arrange(tree, n_tiles or default_tiles(tree.n_leaves))
+    tiles = arrange(tree, n_tiles)
     coded = quantise(tiles, max(tree.n_levels, 1), settings, info=info, progress=report)
     if views is not None and tree.n_leaves:
         report("draw", 0.0)

@@ -14,9 +14,10 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from evogs_codec.encoding.packet_order import leaf_shares
+from evogs_codec.model.channels import N_CORE
 from evogs_codec.model.coded_tree import CodedTree
-from evogs_codec.model.splats import F32, F64, SplatParams
-from evogs_codec.model.tree import EvolutionTree
+from evogs_codec.model.splats import F32, F64, I64, SplatParams
+from evogs_codec.model.tree import EvolutionTree, Slots
 
 __all__ = ["ORDERING_VIEWS", "MeasuredGains", "Pictures", "Telling", "nothing_of", "psnr_of_sh"]
 
@@ -146,7 +147,7 @@ def _early_sh(tree: EvolutionTree) -> Iterator[F32]:
     """
     born_from, live = tree.lineage()
     leaves, sh = np.flatnonzero(live), tree.shared_leaves().sh
-    states, state = tree.states(), None
+    states, state = tree.states(slice(N_CORE, None)), None
     for level in range(tree.n_levels - 1):
         n_steps = sum(step.level == level for step in tree.steps)
         state = next(islice(states, n_steps - 1, None)) if n_steps else state
@@ -156,11 +157,18 @@ def _early_sh(tree: EvolutionTree) -> Iterator[F32]:
             n_slots = len(state.live)
             while (late := ancestors >= n_slots).any():
                 ancestors[late] = born_from[ancestors[late]]
-            found = ancestors >= 0
-            bands = state.bands_of(ancestors[found])
-            early[found, 1:] = bands.T.reshape(bands.shape[1], sh.shape[1] - 1, 3)
+            bands = _bands_of(state, np.maximum(ancestors, 0))
+            bands[ancestors < 0] = 0
+            early[:, 1:] = bands.reshape(early[:, 1:].shape)
         early[:, 0] = sh[:, 0]
         yield early
+
+
+def _bands_of(state: Slots, slots: I64) -> F32:
+    """(n, C) SH above band 0 of slots (n,), of a state that has no other channels."""
+    if state.palette is not None:
+        return state.palette.rows_of(state.picks[slots])
+    return state.values.astype(np.float32).T.take(slots, axis=0)
 
 
 def _shared_out(estimated: F64, rows: F64, columns: F64) -> F64:

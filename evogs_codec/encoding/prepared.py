@@ -10,7 +10,7 @@ from functools import partial
 
 from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.encoding.alpha_tables import with_used_entries
-from evogs_codec.encoding.arrange import arrange, default_tiles
+from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.at_once import at_once
 from evogs_codec.encoding.coarse_leaves import warn_of_coarse_leaves
 from evogs_codec.encoding.drawn import Drawn
@@ -93,7 +93,7 @@ class Prepared:
         self.polishes = aim.polish > 0 and (self.n_levels > 1 or aim.layers > 1)
         report = aim.progress or no_progress
         report("arrange", 0.0)
-        self.tiles = arrange(aim.tree, aim.n_tiles or default_tiles(aim.tree.n_leaves))
+        self.tiles = arrange(aim.tree, aim.n_tiles)
         self.ranges = Ranges.of(self.tiles, self.n_levels)
         self.importance = self.drawn = self.gains = self.layered = None
         if aim.views is not None:

@@ -328,10 +328,14 @@ class TargetEncoder(Aim):
 
         Raises:
             InputError: float32, or the alphas of the tree, do not allow it.
-            ValueError: an error is not above 0.
+            ValueError: an error is not above 0, or is of no group.
         """
         if not all(error > 0 for error in errors.values()):
             raise ValueError("largest errors are above 0")
+        unknown = sorted(set(errors) - set(GROUPS))
+        if unknown or not errors:
+            what = ", ".join(unknown) or "nothing"
+            raise ValueError(f"largest errors of {what}, expected some of {', '.join(GROUPS)}")
         asked = np.array([errors.get(name, math.inf) for name in GROUPS])
         own = np.array(self.leaf_error)
         if np.any(own > asked):

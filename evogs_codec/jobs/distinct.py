@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from evogs_codec.io.files import write_atomic
+from evogs_codec.jobs.scratch_files import arrays_of
 from evogs_codec.lifting.shared_sh import MOST, keys_of
 from evogs_codec.model.splats import F32, I64, SplatParams
 
@@ -42,8 +43,12 @@ class Vectors:
 
     @staticmethod
     def read(path: Path) -> Vectors:
-        """From a file that `write` wrote."""
-        with np.load(path) as found:
+        """From a file that `write` wrote.
+
+        Raises:
+            InputError: it is damaged.
+        """
+        with arrays_of(path) as found:
             return Vectors(found["keys"], found["rows"])
 
 

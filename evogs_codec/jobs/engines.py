@@ -39,11 +39,20 @@ class Engine:
         name: `processes` of this machine, `serial` in this process, or `dask`.
         workers: processes; by default one for each processor.
         scheduler: address of a Dask scheduler; by default a cluster of this machine.
+
+    Raises:
+        ValueError: on construction, there is no such engine, or `workers` is below 1.
     """
 
     name: Literal["processes", "serial", "dask"] = "processes"
     workers: int | None = None
     scheduler: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.name not in ("processes", "serial", "dask"):
+            raise ValueError(f"engine is {self.name!r}, expected processes, serial or dask")
+        if self.workers is not None and self.workers < 1:
+            raise ValueError(f"workers is {self.workers}, expected at least 1")
 
     @property
     def n_workers(self) -> int:

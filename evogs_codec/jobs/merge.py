@@ -23,7 +23,7 @@ from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.format.write_directory import build_directory
 from evogs_codec.io.files import write_atomic
 from evogs_codec.jobs.picks import Entries, numbered_of, rows_of_picks
-from evogs_codec.jobs.scratch import arrays_of, of_scratch
+from evogs_codec.jobs.scratch_files import arrays_of, of_scratch
 from evogs_codec.model.coded_tree import CodedTree
 from evogs_codec.model.components import CORE, PALETTE, PICKS
 from evogs_codec.model.packet_id import PacketId

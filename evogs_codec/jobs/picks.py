@@ -36,6 +36,7 @@ from evogs_codec.io.files import write_atomic
 from evogs_codec.jobs.distinct import Vectors
 from evogs_codec.jobs.partition import Partition, vectors_of
 from evogs_codec.jobs.plan import Plan, Survey, surveyed, worth_of_entries
+from evogs_codec.jobs.scratch_files import arrays_of
 from evogs_codec.model.channels import N_CORE, N_GROUPS, channel_class
 from evogs_codec.model.coded_tree import CodedStep, CodedTile, CodedTree
 from evogs_codec.model.splats import F32, I32, I64
@@ -111,8 +112,12 @@ class Unnumbered:
 
     @staticmethod
     def read(path: Path) -> Unnumbered:
-        """From a file that `write` wrote; of steps what picks need."""
-        with np.load(path) as found:
+        """From a file that `write` wrote; of steps what picks need.
+
+        Raises:
+            InputError: it is damaged.
+        """
+        with arrays_of(path) as found:
             steps = [
                 CodedStep(
                     level,
@@ -159,6 +164,7 @@ class Entries:
 
         Raises:
             TooFineError: a number leaves its range on the grid of the plan.
+            InputError: a file is damaged.
         """
         assert plan.coarse is not None, "the plan has a palette"
         n_coarse, degree = plan.coarse.values.shape[1], plan.sh_degree
@@ -166,10 +172,11 @@ class Entries:
         palette = Palette(degree, np.ascontiguousarray(values, np.float32), n_coarse)
         weights, first = np.zeros((degree, values.shape[1])), first_uses([], values.shape[1])
         for path in picks:
-            with np.load(path) as found:
-                place = _places(found["keys"], vectors.keys, n_coarse)
-                weights[:, place] += found["weights"]
-                np.minimum.at(first, place, found["first"])
+            with arrays_of(path) as found:
+                keys, own_weights, own_first = found["keys"], found["weights"], found["first"]
+            place = _places(keys, vectors.keys, n_coarse)
+            weights[:, place] += own_weights
+            np.minimum.at(first, place, own_first)
         steps = steps_of_entries(weights.mean(axis=1), 1.0)
         grid = plan.grid_of_entries(steps)
         q = quantised_entries(palette, grid, weights.astype(np.float32), 1.0)
@@ -217,9 +224,12 @@ def number_picks(picks: str, entries: str, effort: int, out: str) -> None:
         entries: file of `Entries`.
         effort: level of Zstandard.
         out: the file to make.
+
+    Raises:
+        InputError: a file is damaged.
     """
     own = Unnumbered.read(Path(picks))
-    with np.load(entries) as found:
+    with arrays_of(Path(entries)) as found:
         levels, x, keys, number = (found[name] for name in ("levels", "x", "keys", "number"))
     n_coarse = len(number) - 1 - len(keys)
     local = np.append(0, 1 + _places(own.keys, keys, n_coarse))

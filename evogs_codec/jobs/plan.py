@@ -24,7 +24,7 @@ from evogs_codec.encoding.sensitivity import steps_of_entries
 from evogs_codec.encoding.settings import Settings
 from evogs_codec.io.files import write_atomic
 from evogs_codec.jobs.partition import Partition
-from evogs_codec.jobs.scratch import arrays_of
+from evogs_codec.jobs.scratch_files import arrays_of
 from evogs_codec.lifting.coarse_entries import CoarseEntries
 from evogs_codec.model.arithmetic import AlphaTable, Quantiser
 from evogs_codec.model.channels import N_GROUPS, group_of_class

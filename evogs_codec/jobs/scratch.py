@@ -12,7 +12,6 @@ import os
 import re
 import shutil
 import warnings
-import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -22,21 +21,21 @@ import numpy as np
 
 from evogs_codec.common.progress import Progress
 from evogs_codec.common.version import __version__
-from evogs_codec.errors import EvogsError, InputError
+from evogs_codec.errors import InputError
 from evogs_codec.io.files import write_atomic
 from evogs_codec.jobs.blocks import SplatFiles
 from evogs_codec.jobs.distinct import Distinct
 from evogs_codec.jobs.engines import Call, Workers
 from evogs_codec.jobs.partition import Partition, Tree, partition, rows_of, stand_ins_of
+from evogs_codec.jobs.scratch_files import arrays_of, of_scratch
 
-__all__ = ["arrays_of", "do_missing", "identity_of", "of_scratch", "partitioned", "scratch_folder"]
+__all__ = ["do_missing", "identity_of", "partitioned", "scratch_folder"]
 
 MARK, LOCK = "evogs-scratch.json", "evogs-scratch.lock"  # a folder with the mark is ours
 # All that runs make there: of tiles by their numbers, of nodes of tilesets, and of all.
 MADE = re.compile(
     r"\d{6}\..+|.+\.made|\.[0-9a-f]{8}\.tmp|partition\.npz|vectors\.npz|entries\.npz|tileset|streams"
 )
-DAMAGED = (EvogsError, ValueError, EOFError, KeyError, TypeError, zipfile.BadZipFile)
 
 
 @contextlib.contextmanager
@@ -83,30 +82,6 @@ def scratch_folder(
     (folder / LOCK).unlink(missing_ok=True)
     with contextlib.suppress(OSError):  # of a link, or where we are, the emptied folder stays
         folder.rmdir()
-
-
-@contextlib.contextmanager
-def of_scratch(path: Path) -> Iterator[None]:
-    """What is wrong with a file that an earlier run left is said of that file.
-
-    Raises:
-        InputError: it cannot be read.
-    """
-    try:
-        yield
-    except DAMAGED as error:
-        raise InputError(f"{path}: is damaged: run again without --resume") from error
-
-
-@contextlib.contextmanager
-def arrays_of(path: Path) -> Iterator[Any]:
-    """What `numpy.load` finds in a file that an earlier run left.
-
-    Raises:
-        InputError: as of `of_scratch`.
-    """
-    with of_scratch(path), path.open("rb") as file:
-        yield np.load(file)
 
 
 @contextlib.contextmanager

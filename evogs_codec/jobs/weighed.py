@@ -18,7 +18,7 @@ from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.io.files import write_atomic
 from evogs_codec.jobs.panes import between
 from evogs_codec.jobs.plan import Sharing
-from evogs_codec.jobs.scratch import arrays_of
+from evogs_codec.jobs.scratch_files import arrays_of
 from evogs_codec.jobs.surroundings import NearAndWide, Neighbourhood, is_apart, near_middle
 from evogs_codec.jobs.tile_job import TileJob
 from evogs_codec.lifting.coarse_entries import CoarseEntries

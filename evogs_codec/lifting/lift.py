@@ -107,7 +107,8 @@ def lift(
         progress: called with the stage "lift" and the part that is done.
 
     Raises:
-        ValueError: `n_levels` is below 1, or a splat has a number that is not finite.
+        ValueError: `n_levels` or `n_neighbours` is below 1, or a splat has a number that is not
+            finite.
     """
     return lift_with_order(splats, n_levels, n_neighbours=n_neighbours, progress=progress).tree
 
@@ -146,9 +147,15 @@ def lift_with_order(
     n_neighbours: int = N_NEIGHBOURS,
     progress: Progress | None = None,
 ) -> Lifted:
-    """`lift`, and which splat each leaf is."""
+    """`lift`, and which splat each leaf is.
+
+    Raises:
+        ValueError: as `lift`.
+    """
     if n_levels < 1:
         raise ValueError(f"n_levels is {n_levels}, expected at least 1")
+    if n_neighbours < 1:
+        raise ValueError(f"n_neighbours is {n_neighbours}, expected at least 1")
     n_bad = len(splats) - int(np.count_nonzero(splats.finite()))
     if n_bad:
         raise ValueError(f"{n_bad} of {len(splats)} splats have a number that is not finite")

@@ -21,7 +21,7 @@ from weakref import WeakKeyDictionary, ref
 import numpy as np
 import numpy.typing as npt
 
-from evogs_codec.model.channels import GROUP_CHANNELS, N_CORE, N_GROUPS, n_channels
+from evogs_codec.model.channels import GROUP_CHANNELS, N_GROUPS, n_channels
 from evogs_codec.model.components import Components
 from evogs_codec.model.splats import F32, F64, I32, I64, U8, SplatParams
 
@@ -75,6 +75,12 @@ class Palette:
         found: F32 = self.entries.take(np.asarray(picks, np.int64) - 1, axis=1, mode="wrap")
         found[:, picks == 0] = 0
         return found
+
+    def rows_of(self, picks: npt.NDArray[np.integer]) -> F32:
+        """(N, C) the SH of picks (N,), a row per splat."""
+        entries = np.zeros((1 + self.entries.shape[1], len(self.entries)), np.float32)
+        entries[1:] = self.entries.T
+        return entries.take(picks, axis=0)
 
 
 def _no_picks() -> I32:
@@ -187,12 +193,6 @@ class Slots:
         if self.palette is not None:
             values = np.concatenate([values, self.palette.sh_of(self.picks[self.live])])
         return SplatParams.from_channels(values)
-
-    def bands_of(self, slots: I64) -> F64 | F32:
-        """(C, n) SH above band 0 of these slots (n,), a row per channel from 14 on."""
-        if self.palette is not None:
-            return self.palette.sh_of(self.picks[slots])
-        return self.values[N_CORE:, slots]
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.io.files import write_atomic
 from evogs_codec.render.options import Options
 
 __all__ = ["Camera", "Coefficients", "Vector", "as_json", "orbit", "save_cameras"]
@@ -38,6 +39,10 @@ class Camera:
         fx, fy, cx, cy: focal lengths and principal point, pixels.
         rotation: (3, 3) world to camera.
         translation: (3,) the world's origin, seen from the camera.
+
+    Raises:
+        TypeError: on construction, a focal length or the principal point is no number.
+        ValueError: on construction, a number is out of range, or the rotation is none.
     """
 
     width: int
@@ -118,7 +123,11 @@ class Camera:
         height: int,
         fov_x: float,
     ) -> Camera:
-        """A camera at `eye`, `target` in the middle and `up` upwards; `fov_x` in radians."""
+        """A camera at `eye`, `target` in the middle and `up` upwards; `fov_x` in radians.
+
+        Raises:
+            ValueError: these make no frame, or `fov_x` is not between 0 and pi.
+        """
         forward = np.asarray(target, np.float64) - np.asarray(eye, np.float64)
         right = np.cross(forward, np.asarray(up, np.float64))
         if not (np.linalg.norm(forward) > 0 and np.linalg.norm(right) > 0):
@@ -140,7 +149,11 @@ class Camera:
     def from_colmap(
         quaternion: Vector, translation: Vector, intrinsics: Vector, *, width: int, height: int
     ) -> Camera:
-        """From qw qx qy qz, tx ty tz of an image, and fx fy cx cy or f cx cy of its camera."""
+        """From qw qx qy qz, tx ty tz of an image, and fx fy cx cy or f cx cy of its camera.
+
+        Raises:
+            ValueError: there are neither 3 nor 4 intrinsics, or as of `Camera`.
+        """
         w, x, y, z = np.asarray(quaternion, np.float64) / np.linalg.norm(quaternion)
         rotation = [
             [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -175,8 +188,15 @@ def orbit(
     height: int,
     fov_x: float,
 ) -> list[Camera]:
-    """`n` cameras on a circle around `target`, `elevation` radians above its plane."""
-    pole = np.asarray(up, np.float64) / np.linalg.norm(up)
+    """`n` cameras on a circle around `target`, `elevation` radians above its plane.
+
+    Raises:
+        ValueError: `up` is 0, or as of `Camera.look_at`.
+    """
+    length = np.linalg.norm(up)
+    if not length > 0:
+        raise ValueError(f"up is {list(up)}, expected a vector that is not 0")
+    pole = np.asarray(up, np.float64) / length
     east = np.cross(pole, np.eye(3)[int(np.argmin(np.abs(pole)))])
     east /= np.linalg.norm(east)
     north = np.cross(pole, east)
@@ -189,8 +209,12 @@ def orbit(
 
 
 def save_cameras(path: Path, cameras: Sequence[Camera]) -> None:
-    """Write a list of cameras as JSON, every number exactly."""
-    path.write_text(as_json(cameras), encoding="utf-8")
+    """Write a list of cameras as JSON, every number exactly.
+
+    Raises:
+        OSError: the file cannot be written; what was there stays.
+    """
+    write_atomic(path, as_json(cameras).encode())
 
 
 def as_json(cameras: Sequence[Camera]) -> str:

@@ -89,7 +89,8 @@ def contact_sheet(
             left = column * (width + gap)
             strip[: image.shape[0], left : left + image.shape[1]] = image
         strips.append(strip)
-    return np.concatenate(strips)[:-gap]
+    sheet = np.concatenate(strips)
+    return sheet[: len(sheet) - gap]
 
 
 def _label(text: str, width: int, colour: float) -> Real:

@@ -18,6 +18,7 @@ from evogs_codec.encoding.encode import expect_tree
 from evogs_codec.encoding.grids import expect_near
 from evogs_codec.encoding.settings import SCENE_PRESET, TREE_PRESET, Settings
 from evogs_codec.errors import InputError
+from evogs_codec.format.write_directory import MAX_LEVELS
 from evogs_codec.io.finite import bounded_opacities
 from evogs_codec.lifting.lift import (
     N_LEVELS,
@@ -171,6 +172,8 @@ def encode_scene_with_order(splats: SplatParams, **options: Unpack[SceneOptions]
     improve = options.pop("improve", None)
     if levels is None:
         levels = default_levels(len(splats)) if improve is None else N_LEVELS
+    if levels not in range(1, MAX_LEVELS + 1):
+        raise ValueError(f"levels is {levels}, expected 1..{MAX_LEVELS}")
     if palette not in ("auto", "never"):
         raise ValueError(f"palette is {palette!r}, expected 'auto' or 'never'")
     expect_near(float(np.abs(splats.means).max(initial=0)))

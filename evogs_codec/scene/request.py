@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
@@ -97,6 +98,10 @@ class Request:
         n_targets = (psnr is not None) + (n_bytes is not None) + bool(errors)
         if n_targets > 1:
             raise ValueError("target_psnr, target_bytes and max_error exclude each other")
+        if psnr is not None and not math.isfinite(psnr):
+            raise ValueError(f"target_psnr is {psnr}, expected a number of dB")
+        if n_bytes is not None and n_bytes < 1:
+            raise ValueError(f"target_bytes is {n_bytes}, expected at least 1")
         if n_targets and preset is not None:
             raise ValueError("a preset does not go with a target: the target decides the steps")
         if polish < 0:

@@ -22,7 +22,7 @@ from evogs_codec.io.interchange.frames import transformed
 from evogs_codec.io.ply import write_ply
 from evogs_codec.jobs.encode import JobOptions, encode_files
 from evogs_codec.jobs.engines import Engine
-from evogs_codec.jobs.scratch import of_scratch
+from evogs_codec.jobs.scratch_files import of_scratch
 from evogs_codec.jobs.tile_job import sorted_rows
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F64, SplatParams

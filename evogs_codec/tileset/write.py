@@ -25,10 +25,10 @@ from evogs_codec.jobs.partition import rows_of
 from evogs_codec.jobs.scratch import (
     do_missing,
     identity_of,
-    of_scratch,
     partitioned,
     scratch_folder,
 )
+from evogs_codec.jobs.scratch_files import of_scratch
 from evogs_codec.jobs.up import up_of_tiles
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F64

@@ -82,6 +82,11 @@ def test_orbits_keep_their_distance_and_look_at_the_target():
         assert pixel_of(camera, (1, 2, 3))[:2] == pytest.approx((32.5, 24.5))
 
 
+def test_an_orbit_needs_an_axis():
+    with pytest.raises(ValueError, match=r"up is \[0, 0, 0\]"):
+        orbit(3, radius=2.2, up=(0, 0, 0), **SIZE)
+
+
 def test_resizing_keeps_what_is_seen():
     camera = scenes.camera(64)
     x, y, _ = pixel_of(camera, (0.1, 0.2, 0.3))

@@ -42,6 +42,10 @@ def test_a_sheet_repeats_the_pixels_of_small_pictures():
     assert (sheet[10:, 10:] == 1).all()
 
 
+def test_a_sheet_may_be_without_gaps():
+    assert contact_sheet([[np.zeros((8, 8, 3))] * 2] * 2, gap=0).shape == (16, 16, 3)
+
+
 def test_a_label_stands_above_its_row_and_is_cut_to_the_sheet():
     row = [np.full((20, 300, 3), 0.5)]
     sheet = contact_sheet([row, row], labels=["level 0", 80 * "x"], gap=2)

@@ -9,7 +9,7 @@ import numpy as np
 from evogs_codec import PRESETS, EvolutionTree, decode, encode, read_directory
 from evogs_codec.decoding.cut import Cut
 from evogs_codec.editing.byte_stats import ALPHA_NAMES, bytes_by_group
-from evogs_codec.encoding.arrange import arrange, default_tiles
+from evogs_codec.encoding.arrange import arrange
 from evogs_codec.model.channels import CLASS_NAMES, GROUP_CHANNELS, GROUPS
 
 __all__ = ["TABLES"]
@@ -47,7 +47,7 @@ def replay(tree: EvolutionTree) -> Rows:
     """Largest error at each level of near-lossless coding, in grid units; the bound is 1."""
     data = encode(tree, PRESETS["near-lossless"])
     directory = read_directory(data)
-    tiles = [tile for tile in arrange(tree, default_tiles(tree.n_leaves)) if tile.steps]
+    tiles = [tile for tile in arrange(tree) if tile.steps]
     rows: Rows = []
     for level in range(tree.n_levels):
         state = decode(data, Cut.of_level(directory, level))

@@ -137,15 +137,31 @@ class GltfFile:
             except ValueError as error:
                 raise InputError(f"{self.path}: a data URI is damaged: {shown(error)}") from error
             return memoryview(data)
+        name = self._beside(uri)
+        if name not in self.files:
+            self.files[name] = memoryview(read_bytes(self.path.parent / name))
+            self.n_bytes += len(self.files[name])
+        return self.files[name]
+
+    def _beside(self, uri: str) -> Path:
+        """The file that a uri names, from the folder of this one."""
         name = Path(unquote(uri))
         if ":" in uri or name.is_absolute() or ".." in name.parts or "\0" in uri:
             raise InputError(f"{self.path}: its buffer {shown(uri)} is not a file beside it")
         if not (self.path.parent / name).is_file():
             raise InputError(f"{self.path}: its buffer {shown(uri)} is not there")
-        if name not in self.files:
-            self.files[name] = memoryview(read_bytes(self.path.parent / name))
-            self.n_bytes += len(self.files[name])
-        return self.files[name]
+        return name
+
+    def size(self) -> int:
+        """Bytes of the file and of all files that its buffers name, each once.
+
+        Raises:
+            InputError: a file is not there.
+        """
+        uris = [as_object(entry).get("uri") for entry in self.list_of(self.root, "buffers")]
+        names = {self._beside(uri) for uri in uris if isinstance(uri, str) and ":" not in uri}
+        beside = [(self.path.parent / name).stat().st_size for name in names]
+        return self.path.stat().st_size + sum(beside)
 
     def accessor(self, number: object, width: str) -> F32:
         """(n, width) or (n,) the numbers of an accessor."""

@@ -17,7 +17,16 @@ from evogs_codec.io import makers
 from evogs_codec.io.files import SCENE, STREAM, FileKind, write_atomic
 from evogs_codec.io.finite import finite_opacities
 from evogs_codec.io.foreign import WITHOUT_MAGIC
-from evogs_codec.io.interchange import compressed_ply, gltf, ksplat, ply_comments, sog, splat, spz
+from evogs_codec.io.interchange import (
+    compressed_ply,
+    gltf,
+    gltf_file,
+    ksplat,
+    ply_comments,
+    sog,
+    splat,
+    spz,
+)
 from evogs_codec.io.interchange.frames import frame_of, transformed, turn
 from evogs_codec.io.makers import comment_of
 from evogs_codec.io.ply import read_ply, write_ply
@@ -33,6 +42,7 @@ __all__ = [
     "kind_to_write",
     "read_scene",
     "scene_format",
+    "size_of_scene",
     "write_scene",
 ]
 
@@ -81,6 +91,19 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
     splats, info = READERS[name](at)
     # Of bytes and of opacities from 0 to 1 many are 1: that is nothing to warn of.
     return Scene(finite_opacities(splats)[0], info, up_is_assumed=name == "spz")
+
+
+def size_of_scene(path: Path) -> int:
+    """Bytes of the files that hold a scene: of a glTF file its buffers too, of a `.sog` all of it.
+
+    Raises:
+        InputError: a file is damaged, or not there.
+        OSError: the file cannot be read.
+    """
+    name = scene_format(path)
+    if name == "gltf":
+        return gltf_file.open_gltf_start(path).size()
+    return sog.size(path) if name == "sog" else path.stat().st_size
 
 
 def write_scene(

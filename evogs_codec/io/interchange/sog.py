@@ -26,7 +26,7 @@ from evogs_codec.io.interchange.values import BYTE_LOGITS, quats_of
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F32, U8, SplatParams
 
-__all__ = ["META", "is_sog", "read"]
+__all__ = ["META", "is_sog", "read", "size"]
 
 META = "meta.json"
 MAX_META = 16 << 20  # bytes
@@ -61,6 +61,25 @@ def read(path: Path) -> tuple[SplatParams, SceneInfo]:
         with archive:
             return _read(_Bundle(path, archive))
     return _read(_Folder(path if path.is_dir() else path.parent, path))
+
+
+def size(path: Path) -> int:
+    """Bytes of a `.sog`: of the zip, or of `meta.json` and the files that it names.
+
+    Raises:
+        InputError: `meta.json` is damaged, or a file is not there.
+    """
+    if path.is_file() and zipfile.is_zipfile(path):
+        return path.stat().st_size
+    folder = path if path.is_dir() else path.parent
+    parts = _json(path, read_bytes(folder / META)).values()
+    lists = [part.get("files") for part in parts if isinstance(part, dict)]
+    names = {META}.union(*(map(str, files) for files in lists if isinstance(files, list)))
+    try:
+        return sum((folder / Path(name).name).stat().st_size for name in names)
+    except OSError as error:
+        what = shown(error.filename or error)
+        raise InputError(f"{path}: {META} names a file that is not there: {what}") from error
 
 
 # --- members --------------------------------------------------------------------------------------
@@ -199,9 +218,7 @@ class _Meta:
             raise InputError(f"{self.path}: '{key}' in {META} is too large") from error
 
 
-def _read(source: _Bundle | _Folder) -> tuple[SplatParams, SceneInfo]:
-    path, member = source.path, source.member
-    text = member(META)
+def _json(path: Path, text: bytes) -> dict[str, Any]:
     if len(text) > MAX_META:
         raise InputError(f"{path}: {META} has {len(text):,} bytes, at most {MAX_META:,} are taken")
     try:
@@ -210,6 +227,12 @@ def _read(source: _Bundle | _Folder) -> tuple[SplatParams, SceneInfo]:
         raise InputError(f"{path}: {META} is not JSON: {shown(error)}") from error
     if not isinstance(value, dict):
         raise InputError(f"{path}: {META} is no JSON object")
+    return value
+
+
+def _read(source: _Bundle | _Folder) -> tuple[SplatParams, SceneInfo]:
+    path, member = source.path, source.member
+    value = _json(path, member(META))
     meta, version = _Meta(path, value, META), value.get("version", 1)
     if version not in (1, 2):
         raise InputError(f"{path}: .sog version {shown(version)}; versions 1 and 2 are known")

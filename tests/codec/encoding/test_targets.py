@@ -238,6 +238,15 @@ def test_an_error_below_that_of_the_tree_is_refused_before_anything_is_encoded(m
     assert not calls
 
 
+@pytest.mark.parametrize(
+    ("errors", "words"),
+    [({}, "of nothing"), ({"colour": 0.1, "sh": 0.1}, "of colour"), ({"sh": 0}, "above 0")],
+)
+def test_errors_of_no_group_are_refused(errors, words):
+    with pytest.raises(ValueError, match=words):
+        TargetEncoder(scene()[0], PRESETS["scene"]).within(errors)
+
+
 def test_a_target_of_pictures_needs_views():
     with pytest.raises(ValueError, match="needs views"):
         TargetEncoder(scene()[0], PRESETS["scene"]).at_psnr(40)

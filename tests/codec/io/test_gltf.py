@@ -8,12 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from evogs_codec import SceneInfo, read_scene, write_scene
+from evogs_codec import InputError, SceneInfo, read_scene, write_scene
 from evogs_codec._generated import registry
 from evogs_codec.io.interchange import gltf_file
 from evogs_codec.io.interchange.frames import transformed, turn
+from evogs_codec.io.interchange.scene_files import size_of_scene
 from evogs_codec.io.interchange.values import unit
 from tests.support.odd_scenes import covariances, odd_scene, opacities, spread
+from tests.support.scene_files import sog_1, zipped
 
 KHR = "KHR_gaussian_splatting"
 FROM_GLTF = turn("LUF", "RDF")
@@ -60,6 +62,29 @@ def test_bytes_come_from_a_file_beside_it_and_from_a_data_uri(tmp_path):
     root["buffers"] = [{"byteLength": len(payload), "uri": uri}]
     (tmp_path / "y.gltf").write_text(json.dumps(root))
     assert_same(read_scene(tmp_path / "y.gltf").splats, scene)
+
+
+def test_the_size_of_a_scene_is_that_of_all_its_files(tmp_path):
+    root, payload = made(tmp_path, odd_scene())
+    path = gltf(tmp_path, root, payload)
+    assert size_of_scene(path) == path.stat().st_size + len(payload)
+    assert size_of_scene(tmp_path / "made.glb") == (tmp_path / "made.glb").stat().st_size
+    (tmp_path / "the bytes.bin").unlink()
+    with pytest.raises(InputError, match="is not there"):
+        size_of_scene(path)
+
+
+def test_the_size_of_a_sog_is_that_of_the_files_that_it_names(tmp_path):
+    files = sog_1(odd_scene())
+    for name, data in {**files, "notes.txt": b"not of the scene"}.items():
+        (tmp_path / name).write_bytes(data)
+    whole = sum(map(len, files.values()))
+    assert size_of_scene(tmp_path) == size_of_scene(tmp_path / "meta.json") == whole
+    (tmp_path / "x.sog").write_bytes(zipped(files))
+    assert size_of_scene(tmp_path / "x.sog") == len(zipped(files))
+    (tmp_path / "quats.webp").unlink()
+    with pytest.raises(InputError, match=r"names a file that is not there: .*quats\.webp"):
+        size_of_scene(tmp_path)
 
 
 @pytest.mark.parametrize("degree", range(4))

@@ -10,6 +10,14 @@ import pytest
 from evogs_codec.jobs.engines import Engine, Workers
 
 
+@pytest.mark.parametrize(
+    ("wrong", "words"), [({"name": "threads"}, "'threads'"), ({"workers": 0}, "workers is 0")]
+)
+def test_an_engine_that_there_is_not_is_refused(wrong, words):
+    with pytest.raises(ValueError, match=words):
+        Engine(**wrong)
+
+
 def blocked():
     return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 

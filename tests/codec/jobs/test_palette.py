@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from conformance.decoders import oracle
-from evogs_codec import decode, encode_scene, read_directory, write_ply
+from evogs_codec import InputError, decode, encode_scene, read_directory, write_ply
 from evogs_codec.cli.commands import main
 from evogs_codec.jobs import Engine, JobOptions, encode_files
 from evogs_codec.jobs.distinct import Distinct
@@ -187,6 +187,26 @@ def test_a_run_that_was_stopped_is_resumed(folder, right, tmp_path, monkeypatch,
         monkeypatch.setattr(f"evogs_codec.{name}", None)
     assert coded(out, files, resume=True) == right
     assert list(tmp_path.iterdir()) == [out]
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("kept", [0, 0.5])
+@pytest.mark.parametrize("name", ["vectors.npz", "*.unnumbered"])
+def test_what_a_run_left_of_a_palette_is_named_where_it_was_damaged(
+    folder, tmp_path, monkeypatch, name, kept
+):
+    out, files = tmp_path / "a.evogs", [folder / "whole.ply"]
+    with monkeypatch.context() as patch:
+        patch.setattr("evogs_codec.jobs.encode.Entries.of", None)
+        with pytest.raises(TypeError):
+            coded(out, files)
+    path = next(iter(sorted((tmp_path / "a.evogs.parts").glob(name))))
+    data = path.read_bytes()
+    path.write_bytes(data[: int(kept * len(data))])
+    with pytest.raises(InputError, match="is damaged: run again without --resume") as said:
+        coded(out, files, resume=True)
+    assert str(path) in str(said.value)
+    assert not out.exists()
 
 
 @pytest.mark.thorough

@@ -46,6 +46,12 @@ def test_streams_of_few_splats_have_fewer_levels():
     assert [default_levels(n) for n in n_splats] == [1, 1, 1, 1, 2, 2, 3, 4, 4, 5, 5]
 
 
+@pytest.mark.parametrize("wrong", [{"n_levels": 0}, {"n_neighbours": 0}])
+def test_a_tree_needs_a_level_and_a_neighbour(wrong):
+    with pytest.raises(ValueError, match=f"{next(iter(wrong))} is 0, expected at least 1"):
+        lift(make_scene(20), **wrong)
+
+
 def test_one_level_is_a_tree_of_adds():
     tree = lift(surface(100), 1)
     assert len(tree.steps) == 1

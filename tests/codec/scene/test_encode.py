@@ -1,5 +1,6 @@
 """`encode_scene` and `encode_tree` do what `evogs encode` does, and say what they cannot do."""
 
+import math
 import re
 import warnings
 from dataclasses import replace
@@ -177,6 +178,14 @@ def test_lifting_and_leaf_order_together_give_the_order_of_a_scene():
         (lambda: encode_scene(small(), palette=True), ValueError, "'auto' or 'never'"),  # type: ignore[arg-type]
         (lambda: encode_scene(small(), effort=30), ValueError, "effort is 30"),
         (lambda: encode_scene(small(), n_tiles=0), ValueError, "n_tiles is 0"),
+        (lambda: encode(small_tree(), PRESETS["scene"], n_tiles=0), ValueError, "n_tiles is 0"),
+        (lambda: leaf_order(small_tree(), -1), ValueError, "n_tiles is -1"),
+        (lambda: encode_scene(small(), levels=65), ValueError, r"levels is 65, expected 1\.\.64"),
+        (lambda: encode_scene(small(), levels=0), ValueError, "levels is 0"),
+        (lambda: encode_scene(small(), target_psnr=math.nan), ValueError, "target_psnr is nan"),
+        (lambda: encode_scene(small(), target_psnr=math.inf), ValueError, "target_psnr is inf"),
+        (lambda: encode_scene(small(), target_bytes=0), ValueError, "target_bytes is 0"),
+        (lambda: encode_tree(small_tree(), target_bytes=-5), ValueError, "target_bytes is -5"),
         (lambda: encode_scene_with_order(small(), level=3), TypeError, "no such option: level"),  # type: ignore[call-arg]
         (lambda: encode_scene(small(), max_error={"shape": 1}), ValueError, "max_error is of"),
         (

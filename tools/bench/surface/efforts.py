@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from evogs_codec import decode_leaves
-from evogs_codec.encoding.arrange import arrange, default_tiles
+from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.quantise import quantise
 from evogs_codec.encoding.write import write
 from tools.bench.measure import least
@@ -31,7 +31,7 @@ def efforts(of: Sequence[Subject]) -> Rows:
     rows: Rows = []
     for subject in of:
         tree = subject.best
-        tiles = arrange(tree, default_tiles(tree.n_leaves))
+        tiles = arrange(tree)
         coded = quantise(tiles, tree.n_levels, subject.settings)
         found = []
         for effort in EFFORTS:
