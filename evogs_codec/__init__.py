@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from evogs_codec.encoding.encode import encode as encode
     from evogs_codec.encoding.grids import AccuracyWarning as AccuracyWarning
     from evogs_codec.encoding.grids import NotRepresentableError as NotRepresentableError
-    from evogs_codec.encoding.measured_gains import Pictures as Pictures
     from evogs_codec.encoding.out_of_reach import TargetMissedError as TargetMissedError
+    from evogs_codec.encoding.pictures import Pictures as Pictures
     from evogs_codec.encoding.settings import PRESETS as PRESETS
     from evogs_codec.encoding.settings import FixedSteps as FixedSteps
     from evogs_codec.encoding.settings import NearLossless as NearLossless
@@ -157,7 +157,7 @@ _MODULES = {
     "encoding.arrange": ("leaf_order",),
     "encoding.encode": ("encode",),
     "encoding.grids": ("AccuracyWarning", "NotRepresentableError"),
-    "encoding.measured_gains": ("Pictures",),
+    "encoding.pictures": ("Pictures",),
     "encoding.settings": (
         "PRESETS",
         "FixedSteps",

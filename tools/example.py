@@ -72,7 +72,7 @@ def stream() -> bytes:
         tiles=(tile,),
         info=SceneInfo(coordinate_system=1, colour_space=1, text={"title": "Annex A"}),
     )
-    return write(tree, effort=EFFORT)
+    return write(tree, zstd_level=EFFORT)
 
 
 def _step(

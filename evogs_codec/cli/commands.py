@@ -35,6 +35,7 @@ from evogs_codec.cli.streams import (
     open_stream,
     part_there,
     sh_degree_of,
+    warn_of_float32,
 )
 from evogs_codec.cli.terminal import (
     complain,
@@ -223,6 +224,7 @@ def run_decode(args: argparse.Namespace) -> None:
             progress=progress,
         )
     say_fetched(source)
+    warn_of_float32(args.input, directory, splats)
     degree = write_scene(args.output, splats, info_to_write(directory), made_by=args.command)
     print(f"{shown(args.output)}: {len(splats):,} splats, SH degree {degree}{part}")
 

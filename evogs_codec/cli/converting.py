@@ -7,7 +7,7 @@ from pathlib import Path
 
 from evogs_codec.cli.encode_and_lift import read_splats
 from evogs_codec.cli.reports import info_to_write
-from evogs_codec.cli.streams import read_stream
+from evogs_codec.cli.streams import read_stream, warn_of_float32
 from evogs_codec.common.printable import shown
 from evogs_codec.decoding.decode import decode_leaves
 from evogs_codec.editing.byte_stats import levels
@@ -55,7 +55,9 @@ def _read(args: argparse.Namespace) -> tuple[SplatParams, SceneInfo]:
     """The splats of a scene, or of a whole stream, and what is known of them."""
     if _is_stream(args.input):
         data, directory = read_stream(args.input, None)
-        return decode_leaves(data, directory=directory), info_to_write(directory)
+        splats = decode_leaves(data, directory=directory)
+        warn_of_float32(args.input, directory, splats)
+        return splats, info_to_write(directory)
     scene = read_splats(args.input, drop_invalid=args.drop_invalid)
     return scene.splats, scene.info
 

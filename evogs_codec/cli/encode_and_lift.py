@@ -184,6 +184,8 @@ def read_splats(path: Path, *, drop_invalid: bool) -> Scene:
             f"{path}: {n_invalid:,} of {n_invalid + len(splats):,} splats have a NaN or an infinite"
             " number: use --drop-invalid to leave them out"
         )
+    if n_invalid and not len(splats):
+        raise InputError(f"{path}: all {n_invalid:,} splats have a NaN or an infinite number")
     if n_invalid:
         warnings.warn(f"{n_invalid:,} splats with NaN or infinite numbers left out", stacklevel=1)
     return Scene(splats, without_refuted_up(replace(scene, splats=splats)))
@@ -223,6 +225,13 @@ def _check(args: argparse.Namespace, *, is_scene: bool) -> None:
         raise InputError("--finer divides steps: for finer ranges --bits, for more --max-error")
     if args.refine and not is_scene:
         raise InputError("--refine is for .ply scenes: a tree has its levels")
+    if args.levels is not None and not is_scene:
+        raise InputError("--levels is for scenes: a tree has its levels")
+    if not is_scene and wants_jobs(args):
+        raise InputError(
+            "several inputs, --workers, --engine, --scheduler, --scratch and --resume are for"
+            " scenes, which are encoded tile by tile: a tree is encoded whole"
+        )
     if args.page is not None:
         need_numba()
 

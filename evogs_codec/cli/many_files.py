@@ -133,7 +133,7 @@ def stem_of(source: Place) -> str:
         InputError: it has none.
     """
     if source == Path("-"):
-        raise InputError(f"-: standard input has no name, which {OPTION} needs")
+        raise InputError("-: standard input has no name for the output: name a file")
     if isinstance(source, Path) and source.name == "meta.json":  # of a .sog that is unpacked
         source = source.parent
     if isinstance(source, Path) and source.name in ("", ".."):

@@ -7,7 +7,10 @@ import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from evogs_codec.decoding.cut import Cut, tiles_meeting, tiles_within
+from evogs_codec.decoding.float_view import n_moved_by_float32
 from evogs_codec.editing.extract import choose_cut
 from evogs_codec.editing.presence import LevelPresence, bytes_for_first_splats, level_presence
 from evogs_codec.errors import Fault, InputError, StreamError
@@ -17,6 +20,7 @@ from evogs_codec.io.interchange.gltf_file import MAGIC
 from evogs_codec.io.interchange.gltf_stream import read_gltf_stream
 from evogs_codec.io.interchange.scene_files import START, scene_format
 from evogs_codec.io.json_files import read_limits
+from evogs_codec.model.splats import SplatParams
 from evogs_codec.stores.remote_file import RemoteFile
 from evogs_codec.stores.sources import ByteSource, bytes_of, source_of
 
@@ -30,6 +34,7 @@ __all__ = [
     "part_there",
     "read_stream",
     "sh_degree_of",
+    "warn_of_float32",
 ]
 
 TILESET = "tileset.json"
@@ -133,13 +138,30 @@ def _hint_for_tileset(at: Path | RemoteFile) -> str:
     )
 
 
+def warn_of_float32(path: Path | str, directory: Directory, splats: SplatParams) -> None:
+    """Say where a file of float32 holds positions less exactly than the stream it is made of."""
+    n_moved = n_moved_by_float32(directory, splats)
+    if n_moved:
+        x, y, z = -np.rint(np.median(splats.means, axis=0))
+        warnings.warn(
+            f"float32 moves up to {n_moved:,} splats by more than a tenth of their size; to move"
+            f" the scene first is exact: `evogs edit {path} NEAR.evogs --translate {x:.0f} {y:.0f}"
+            f" {z:.0f}`",
+            stacklevel=1,
+        )
+
+
 # --- of a cut ----------------------------------------------------------------------------------
 
 
 def cut_of(directory: Directory, args: argparse.Namespace) -> Cut:
-    """What of a stream the options of `add_cut_options` ask for."""
+    """What of a stream the options of `add_cut_options` ask for.
+
+    Raises:
+        InputError: nothing of the stream is in the box.
+    """
     if args.box:
-        _warn_of_box(directory, args.box)
+        _check_box(directory, args.box)
     return choose_cut(
         directory,
         level=args.level,
@@ -154,11 +176,11 @@ def sh_degree_of(directory: Directory, args: argparse.Namespace) -> int | None:
     return None if args.sh_degree is None else min(args.sh_degree, directory.sh_degree)
 
 
-def _warn_of_box(directory: Directory, box: Sequence[float]) -> None:
+def _check_box(directory: Directory, box: Sequence[float]) -> None:
     met = tiles_meeting(directory, box)
     if len(met) and not met.any():
-        warnings.warn("the box meets no tile: nothing is left", stacklevel=1)
-    elif met.all() and not tiles_within(directory, box).all():
+        raise InputError("--box meets no tile, so nothing would be left")
+    if met.all() and not tiles_within(directory, box).all():
         more = "; `evogs encode --tiles N` makes more" if len(met) == 1 else ""
         warnings.warn(f"the box meets all tiles: nothing is left out{more}", stacklevel=1)
 

@@ -16,7 +16,7 @@ from evogs_codec.model.channels import CORE_SH, GROUP_CHANNELS
 from evogs_codec.model.components import PICKS, component_slice
 from evogs_codec.model.splats import F32, I32, I64, SplatParams
 
-__all__ = ["FloatView", "float_picks", "float_rows", "float_view"]
+__all__ = ["FloatView", "float_picks", "float_rows", "float_view", "n_moved_by_float32"]
 
 BLOCK = 4096  # splats that are gathered or transposed at a time: their channels stay in cache
 
@@ -28,6 +28,21 @@ def float_view(directory: Directory, tiles: Sequence[TileState], sh_degree: int)
     for _ in parallel_map(leaves.write, tiles, n_splats=int(n_live.sum())):
         pass
     return leaves.splats()
+
+
+def n_moved_by_float32(directory: Directory, splats: SplatParams) -> int:
+    """How many splats of a stream binary32 moves by over a tenth of their mean size, at most.
+
+    Args:
+        directory: of the stream.
+        splats: its float view.
+    """
+    if not len(splats):
+        return 0
+    spacing = np.spacing(np.abs(splats.means).max(axis=1)).astype(np.float64)
+    is_rounded = spacing > 2.0 ** -directory.grid_exponents[0]
+    sizes = np.exp(splats.log_scales.mean(axis=1, dtype=np.float64))
+    return int(np.count_nonzero(is_rounded & (0.5 * spacing > 0.1 * sizes)))
 
 
 class FloatView:

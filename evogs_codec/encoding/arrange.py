@@ -18,9 +18,9 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.common.morton import morton_order
+from evogs_codec.encoding.estimated_gains import changes, ranks, visibility
 from evogs_codec.encoding.mends import only_refines
 from evogs_codec.encoding.tiling import tiles_of_slots
-from evogs_codec.encoding.visibility import changes, ranks, visibility
 from evogs_codec.model.channels import N_CORE
 from evogs_codec.model.splats import F64, I32, I64
 from evogs_codec.model.tree import EvolutionTree, Kind, Step, columns_of
@@ -218,7 +218,7 @@ class _TileBuilder(Renumbered):
         Args:
             group: a step and its mends.
             n_before: slots before it.
-            change: (R,) of its records, as `gains.ranks` wants them.
+            change: (R,) of its records, as `ranks` wants them.
             shown: (R,) likewise.
         """
         main, own = group[0], self.own

@@ -8,7 +8,8 @@ from __future__ import annotations
 from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.encoding.alpha_tables import with_used_entries
 from evogs_codec.encoding.arrange import arrange
-from evogs_codec.encoding.measured_gains import MeasuredGains, Pictures
+from evogs_codec.encoding.measured_gains import MeasuredGains
+from evogs_codec.encoding.pictures import Pictures
 from evogs_codec.encoding.quantise import quantise
 from evogs_codec.encoding.settings import PRESETS, Settings
 from evogs_codec.encoding.write import write
@@ -57,7 +58,7 @@ def encode(
         report("draw", 0.0)
         coded = MeasuredGains.of(tree, views).rescale(coded)
     coded = with_used_entries(coded)
-    return write(coded, effort=settings.effort, digests=digests, progress=report)
+    return write(coded, zstd_level=settings.zstd_level, digests=digests, progress=report)
 
 
 def expect_tree(tree: object) -> None:

@@ -4,31 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from evogs_codec.encoding.measured_gains import Pictures
+from evogs_codec.encoding.pictures import Divisible
 from evogs_codec.encoding.search import Goal
 from evogs_codec.model.splats import F64, SplatParams
 
-__all__ = ["EVERY", "UNSURE", "Divisible", "FewViews"]
+__all__ = ["EVERY", "UNSURE", "FewViews"]
 
 EVERY = 5  # one of so many views is one of the few; they are of both sizes
 UNSURE = 0.8  # standard deviations that the mean of a few views is from that of all, at most
-SURE = 2 * UNSURE  # in a search, which does not come back to what it once went by
-LEAST = 5  # few views: the deviation of less says little
-
-
-@runtime_checkable
-class Divisible(Pictures, Protocol):
-    """Pictures of which some can be drawn without the others."""
-
-    def psnr_of_each(self, splats: SplatParams) -> F64:
-        """(n,) dB of each view of which `psnr` is the mean."""
-
-    def divided(self, every: int) -> tuple[Divisible, Divisible]:
-        """Of the views that `psnr` is the mean of every so-many-th, and the others."""
+SURE = 2 * UNSURE  # in a search: a wrong early value would never be measured again
+LEAST = 5  # few views; the deviation of fewer says little
 
 
 @dataclass(eq=False)

@@ -107,13 +107,7 @@ class Grid:
     classes: tuple[int, ...]  # per channel
 
     @staticmethod
-    def of(
-        sh_degree: int,
-        n_levels: int,
-        exponents: tuple[int, ...],
-        steps: F64,
-        settings: Settings,
-    ) -> Grid:
+    def of(sh_degree: int, exponents: tuple[int, ...], steps: F64, settings: Settings) -> Grid:
         """The grids with these exponents and, on them, the quantisers nearest to `steps`."""
         classes = tuple(channel_class(c) for c in range(n_channels(sh_degree)))
         by_class = np.array([2.0 ** exponents[group_of_class(k)] for k in range(steps.shape[1])])

@@ -28,7 +28,7 @@ from evogs_codec.model.siblings import Siblings
 from evogs_codec.model.splats import F64, I32, I64
 from evogs_codec.model.tree import EvolutionTree, Kind, Step, take_picks
 
-__all__ = ["ROOTS", "Run", "held", "rooms", "splits_or_refines"]
+__all__ = ["ROOTS", "Run", "held", "places", "rooms", "splits_or_refines"]
 
 # Of a split that only makes room; rotation has alpha 0 in lifted trees, position and SH have 1.
 ALPHAS = ((1.0,), (0.0,), (0.0,), (0.0,), (1.0,))

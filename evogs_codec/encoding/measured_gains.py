@@ -1,4 +1,4 @@
-"""Pictures of a scene: by which an encoder judges accuracy, and what levels and SH bands gain.
+"""What levels and SH bands gain in pictures of a scene, measured.
 
 How much a coarse level errs in pictures depends on how large splats are in them and on what lies
 beside what: estimates (`packet_gains`) are right within a level, but five times off between scenes.
@@ -9,49 +9,20 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, islice
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from evogs_codec.encoding.packet_order import leaf_shares
+from evogs_codec.encoding.pictures import Pictures, Recolouring
 from evogs_codec.model.channels import N_CORE
 from evogs_codec.model.coded_tree import CodedTree
 from evogs_codec.model.splats import F32, F64, I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree, Slots
 
-__all__ = ["ORDERING_VIEWS", "MeasuredGains", "Pictures", "Telling", "nothing_of", "psnr_of_sh"]
+__all__ = ["ORDERING_VIEWS", "MeasuredGains", "nothing_of", "psnr_of_sh"]
 
 ORDERING_VIEWS = 6  # enough to put packets in order
 LEAST = 1e-12  # mean squared error that anything gains, so that its estimates still order it
-
-
-class Pictures(Protocol):
-    """Views of a scene."""
-
-    def sensitivity(self, splats: SplatParams) -> F32:
-        """(D, N) mean squared change of the pictures to the squared change of each number."""
-
-    def psnr(self, splats: SplatParams) -> float:
-        """Mean PSNR of pictures of `splats` against those of the scene, dB."""
-
-    def loss_gradient(self, splats: SplatParams, iteration: int) -> F32:
-        """(D, N) gradient of the mean squared error of one view, not of those of `psnr`."""
-
-
-@runtime_checkable
-class Telling(Pictures, Protocol):
-    """Pictures that are drawn once for both."""
-
-    def sensitivity_and_psnr(self, splats: SplatParams) -> tuple[F32, float]:
-        """`sensitivity`, and the PSNR of some of the pictures that are drawn for it, dB."""
-
-
-@runtime_checkable
-class Recolouring(Pictures, Protocol):
-    """Pictures that are quickly drawn with other SH."""
-
-    def psnr_of_sh(self, splats: SplatParams, each: Iterable[F32]) -> Iterator[float]:
-        """`psnr` of the splats with each SH (N, K, 3) in place of theirs."""
 
 
 @dataclass(frozen=True, eq=False)

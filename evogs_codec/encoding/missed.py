@@ -14,7 +14,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from evogs_codec.encoding.measured_gains import Pictures, psnr_of_sh
+from evogs_codec.encoding.measured_gains import psnr_of_sh
+from evogs_codec.encoding.pictures import Pictures
 from evogs_codec.model.channels import N_GROUPS
 from evogs_codec.model.splats import F32, F64, SplatParams
 

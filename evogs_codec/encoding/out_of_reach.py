@@ -63,7 +63,7 @@ def errors_missed(asked: F64, least: F64, of_tree: F64) -> TargetMissedError:
     Args:
         asked: (5,) per group.
         least: (5,) likewise, those of the tree among them.
-        of_tree: (5,) `leaf_error` of `Aim`.
+        of_tree: (5,) `leaf_error` of `EncodeTask`.
     """
     worst = int(np.argmax(least / asked))
     own = of_tree[worst]

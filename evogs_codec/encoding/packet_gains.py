@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
+from evogs_codec.encoding.estimated_gains import area, visibility
 from evogs_codec.encoding.grids import Grid
-from evogs_codec.encoding.visibility import area, visibility
 from evogs_codec.format.directory import UNKNOWN_ERROR
 from evogs_codec.model.components import CORE, PICKS, component_slice
 from evogs_codec.model.splats import F64, I32, I64

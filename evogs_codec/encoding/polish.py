@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from evogs_codec.decoding.cut import Cut
 from evogs_codec.decoding.decode import decode
-from evogs_codec.encoding.measured_gains import Pictures
+from evogs_codec.encoding.pictures import Pictures
 from evogs_codec.encoding.write import write
 from evogs_codec.format.planes import MAX_STORED
 from evogs_codec.model.arithmetic import RangeError, StepPlan, apply_channel
@@ -56,7 +56,7 @@ def polished(
     steps = [step for tile in tree.tiles for step in tile.steps]
     if last == 0 or not any(step.level == last and step.psi.any() for step in steps):
         return tree
-    data = write(tree, effort=1, digests=False)
+    data = write(tree, zstd_level=1, digests=False)
     before = decode(data, lambda directory: Cut.of_level(directory, last - 1))
     tiles = [
         _Tile(

@@ -17,7 +17,8 @@ from evogs_codec.encoding.drawn import Drawn
 from evogs_codec.encoding.grids import AccuracyWarning
 from evogs_codec.encoding.held_steps import Run, held
 from evogs_codec.encoding.layers import Layered, Layering, expect_levels
-from evogs_codec.encoding.measured_gains import MeasuredGains, Pictures, Telling, nothing_of
+from evogs_codec.encoding.measured_gains import MeasuredGains, nothing_of
+from evogs_codec.encoding.pictures import Pictures, Telling
 from evogs_codec.encoding.polish import polished
 from evogs_codec.encoding.quantise import quantise
 from evogs_codec.encoding.ranges import Ranges
@@ -32,16 +33,16 @@ from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import F32, F64, I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree
 
-__all__ = ["Aim", "Prepared"]
+__all__ = ["EncodeTask", "Prepared"]
 
 
 @dataclass(frozen=True)
-class Aim:
+class EncodeTask:
     """A tree, and by what it is encoded.
 
     Attributes:
         tree: any.
-        settings: what is kept of them: the effort, and the steps where there are no views.
+        settings: of which the level of Zstandard counts, and the steps where there are no views.
         views: of the splats that the tree is of, or None.
         polish: iterations of `polished`, where views decide; 0 for none.
         layers: of precision (`layers`), where views decide.
@@ -81,37 +82,37 @@ class Aim:
 class Prepared:
     """A tree arranged once, and quantised as often as it takes."""
 
-    def __init__(self, aim: Aim) -> None:
-        self.aim = aim
+    def __init__(self, task: EncodeTask) -> None:
+        self.task = task
         self.orders: Sequence[I64 | None] | None = None  # of slots, as of `EncodedScene`
         self.written: tuple[bytes, CodedTree] | None = None  # the last stream, and what it is of
-        self.n_levels = max(aim.tree.n_levels, aim.n_levels)
-        if (aim.polish or aim.layers > 1) and aim.views is None:
-            raise ValueError(f"{'polishing needs' if aim.polish else 'layers need'} views")
-        if aim.layers > 1:
-            expect_levels(self.n_levels, aim.layers)  # before anything is rendered
-        self.polishes = aim.polish > 0 and (self.n_levels > 1 or aim.layers > 1)
-        report = aim.progress or no_progress
+        self.n_levels = max(task.tree.n_levels, task.n_levels)
+        if (task.polish or task.layers > 1) and task.views is None:
+            raise ValueError(f"{'polishing needs' if task.polish else 'layers need'} views")
+        if task.layers > 1:
+            expect_levels(self.n_levels, task.layers)  # before anything is rendered
+        self.polishes = task.polish > 0 and (self.n_levels > 1 or task.layers > 1)
+        report = task.progress or no_progress
         report("arrange", 0.0)
-        self.tiles = arrange(aim.tree, aim.n_tiles)
+        self.tiles = arrange(task.tree, task.n_tiles)
         self.ranges = Ranges.of(self.tiles, self.n_levels)
         self.importance = self.drawn = self.gains = self.layered = None
-        if aim.views is not None:
+        if task.views is not None:
             report("draw", 0.0)
-            self.drawn = aim.drawn or _drawn(aim, aim.views, self.tiles, self.n_levels)
+            self.drawn = task.drawn or _drawn(task, task.views, self.tiles, self.n_levels)
             self.gains = self.drawn.gains
             self.importance = Importance.of_cuts(
-                self.tiles, self.n_levels, self.drawn.cuts, seen=aim.seen
+                self.tiles, self.n_levels, self.drawn.cuts, seen=task.seen
             )
-            if aim.by_leaves:
+            if task.by_leaves:
                 self.importance = self.importance.as_others()
-            if aim.measuring is not None and aim.tree.n_leaves:
+            if task.measuring is not None and task.tree.n_leaves:
                 self.importance = self.importance.measured(
-                    self.tiles, aim.measuring, self.ranges.extent, self.drawn.missed
+                    self.tiles, task.measuring, self.ranges.extent, self.drawn.missed
                 )
-            if aim.layers > 1 and aim.tree.n_leaves:
+            if task.layers > 1 and task.tree.n_leaves:
                 self.layered = Layered.of(
-                    self.tiles, self.n_levels, self.importance, Layering(aim.layers)
+                    self.tiles, self.n_levels, self.importance, Layering(task.layers)
                 )
 
     def holding(self, runs: Sequence[Run], layering: Layering) -> Prepared:
@@ -147,13 +148,13 @@ class Prepared:
     def coded(self, at: float) -> CodedTree:
         """At a price of a bit, or at a factor of the steps."""
         if self.importance is None:
-            return self.quantised(self.aim.settings.finer(1 / at))
+            return self.quantised(self.task.settings.finer(1 / at))
         return self.quantised(self._settings(at), self._weights(at), at)
 
-    def leaving_empty(self, aim: Aim) -> Prepared:
-        """The same for an aim that differs in its empty packets and the order of all."""
+    def leaving_empty(self, task: EncodeTask) -> Prepared:
+        """The same for an task that differs in its empty packets and the order of all."""
         other = copy(self)
-        other.aim = aim
+        other.task = task
         return other
 
     def coarse(self, price: float) -> CodedTree:
@@ -172,14 +173,14 @@ class Prepared:
         """Of the steps of each tile at a price of a bit."""
         assert self.importance is not None, "a price needs views"
         source = self.layered.weights if self.layered else self.importance.at(price).raised
-        return _emptied(source(price, self.ranges.extent), self.aim.empty)
+        return _emptied(source(price, self.ranges.extent), self.task.empty)
 
     def _settings(self, price: float) -> Settings:
         """The settings, with steps by a price of a bit."""
         source = self.layered or (self.importance and self.importance.at(price))
         assert source is not None, "a price needs views"
         return replace(
-            self.aim.settings,
+            self.task.settings,
             accuracy=StepTable.of(source.steps(price, self.ranges.extent)),
             n_alpha=N_ALPHA,
             alpha_bits=ALPHA_BITS,
@@ -187,10 +188,10 @@ class Prepared:
 
     def polished(self, price: float) -> CodedTree:
         """At a price of a bit, the integers of the last level moved by pictures."""
-        views, report = self.aim.views, self.aim.progress or no_progress
+        views, report = self.task.views, self.task.progress or no_progress
         assert views is not None, "polishing has views"
         return polished(
-            self.coded(price), views, price, self.aim.polish, lambda part: report("polish", part)
+            self.coded(price), views, price, self.task.polish, lambda part: report("polish", part)
         )
 
     def quantised(
@@ -227,7 +228,7 @@ class Prepared:
                 entry_weights=self.importance.entries if weights and self.importance else None,
                 price=price,
                 ranges=self.ranges,  # layers move nothing
-                info=self.aim.info,
+                info=self.task.info,
                 estimates=estimates,
             )
         return with_used_entries(coded) if estimates else coded
@@ -247,7 +248,7 @@ class Prepared:
 
     def wanted_steps(self) -> F64:
         """(1 + n_levels, K) steps of the settings."""
-        return self.aim.settings.accuracy.wanted_steps(self.ranges, self.n_levels)
+        return self.task.settings.accuracy.wanted_steps(self.ranges, self.n_levels)
 
 
 def _emptied(
@@ -264,15 +265,17 @@ def _emptied(
     return found
 
 
-def _drawn(aim: Aim, views: Pictures, tiles: Sequence[EvolutionTree], n_levels: int) -> Drawn:
+def _drawn(
+    task: EncodeTask, views: Pictures, tiles: Sequence[EvolutionTree], n_levels: int
+) -> Drawn:
     """What the numbers of arranged tiles are worth, and what packets gain where that is drawn."""
-    report = aim.progress or no_progress
-    weigh = partial(cuts_of, tiles, n_levels, seen=aim.seen, progress=report)
-    if aim.by_leaves:
+    report = task.progress or no_progress
+    weigh = partial(cuts_of, tiles, n_levels, seen=task.seen, progress=report)
+    if task.by_leaves:
         return Drawn(weigh(views.sensitivity, first=n_levels - 1), None)
-    if aim.ordering is None or not isinstance(views, Telling):
+    if task.ordering is None or not isinstance(views, Telling):
         cuts = weigh(views.sensitivity)
-        return Drawn(cuts, MeasuredGains.of(aim.tree, aim.ordering or views))
+        return Drawn(cuts, MeasuredGains.of(task.tree, task.ordering or views))
     told: list[float] = []
 
     def sensitivity(splats: SplatParams) -> F32:
@@ -282,7 +285,7 @@ def _drawn(aim: Aim, views: Pictures, tiles: Sequence[EvolutionTree], n_levels: 
         told.append(decibels)
         return found
 
-    sensitivity(nothing_of(aim.tree.leaves(0)))
+    sensitivity(nothing_of(task.tree.leaves(0)))
     cuts = weigh(sensitivity)
     shown = told if len(told) == n_levels else None  # of each level before, that has splats
-    return Drawn(cuts, MeasuredGains.of(aim.tree, aim.ordering, shown))
+    return Drawn(cuts, MeasuredGains.of(task.tree, task.ordering, shown))

@@ -74,7 +74,7 @@ def quantise(
     alpha = alpha_tables(tiles, settings)
     own = steps
     while True:
-        grid = Grid.of(sh_degree, n_levels, exponents, own, settings)
+        grid = Grid.of(sh_degree, exponents, own, settings)
         try:
             coded = quantise_on(
                 tiles,

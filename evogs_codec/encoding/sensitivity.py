@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.common.progress import Progress, no_progress
-from evogs_codec.encoding.measured_gains import Pictures
 from evogs_codec.encoding.missed import KNOWN, Missed
+from evogs_codec.encoding.pictures import Pictures
 from evogs_codec.model.channels import (
     N_GROUPS,
     channel_class,
@@ -48,12 +48,12 @@ Sensitivity: TypeAlias = Callable[[SplatParams], F32]
 MISSED = (4.0, 2.0, 2.0, 1.4, 1.0, 1.0, 1.0, 1.0)
 SEEN = 0.98  # the rest of a weight is the mean of the class: the views do not show everything
 SEEN_OF_CIRCLE = 0.9  # the same, where no view stands below or far above
-LEAST = 0.1  # of what asks for the largest step is in every weight: views do not say more
+LEAST = 0.1  # part of the weight that asks for the largest step; no weight is below it
 # Beyond this logit, or its negative, a splat is opaque in float32, or not there, and pictures show
 # no error that leaves it so. It weighs `LEAST` of the mean all the same, and stays what it is.
 OPAQUE = 17.0
 PER_BIT = 6.0 / math.log(2)  # of the price of a bit is what a squared step is worth
-MENDED = 0.05  # of an error that psi of the children can mend, because that costs bits
+CORRECTED_LATER = 0.05  # weight of an error that psi of the children may correct: that costs bits
 # Beyond these a step has nothing to do with the linear estimate; position: part of the extent.
 LARGEST_STEPS = (0.02, 0.3, 0.5, 1.0, 0.5, 0.7, 0.7, 0.7)
 _ROTATION, _OPACITY = 1, 3
@@ -378,9 +378,9 @@ def _pass_on(later: F32, step: Step, n: int) -> None:
     groups = np.minimum(np.arange(len(later)), 4)
     alpha = step.alpha[groups].astype(np.float32)
     # Of a shift of both C1 and C2 psi mends all but its part across (alpha, 1).
-    kept = np.maximum(np.square(1 + alpha) / (2 * (1 + np.square(alpha))), MENDED)
+    kept = np.maximum(np.square(1 + alpha) / (2 * (1 + np.square(alpha))), CORRECTED_LATER)
     later[:, splits] = kept * (later[:, splits] + later[:, n : n + len(splits)])
-    later[:, step.slots[step.kinds == Kind.REFINE]] *= MENDED
+    later[:, step.slots[step.kinds == Kind.REFINE]] *= CORRECTED_LATER
     later[:, step.slots[step.kinds == Kind.DROP]] = 0
     later[:, n : n + step.n_new] = 0
 

@@ -1,4 +1,4 @@
-"""What an encoder is asked for: an accuracy, alpha tables, effort.
+"""What an encoder is asked for: an accuracy, alpha tables, a level of Zstandard.
 
 A step is the distance of two neighbouring values, in the units of the group: an error of half of it
 at most, of a twelfth of its square on average.
@@ -144,7 +144,7 @@ class Settings:
         n_alpha: entries of an alpha table at most, where the tree's own alphas are more.
         alpha_bits: K of tables that are fitted.
         closed_loop: quantise against what the decoder has.
-        effort: Zstandard level.
+        zstd_level: 1 to 22; higher levels take fewer bytes and more time.
         whole_origins: origins of tiles are multiples of the position step of adds, so that adds
             that are multiples stay as they are.
     """
@@ -153,7 +153,7 @@ class Settings:
     n_alpha: int = 32
     alpha_bits: int = 5
     closed_loop: bool = True
-    effort: int = 18
+    zstd_level: int = 18
     whole_origins: bool = False
 
     @staticmethod

@@ -47,12 +47,12 @@ class Sketch:
     """Some families of a tree that is prepared, by views.
 
     Attributes:
-        coder: of these.
+        prepared: of these.
         share: of the leaves of the tree that they have.
         n_lists: of integers that a stream of the whole tree has.
     """
 
-    coder: Prepared
+    prepared: Prepared
     share: float
     n_lists: int
 
@@ -61,7 +61,7 @@ class Sketch:
         """Of a prepared tree."""
         importance = whole.importance
         assert importance is not None, "a sketch is by views"
-        n_leaves = whole.aim.tree.n_leaves
+        n_leaves = whole.task.tree.n_leaves
         share = min(max(SHARE * n_leaves, LEAST), MOST) / max(n_leaves, 1)
         tiles: list[EvolutionTree] = []
         weights: list[tuple[StepWeights | None, ...]] = []
@@ -75,32 +75,32 @@ class Sketch:
                 tiles.append(part)
                 weights.append(tuple(_weights_of(tile, own, is_in, part)))
                 leaves.append(worth[:, is_in[live]])
-        coder = copy(whole)
-        coder.tiles, coder.gains = tiles, None
-        coder.importance = replace(importance, weights=tuple(weights), leaves=tuple(leaves))
+        prepared = copy(whole)
+        prepared.tiles, prepared.gains = tiles, None
+        prepared.importance = replace(importance, weights=tuple(weights), leaves=tuple(leaves))
         if whole.layered is not None:
             layering = whole.layered.layering
-            coder.layered = Layered.of(tiles, whole.n_levels, coder.importance, layering)
+            prepared.layered = Layered.of(tiles, whole.n_levels, prepared.importance, layering)
         parts = whole.layered.tiles if whole.layered else whole.tiles
         n_lists = sum(len(step.psi) for tile in parts for step in tile.steps)
-        return Sketch(coder, sum(tile.n_leaves for tile in tiles) / max(n_leaves, 1), n_lists)
+        return Sketch(prepared, sum(tile.n_leaves for tile in tiles) / max(n_leaves, 1), n_lists)
 
     def log_bytes(self, price: float) -> float:
         """Logarithm of the bytes of the stream of the whole tree at a price of a bit, about."""
-        found = entropy_bytes(self.coder.coded(price)) / self.share
-        tree, importance = self.coder.aim.tree, self.coder.importance
+        found = entropy_bytes(self.prepared.coded(price)) / self.share
+        tree, importance = self.prepared.task.tree, self.prepared.importance
         if tree.palette is not None and importance is not None:
             found += stored_bits(tree, importance, price) / 8
         return math.log(REAL * found + LIST_BYTES * self.n_lists + 1)
 
     def psnr(self, price: float) -> float:
         """PSNR of the leaves of that stream over the views, dB, about."""
-        coder = self.coder
-        assert coder.importance is not None, "a sketch is by views"
-        found = leaves_of(coder.coded(price), coder.aim.tree.shown_degree).channels()
+        prepared = self.prepared
+        assert prepared.importance is not None, "a sketch is by views"
+        found = leaves_of(prepared.coded(price), prepared.task.tree.shown_degree).channels()
         kinds = [channel_class(c) for c in range(len(found))]
         error, n = 0.0, 0
-        for tile, weights in zip(coder.tiles, coder.importance.at(price).leaves, strict=True):
+        for tile, weights in zip(prepared.tiles, prepared.importance.at(price).leaves, strict=True):
             right = tile.leaves().channels()
             off = found[:, n : n + right.shape[1]] - right
             error += float((weights[kinds] * np.square(off)).sum(dtype=np.float64))

@@ -15,7 +15,7 @@ import numpy as np
 
 from evogs_codec.decoding.decode import decode
 from evogs_codec.encoding.drawn import Drawn
-from evogs_codec.encoding.few_views import Divisible, FewViews
+from evogs_codec.encoding.few_views import FewViews
 from evogs_codec.encoding.guess import (
     BYTES_SLOPE,
     PRICES,
@@ -35,7 +35,8 @@ from evogs_codec.encoding.out_of_reach import (
     errors_missed,
     psnr_missed,
 )
-from evogs_codec.encoding.prepared import Aim, Prepared
+from evogs_codec.encoding.pictures import Divisible
+from evogs_codec.encoding.prepared import EncodeTask, Prepared
 from evogs_codec.encoding.replayed import leaves_of
 from evogs_codec.encoding.search import MOST_TRIES, NARROW, ONE_SIDED, Found, Goal, Start, nearest
 from evogs_codec.encoding.sensitivity import Importance
@@ -60,10 +61,10 @@ FAR_PSNR, FAR_BYTES = 15.0, math.log(8.0)  # from the first try: the end of the 
 
 
 @dataclass(frozen=True)
-class TargetEncoder(Aim):
+class TargetEncoder(EncodeTask):
     """A tree that is encoded until it meets a target.
 
-    Attributes, others than those of `Aim`:
+    Attributes, others than those of `EncodeTask`:
         guess: where a search may begin, if that has been guessed.
     """
 
@@ -94,7 +95,7 @@ class TargetEncoder(Aim):
         if self.guess and self.guess.met:
             done = self.guess.met
             return Found(done.at, done.value, self.written(done.what))
-        goal, coder = goal_of_psnr(decibels), self.prepared
+        goal, prepared = goal_of_psnr(decibels), self.prepared
         if self.guess:
             goal = replace(goal, slack=max(goal.slack, self.guess.jump))
         missed_by = goal.slack if missed_by is None else max(missed_by, goal.slack)
@@ -126,15 +127,15 @@ class TargetEncoder(Aim):
             return found if goal.is_met(found.value) else self._with_psnr(found)
 
         first = near or FIRST_PRICE
-        plain = search(coder.coded, goal, first, probes, JUMP)
-        room = missed_by + (2 * POLISH_GAIN if coder.polishes else 0)
+        plain = search(prepared.coded, goal, first, probes, JUMP)
+        room = missed_by + (2 * POLISH_GAIN if prepared.polishes else 0)
         if plain.is_end and abs(plain.value - decibels) > room:
             raise self._psnr_missed(decibels, plain)
         found = [plain]
-        if coder.polishes:
+        if prepared.polishes:
             lower = Goal(decibels - POLISH_GAIN, POLISH_GAIN / 4)
-            below = search(coder.coded, lower, first)
-            found.append(search(coder.polished, goal, below.at))
+            below = search(prepared.coded, lower, first)
+            found.append(search(prepared.polished, goal, below.at))
         met = [one for one in found if abs(one.value - decibels) <= missed_by]
         if not met and plain.above is not None and not plain.is_end:
             met = [self._with_psnr(plain.above)]
@@ -160,7 +161,7 @@ class TargetEncoder(Aim):
     def _psnr_missed(self, decibels: float, end: Found[CodedTree]) -> TargetMissedError:
         """That of a PSNR beyond an end of the range of prices."""
         other = self._psnr_of(self.prepared.coded(PRICES[end.at == PRICES[0]]))
-        each = len(write(end.what, effort=1, digests=False)) / self.tree.n_leaves
+        each = len(write(end.what, zstd_level=1, digests=False)) / self.tree.n_leaves
         return psnr_missed(decibels, end.value, other, each)
 
     def at_bytes(self, n_bytes: int) -> bytes:
@@ -176,7 +177,7 @@ class TargetEncoder(Aim):
         if self.guess and self.guess.met:
             done = self.guess.met
             return Found(done.at, done.value, self.written(done.what))
-        coder = self.prepared
+        prepared = self.prepared
         slope = BYTES_SLOPE if self.views else -0.1
 
         def search(code: Callable[[float], CodedTree], start: float) -> Found[bytes]:
@@ -192,10 +193,10 @@ class TargetEncoder(Aim):
                 far=FAR_BYTES,
             )
 
-        plain = search(coder.coded, near or (FIRST_PRICE if self.views else 1.0))
+        plain = search(prepared.coded, near or (FIRST_PRICE if self.views else 1.0))
         if plain.is_end and not 0.98 * n_bytes <= len(plain.what) <= n_bytes:
             raise self._bytes_missed(n_bytes, plain)
-        found = [search(coder.polished, plain.at), plain] if coder.polishes else [plain]
+        found = [search(prepared.polished, plain.at), plain] if prepared.polishes else [plain]
         met = [one for one in found if 0.98 * n_bytes <= len(one.what) <= n_bytes]
         if not met:
             said = f"{n_bytes:,} bytes cannot be met: {len(plain.what):,} is nearest"
@@ -313,7 +314,7 @@ class TargetEncoder(Aim):
 
         Args:
             packets: that are empty.
-            order: of all packets, as of `Aim`.
+            order: of all packets, as of `EncodeTask`.
         """
         guess = self.guess and self.guess.unmeasured
         other = replace(self, empty=packets, order=order, guess=guess)
@@ -340,20 +341,20 @@ class TargetEncoder(Aim):
         own = np.array(self.leaf_error)
         if np.any(own > asked):
             raise errors_missed(asked, own, own)
-        coder = Prepared(replace(self, views=None, polish=0, layers=1))
+        prepared = Prepared(replace(self, views=None, polish=0, layers=1))
         finest = replace(self.settings, accuracy=NearLossless())
-        table = coder.wanted_steps()
+        table = prepared.wanted_steps()
         groups = np.minimum(np.arange(table.shape[1]), 4)
         table = np.where(np.isinf(asked[groups]), table, 2 * asked[groups])
         for attempt in range(MOST_TRIES):
             is_last = attempt == MOST_TRIES - 1
             settings = finest if is_last else replace(self.settings, accuracy=StepTable.of(table))
-            data = self._stream(coder.quantised(settings))
-            found = self._errors_of(coder, data)
+            data = self._stream(prepared.quantised(settings))
+            found = self._errors_of(prepared, data)
             if np.all(found <= asked):
                 return data
             if attempt == ONE_SIDED - 1 or (not attempt and np.any(found > 2 * asked)):
-                least = self._errors_of(coder, write(coder.quantised(finest), effort=1))
+                least = self._errors_of(prepared, write(prepared.quantised(finest), zstd_level=1))
                 if np.any(least > 2 * asked):  # what is finest is a unit off; steps half of one
                     raise errors_missed(asked, least, own)
             finer = np.where(
@@ -362,9 +363,9 @@ class TargetEncoder(Aim):
             table = table * np.maximum(finer, 0.02)[groups]
         raise errors_missed(asked, found, own)
 
-    def _errors_of(self, coder: Prepared, data: bytes) -> F64:
+    def _errors_of(self, prepared: Prepared, data: bytes) -> F64:
         """(5,) largest error of a stream per group, with those of the tree."""
-        return largest_errors(coder.tiles, data, self.tree.shown_degree) + self.leaf_error
+        return largest_errors(prepared.tiles, data, self.tree.shown_degree) + self.leaf_error
 
     def psnr(self, data: bytes) -> float:
         """Of the leaves of a stream, dB.
@@ -397,5 +398,5 @@ class TargetEncoder(Aim):
         return data
 
     def _stream(self, coded: CodedTree) -> bytes:
-        effort = self.settings.effort
-        return write(coded, effort=effort, order=self.order, progress=self.progress)
+        zstd_level = self.settings.zstd_level
+        return write(coded, zstd_level=zstd_level, order=self.order, progress=self.progress)

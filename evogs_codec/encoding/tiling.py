@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import heapq
+from typing import TypeAlias
+
 import numpy as np
 import numpy.typing as npt
 
-from evogs_codec.model.splats import F32, I32
+from evogs_codec.model.splats import F32, I32, I64
 from evogs_codec.model.tree import EvolutionTree, Kind
 
 __all__ = ["tiles_of_slots"]
+
+Way: TypeAlias = tuple[int, ...]  # to a part, 0 for a first half and 1 for a second
 
 
 def tiles_of_slots(tree: EvolutionTree, n_tiles: int) -> I32:
@@ -34,20 +39,26 @@ def tiles_of_slots(tree: EvolutionTree, n_tiles: int) -> I32:
 
 
 def _kd_tiles(positions: F32, weight: npt.NDArray[np.integer], n_tiles: int) -> I32:
-    """(n,) tile per root: the heaviest part is halved along its longest axis, again and again."""
-    parts = [np.arange(positions.shape[1])]
-    while len(parts) < n_tiles:
-        divisible = [k for k, part in enumerate(parts) if len(part) > 1]
-        if not divisible:
-            break
-        heaviest = max(divisible, key=lambda k: int(weight[parts[k]].sum()))
-        part = parts[heaviest]
+    """(n,) tile per root: the heaviest part is halved along its longest axis, again and again.
+
+    Tiles have the order of the ways to them. Of parts of the same weight the first is halved.
+    """
+    parts: dict[Way, I64] = {(): np.arange(positions.shape[1])}
+    waiting: list[tuple[int, Way]] = []
+    if positions.shape[1] > 1:
+        waiting.append((-int(weight.sum()), ()))
+    while len(parts) < n_tiles and waiting:
+        _, way = heapq.heappop(waiting)
+        part = parts.pop(way)
         spread = np.ptp(np.percentile(positions[:, part], (2, 98), axis=1), axis=0)
         order = part[np.argsort(positions[int(np.argmax(spread)), part], kind="stable")]
-        half = np.cumsum(weight[order])
-        at = int(np.clip(np.searchsorted(half, half[-1] / 2), 1, len(order) - 1))
-        parts[heaviest : heaviest + 1] = [np.sort(order[:at]), np.sort(order[at:])]
+        sums = np.cumsum(weight[order])
+        at = int(np.clip(np.searchsorted(sums, sums[-1] / 2), 1, len(order) - 1))
+        for half, rows in enumerate((order[:at], order[at:])):
+            parts[*way, half] = np.sort(rows)
+            if len(rows) > 1:
+                heapq.heappush(waiting, (-int(weight[rows].sum()), (*way, half)))
     tile = np.zeros(positions.shape[1], np.int32)
-    for number, part in enumerate(parts):
+    for number, (_, part) in enumerate(sorted(parts.items(), key=lambda item: item[0])):
         tile[part] = number
     return tile

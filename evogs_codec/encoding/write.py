@@ -33,7 +33,7 @@ __all__ = ["packed_palette", "palette_rows", "write"]
 def write(
     tree: CodedTree,
     *,
-    effort: int = 19,
+    zstd_level: int = 19,
     digests: bool = True,
     order: Sequence[PacketId] | None = None,
     progress: Progress | None = None,
@@ -42,7 +42,7 @@ def write(
 
     Args:
         tree: integers.
-        effort: level of Zstandard.
+        zstd_level: level of Zstandard.
         digests: store a digest of the last state of each tile and component.
         order: of all packets; None: that of `packet_order`.
         progress: called while packets are compressed and verified.
@@ -52,9 +52,9 @@ def write(
             packets of `order` are others.
     """
     report = progress or no_progress
-    bodies = _bodies(tree, effort, report)
+    bodies = _bodies(tree, zstd_level, report)
     if tree.entries is not None:
-        tree, of_palette = packed_palette(tree, _sizes(bodies), effort)
+        tree, of_palette = packed_palette(tree, _sizes(bodies), zstd_level)
         bodies |= of_palette
     if order is None:
         order = packet_order(tree, _sizes(bodies))
@@ -72,19 +72,19 @@ def write(
 
 
 def packed_palette(
-    tree: CodedTree, sizes: Mapping[PacketId, int], effort: int
+    tree: CodedTree, sizes: Mapping[PacketId, int], zstd_level: int
 ) -> tuple[CodedTree, dict[PacketId, bytes]]:
     """The tree with its palette in parts, and the bytes of these.
 
     Args:
         tree: with entries.
         sizes: bytes of each packet of its tiles.
-        effort: level of Zstandard.
+        zstd_level: level of Zstandard.
     """
 
     def packed(tree: CodedTree) -> dict[PacketId, bytes]:
         packets = palette_packets(tree)
-        bodies = parallel_map(lambda packet: _body(tree, packet, effort), packets)
+        bodies = parallel_map(lambda packet: _body(tree, packet, zstd_level), packets)
         return dict(zip(packets, bodies, strict=True))
 
     whole = packed(tree)
@@ -112,7 +112,7 @@ def final_digests(directory: Directory, stream: bytes) -> dict[PacketId, bytes]:
     return digests
 
 
-def _bodies(tree: CodedTree, effort: int, report: Progress) -> dict[PacketId, bytes]:
+def _bodies(tree: CodedTree, zstd_level: int, report: Progress) -> dict[PacketId, bytes]:
     """The bytes of every packet."""
     packets = [
         PacketId(tile, component, step)
@@ -121,7 +121,7 @@ def _bodies(tree: CodedTree, effort: int, report: Progress) -> dict[PacketId, by
         for component in tree.components.of_tiles
     ]
     bodies: dict[PacketId, bytes] = {}
-    packed = parallel_map(lambda packet: _body(tree, packet, effort), packets)
+    packed = parallel_map(lambda packet: _body(tree, packet, zstd_level), packets)
     for number, (packet, body) in enumerate(zip(packets, packed, strict=True)):
         report("pack", number / len(packets))
         bodies[packet] = body
@@ -132,14 +132,14 @@ def _sizes(bodies: Mapping[PacketId, bytes]) -> dict[PacketId, int]:
     return {packet: len(body) for packet, body in bodies.items()}
 
 
-def _body(tree: CodedTree, packet: PacketId, effort: int) -> bytes:
+def _body(tree: CodedTree, packet: PacketId, zstd_level: int) -> bytes:
     """The bytes of a packet (spec 5.9)."""
     tile, component, number = packet
     if component == PALETTE and tree.entries is not None:
-        return pack_entries(tree.entries[:, tree.palette_rows[number]], effort=effort)
+        return pack_entries(tree.entries[:, tree.palette_rows[number]], zstd_level=zstd_level)
     step = tree.tiles[tile].steps[number]
     if component == PICKS:
-        return pack_picks(step.picks, step.changed_picks, effort=effort)
+        return pack_picks(step.picks, step.changed_picks, zstd_level=zstd_level)
     part = component_slice(component)
     alpha = [
         step.alpha[group] if len(tree.alpha_table(step.level, group).entries) > 1 else None
@@ -148,7 +148,14 @@ def _body(tree: CodedTree, packet: PacketId, effort: int) -> bytes:
     psi, adds = step.psi[part], step.adds[part]
     siblings = [c - part.start for c in step.siblings if part.start <= c < part.stop]
     return pack(
-        component, step.slots, step.kinds, alpha, psi, adds, siblings=siblings, effort=effort
+        component,
+        step.slots,
+        step.kinds,
+        alpha,
+        psi,
+        adds,
+        siblings=siblings,
+        zstd_level=zstd_level,
     )
 
 

@@ -180,7 +180,7 @@ def _read_block(
     begin, after = at + n_head, at + n_head + n_stored
     if after >= end or n > most or (kind >= 2 and n == 0):
         return 0, -1
-    n_sequences, at_sequences = _number_of_sequences(frame, after, end)
+    n_sequences, at_sequences = _number_of_sequences(frame, after)
     if n_sequences == 0 and (at_sequences != end or n > room):  # R-5.10-17
         return 0, -1
     literals = out[to : to + n] if n_sequences == 0 else memory.literals[:n]
@@ -202,7 +202,7 @@ def _read_block(
 
 
 @_jit
-def _number_of_sequences(frame: U8, at: int, end: int) -> tuple[int, int]:
+def _number_of_sequences(frame: U8, at: int) -> tuple[int, int]:
     """(how many, where what follows begins); the latter is past the end if bytes are missing."""
     first = np.int64(frame[at])
     if first < 128:

@@ -41,26 +41,26 @@ MAY_COMPILE = True  # False: frames are read as without numba
 _local = threading.local()
 
 
-def compress(data: bytes, effort: int, ends: Sequence[int] = ()) -> bytes:
+def compress(data: bytes, zstd_level: int, ends: Sequence[int] = ()) -> bytes:
     """One frame of the subset.
 
     Args:
         data: its content.
-        effort: the Zstandard level, 1..22.
+        zstd_level: the Zstandard level, 1..22.
         ends: where blocks may end, beside where libzstd lets them end (`blocks`).
 
     Raises:
         ValueError: more than `MAX_CONTENT` bytes.
     """
     frames = [store(data)]
-    if effort < WEIGHING or len(data) < LARGE:
-        frames.append(_frame(data, effort))
+    if zstd_level < WEIGHING or len(data) < LARGE:
+        frames.append(_frame(data, zstd_level))
         if ends:
-            frames.append(_frame(data, effort, ends=ends))
+            frames.append(_frame(data, zstd_level, ends=ends))
     else:
-        frames += [_frame(data, effort, ends=ends, is_narrow=True), _frame(data, 1)]
+        frames += [_frame(data, zstd_level, ends=ends, is_narrow=True), _frame(data, 1)]
         if len(frames[-1]) < FOUND * len(frames[-2]):
-            frames.append(_frame(data, effort))
+            frames.append(_frame(data, zstd_level))
     return min(frames, key=len)
 
 

@@ -54,7 +54,7 @@ def pack(
     adds: I32,
     *,
     siblings: Collection[int] = (),
-    effort: int,
+    zstd_level: int,
 ) -> bytes:
     """The bytes of a packet; the inverse of `unpack`.
 
@@ -66,7 +66,7 @@ def pack(
         psi: (C, P) integers.
         adds: (C, A) integers.
         siblings: channels whose psi are sibling differences; of refines alone.
-        effort: Zstandard level.
+        zstd_level: Zstandard level.
 
     Raises:
         ValueError: an integer needs more than 24 bits.
@@ -100,28 +100,28 @@ def pack(
                 sides.append(coded)
     if component and all(coding == ABSENT for coding, _ in sides):
         return b""
-    body = _join(flags, sides, effort)
+    body = _join(flags, sides, zstd_level)
     if component == 0 and counts.n_adds + counts.n_records > MAX_RECORDS_PER_BYTE * len(body):
         body = _pad(flags, sides, counts)
     return body
 
 
-def pack_picks(picks: I32, changed: I32, *, effort: int) -> bytes:
+def pack_picks(picks: I32, changed: I32, *, zstd_level: int) -> bytes:
     """The bytes of a packet of picks (spec 12.4).
 
     Args:
         picks: (n_new,) of the new slots, or (0,): C2s take those of their parents, adds none.
         changed: (P,) of the slots that are refined or split, or (0,): they keep theirs.
-        effort: the Zstandard level, 1..22.
+        zstd_level: the Zstandard level, 1..22.
     """
     stored = np.concatenate([changed, picks])
     if not len(stored):
         return b""
     coding = choose_coding(stored)[0]
-    return _join(FLAG_OF_CHANGED if len(changed) else 0, [(coding, stored)], effort)
+    return _join(FLAG_OF_CHANGED if len(changed) else 0, [(coding, stored)], zstd_level)
 
 
-def pack_entries(entries: I32, *, effort: int) -> bytes:
+def pack_entries(entries: I32, *, zstd_level: int) -> bytes:
     """The bytes of a packet of the palette, (C, n) integers.
 
     Raises:
@@ -133,7 +133,7 @@ def pack_entries(entries: I32, *, effort: int) -> bytes:
     rows, is_ycocg = decorrelate(entries, slice(None))
     flags = FLAG_ADDS_YCOCG if is_ycocg else 0
     lists = [_code_channel(row, may_delta=True) for row in rows]
-    body = _join(flags, lists, effort)
+    body = _join(flags, lists, zstd_level)
     if n > MAX_RECORDS_PER_BYTE * len(body):
         body = _pad(flags, lists, Counts(n, 0, 0, 0))
     return body
@@ -182,15 +182,15 @@ def _of_siblings(coded: Coded, *, is_turned: bool) -> Coded:
     return replace(coding, delta=True), z
 
 
-def _join(flags: int, parts: Sequence[Coded], effort: int) -> bytes:
+def _join(flags: int, parts: Sequence[Coded], zstd_level: int) -> bytes:
     """A packet from its values; planes that are alike share a frame."""
     planes = [plane for coding, values in parts for plane in split_planes(values, coding)]
     codings = bytes(coding.byte() for coding, _ in parts)
     joined = []
     for begin, end in grouped(planes):
         content = b"".join(planes[begin:end])
-        ends = block_ends(content) if effort >= frames.WEIGHING else []
-        joined.append((end - begin, frames.compress(content, effort, ends)))
+        ends = block_ends(content) if zstd_level >= frames.WEIGHING else []
+        joined.append((end - begin, frames.compress(content, zstd_level, ends)))
     return _assemble(flags, codings, joined)
 
 

@@ -29,7 +29,7 @@ def hint_for_no_ply(start: bytes, path: Path) -> str:
         path: its name counts where its bytes say nothing.
     """
     if not start:
-        return "is empty; expected a 3DGS .ply"
+        return "is empty; expected a 3DGS .ply, or another scene"
     if not any(start):
         return "has only zeros, as of an interrupted copy or download: get the file again"
     kind = kind_of(start)
@@ -48,7 +48,10 @@ def hint_for_no_ply(start: bytes, path: Path) -> str:
         return "is a web page, as where a download needs a login: get the file itself"
     if path.suffix.lower() in WITHOUT_MAGIC:
         return f"seems to be a {path.suffix.lower()}: {CONVERT}"
-    return "does not start with the line 'ply'; expected a 3DGS .ply"
+    return (
+        "does not start with the line 'ply'; expected a 3DGS .ply, .spz, .sog or glTF by its bytes,"
+        " or a .splat or .ksplat by its name"
+    )
 
 
 def hint_for_zip(path: Path) -> str:

@@ -91,7 +91,7 @@ def read_ply_header(path: PathLike) -> PlyHeader:
 def read_header(path: PathLike) -> PlyHeader:
     """`read_ply_header`, whose OSError goes on as it is."""
     if not Path(path).is_file() and Path(path).exists():
-        raise InputError(f"{path}: is not a file; expected a 3DGS .ply")
+        raise InputError(f"{path}: is not a file; expected a 3DGS .ply, or another scene")
     with Path(path).open("rb") as stream:
         start = stream.read(MAX_HEADER)
     first = re.match(rb"ply(\r\n|\n|\r)", start)

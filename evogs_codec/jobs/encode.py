@@ -214,11 +214,11 @@ class _Run:
             return None
         vectors, effort = Vectors.read(vectors_of(self.folder)), Effort.of(self.options.effort)
         picks = [unnumbered_of(part) for part in parts]
-        entries = Entries.of(plan, vectors, picks, effort.level)
+        entries = Entries.of(plan, vectors, picks, effort.zstd_level)
         path = self.folder / "entries.npz"
         entries.write(path)
         calls: list[Call] = [
-            (str(own), str(path), effort.level, str(numbered_of(part)))
+            (str(own), str(path), effort.zstd_level, str(numbered_of(part)))
             for own, part in zip(picks, parts, strict=True)
         ]
         self._do("encode", number_picks, calls)

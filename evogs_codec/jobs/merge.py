@@ -59,7 +59,7 @@ def merge(parts: Sequence[Path], out: Path, entries: Entries | None = None) -> N
     if entries is None:
         order = order_of_tiles(gains, first.components.of_tiles, packets.sizes)
     else:
-        palette, bodies = packed_palette(entries.tree, packets.sizes, entries.effort)
+        palette, bodies = packed_palette(entries.tree, packets.sizes, entries.zstd_level)
         packets.take_palette(palette, bodies)
         order = order_with_palette(gains, palette, packets.sizes, _showing(gains, palette))
         sh_degree, quantisers = palette.sh_degree, palette.quantisers
@@ -81,7 +81,7 @@ def merge(parts: Sequence[Path], out: Path, entries: Entries | None = None) -> N
         )
 
     if palette is not None:
-        packets.digest_palette(read_directory(head()), palette)
+        packets.digest_palette(read_directory(head()))
     begin = head()
 
     def fill(out: BinaryIO) -> None:
@@ -133,7 +133,7 @@ class _Packets:
         for k, packet in enumerate(palette_packets(tree)):
             self._add(packet, rows[k : k + 1])
 
-    def digest_palette(self, directory: Directory, tree: CodedTree) -> None:
+    def digest_palette(self, directory: Directory) -> None:
         """Add the digest of the palette as a decoder has it."""
         state = PaletteState(directory, directory.n_entries)
         for packet in directory.palette_packets.tolist():

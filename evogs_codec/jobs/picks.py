@@ -144,23 +144,23 @@ class Entries:
         tree: of the stream, without its tiles.
         keys: of all vectors (`Vectors`).
         number: (1 + n_coarse + keys,) of each pick.
-        effort: level of Zstandard.
+        zstd_level: level of Zstandard.
     """
 
     tree: CodedTree
     keys: I64
     number: I32
-    effort: int
+    zstd_level: int
 
     @staticmethod
-    def of(plan: Plan, vectors: Vectors, picks: Sequence[Path], effort: int) -> Entries:
+    def of(plan: Plan, vectors: Vectors, picks: Sequence[Path], zstd_level: int) -> Entries:
         """From what all tiles pick.
 
         Args:
             plan: of the stream.
             vectors: that its splats share.
             picks: files of `Unnumbered`, one of each tile.
-            effort: level of Zstandard.
+            zstd_level: level of Zstandard.
 
         Raises:
             TooFineError: a number leaves its range on the grid of the plan.
@@ -183,7 +183,7 @@ class Entries:
         coded = entries_in_order(q, first, n_coarse)
         tree = plan.coded(grid, [])
         tree = replace(tree, entries=coded.q, entry_levels=coded.levels, entry_uses=coded.uses)
-        return Entries(tree, vectors.keys, coded.number, effort)
+        return Entries(tree, vectors.keys, coded.number, zstd_level)
 
     def write(self, path: Path) -> None:
         """What `number_picks` needs, to a file."""
@@ -216,13 +216,13 @@ def palette_pays(partition: Partition, surveys: Sequence[Survey]) -> bool:
     return choose.palette_pays(bits + errors + scale * picks, scale * psi)
 
 
-def number_picks(picks: str, entries: str, effort: int, out: str) -> None:
+def number_picks(picks: str, entries: str, zstd_level: int, out: str) -> None:
     """Write the `NumberedPicks` of a tile to a file.
 
     Args:
         picks: file of `Unnumbered`.
         entries: file of `Entries`.
-        effort: level of Zstandard.
+        zstd_level: level of Zstandard.
         out: the file to make.
 
     Raises:
@@ -235,7 +235,7 @@ def number_picks(picks: str, entries: str, effort: int, out: str) -> None:
     local = np.append(0, 1 + _places(own.keys, keys, n_coarse))
     tile = CodedTile((0, 0, 0), (0, 0, 0), (0, 0, 0), tuple(own.steps))
     steps = renumbered(tile, number[local]).steps
-    bodies = [pack_picks(s.picks, s.changed_picks, effort=effort) for s in steps]
+    bodies = [pack_picks(s.picks, s.changed_picks, zstd_level=zstd_level) for s in steps]
     NumberedPicks(
         bodies, own.errors, highest_picks(steps), _digest(steps, bodies, x, levels)
     ).write(Path(out))

@@ -277,7 +277,7 @@ class Plan:
 
     def _grid(self) -> Grid:
         stored = 0 if self.coarse is not None else self.sh_degree  # of the numbers of splats
-        return Grid.of(stored, self.n_levels, self.exponents, self.steps, self.settings)
+        return Grid.of(stored, self.exponents, self.steps, self.settings)
 
     def _with_quantisers(self) -> Plan:
         return replace(self, quantisers=self._grid().quantisers)

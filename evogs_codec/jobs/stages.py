@@ -105,7 +105,7 @@ def code_tile(job: TileJob, plan: Plan, out: str, *, known: Weighed | None = Non
         picks = Unnumbered.of(tile, shared.keys, in_prices(importance, price))
         picks.write(unnumbered_of(Path(out)))
         of_stream = _of_core(of_stream)
-    data = write(of_stream, effort=Effort.of(job.effort).level)
+    data = write(of_stream, zstd_level=Effort.of(job.effort).zstd_level)
     gained = io.BytesIO()
     # What views gain counts as much as all the splats for which they are.
     np.save(gained, np.concatenate([[[n_shown] * gains.steps.shape[1]], gains.steps]))
@@ -135,11 +135,11 @@ def _needs(
 
 def _gain_of_last(prepared: Prepared, price: float) -> float:
     """By how many dB the last level looks better than the one before it, at coarse steps."""
-    views = prepared.aim.ordering
+    views = prepared.task.ordering
     assert views is not None, "there are views"
     draft, last = TreePrefixes(prepared.coarse(price)), prepared.n_levels - 1
     cuts = [draft.of_level(level) for level in (last - 1, last)]
-    before, after = map(views.psnr, draft.shown(cuts, prepared.aim.tree.shown_degree))
+    before, after = map(views.psnr, draft.shown(cuts, prepared.task.tree.shown_degree))
     return after - before
 
 

@@ -89,7 +89,10 @@ class Weighed:
         coarse = CoarseEntries.of(coarse_sh(tree), len(splats))
         other, _ = _sharing(self.lifted, splats, coarse)
         importance = Importance.of_cuts(
-            arrange(other, 1), self.prepared.n_levels, self._drawn.cuts, seen=self.prepared.aim.seen
+            arrange(other, 1),
+            self.prepared.n_levels,
+            self._drawn.cuts,
+            seen=self.prepared.task.seen,
         )
         worth = in_prices(importance, price)
         return Sharing(
@@ -128,7 +131,7 @@ def _prepared(
     """The tree of a tile, arranged and weighed; and how many splats its views are for."""
     effort = Effort.of(job.effort)
     views = _views(job, splats)
-    aim = TargetEncoder(
+    encoder = TargetEncoder(
         tree,
         Settings.by_views(np.zeros((0, 0))),
         views,
@@ -141,7 +144,7 @@ def _prepared(
         n_tiles=1,
         n_levels=job.n_levels,
     )
-    return aim.prepared, views.n_shown
+    return encoder.prepared, views.n_shown
 
 
 def _views(job: TileJob, splats: SplatParams) -> Neighbourhood | NearAndWide:

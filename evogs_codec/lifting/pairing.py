@@ -23,7 +23,7 @@ from evogs_codec.common.parallel import parallel_map
 from evogs_codec.lifting.compiled.dispatch import compiled_for
 from evogs_codec.lifting.neighbours import nearest
 from evogs_codec.lifting.orientations import STEP_ROTATION, STEP_SCALE
-from evogs_codec.lifting.parents import BLOCK, TINY, Moments, merged, sizes
+from evogs_codec.lifting.parents import BLOCK, TINY, Moments, cross_sections, merged
 from evogs_codec.model.splats import F32, F64, I64
 
 __all__ = ["N_NEIGHBOURS", "Features", "features", "match"]
@@ -209,7 +209,7 @@ def _prices(f: Features, i: I64, j: I64) -> tuple[F32, F32]:
     """(e,) price and (e,) growth, in doublings, of the pairs of nodes i and j."""
     price = np.empty(len(i), np.float32)
     growth = np.empty(len(i), np.float32)
-    size = sizes(f.moments.cov)
+    size = cross_sections(f.moments.cov)
     mass = np.log2(np.maximum(f.moments.mass, TINY))
     for at in range(0, len(i), CHUNK):
         part = slice(at, at + CHUNK)
@@ -228,7 +228,7 @@ def _prices(f: Features, i: I64, j: I64) -> tuple[F32, F32]:
 def _growth(m: Moments, size: F64, a: I64, b: I64) -> F64:
     """(e,) log2 of the cross-section of the merged Gaussian over the sum of its parts'."""
     both = merged(m.take(a), m.take(b))
-    out: F64 = np.log2(sizes(both.cov)) - np.log2(np.maximum(size[a] + size[b], TINY))
+    out: F64 = np.log2(cross_sections(both.cov)) - np.log2(np.maximum(size[a] + size[b], TINY))
     return out
 
 

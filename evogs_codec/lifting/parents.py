@@ -10,7 +10,7 @@ lies beyond the larger child: alpha < 0. C2 is the larger of the two, so that al
 (-1, 1], and an error of psi is nowhere amplified.
 The line cannot enlarge children that are alike. Where that would be seen, the parent has the shape
 that the moments ask for, on no line: it is split into itself and a splat that is not seen
-(`splitting`), and a refine makes them the children (`MENDED`).
+(`splitting`), and a refine makes them the children (`OFF_LINE`).
 
 Letters: n Gaussians or pairs, D channels (`splats`) with rotations as (1, g) (`orientations`).
 """
@@ -31,16 +31,16 @@ from evogs_codec.model.splats import F64, I64
 __all__ = [
     "ALPHAS_OPACITY",
     "ALPHAS_SCALE",
-    "MENDED",
     "N_SHAPE",
+    "OFF_LINE",
     "Moments",
+    "cross_sections",
     "line_parents",
     "median_mass",
     "merge_pairs",
     "merged",
     "midpoints",
     "moments",
-    "sizes",
 ]
 
 # Near -1 the line is stretched by 1 / (1 + alpha), and so is what it costs: none closer than 1 / 8.
@@ -56,9 +56,9 @@ PRICE = 0.03
 OPACITY_WEIGHT = 0.01
 PRICE_ROUNDS = 3  # an alpha is cheap if many take it, and many take it if it is cheap
 MAX_WEIGHT = 1e6  # in masses of the median splat
-# Alpha of the scale, and of the opacity, where a refine follows: until then one child is the
-# parent. And the misfit from which on it pays.
-MENDED = -1.0
+# Alpha of the scale, and of the opacity, where children are on no line with their parent: a refine
+# follows, and until then one child is the parent. And the misfit from which on it pays.
+OFF_LINE = -1.0
 MEND_COST = 1000.0
 MAX_OPACITY = 0.99
 N_SHAPE = 10  # channels: position, rotation, log-scale
@@ -69,7 +69,7 @@ MAX_LOG_SCALE = 40.0
 TINY = 1e-300
 BLOCK = 1 << 13  # Gaussians that are worked on together: fits the cache
 
-_POSITION, _ROTATION, _SCALE, _OPACITY, _SH = GROUP_CHANNELS
+_POSITION, _ROTATION, _SCALE, _OPACITY, _ = GROUP_CHANNELS
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,8 @@ class Moments:
     """Mass, mean and covariance of sets of Gaussians.
 
     Attributes:
-        mass: (n,) opacity times cross-section (`sizes`): how much of its background a set hides.
+        mass: (n,) opacity times cross-section (`cross_sections`): how much of its background a set
+            hides.
         mean: (3, n) scene units.
         cov: (3, 3, n) squared scene units.
     """
@@ -129,7 +130,9 @@ def _moments(x: F64) -> Moments:
     log_scales = _bounded(x[_SCALE])
     root = matrices(x[4:7]) * np.exp(log_scales)
     cov = np.einsum("ikn,jkn->ijn", root, root)
-    return Moments(_sigmoid(x[10]) * _cross_sections(log_scales), x[_POSITION].copy(), cov)
+    return Moments(
+        _sigmoid(x[10]) * _cross_sections_of_scales(log_scales), x[_POSITION].copy(), cov
+    )
 
 
 def merged(a: Moments, b: Moments) -> Moments:
@@ -157,7 +160,7 @@ def median_mass(m: Moments) -> float:
     return max(float(np.median(m.mass)), TINY) if len(m.mass) else 1.0
 
 
-def sizes(cov: F64) -> F64:
+def cross_sections(cov: F64) -> F64:
     """(n,) cross-section of the covariances (3, 3, n): root of the sum of the principal minors.
 
     With variances a, b, c this is sqrt(ab + ac + bc), whatever the axes: about the mean shadow.
@@ -184,7 +187,7 @@ def line_parents(c1: F64, c2: F64, target: Moments, unit_mass: float) -> tuple[F
         unit_mass: of the median splat: how much is seen of what.
 
     Returns:
-        The parents (D, n) and alpha (5, n), of which rows 2 and 3 vary. Where both are `MENDED`,
+        The parents (D, n) and alpha (5, n), of which rows 2 and 3 vary. Where both are `OFF_LINE`,
         the shape of the parent is on no line, and the children are put right after the split.
     """
     n = c1.shape[1]
@@ -202,17 +205,17 @@ def line_parents(c1: F64, c2: F64, target: Moments, unit_mass: float) -> tuple[F
     rows = np.flatnonzero(cost > MEND_COST)
     shapes = _shapes(target.take(rows), c2[:, rows])
     near = np.abs(shapes - c1[:N_SHAPE, rows]).max(axis=0, initial=0) < MAX_PSI
-    alpha[2, rows[near]] = MENDED
+    alpha[2, rows[near]] = OFF_LINE
     parent[:N_SHAPE, rows[near]] = shapes[:, near]
 
     # The opacity that keeps the mass, given the size that the parent has.
-    size = _cross_sections(_bounded(parent[_SCALE]))
+    size = _cross_sections_of_scales(_bounded(parent[_SCALE]))
     opacity = np.clip(target.mass / np.maximum(size, TINY), 1e-12, MAX_OPACITY)
     wanted = np.log(opacity / (1 - opacity))[None]
     weight *= OPACITY_WEIGHT
     alpha[3], _ = _best_alpha(c1[_OPACITY], c2[_OPACITY], wanted, ALPHAS_OPACITY, weight)
     parent[_OPACITY] = _on_line(c1[_OPACITY], c2[_OPACITY], alpha[3])
-    alpha[3, alpha[2] == MENDED] = MENDED
+    alpha[3, alpha[2] == OFF_LINE] = OFF_LINE
     return parent, alpha
 
 
@@ -309,8 +312,8 @@ def _shapes(m: Moments, like: F64) -> F64:
     return np.concatenate([m.mean, np.ones((1, len(turn))), g, log_scales])
 
 
-def _cross_sections(log_scales: F64) -> F64:
-    """(n,) `sizes` of Gaussians from their log-scales (3, n)."""
+def _cross_sections_of_scales(log_scales: F64) -> F64:
+    """(n,) `cross_sections` of Gaussians from their log-scales (3, n)."""
     a, b, c = np.exp(2 * log_scales)
     out: F64 = np.sqrt(a * b + a * c + b * c)
     return out

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.lifting.compiled.dispatch import compiled_for
-from evogs_codec.lifting.parents import MENDED
+from evogs_codec.lifting.parents import OFF_LINE
 from evogs_codec.model.channels import GROUP_CHANNELS
 from evogs_codec.model.hiding import hiding
 from evogs_codec.model.splats import F32, F64, I64
@@ -36,9 +36,9 @@ def split_steps(
 ) -> Iterator[Step]:
     """A split, and where children are on no line with their parent a refine.
 
-    Where alpha of scale and of opacity are `MENDED`, the parent is split into itself, the C2, and a
-    C1 that is not seen, and both are refined: pictures of the state between the two steps are those
-    of the parents. Of other pairs on no line the C2 alone is refined, which costs less.
+    Where alpha of scale and of opacity are `OFF_LINE`, the parent is split into itself, the C2, and
+    a C1 that is not seen, and both are refined: pictures of the state between the two steps are
+    those of the parents. Of other pairs on no line the C2 alone is refined, which costs less.
 
     Args:
         level: of the steps.
@@ -66,12 +66,12 @@ def split_nodes(
     parent, c1, c2 = nodes
     alpha = alpha.astype(np.float64)  # a copy
     psi = np.empty((len(values), len(slots)), np.float32)  # as exact as a step is
-    is_off = alpha[2] == MENDED
+    is_off = alpha[2] == OFF_LINE
     group_of = np.repeat(np.arange(len(GROUP_CHANNELS)), _sizes_of_groups(len(values)))
     loops = compiled_for(len(slots))
     fill = _split if loops is None else loops.raising.split
     fill(values, parent, c1, c2, alpha, group_of, ROUNDING, psi, is_off)
-    rows = np.flatnonzero((alpha[2:4] == MENDED).all(axis=0))
+    rows = np.flatnonzero((alpha[2:4] == OFF_LINE).all(axis=0))
     psi[:, rows] = 0
     psi[_OPACITY, rows] = hiding(values[_OPACITY, parent[rows]])
     alpha[3, rows] = 0
@@ -114,5 +114,5 @@ def alpha_of(split: Step) -> F32:
     """(5, S) alpha that `split_steps` had for a step of splits that it made."""
     alpha = split.alpha.copy()
     still = ~np.delete(split.psi, _OPACITY, axis=0).any(axis=0)
-    alpha[3, still & (alpha[2] == MENDED) & (alpha[3] == 0)] = MENDED
+    alpha[3, still & (alpha[2] == OFF_LINE) & (alpha[3] == 0)] = OFF_LINE
     return alpha

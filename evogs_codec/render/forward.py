@@ -22,7 +22,7 @@ from evogs_codec.render.options import DEFAULT, Options
 from evogs_codec.render.splats import Real, Splats
 from evogs_codec.render.tiles import Chunk, Tiles, depth_order
 
-__all__ = ["Colour", "Counts", "Drawing", "Splats", "draw", "render", "render_counted"]
+__all__ = ["Colour", "Counts", "Drawing", "Splats", "draw", "prepare", "render", "render_counted"]
 
 BLOCK = 1 << 16  # splats of one view that are activated together: what follows from them is large
 Colour = Sequence[float] | Real

@@ -29,8 +29,8 @@ from evogs_codec.scene.request import Request
 
 __all__ = ["at_tree_psnr", "best_stream", "palette_pays"]
 
-# So many times the bits, by an estimate, are more: of psi, and of picks, of which the estimate does
-# not see that neighbours have the same.
+# One of two trees is not encoded if it takes so many times the bits of the other by an estimate: of
+# psi, and of picks, where the estimate does not know that neighbours have the same.
 SURE, SURE_OF_PICKS = 1.05, 2.0
 GUESSED = 1_000  # splats; of fewer, a target is looked for before levels are looked at
 ABOUT = 1.0  # dB from `TREE_PSNR`, at most: of a splat or two a price of a bit moves a PSNR so far
@@ -47,12 +47,12 @@ def best_stream(
     Args:
         trees: of which one is encoded.
         request: what is asked for.
-        leaf_error: of the leaves, as of `Aim`.
+        leaf_error: of the leaves, as of `EncodeTask`.
         scene: what a PSNR that is aimed at is measured against. The leaves of the trees are it but
             for rounding.
     """
     tree = trees[-1]
-    whole = TargetEncoder(
+    encoder = TargetEncoder(
         tree,
         request.settings,
         leaf_error=leaf_error,
@@ -61,36 +61,66 @@ def best_stream(
         progress=request.progress,
     )
     if request.errors:
-        return _best(_made_plainly(whole, trees, lambda aim: aim.within(request.errors)))
-    if request.is_plain and not request.has_preset and tree.n_leaves and _draws(request):
-        views = request.weighing_views(tree.shared_leaves())
-        ordering = None if views is None else request.effort.ordering_views(views)
-        aim = replace(whole, views=views, ordering=ordering, layers=request.n_layers(tree.n_levels))
-        if request.effort.by_leaves:
-            aim = replace(aim, by_leaves=True)
-        elif views is not None:
-            aim = replace(aim, measuring=views.fewer(MEASURING))
-        if request.cameras is None and not request.effort.all_round:
-            aim = replace(aim, seen=SEEN_OF_CIRCLE)
-        price = request.effort.price * SCENE_PRICE / tree.n_leaves
-        aims = _that_pay(_each(aim, trees), price, is_sure=not request.effort.looks)
-        return _at_price(aims, price)
+        return _best(_made_plainly(encoder, trees, lambda one: one.within(request.errors)))
     if request.is_plain:
-        views = request.views(tree.shared_leaves(), ORDERING_VIEWS) if tree.n_leaves else None
-
-        def plainly(aim: TargetEncoder) -> bytes:
-            return encode(
-                aim.tree,
-                request.settings,
-                n_tiles=request.n_tiles,
-                info=request.info,
-                views=views,
-                progress=request.progress,
-            )
-
-        return _best(_made_plainly(whole, trees, plainly))
+        by_views = not request.has_preset and tree.n_leaves and _draws(request)
+        return (_at_default_price if by_views else _at_steps)(encoder, trees, request)
     if not tree.n_leaves:
         raise InputError("a scene without splats has nothing to aim at")
+    encoder = _aiming(encoder, request, scene)
+    if request.target_bytes is not None:
+        return _at_bytes(encoder, trees, request, request.target_bytes)
+    assert request.target_psnr is not None, "there is a target"
+    return _at_psnr(encoder, trees, request, request.target_psnr)
+
+
+def _at_default_price(
+    encoder: TargetEncoder, trees: Sequence[EvolutionTree], request: Request
+) -> FoundStream:
+    """The best of the trees where views decide how exact numbers are, without a target."""
+    tree = encoder.tree
+    views = request.weighing_views(tree.shared_leaves())
+    ordering = None if views is None else request.effort.ordering_views(views)
+    layers = request.n_layers(tree.n_levels)
+    encoder = replace(encoder, views=views, ordering=ordering, layers=layers)
+    if request.effort.by_leaves:
+        encoder = replace(encoder, by_leaves=True)
+    elif views is not None:
+        encoder = replace(encoder, measuring=views.fewer(MEASURING))
+    if request.cameras is None and not request.effort.all_round:
+        encoder = replace(encoder, seen=SEEN_OF_CIRCLE)
+    price = request.effort.price * SCENE_PRICE / tree.n_leaves
+    encoders = _that_pay(_each(encoder, trees), price, is_sure=not request.effort.looks)
+    return _at_price(encoders, price)
+
+
+def _at_steps(
+    encoder: TargetEncoder, trees: Sequence[EvolutionTree], request: Request
+) -> FoundStream:
+    """The smallest of the trees at the fixed steps of a preset."""
+    tree = encoder.tree
+    views = request.views(tree.shared_leaves(), ORDERING_VIEWS) if tree.n_leaves else None
+
+    def plainly(one: TargetEncoder) -> bytes:
+        return encode(
+            one.tree,
+            request.settings,
+            n_tiles=request.n_tiles,
+            info=request.info,
+            views=views,
+            progress=request.progress,
+        )
+
+    return _best(_made_plainly(encoder, trees, plainly))
+
+
+def _aiming(encoder: TargetEncoder, request: Request, scene: SplatParams) -> TargetEncoder:
+    """The encoder with the views by which a target is looked for.
+
+    Raises:
+        InputError: the target needs views, and there are none.
+    """
+    tree = encoder.tree
     views = request.views_of_scene(scene)
     layers = request.n_layers(tree.n_levels)
     if views is None and (request.polish or layers > 1 or request.target_psnr is not None):
@@ -102,45 +132,55 @@ def best_stream(
         step.level == tree.n_levels - 1 > 0 and step.psi.any() for step in tree.steps
     )
     if request.polish and not moves:
-        warnings.warn("polishing changes nothing: the last level refines nothing", stacklevel=3)
-    aim = replace(whole, polish=request.polish, layers=layers)
-    if views is not None:
-        effort = request.effort
-        of_leaves = replace(views, scene=tree.shared_leaves(), drawn={})
-        aim = replace(
-            aim,
-            views=views.weighing_within(effort.pixels),
-            ordering=effort.ordering_views(views),
-            measuring=of_leaves.fewer(MEASURING).within(effort.pixels),
-        )
-    near = None if views is None else SCENE_PRICE / tree.n_leaves
-    if request.target_bytes is not None:
-        most = request.target_bytes
-        n_levels = max(tree.n_levels, 1) + layers - 1
-        aim = replace(aim, info=with_room(request.info, tree, n_levels, request))
+        warnings.warn("polishing changes nothing: the last level refines nothing", stacklevel=4)
+    encoder = replace(encoder, polish=request.polish, layers=layers)
+    if views is None:
+        return encoder
+    effort = request.effort
+    of_leaves = replace(views, scene=tree.shared_leaves(), drawn={})
+    return replace(
+        encoder,
+        views=views.weighing_within(effort.pixels),
+        ordering=effort.ordering_views(views),
+        measuring=of_leaves.fewer(MEASURING).within(effort.pixels),
+    )
 
-        def of_bytes(one: TargetEncoder, near: float | None) -> Found[bytes]:
-            return one.nearest_bytes(most, near)
 
-        guess = partial(Guess.of_bytes, n_bytes=most)
-        aims = _each(aim, trees)
-        may_be_few = not request.is_in_reach and most < SURE_OF_SPLAT * tree.n_leaves
-        if views is not None and tree.n_leaves >= MANY and may_be_few:
-            _expect_one(aims, lambda one: one.expect_bytes(most))
-        found = _aimed(aims, of_bytes, near, guess, Sketch.psnr, TargetEncoder.psnr)
-        return replace(found, n_bytes=most)
-    target = request.target_psnr
-    assert target is not None, "there is a target"
-    near = price_near(target, SCENE_PRICE / tree.n_leaves)
+def _at_bytes(
+    encoder: TargetEncoder, trees: Sequence[EvolutionTree], request: Request, most: int
+) -> FoundStream:
+    """The best stream of the trees of at most so many bytes."""
+    tree = encoder.tree
+    n_levels = max(tree.n_levels, 1) + encoder.layers - 1
+    encoder = replace(encoder, info=with_room(request.info, tree, n_levels, request))
+    encoders = _each(encoder, trees)
+    may_be_few = not request.is_in_reach and most < SURE_OF_SPLAT * tree.n_leaves
+    if encoder.views is not None and tree.n_leaves >= MANY and may_be_few:
+        _expect_one(encoders, lambda one: one.expect_bytes(most))
 
-    def of_psnr(one: TargetEncoder, near: float | None) -> Found[bytes]:
-        return one.nearest_psnr(target, near)
+    def make(one: TargetEncoder, near: float | None) -> Found[bytes]:
+        return one.nearest_bytes(most, near)
 
-    guess = partial(Guess.of_psnr, decibels=target)
-    aims = _each(aim, trees)
+    near = None if encoder.views is None else SCENE_PRICE / tree.n_leaves
+    guess = partial(Guess.of_bytes, n_bytes=most)
+    found = _aimed(encoders, make, near, guess, Sketch.psnr, TargetEncoder.psnr)
+    return replace(found, n_bytes=most)
+
+
+def _at_psnr(
+    encoder: TargetEncoder, trees: Sequence[EvolutionTree], request: Request, decibels: float
+) -> FoundStream:
+    """The smallest stream of the trees that has this PSNR in views."""
+    tree, encoders = encoder.tree, _each(encoder, trees)
     if not request.polish and tree.n_leaves >= MANY and not request.is_in_reach:
-        aims[0].expect_psnr(target)  # the leaves of the other tree are on the same grids
-    return replace(_aimed(aims, of_psnr, near, guess, _fewness), psnr=target)
+        encoders[0].expect_psnr(decibels)  # the leaves of the other tree are on the same grids
+
+    def make(one: TargetEncoder, near: float | None) -> Found[bytes]:
+        return one.nearest_psnr(decibels, near)
+
+    near = price_near(decibels, SCENE_PRICE / tree.n_leaves)
+    guess = partial(Guess.of_psnr, decibels=decibels)
+    return replace(_aimed(encoders, make, near, guess, _fewness), psnr=decibels)
 
 
 def _draws(request: Request) -> bool:
@@ -151,20 +191,20 @@ def _draws(request: Request) -> bool:
     return not request.why_no_views
 
 
-def _each(aim: TargetEncoder, trees: Sequence[EvolutionTree]) -> list[TargetEncoder]:
-    return [replace(aim, tree=tree) for tree in trees]
+def _each(encoder: TargetEncoder, trees: Sequence[EvolutionTree]) -> list[TargetEncoder]:
+    return [replace(encoder, tree=tree) for tree in trees]
 
 
 def _that_pay(
-    aims: Sequence[TargetEncoder], price: float, *, is_sure: bool = False
+    encoders: Sequence[TargetEncoder], price: float, *, is_sure: bool = False
 ) -> Sequence[TargetEncoder]:
     """Of a tree with a palette and one without, that of fewer bits where an estimate is sure."""
-    if len(aims) == 1:
-        return aims
-    shared, plain = aims
+    if len(encoders) == 1:
+        return encoders
+    shared, plain = encoders
     importance = shared.importance
     if importance is None:
-        return aims
+        return encoders
     plain = plain.weighed_as(shared)
     bits = bits_of_palette(shared.tree, importance, price)
     instead = bits_of_psi(plain.tree, importance, price)
@@ -182,19 +222,19 @@ def palette_pays(bits: float, instead: float) -> bool:
     return bits < math.sqrt(SURE_OF_PICKS) * instead
 
 
-def _at_price(aims: Sequence[TargetEncoder], price: float) -> FoundStream:
+def _at_price(encoders: Sequence[TargetEncoder], price: float) -> FoundStream:
     """Of the streams at a price of a bit that whose bits and errors cost least."""
 
-    def make(aim: TargetEncoder, near: float | None) -> Found[bytes]:
-        return Found(price, math.nan, aim.at_price(price))
+    def make(encoder: TargetEncoder, near: float | None) -> Found[bytes]:
+        return Found(price, math.nan, encoder.at_price(price))
 
-    found = [FoundStream.of(aim, make, price) for aim in aims]
+    found = [FoundStream.of(encoder, make, price) for encoder in encoders]
     if len(found) == 1:
         return found[0]
 
     def cost(one: FoundStream) -> float:
-        assert one.aim is not None, "it is made by views"
-        return 8 * len(one.data) * price + 10 ** (-one.aim.psnr(one.data) / 10)
+        assert one.encoder is not None, "it is made by views"
+        return 8 * len(one.data) * price + 10 ** (-one.encoder.psnr(one.data) / 10)
 
     return min([one.made() for one in found], key=cost)
 
@@ -204,14 +244,14 @@ def _made_plainly(
 ) -> list[FoundStream]:
     """Of trees, without a price of a bit; yet to be made."""
 
-    def made(aim: TargetEncoder, near: float | None) -> Found[bytes]:
-        return Found(math.nan, math.nan, make(aim))
+    def made(encoder: TargetEncoder, near: float | None) -> Found[bytes]:
+        return Found(math.nan, math.nan, make(encoder))
 
-    return [FoundStream.of(aim, made) for aim in _each(whole, trees)]
+    return [FoundStream.of(encoder, made) for encoder in _each(whole, trees)]
 
 
 def _aimed(
-    aims: Sequence[TargetEncoder],
+    encoders: Sequence[TargetEncoder],
     make: Make,
     near: float | None,
     guess: Callable[..., Guess],
@@ -223,18 +263,18 @@ def _aimed(
     Of trees of many splats one, yet to be made, near a price that is guessed: of two that of which
     `sketched` gives more, of a sketch at that price, and which can meet the target.
     """
-    if near is not None and aims[0].tree.n_leaves >= GUESSED and not aims[0].polish:
-        found = guess(aims[0].sketch, near=near)
+    if near is not None and encoders[0].tree.n_leaves >= GUESSED and not encoders[0].polish:
+        found = guess(encoders[0].sketch, near=near)
         guesses = [
-            (aim, found if aim is aims[0] else guess(aim.sketch, near=found.price))
-            for aim in _that_pay(aims, found.price)
+            (encoder, found if encoder is encoders[0] else guess(encoder.sketch, near=found.price))
+            for encoder in _that_pay(encoders, found.price)
         ]
-        aim, found = guesses[0]
+        encoder, found = guesses[0]
         if len(guesses) > 1:
-            aim, found = max(guesses, key=lambda pair: _promise(pair[0], pair[1], sketched))
-        return FoundStream.of(aim.guessing(found), make, found.price)
-    streams = [FoundStream.of(aim, make, near) for aim in aims]
-    if len(aims) == 1 or near is None:
+            encoder, found = max(guesses, key=lambda pair: _promise(pair[0], pair[1], sketched))
+        return FoundStream.of(encoder.guessing(found), make, found.price)
+    streams = [FoundStream.of(encoder, make, near) for encoder in encoders]
+    if len(encoders) == 1 or near is None:
         return _best(streams, worth)
     try:
         first = streams[0].made()
@@ -244,8 +284,10 @@ def _aimed(
         except TargetMissedError as other:
             raise min(error, other, key=lambda one: one.by) from None
     assert first.price is not None, "views decide"
-    others = [aim for aim in _that_pay(aims, first.price) if aim is not aims[0]]
-    return _best([first, *(FoundStream.of(aim, make, first.price) for aim in others)], worth)
+    others = [encoder for encoder in _that_pay(encoders, first.price) if encoder is not encoders[0]]
+    return _best(
+        [first, *(FoundStream.of(encoder, make, first.price) for encoder in others)], worth
+    )
 
 
 def _fewness(sketch: Sketch, price: float) -> float:
@@ -254,18 +296,18 @@ def _fewness(sketch: Sketch, price: float) -> float:
 
 
 def _promise(
-    aim: TargetEncoder, guess: Guess, sketched: Callable[[Sketch, float], float]
+    encoder: TargetEncoder, guess: Guess, sketched: Callable[[Sketch, float], float]
 ) -> tuple[bool, float]:
     """What a tree promises at a price that is guessed; of two the greater is better."""
-    return not guess.is_at_end, sketched(aim.sketch, guess.price)
+    return not guess.is_at_end, sketched(encoder.sketch, guess.price)
 
 
-def _expect_one(aims: Sequence[TargetEncoder], expect: Callable[[TargetEncoder], None]) -> None:
+def _expect_one(encoders: Sequence[TargetEncoder], expect: Callable[[TargetEncoder], None]) -> None:
     """Refuse a target that none of them meets, with what the nearest says."""
     missed: list[TargetMissedError] = []
-    for aim in aims:
+    for encoder in encoders:
         try:
-            expect(aim)
+            expect(encoder)
         except TargetMissedError as error:
             missed.append(error)
         else:
@@ -292,13 +334,13 @@ def _best(
         except TargetMissedError as error:
             missed.append(error)
             continue
-        assert one.aim is not None, "it has been made"
+        assert one.encoder is not None, "it has been made"
         if worth is None:
             found.append((-len(one.data), one))
-        elif len(streams) == 1 or one.aim.views is None:
+        elif len(streams) == 1 or one.encoder.views is None:
             return one
         else:
-            found.append((worth(one.aim, one.data), one))
+            found.append((worth(one.encoder, one.data), one))
     if not found:
         raise min(missed, key=lambda error: error.by)
     return max(found, key=lambda pair: pair[0])[1]
@@ -310,7 +352,7 @@ def at_tree_psnr(tree: EvolutionTree, request: Request) -> FoundStream | None:
     if views is None:
         warn_of_preset(request.why_no_views)
         return None
-    aim = TargetEncoder(
+    encoder = TargetEncoder(
         tree,
         request.settings,
         views,
@@ -326,9 +368,9 @@ def at_tree_psnr(tree: EvolutionTree, request: Request) -> FoundStream | None:
         return one.nearest_psnr(TREE_PSNR, near, ABOUT)
 
     if tree.n_leaves < GUESSED:
-        return replace(FoundStream.of(aim, make).made(), psnr=TREE_PSNR)
-    guess = Guess.of_psnr(aim.sketch, TREE_PSNR, SCENE_PRICE / tree.n_leaves)
-    return replace(FoundStream.of(aim.guessing(guess), make, guess.price), psnr=TREE_PSNR)
+        return replace(FoundStream.of(encoder, make).made(), psnr=TREE_PSNR)
+    guess = Guess.of_psnr(encoder.sketch, TREE_PSNR, SCENE_PRICE / tree.n_leaves)
+    return replace(FoundStream.of(encoder.guessing(guess), make, guess.price), psnr=TREE_PSNR)
 
 
 def warn_of_preset(why: object) -> None:

@@ -10,9 +10,9 @@ from evogs_codec.lifting.lift import N_NEIGHBOURS
 if TYPE_CHECKING:
     from evogs_codec.render import Views
 
-__all__ = ["EFFORTS", "MAX_LEVEL", "Effort"]
+__all__ = ["EFFORTS", "MAX_ZSTD_LEVEL", "Effort"]
 
-MAX_LEVEL = 22  # of Zstandard
+MAX_ZSTD_LEVEL = 22
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Effort:
     """What an encode may spend.
 
     Attributes:
-        level: of Zstandard.
+        zstd_level: of packets, 1 to 22.
         n_neighbours: of a splat, among which one is found that it is paired with.
         n_views: views by which errors are weighed, at most, where there is no target.
         pixels: of the longer side of views by which errors are weighed, at most; None: as they are.
@@ -33,7 +33,7 @@ class Effort:
         looks: look at prefixes: their PSNR is stored, and none looks worse than a shorter one.
     """
 
-    level: int = 18
+    zstd_level: int = 18
     n_neighbours: int = N_NEIGHBOURS
     n_views: int = 12
     pixels: int | None = 320
@@ -59,17 +59,17 @@ class Effort:
             name = "default" if asked is None else asked
             if name not in EFFORTS:
                 known = ", ".join(EFFORTS)
-                raise ValueError(f"effort is {name!r}, expected {known} or 1..{MAX_LEVEL}")
+                raise ValueError(f"effort is {name!r}, expected {known} or 1..{MAX_ZSTD_LEVEL}")
             return EFFORTS[name]
-        if not 1 <= asked <= MAX_LEVEL:
-            raise ValueError(f"effort is {asked}, expected 1..{MAX_LEVEL}")
-        return replace(EFFORTS["default"], level=asked)
+        if not 1 <= asked <= MAX_ZSTD_LEVEL:
+            raise ValueError(f"effort is {asked}, expected 1..{MAX_ZSTD_LEVEL}")
+        return replace(EFFORTS["default"], zstd_level=asked)
 
 
 EFFORTS = {
     # Zstandard 16 is the first level that weighs matches by what they cost: below, 7 % are lost.
     "fast": Effort(
-        level=16,
+        zstd_level=16,
         n_neighbours=4,
         n_views=6,
         pixels=300,
@@ -80,6 +80,6 @@ EFFORTS = {
     ),
     "default": Effort(),
     "best": Effort(
-        level=22, n_views=24, pixels=None, price=1.0, n_ordering_views=3, ordering_pixels=None
+        zstd_level=22, n_views=24, pixels=None, price=1.0, n_ordering_views=3, ordering_pixels=None
     ),
 }

@@ -273,7 +273,9 @@ def encode_tree_with_order(tree: EvolutionTree, **options: Unpack[TreeOptions]) 
     if options.get("preset") is None and request.is_plain:
         if tree.quanta:
             own = Settings.of_quanta(tree.quanta)
-            request = replace(request, settings=replace(own, effort=request.settings.effort))
+            request = replace(
+                request, settings=replace(own, zstd_level=request.settings.zstd_level)
+            )
         elif tree.n_leaves:
             found = _at_tree_psnr(tree, request)
     is_sure = is_surely_in_reach(request, tree.shared_leaves())

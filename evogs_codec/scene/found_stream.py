@@ -21,7 +21,7 @@ from evogs_codec.scene.prefixes import Prefixes, StreamPrefixes, TreePrefixes
 
 __all__ = ["FoundStream", "Make"]
 
-# The stream of an aim, at its price of a bit: looked for from another one on, if there is one.
+# The stream of an encoder, at its price of a bit: looked for from another one on, if there is one.
 Make: TypeAlias = Callable[[TargetEncoder, "float | None"], Found[bytes]]
 
 
@@ -32,25 +32,25 @@ class FoundStream:
     Attributes:
         tree: what is encoded.
         stream: its bytes; None until it is `made`.
-        aim: how it is made, if not with fixed steps.
-        make: the stream of an aim, and its price of a bit; looked for from a price on.
+        encoder: how it is made, if not with fixed steps.
+        make: the stream of an encoder, and its price of a bit; looked for from a price on.
         price: of a bit, at which it is made, or near which.
-        psnr: that it aims at, dB; None if it does not.
+        psnr: that it encoders at, dB; None if it does not.
         n_bytes: at most, likewise.
     """
 
     tree: EvolutionTree
     stream: bytes | None = None
-    aim: TargetEncoder | None = None
+    encoder: TargetEncoder | None = None
     make: Make | None = None
     price: float | None = None
     psnr: float | None = None
     n_bytes: int | None = None
 
     @staticmethod
-    def of(aim: TargetEncoder, make: Make, price: float | None = None) -> FoundStream:
+    def of(encoder: TargetEncoder, make: Make, price: float | None = None) -> FoundStream:
         """One that is yet to be made."""
-        return FoundStream(aim.tree, aim=aim, make=make, price=price)
+        return FoundStream(encoder.tree, encoder=encoder, make=make, price=price)
 
     def made(self) -> FoundStream:
         """With its bytes.
@@ -60,12 +60,12 @@ class FoundStream:
         """
         if self.stream is not None:
             return self
-        assert self.aim is not None, "what is not made can be"
+        assert self.encoder is not None, "what is not made can be"
         assert self.make is not None, "what is not made can be"
-        found, aim = self.make(self.aim, self.price), self.aim
-        if aim.guess and self.psnr is not None:
-            aim = aim.guessing(aim.guess.jumping(found, self.psnr))
-        return replace(self, stream=found.what, aim=aim, price=found.at)
+        found, encoder = self.make(self.encoder, self.price), self.encoder
+        if encoder.guess and self.psnr is not None:
+            encoder = encoder.guessing(encoder.guess.jumping(found, self.psnr))
+        return replace(self, stream=found.what, encoder=encoder, price=found.at)
 
     @property
     def data(self) -> bytes:
@@ -75,13 +75,15 @@ class FoundStream:
 
     @property
     def has_target(self) -> bool:
-        """Whether it aims at a PSNR or at bytes."""
+        """Whether it encoders at a PSNR or at bytes."""
         return self.psnr is not None or self.n_bytes is not None
 
     @property
     def is_by_views(self) -> bool:
         """Whether views decided how exact numbers are."""
-        return self.aim is not None and self.aim.views is not None and self.price is not None
+        return (
+            self.encoder is not None and self.encoder.views is not None and self.price is not None
+        )
 
     @property
     def is_layered(self) -> bool:
@@ -103,19 +105,19 @@ class FoundStream:
         """In which other order slots are (`EncodedScene`)."""
         if self._layered is not None:
             return self._layered.orders
-        return None if self.aim is None else self.aim.prepared.orders
+        return None if self.encoder is None else self.encoder.prepared.orders
 
     @property
     def is_at_once(self) -> bool:
         """Whether all leaves come in the place of the roots at once."""
-        return self.aim is not None and self.aim.prepared.orders is not None
+        return self.encoder is not None and self.encoder.prepared.orders is not None
 
     @property
     def can_be_late(self) -> bool:
         """Whether the last level of the tree may come with a second layer."""
-        if self.aim is None or not self.is_layered:
+        if self.encoder is None or not self.is_layered:
             return False
-        return can_be_late(self.aim.prepared.tiles, self.tree.n_levels)
+        return can_be_late(self.encoder.prepared.tiles, self.tree.n_levels)
 
     def draft(self, *, is_whole: bool = False) -> Prefixes[Any]:
         """What is to be looked at: the coarse levels of the stream, with the same integers.
@@ -129,74 +131,74 @@ class FoundStream:
     @property
     def prefixes(self) -> Prefixes[Any]:
         """Of the stream, which is made; of its integers where they are still there."""
-        written = None if self.aim is None else self.aim.prepared.written
+        written = None if self.encoder is None else self.encoder.prepared.written
         if written is not None and written[0] is self.stream:
             return TreePrefixes(written[1])
         return StreamPrefixes(self.data)
 
     def nearer(self) -> FoundStream:
-        """At a price at which it is nearer to what it aims at, by a draft.
+        """At a price at which it is nearer to what it encoders at, by a draft.
 
         Itself if its price is no guess.
         """
-        if self.stream is not None or self.aim is None or self.aim.guess is None:
+        if self.stream is not None or self.encoder is None or self.encoder.guess is None:
             return self
         if self.psnr is not None:
-            guess = self.aim.nearer(self.aim.guess, self.psnr, self._whole.tree)
+            guess = self.encoder.nearer(self.encoder.guess, self.psnr, self._whole.tree)
         elif self.n_bytes is not None:
-            guess = self.aim.nearer_bytes(self.aim.guess, self.n_bytes, self._whole.tree)
+            guess = self.encoder.nearer_bytes(self.encoder.guess, self.n_bytes, self._whole.tree)
         else:
             return self
-        return replace(self, aim=self.aim.guessing(guess), price=guess.price)
+        return replace(self, encoder=self.encoder.guessing(guess), price=guess.price)
 
     @property
     def _layered(self) -> Layered | None:
-        return None if self.aim is None else self.aim.prepared.layered
+        return None if self.encoder is None else self.encoder.prepared.layered
 
     @cached_property
     def _coarse(self) -> TreePrefixes:
         if not self.is_layered:
             return self._whole
-        assert self.aim is not None, "it is by views"
+        assert self.encoder is not None, "it is by views"
         assert self.price is not None, "it is by views"
-        return TreePrefixes(self.aim.prepared.coarse(self.price))
+        return TreePrefixes(self.encoder.prepared.coarse(self.price))
 
     @cached_property
     def _whole(self) -> TreePrefixes:
-        assert self.aim is not None, "it is by views"
+        assert self.encoder is not None, "it is by views"
         assert self.price is not None, "it is by views"
-        return TreePrefixes(self.aim.prepared.coded(self.price))
+        return TreePrefixes(self.encoder.prepared.coded(self.price))
 
     def warn_of_span(self) -> None:
         """Warn where values span so much that they are coarser than views ask."""
         if self.is_by_views:
-            assert self.aim is not None, "it is by views"
+            assert self.encoder is not None, "it is by views"
             assert self.price is not None, "it is by views"
-            self.aim.prepared.warn_of_span(self.price, read_directory(self.data))
+            self.encoder.prepared.warn_of_span(self.price, read_directory(self.data))
 
     def at(self, factor: float) -> FoundStream:
-        """At so many times its price of a bit, whatever it aims at; yet to be made."""
-        assert self.aim is not None, "it is by views"
+        """At so many times its price of a bit, whatever it encoders at; yet to be made."""
+        assert self.encoder is not None, "it is by views"
         assert self.price is not None, "it is by views"
         price = factor * self.price
 
-        def make(aim: TargetEncoder, near: float | None) -> Found[bytes]:
-            return Found(price, math.nan, aim.at_price(price))
+        def make(encoder: TargetEncoder, near: float | None) -> Found[bytes]:
+            return Found(price, math.nan, encoder.at_price(price))
 
         return replace(self, stream=None, make=make, price=price)
 
     def leaving_empty(self, packets: frozenset[PacketId]) -> FoundStream:
         """With these packets of SH bands empty, in the order of this stream, yet to be made."""
-        assert self.aim is not None, "it is by views"
+        assert self.encoder is not None, "it is by views"
         order = tuple(read_directory(self.data).packet_ids())
-        return replace(self, stream=None, aim=self.aim.leaving_empty(packets, order))
+        return replace(self, stream=None, encoder=self.encoder.leaving_empty(packets, order))
 
     def holding(self, runs: Sequence[Run], layering: Layering) -> FoundStream:
         """That of the same tree with runs of steps held back (`TargetEncoder.holding`)."""
-        assert self.aim is not None, "it is by views"
-        return replace(self, stream=None, aim=self.aim.holding(runs, layering))
+        assert self.encoder is not None, "it is by views"
+        return replace(self, stream=None, encoder=self.encoder.holding(runs, layering))
 
     def at_once(self) -> FoundStream:
         """That of the same tree with all leaves in the place of the roots at once."""
-        assert self.aim is not None, "it is by views"
-        return replace(self, stream=None, aim=self.aim.at_once())
+        assert self.encoder is not None, "it is by views"
+        return replace(self, stream=None, encoder=self.encoder.at_once())

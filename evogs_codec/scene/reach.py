@@ -63,7 +63,7 @@ class FewSplats:
     Attributes:
         scene: all its splats.
         trees: of some, with the same leaves: those that the scene may be encoded as.
-        leaf_error: (5,) of the trees (`Aim`).
+        leaf_error: (5,) of the trees (`EncodeTask`).
     """
 
     scene: SplatParams
@@ -173,7 +173,7 @@ class _Ends:
 
     def n_bytes(self, price: float) -> float:
         """Of the stream of the scene, about."""
-        data = write(self._coded(price), effort=1, digests=False)
+        data = write(self._coded(price), zstd_level=1, digests=False)
         body = int(read_directory(data).packets["size"].sum())
         return len(data) - body + body * len(self.scene) / self.some.n_leaves
 

@@ -118,7 +118,7 @@ class Request:
         if n_tiles is not None and n_tiles < 1:
             raise ValueError(f"n_tiles is {n_tiles}, expected at least 1")
         return Request(
-            settings=settings if asked is None else replace(settings, effort=effort.level),
+            settings=settings if asked is None else replace(settings, zstd_level=effort.zstd_level),
             has_preset=preset is not None,
             target_psnr=psnr,
             target_bytes=n_bytes,

@@ -197,8 +197,8 @@ class _Mending:
         if gains_little(gain):
             return self._late(found)
         states = draft.states(self.progress)
-        assert found.aim is not None, "it is by views"
-        some_mends = set() if self.before else _places_of_mends(found.aim.prepared.tiles)
+        assert found.encoder is not None, "it is by views"
+        some_mends = set() if self.before else _places_of_mends(found.encoder.prepared.tiles)
         runs, is_coarse = _runs(states, some_mends)
         added, ratio = _added_by_last(states), self.layering.ratio / FINER
         if found.has_target and added <= 0 and ratio / FINER >= LEAST_RATIO:
@@ -227,9 +227,9 @@ class _Mending:
 
     def _is_surely_wide(self, found: FoundStream) -> bool:
         """Whether coarse splats look far worse than a PSNR that is aimed at, by a slope alone."""
-        if found.psnr is None or found.aim is None or found.aim.guess is None:
+        if found.psnr is None or found.encoder is None or found.encoder.guess is None:
             return False
-        wide = -found.aim.guess.slope * math.log(self.layering.ratio)
+        wide = -found.encoder.guess.slope * math.log(self.layering.ratio)
         return wide >= WIDE + UNSURE and found.psnr - wide >= LOW_PSNR
 
     def _with_ratio_of_use(self, found: FoundStream) -> FoundStream | None:

@@ -5,6 +5,7 @@ several scenes -> one -> crop -> floaters -> scale, rotate, move
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -12,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec._generated import registry
-from evogs_codec.decoding.decode import decode
+from evogs_codec.decoding.decode import decode, decode_leaves
+from evogs_codec.decoding.float_view import n_moved_by_float32
 from evogs_codec.editing.extract import extract_tiles
 from evogs_codec.editing.join import NotJoinableError, joined
 from evogs_codec.editing.move import moved
@@ -109,8 +111,13 @@ def edit_scenes(inputs: Sequence[Scene | Source], edit: Edit) -> Edited:
         except _EncodeAgainError as error:
             how = str(error)
     linear = edit.scale * edit.rotation
-    with np.errstate(over="ignore"):
-        splats = transformed(whole.splats.take(kept), linear, offset if offset.any() else None)
+    if stream is not None and offset.any():
+        splats = decode_leaves(stream)  # of the integers: what was far away may be near now
+    else:
+        if stream is None:
+            _warn_of_float32(streams)
+        with np.errstate(over="ignore"):
+            splats = transformed(whole.splats.take(kept), linear, offset if offset.any() else None)
     if not splats.finite().all():
         raise InputError("the edit makes numbers that are too large for a scene")
     return Edited(
@@ -121,6 +128,13 @@ def edit_scenes(inputs: Sequence[Scene | Source], edit: Edit) -> Edited:
         stream=stream,
         how=how,
     )
+
+
+def _warn_of_float32(streams: Sequence[_Stream]) -> None:
+    n_moved = sum(one.n_moved for one in streams)
+    if n_moved:
+        text = f"float32 moves up to {n_moved:,} splats by more than a tenth of their size"
+        warnings.warn(f"{text}: first move the stream near zero, which is exact", stacklevel=3)
 
 
 def _info_after(info: SceneInfo, edit: Edit, linear: F64, offset: F64) -> SceneInfo:
@@ -151,18 +165,21 @@ class _EncodeAgainError(Exception):
 
 @dataclass(frozen=True, eq=False)
 class _Stream:
-    """A stream: its bytes, its scene, and the number of splats of each tile."""
+    """A stream: its bytes, its scene, the splats of each tile, and those that float32 moves."""
 
     data: memoryview
     scene: Scene
     n_splats: list[int]
+    n_moved: int
 
     @staticmethod
     def of(source: Source) -> _Stream:
         data = bytes_of(source)
         decoded = decode(data)
         n_splats = [int(np.count_nonzero(tile.live[: tile.n_slots])) for tile in decoded.tiles]
-        return _Stream(data, Scene(decoded.leaves(), decoded.directory.info), n_splats)
+        splats = decoded.leaves()
+        n_moved = n_moved_by_float32(decoded.directory, splats)
+        return _Stream(data, Scene(splats, decoded.directory.info), n_splats, n_moved)
 
 
 def _on_packets(

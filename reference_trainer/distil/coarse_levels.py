@@ -20,7 +20,14 @@ import numpy as np
 
 from evogs_codec import EvolutionTree, SplatParams
 from evogs_codec.common.progress import Progress, no_progress
-from evogs_codec.lifting.parents import MENDED, Moments, line_parents, median_mass, merged, moments
+from evogs_codec.lifting.parents import (
+    OFF_LINE,
+    Moments,
+    line_parents,
+    median_mass,
+    merged,
+    moments,
+)
 from evogs_codec.model.channels import GROUP_CHANNELS
 from evogs_codec.model.splats import F64, I64
 from evogs_codec.render import Camera, draw, gradients
@@ -30,7 +37,7 @@ from reference_trainer.models.kernels import adam
 
 __all__ = ["Change", "Distilled", "distil"]
 
-MORE_MENDED = 0.1  # of the pairs of a level
+MORE_OFF_LINE = 0.1  # of the pairs of a level
 RATE, LAST_RATE = 0.03, 0.003  # of a log-scale, at the first and the last iteration
 BETA1, BETA2, EPS = 0.9, 0.99, 1e-15
 WHITE = (1.0, 1.0, 1.0)
@@ -146,12 +153,12 @@ class _Descent:
         change = free[SCALE, slots] - parents[SCALE]
         shown = self.views.sensitivity(_splats(free))[SCALE, slots]
         worth = (shown * np.square(change)).sum(axis=0)
-        is_mended = alpha[2] == MENDED
+        is_mended = alpha[2] == OFF_LINE
         worth[is_mended] = np.inf
-        n_mended = np.count_nonzero(is_mended) + round(MORE_MENDED * len(worth))
+        n_mended = np.count_nonzero(is_mended) + round(MORE_OFF_LINE * len(worth))
         rows = np.sort(np.argsort(-worth, kind="stable")[:n_mended])
         parents[SCALE, rows] = free[SCALE, slots[rows]]
-        alpha[2, rows] = MENDED
+        alpha[2, rows] = OFF_LINE
         found = generation.coarser(finer, parents)
         return self.descended(found, slots[rows], self.iterations - first), alpha
 

@@ -215,7 +215,7 @@ def test_the_pseudo_code_decodes_random_streams_with_sibling_differences_as_the_
 @examples(40)
 @given(coded_trees(max_tiles=2, max_steps=4, max_adds=3))
 def test_the_pseudo_code_decodes_as_the_codec_does(tree):
-    data = write(tree, effort=1)
+    data = write(tree, zstd_level=1)
     assert decode_with_pseudo_code(data) == decode(data).dump()
 
 
@@ -223,7 +223,7 @@ def test_the_pseudo_code_decodes_as_the_codec_does(tree):
 @examples(10)
 @given(trees(max_roots=6, max_steps=3, largest=300))
 def test_the_pseudo_code_decodes_streams_of_the_encoder(tree):
-    data = encode(tree, replace(PRESETS["trained"], effort=1), n_tiles=2)
+    data = encode(tree, replace(PRESETS["trained"], zstd_level=1), n_tiles=2)
     assert decode_with_pseudo_code(data) == decode(data).dump()
 
 

@@ -58,7 +58,7 @@ def stream(n_roots=8, n_levels=2, degree=1, n_tiles=2, seed=0):
     """An encoded `random_tree`, with metadata, alpha tables and digests."""
     info = SceneInfo(up_axis=5, text={"title": "small"})
     tree = random_tree(n_roots, n_levels, degree, seed)
-    return encode(tree, replace(PRESETS["trained"], effort=1), n_tiles=n_tiles, info=info)
+    return encode(tree, replace(PRESETS["trained"], zstd_level=1), n_tiles=n_tiles, info=info)
 
 
 def flipped(data, bit):

@@ -23,7 +23,7 @@ from evogs_codec.render import cameras_around
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.views import Views
 
-SETTINGS = replace(PRESETS["scene"], effort=1)
+SETTINGS = replace(PRESETS["scene"], zstd_level=1)
 PRICE = 1e-10
 N_LEVELS = 3
 
@@ -47,7 +47,7 @@ def aim(tree=None, **more):
 
 def at_a_price(tree, layers, price=PRICE, **more):
     """A stream that nothing was searched for."""
-    return write(Prepared(aim(tree, layers=layers, **more)).coded(price), effort=1)
+    return write(Prepared(aim(tree, layers=layers, **more)).coded(price), zstd_level=1)
 
 
 @cache

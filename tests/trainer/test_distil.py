@@ -10,7 +10,7 @@ pytest.importorskip("numba", reason="the rasterizer is compiled")
 from evogs_codec import EvolutionTree, SplatParams, lift, write_ply
 from evogs_codec.cli import commands
 from evogs_codec.io.tree_npz import write_tree
-from evogs_codec.lifting.parents import MENDED
+from evogs_codec.lifting.parents import OFF_LINE
 from evogs_codec.lifting.splitting import alpha_of
 from evogs_codec.model.channels import GROUP_CHANNELS
 from evogs_codec.model.tree import Kind, Step
@@ -73,9 +73,9 @@ def test_a_tenth_of_the_pairs_is_mended_that_lifting_has_not_mended():
     refines = [step for step in steps[1:] if (step.kinds == Kind.REFINE).all()]
     for split, refine in zip(splits, refines, strict=True):
         n = len(split.slots)
-        n_mended = np.count_nonzero(split.alpha[2] == MENDED)
+        n_mended = np.count_nonzero(split.alpha[2] == OFF_LINE)
         assert n / 10 - 1 < n_mended < n / 4
-        n_hidden = np.count_nonzero((alpha_of(split)[2:4] == MENDED).all(axis=0))
+        n_hidden = np.count_nonzero((alpha_of(split)[2:4] == OFF_LINE).all(axis=0))
         assert len(refine.slots) == n_mended + n_hidden  # C2, and C1 where it was hidden
         assert refine.psi[SCALE].any(axis=0).all()
         if not n_hidden:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from evogs_codec import EvolutionTree, SplatParams
-from evogs_codec.lifting.parents import MAX_OPACITY, TINY, Moments, merged, moments, sizes
+from evogs_codec.lifting.parents import MAX_OPACITY, TINY, Moments, cross_sections, merged, moments
 from evogs_codec.model.splats import F64
 from evogs_codec.model.tree import Kind
 
@@ -51,7 +51,7 @@ def _splats(m: Moments, sh: F64) -> SplatParams:
     variances, axes = np.linalg.eigh(m.cov.transpose(2, 0, 1))
     axes[:, :, 0] *= np.linalg.det(axes)[:, None]  # turned, not mirrored
     x, y, z, w = Rotation.from_matrix(axes).as_quat().T
-    opacity = np.clip(m.mass / sizes(m.cov), 1e-12, MAX_OPACITY)
+    opacity = np.clip(m.mass / cross_sections(m.cov), 1e-12, MAX_OPACITY)
     return SplatParams.from_channels(
         np.concatenate(
             [

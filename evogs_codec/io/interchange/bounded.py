@@ -85,6 +85,6 @@ def unzstd(path: Path, frame: bytes | memoryview, n_bytes: int) -> bytes:
     return data
 
 
-def zstd(data: bytes, effort: int) -> bytes:
+def zstd(data: bytes, level: int) -> bytes:
     """One Zstandard frame, which states its size."""
-    return zstandard.ZstdCompressor(level=effort).compress(data)
+    return zstandard.ZstdCompressor(level=level).compress(data)

@@ -228,6 +228,7 @@ def write(splats: SplatParams, info: SceneInfo, _command: str) -> bytes:
     if splats.sh_degree:
         parts.append(_sh_bytes(splats.sh[:, 1:]))
     _warn_of_clipped(splats)
+    _warn_of_moved(splats, fraction)
     frames = [zstd(part.tobytes(), EFFORT) for part in parts]
     flags = ANTIALIASED * info.antialiased
     head = struct.pack("<4sIIBBBB", MAGIC, 4, n, splats.sh_degree, fraction, flags, len(parts))
@@ -256,6 +257,17 @@ def _sh_bytes(rest: F32) -> U8:
     steps[:3] = 8
     middle = np.rint(rest * 128) + 128
     return as_bytes((middle + steps // 2) // steps * steps)
+
+
+def _warn_of_moved(splats: SplatParams, fraction: int) -> None:
+    """Say how many splats move by over a tenth of their mean size, where positions are far."""
+    if fraction >= FRACTION:
+        return
+    sizes = np.exp(splats.log_scales.mean(axis=1))
+    n_moved = int(np.count_nonzero(0.5 * 2.0**-fraction > 0.1 * sizes))
+    if n_moved:
+        text = f"positions are far from zero: an .spz moves up to {n_moved:,} splats by more than"
+        warnings.warn(f"{text} a tenth of their size; move the scene nearer first", stacklevel=2)
 
 
 def _warn_of_clipped(splats: SplatParams) -> None:

@@ -5,6 +5,7 @@ import json
 import os
 import warnings
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -90,6 +91,14 @@ def test_what_is_neither_scene_nor_tree_is_refused_and_the_line_says_what_to_do(
     words = {"bundle": "meta.json has no object 'means'", "zeros": "only zeros, as of an inter"}
     for name, said in words.items():
         refused(command, tmp_path / name, tmp_path / "out", words=[tmp_path / name, said])
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("option", "words"), [(["--levels", 3], "--levels is for"), (["--workers", 2], "encoded whole")]
+)
+def test_options_of_scenes_are_refused_of_a_tree(option, words, refused, made, tmp_path):
+    refused("encode", made / "x.tree.npz", tmp_path / "out", *option, words=[words])
     assert not (tmp_path / "out").exists()
 
 
@@ -246,6 +255,9 @@ def test_splats_that_are_not_finite_are_refused_or_dropped_and_counted(evogs, re
         assert code == 0
         assert err == "evogs: warning: 2 splats with NaN or infinite numbers left out\n"
         assert "48 splats" in out
+    write_ply(path, replace(scene, means=np.full((50, 3), np.nan, np.float32)))
+    refused("encode", path, tmp_path / "none", "--drop-invalid", words=["all 50 splats have a NaN"])
+    assert not (tmp_path / "none").exists()
 
 
 @pytest.mark.parametrize(

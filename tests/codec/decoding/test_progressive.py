@@ -74,14 +74,14 @@ def in_another_order(data: bytes, rng: random.Random) -> bytes:
 @examples(25)
 @given(SMALL, st.sampled_from([1, 2, 7, 1 << 30]))
 def test_feeding_1_2_7_or_all_bytes_gives_what_decode_gives(tree, size):
-    data = write(tree, effort=1)
+    data = write(tree, zstd_level=1)
     assert fed_dump(data, size) == decode(data).dump()
 
 
 @examples(60)
 @given(SMALL, SEEDS)
 def test_ranges_in_any_order_overlapping_or_not_give_what_decode_gives(tree, seed):
-    data = write(tree, effort=1)
+    data = write(tree, zstd_level=1)
     decoder = Decoder()
     steps = 0
     for a, b in overlapping_ranges(random.Random(seed), len(data)):
@@ -94,7 +94,7 @@ def test_ranges_in_any_order_overlapping_or_not_give_what_decode_gives(tree, see
 @examples(40)
 @given(SMALL, SEEDS)
 def test_what_was_fed_so_far_is_always_the_largest_complete_cut(tree, seed):
-    data = write(tree, effort=1)
+    data = write(tree, zstd_level=1)
     directory = read_directory(data)
     decoder, there = Decoder(), np.zeros(len(data), bool)
     for a, b in overlapping_ranges(random.Random(seed), len(data)):
@@ -114,7 +114,7 @@ def test_what_was_fed_so_far_is_always_the_largest_complete_cut(tree, seed):
 @examples(50)
 @given(SMALL, SEEDS)
 def test_any_legal_order_of_the_packets_gives_the_same_integers(tree, seed):
-    data = write(tree, effort=1)
+    data = write(tree, zstd_level=1)
     moved = in_another_order(data, random.Random(seed))
     assert decode(moved, verify=True).dump() == decode(data).dump()
     assert oracle.decode(moved, check_digests=True).dump() == decode(data).dump()
@@ -125,7 +125,7 @@ def test_any_legal_order_of_the_packets_gives_the_same_integers(tree, seed):
 @examples(60)
 @given(SMALL, SEEDS)
 def test_every_cut_decodes_as_the_oracle_does_with_sh_late_or_never(tree, seed):
-    data = write(tree, effort=1)
+    data = write(tree, zstd_level=1)
     for k in range(3):
         cut = random_cut(data, random.Random(seed + k))
         scene = oracle.decode(data, cut=cut.steps.tolist())
@@ -139,7 +139,7 @@ def test_every_cut_decodes_as_the_oracle_does_with_sh_late_or_never(tree, seed):
 @examples(40)
 @given(SMALL)
 def test_every_level_decodes_as_the_oracle_does(tree):
-    data = write(tree, effort=1)
+    data = write(tree, zstd_level=1)
     directory = read_directory(data)
     for level in range(tree.n_levels):
         cut = Cut.of_level(directory, level)
@@ -150,7 +150,7 @@ def test_every_level_decodes_as_the_oracle_does(tree):
 @examples(25)
 @given(SMALL)
 def test_every_prefix_decodes_as_the_oracle_does(tree):
-    data = write(tree, effort=1)
+    data = write(tree, zstd_level=1)
     directory = read_directory(data)
     ends = (directory.offsets + directory.packets["size"]).tolist()
     bounds = {0, 1, 63, 64, directory.data_offset, *ends}
@@ -170,7 +170,7 @@ def test_every_prefix_decodes_as_the_oracle_does(tree):
 @examples(15)
 @given(trees(max_roots=5, max_steps=3, largest=300), SEEDS)
 def test_encoded_trees_may_come_in_any_order_too(tree, seed):
-    data = encode(tree, replace(PRESETS["trained"], effort=1), n_tiles=2)
+    data = encode(tree, replace(PRESETS["trained"], zstd_level=1), n_tiles=2)
     decoder = Decoder()
     for a, b in overlapping_ranges(random.Random(seed), len(data)):
         decoder.feed(data[a:b], a)

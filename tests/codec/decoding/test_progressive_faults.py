@@ -34,7 +34,7 @@ def samples() -> tuple[bytes, ...]:
     for degree, seed in ((1, 5), (0, 9)):
         rng = np.random.default_rng(seed)
         tree = random_tree(rng, degree)
-        streams.append(encode(tree, replace(PRESETS["trained"], effort=1), n_tiles=2))
+        streams.append(encode(tree, replace(PRESETS["trained"], zstd_level=1), n_tiles=2))
     return tuple(streams)
 
 

@@ -6,7 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from evogs_codec.encoding.few_views import EVERY, SURE, Divisible, FewViews
+from evogs_codec.encoding.few_views import EVERY, SURE, FewViews
+from evogs_codec.encoding.pictures import Divisible
 from evogs_codec.encoding.search import Goal
 
 N = 25

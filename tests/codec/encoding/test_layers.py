@@ -282,7 +282,7 @@ def test_errors_of_the_directory_fall_from_layer_to_layer_to_none():
 def test_a_stream_read_back_is_the_same_and_may_be_written_again():
     data = stream(2)
     coded = read_coded_tree(data)
-    again = write(coded, effort=1)
+    again = write(coded, zstd_level=1)
     assert decode(again, verify=True).leaves().channels().tobytes() == (
         decode(data).leaves().channels().tobytes()
     )

@@ -165,7 +165,7 @@ def test_a_target_of_bytes():
 
 @pytest.mark.thorough
 def test_more_effort_takes_no_more_bytes_for_the_same_splats():
-    hard = replace(aim(layers=2), settings=replace(SETTINGS, effort=19)).at_psnr(40)
+    hard = replace(aim(layers=2), settings=replace(SETTINGS, zstd_level=19)).at_psnr(40)
     assert len(hard) <= len(stream(2))
     assert_array_equal(decode(hard).leaves().channels(), decode(stream(2)).leaves().channels())
 

@@ -79,14 +79,14 @@ MANY_EQUAL_ROOTS = one_tile(np.zeros((14, 30000)), quantiser=Quantiser(65535, 24
 @example(ALL_DROPPED)
 @example(MANY_EQUAL_ROOTS)
 def test_the_records_of_a_stream_are_the_records_that_were_written(tree):
-    assert_same_tree(read_coded_tree(write(tree, effort=1)), tree)
+    assert_same_tree(read_coded_tree(write(tree, zstd_level=1)), tree)
 
 
 @MANY
 @given(coded_trees())
 @example(ALL_DROPPED)
 def test_the_decoder_and_the_oracle_decode_the_same_integers(tree):
-    data = write(tree, effort=1)
+    data = write(tree, zstd_level=1)
     decoded = decode(data, verify=True)
     scene = oracle.decode(data, check_digests=True)
     assert decoded.dump() == scene.dump()
@@ -98,7 +98,7 @@ def test_the_decoder_and_the_oracle_decode_the_same_integers(tree):
 @examples(20)
 @given(coded_trees(max_tiles=2))
 def test_the_float_view_is_the_exact_value_rounded_once(tree):
-    data = write(tree, effort=1, digests=False)
+    data = write(tree, zstd_level=1, digests=False)
     splats = decode(data).leaves(sh_degree=tree.sh_degree).channels().T
     assert [tuple(row) for row in splats.tolist()] == oracle.decode(data).float_view()
 
@@ -106,9 +106,9 @@ def test_the_float_view_is_the_exact_value_rounded_once(tree):
 @examples(20)
 @given(coded_trees(max_tiles=2))
 def test_digests_change_no_integer_and_writing_again_changes_no_byte(tree):
-    data = write(tree, effort=1)
-    assert write(read_coded_tree(data), effort=1) == data
-    plain = write(tree, effort=1, digests=False)
+    data = write(tree, zstd_level=1)
+    assert write(read_coded_tree(data), zstd_level=1) == data
+    plain = write(tree, zstd_level=1, digests=False)
     assert decode(plain).dump() == decode(data).dump()
 
 
@@ -124,7 +124,7 @@ def test_many_equal_new_slots_are_written_with_enough_bytes():
         np.zeros((14, n), np.int32),
     )
     tree = one_tile(np.zeros((14, n)), splits, quantiser=Quantiser(1, 0))
-    data = write(tree, effort=1)
+    data = write(tree, zstd_level=1)
     assert_same_tree(read_coded_tree(data), tree)
     assert oracle.decode(data, check_digests=True).dump() == decode(data, verify=True).dump()
 

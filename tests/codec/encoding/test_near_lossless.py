@@ -22,7 +22,7 @@ from tests.support.exact import GROUP_OF, exact_states, largest_errors
 from tests.support.examples import examples
 from tests.support.strategies import trees
 
-NEAR_LOSSLESS = replace(PRESETS["near-lossless"], effort=1)
+NEAR_LOSSLESS = replace(PRESETS["near-lossless"], zstd_level=1)
 
 
 def errors_by_level(
@@ -30,7 +30,7 @@ def errors_by_level(
 ) -> list[list[Fraction]]:
     """[level][channel] largest error, in grid units, after every few levels of each tile."""
     n_levels = max([tile.n_levels for tile in tiles] + [1])
-    data = write(quantise(tiles, n_levels, settings), effort=1)
+    data = write(quantise(tiles, n_levels, settings), zstd_level=1)
     directory = read_directory(data)
     out = []
     states = [exact_states(tile) for tile in tiles]
@@ -139,14 +139,14 @@ def test_the_grid_is_as_fine_as_24_bits_allow(tree):
 
 # --- the closed loop --------------------------------------------------------------------------
 
-TRAINED = replace(PRESETS["trained"], effort=1)
+TRAINED = replace(PRESETS["trained"], zstd_level=1)
 STEPS = cast(FixedSteps, TRAINED.accuracy)
 
 
 def errors_in_steps(tree: EvolutionTree, settings: Settings) -> list[float]:
     """By step of the input the largest error of a live splat, in quantiser steps of psi."""
     coded = quantise([tree], tree.n_levels, settings)
-    data = write(coded, effort=1)
+    data = write(coded, zstd_level=1)
     out = []
     for k, (x, live) in enumerate(exact_states(tree)):
         if k % 8 and k < len(tree.steps) - 1:

@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose
 
 from evogs_codec import PRESETS, EvolutionTree, Kind, Step, decode, encode, lift, read_directory
 from evogs_codec.encoding.arrange import arrange
+from evogs_codec.encoding.estimated_gains import changes, ranks
 from evogs_codec.encoding.packet_order import packet_order
 from evogs_codec.encoding.quantise import quantise
-from evogs_codec.encoding.visibility import changes, ranks
 from evogs_codec.encoding.write import write
 from evogs_codec.format.layout import PACKET_ENTRY, size_of
 from evogs_codec.model.packet_id import PacketId
@@ -51,7 +51,7 @@ def with_gains(tree, gains):
 @pytest.mark.parametrize("n_tiles", [pytest.param(1, marks=pytest.mark.thorough), 3])
 def test_the_same_tree_gives_the_same_bytes_and_their_order_is_legal(n_tiles):
     tree = random_tree(60, 4, 2, seed=3)
-    settings = replace(PRESETS["trained"], effort=1)
+    settings = replace(PRESETS["trained"], zstd_level=1)
     data = encode(tree, settings, n_tiles=n_tiles)
     assert encode(tree, settings, n_tiles=n_tiles) == data
     directory = read_directory(data)  # which refuses any other
@@ -63,19 +63,19 @@ def test_without_gains_packets_go_step_by_step(coded):
     bare = with_gains(coded, [()] * 99)
     order = packet_order(bare, sizes_of(bare))
     assert order == sorted(order, key=lambda packet: (packet.step, packet.tile, packet.component))
-    assert len(write(bare, effort=1)) == len(write(coded, effort=1))
+    assert len(write(bare, zstd_level=1)) == len(write(coded, zstd_level=1))
 
 
 def test_packets_may_come_in_another_order(coded):
-    data = write(coded, effort=1)
+    data = write(coded, zstd_level=1)
     step_by_step = sorted(sizes_of(coded), key=lambda packet: packet.step)
-    other = write(coded, effort=1, order=step_by_step)
+    other = write(coded, zstd_level=1, order=step_by_step)
     assert decode(other, verify=True).dump() == decode(data).dump()
     directory = read_directory(other)
     rows = zip(directory.packets["tile"], directory.columns, directory.steps, strict=True)
     assert [*map(PacketId._make, rows)] == step_by_step
     with pytest.raises(ValueError, match=r"order of \d+ packets is none of the \d+"):
-        write(coded, effort=1, order=step_by_step[1:])
+        write(coded, zstd_level=1, order=step_by_step[1:])
 
 
 def test_the_next_packet_is_of_the_tile_where_bytes_gain_most(lifted, coded):

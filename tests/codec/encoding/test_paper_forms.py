@@ -18,8 +18,8 @@ from evogs_codec.model.channels import GROUP_CHANNELS, n_channels
 from evogs_codec.model.splats import SplatParams
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
-NEAR_LOSSLESS = replace(PRESETS["near-lossless"], effort=1)
-TRAINED = replace(PRESETS["trained"], effort=1)
+NEAR_LOSSLESS = replace(PRESETS["near-lossless"], zstd_level=1)
+TRAINED = replace(PRESETS["trained"], zstd_level=1)
 STEPS = cast(FixedSteps, TRAINED.accuracy)
 ROTATION, OPACITY = GROUP_CHANNELS[1], GROUP_CHANNELS[3]
 # Lists of a core packet (spec 5.9).

@@ -85,7 +85,7 @@ def test_a_warning_names_no_group_that_is_as_asked():
 def test_only_the_classes_that_need_it_are_coarser():
     steps = np.full((3, 8), 1e-3)
     settings = replace(Settings.of_quanta(StepTable.of(steps).rows), closed_loop=True)
-    grid = Grid.of(3, 2, (14,) * 5, steps, settings)
+    grid = Grid.of(3, (14,) * 5, steps, settings)
     found = with_a_coarser_row(steps, grid, TooFineError(4, 0, {4: 8.0}))
     assert found[0, 4] == pytest.approx(8e-3, rel=0.05)
     found[0, 4] = 1e-3

@@ -164,6 +164,7 @@ def extreme_scene():
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
+@pytest.mark.filterwarnings("ignore:positions are far from zero")
 def test_extreme_numbers_become_the_nearest_that_the_format_holds(ending, tmp_path):
     scene = extreme_scene()
     found, expected = there_and_back(scene, ending, tmp_path), ordered(scene, ending)
@@ -194,6 +195,14 @@ def test_a_warning_counts_the_splats_that_a_format_cannot_hold(ending, n, tmp_pa
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", "a .splat has no SH")
         write_scene(tmp_path / f"x.{ending}", odd_scene())
+
+
+@pytest.mark.filterwarnings("default")
+def test_an_spz_of_splats_far_from_zero_says_how_many_it_moves(tmp_path):
+    far = odd_scene()
+    far = replace(far, means=far.means + np.float32(1e6))
+    with pytest.warns(UserWarning, match="far from zero: an .spz moves up to 48 splats"):
+        write_scene(tmp_path / "x.spz", far)
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
@@ -250,6 +259,7 @@ def test_a_glb_without_splats_is_refused(tmp_path):
         write_scene(tmp_path / "x.glb", odd_scene(4).take(np.arange(0)))
 
 
+@pytest.mark.filterwarnings("ignore:positions are far from zero")
 def test_an_spz_has_finer_positions_for_a_small_scene_and_coarser_for_a_large_one(tmp_path):
     for factor, rounding in ((1e-3, 1e-7), (1.0, 2**-13), (1e3, 2**-11), (1e6, 0.5)):
         scene = odd_scene(48, 0)

@@ -187,7 +187,7 @@ def weighed(monkeypatch):
 
     def weighed(*job):
         found = weigh(*job)
-        counts["known" if found.prepared.aim.drawn else "drawn"] += 1
+        counts["known" if found.prepared.task.drawn else "drawn"] += 1
         return found
 
     monkeypatch.setattr(Weighed, "of", weighed)

@@ -14,7 +14,7 @@ from evogs_codec.lifting import pairing
 from evogs_codec.lifting.concat import joined
 from evogs_codec.lifting.lift import default_levels, lift, lift_with_order
 from evogs_codec.lifting.orientations import MAX_G, largest_w, turned
-from evogs_codec.lifting.parents import ALPHAS_OPACITY, ALPHAS_SCALE, MENDED
+from evogs_codec.lifting.parents import ALPHAS_OPACITY, ALPHAS_SCALE, OFF_LINE
 from evogs_codec.model.splats import F64, SplatParams
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
 from evogs_codec.render.demo_scene import make_scene
@@ -86,7 +86,7 @@ def test_levels_are_splits_with_alphas_of_the_tables():
         assert not step.n_adds
         assert (step.alpha[[0, 4]] == 1).all()
         assert (step.alpha[1] == 0).all()
-        assert set(step.alpha[2]) <= {*ALPHAS_SCALE, MENDED}
+        assert set(step.alpha[2]) <= {*ALPHAS_SCALE, OFF_LINE}
         assert set(step.alpha[3]) <= set(ALPHAS_OPACITY)
 
 
@@ -101,7 +101,7 @@ def test_steps_that_do_not_split_refine_both_children_of_mended_splats_in_the_sa
         assert not step.n_adds
         assert not step.psi[3].any()
         n_slots = sum(s.n_new for s in tree.steps[: k - 1])
-        rows = np.flatnonzero(split.alpha[2] == MENDED)
+        rows = np.flatnonzero(split.alpha[2] == OFF_LINE)
         np.testing.assert_array_equal(step.slots, [*split.slots[rows], *(n_slots + rows)])
 
 
@@ -109,7 +109,7 @@ def test_a_mended_parent_has_the_moments_of_its_leaves():
     splats = faint_but_large()
     lifted = lift_with_order(splats, 2)
     split = lifted.tree.steps[1]
-    rows = np.flatnonzero(split.alpha[2] == MENDED)
+    rows = np.flatnonzero(split.alpha[2] == OFF_LINE)
     slots = split.slots[rows]
     parents = covariances(lifted.tree.leaves(0).take(slots))
     pairs = [lifted.leaf_of[slots], lifted.leaf_of[lifted.tree.steps[0].n_adds + rows]]

@@ -167,7 +167,7 @@ def test_a_file_of_a_tree_does_not_lose_a_palette_in_silence(scene, tmp_path):
 def test_a_stream_has_the_sh_of_every_level(scene, preset, n_tiles):
     """The oracle decodes what was written, and errors are those of the steps."""
     _, _, tree = scene
-    data = encode(tree, replace(PRESETS[preset], effort=1), n_tiles=n_tiles)
+    data = encode(tree, replace(PRESETS[preset], zstd_level=1), n_tiles=n_tiles)
     directory = read_directory(data)
     assert directory.has_palette
     assert directory.sh_degree == 2
@@ -242,7 +242,7 @@ def test_entries_come_with_the_level_that_first_picks_them(scene, n_tiles):
 
 
 def encode_entries(entries):
-    return pack_entries(entries, effort=19)
+    return pack_entries(entries, zstd_level=19)
 
 
 def test_a_palette_that_is_nearly_free_keeps_the_bound_of_amplification():

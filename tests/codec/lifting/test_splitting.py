@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evogs_codec.lifting.parents import MENDED
+from evogs_codec.lifting.parents import OFF_LINE
 from evogs_codec.lifting.splitting import split_steps
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
 from evogs_codec.render import orbit, psnr, render
@@ -25,7 +25,7 @@ def pair(alpha_scale):
     return parent, c1, c2, alpha
 
 
-@pytest.mark.parametrize(("alpha_scale", "refined"), [(MENDED, [0, 1]), (0.5, [1])])
+@pytest.mark.parametrize(("alpha_scale", "refined"), [(OFF_LINE, [0, 1]), (0.5, [1])])
 def test_children_on_no_line_are_what_they_are_after_two_steps(alpha_scale, refined):
     parent, c1, c2, alpha = pair(alpha_scale)
     split, refine = split_steps(1, np.array([0]), 1, parent, c1, c2, alpha)
@@ -37,7 +37,7 @@ def test_children_on_no_line_are_what_they_are_after_two_steps(alpha_scale, refi
 
 @pytest.mark.parametrize("logit", [-7.0, 0.0, 3.0, 20.0])
 def test_before_they_are_refined_pictures_are_those_of_the_parent(logit):
-    parent, c1, c2, alpha = pair(MENDED)
+    parent, c1, c2, alpha = pair(OFF_LINE)
     parent[10] = logit
     split, refine = split_steps(1, np.array([0]), 1, parent, c1, c2, alpha)
     adds = Step.of_adds(0, parent.astype(np.float32))

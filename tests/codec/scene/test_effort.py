@@ -109,7 +109,7 @@ def test_fast_encodes_one_of_two_trees(monkeypatch):
 
 
 def test_a_number_is_the_default_with_a_level_of_zstandard():
-    assert Effort.of(3) == Effort(level=3)
+    assert Effort.of(3) == Effort(zstd_level=3)
     assert Effort.of(None) == Effort.of("default") == EFFORTS["default"]
 
 

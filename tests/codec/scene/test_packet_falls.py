@@ -71,7 +71,7 @@ def test_empty_packets_have_no_bytes_and_later_ones_mend_them(layers):
 
 def gauge_of(found):
     """By the views that a stream is of."""
-    views = found.aim.views
+    views = found.encoder.views
     return Gauge(views, "", views, views)
 
 
@@ -107,13 +107,13 @@ def test_where_pictures_stay_worse_other_streams_are_tried(
     assert len(told) == len(falls) - 1  # a line for each stream that is tried
     assert all(stage == "try" for stage, _ in told)
     assert sorted(part for _, part in told) == [part for _, part in told]
-    assert chosen.aim is not None
+    assert chosen.encoder is not None
     assert chosen.price == pytest.approx(PRICE * factor)
     assert chosen.layering.n == n_layers
-    assert chosen.data == chosen.aim.at_price(PRICE * factor)
+    assert chosen.data == chosen.encoder.at_price(PRICE * factor)
     empty = frozenset({PacketId(0, 3, max(p.step for p in sizes(chosen.data)))})
     again = chosen.leaving_empty(empty).made()
-    assert again.data == chosen.aim.leaving_empty(empty, order(chosen)).at_price(PRICE * factor)
+    assert again.data == chosen.encoder.leaving_empty(empty, order(chosen)).at_price(PRICE * factor)
     assert order(again) == order(chosen)
 
 
@@ -149,7 +149,7 @@ def test_of_many_splats_some_prefixes_are_looked_at_first(monkeypatch, layered, 
         rows.extend(some.tolist())
         return iter([None] * len(some))
 
-    views = replace(layered.aim.views, cameras=layered.aim.views.cameras * 2)
+    views = replace(layered.encoder.views, cameras=layered.encoder.views.cameras * 2)
     left = iter([*decibels, *[30.0] * 20])
     monkeypatch.setattr(packet_falls, "shown", shown)
     monkeypatch.setattr(Views, "psnr", lambda self, _: len(self.cameras) == 2 and next(left))
@@ -179,7 +179,7 @@ def test_with_a_target_all_views_look_again_at_falls(monkeypatch, layered, in_al
     in_two = [20.0, 25.0, 24.9, 30.0, 29.9, *[35.0] * 20]
     values = {2: iter(in_two), 12: iter(in_all)}
     monkeypatch.setattr(Views, "psnr", lambda self, _: next(values[len(self.cameras)]))
-    views = layered.aim.views
+    views = layered.encoder.views
     two = replace(views, cameras=views.cameras[:1] * 14)
     sure = replace(views, cameras=views.cameras[:1] * 12)
     assert packet_falls._may_fall(layered, two, sure) == expected
@@ -264,7 +264,7 @@ def test_a_stream_that_looks_worse_for_its_bytes_or_falls_more_is_not_looked_at_
     monkeypatch.setattr(packet_falls, "_psnr_of", lambda *_: whole)
     shorter = replace(layered, stream=layered.data[: int(n_bytes * len(layered.data))])
     monkeypatch.setattr(FoundStream, "leaving_empty", lambda *_: shorter)
-    views = layered.aim.views
+    views = layered.encoder.views
     assert packet_falls._without_worst(layered, views) == (layered, looks)
     assert found == [np.inf, *bounds]
 
@@ -291,7 +291,7 @@ def test_packets_around_a_fall_are_put_in_order_where_empty_ones_do_not_mend_it(
     monkeypatch.setattr(packet_falls, "_psnr_of", lambda *_: 39.0)
     monkeypatch.setattr(FoundStream, "leaving_empty", lambda stream, _: stream)
     monkeypatch.setattr(packet_falls, "ordered_by_views", ordered)
-    stream, looks = packet_falls._without_worst(layered, layered.aim.views)
+    stream, looks = packet_falls._without_worst(layered, layered.encoder.views)
     assert (stream.data, looks) == ((b"in order", mended) if is_taken else (layered.data, falling))
     assert found == [(layered.data, np.inf), (b"in order", 1.0)][: 1 + is_taken]
 
@@ -313,7 +313,7 @@ def test_another_order_that_falls_more_is_not_taken(monkeypatch, layered):
     monkeypatch.setattr(packet_falls, "_without_worst", lambda one, _: (one, looks))
     ordered = lambda *_, most: (b"in another order", next(falls))  # noqa: E731
     monkeypatch.setattr(packet_falls, "ordered_by_views", ordered)
-    views = layered.aim.views
+    views = layered.encoder.views
     assert packet_falls._with_least_fall(layered, views) == (layered, 0.25)
     other, fall = packet_falls._with_least_fall(layered, views)
     assert (other.data, fall) == (b"in another order", 0.2)

@@ -64,7 +64,7 @@ def test_what_is_known_of_prefixes_before_a_packet():
 
 
 def test_of_a_stream_that_falls_more_nothing_is_known(layered):
-    views = layered.aim.views
+    views = layered.encoder.views
     looks = packet_looks.Looks.of(layered, views)
     assert looks is not None
     assert packet_looks.Looks.of(layered, views, looks.fall) is not None
@@ -92,7 +92,7 @@ def test_falls_that_later_packets_mend_are_known(monkeypatch, layered, decibels,
     rows = packet_looks.rows_of(read_directory(layered.data))
     shown = [*decibels, *[decibels[-1]] * (len(rows) - len(decibels))]
     monkeypatch.setattr(packet_looks, "shown", lambda *_: ([x] * 4 for x in shown))
-    views = Told(layered.aim.views.scene, layered.aim.views.cameras)
+    views = Told(layered.encoder.views.scene, layered.encoder.views.cameras)
     looks = packet_looks.Looks.of(layered, views)
     assert looks is not None
     found = [(fall.rows[0], fall.rows[-1], fall.highest) for fall in looks.mended]

@@ -215,7 +215,7 @@ def test_coarse_splats_that_look_worse_than_some_of_them_are_too_coarse():
 def test_roots_are_looked_at_step_by_step(monkeypatch, decibels, expected):
     splats = make_scene(3000)
     found = found_of(aim_of(lift(splats, 2), splats, layers=2))
-    draft = Draft(found.draft(), 2, 3, 3000, found.aim.views)
+    draft = Draft(found.draft(), 2, 3, 3000, found.encoder.views)
     assert len([*draft.prefixes.steps_of(0)]) == len(decibels)
     shown = iter(decibels)
     monkeypatch.setattr(Views, "psnr_of_each", lambda *_: np.full(4, next(shown)))
@@ -257,7 +257,7 @@ def test_coarse_splats_that_would_show_hardly_anything_are_made_finer_unseen(
     found = replace(found_of(aim_of(lift(splats, 3), splats, layers=2)), price=price / N)
     monkeypatch.setattr(steady, "_runs", lambda *_: ([], False))
     request = Request.of("scene", {})
-    mending = steady._Mending(found.aim.views, request.progress, False, found.layering)
+    mending = steady._Mending(found.encoder.views, request.progress, False, found.layering)
     again = mending.mended(found)
     assert (found if again is None else again).layering.ratio == ratio
     assert again is None or mending.mended(again) is None
@@ -274,7 +274,7 @@ def test_with_a_target_coarse_splats_are_finer_before_steps_are_held_back(
     splats = make_scene(N)
     found = replace(found_of(aim_of(lift(splats, 3), splats, layers=2)), **target)
     request = Request.of("scene", {})
-    mending = steady._Mending(found.aim.views, request.progress, False, found.layering)
+    mending = steady._Mending(found.encoder.views, request.progress, False, found.layering)
     again = mending.mended(found)
     assert again is not None
     assert again.layering.ratio == ratio
@@ -302,7 +302,7 @@ def test_with_a_target_coarse_splats_are_finer_until_their_last_level_shows_some
     monkeypatch.setattr(Draft, "states", lambda *_: states)
     splats = make_scene(N)
     found = replace(found_of(aim_of(lift(splats, 3), splats, layers=2)), **target)
-    mending = steady._Mending(found.aim.views, no_progress, False, found.layering)
+    mending = steady._Mending(found.encoder.views, no_progress, False, found.layering)
     for ratio in ratios:
         found = mending.mended(found)
         assert found is not None
@@ -325,7 +325,7 @@ def test_nobody_looks_whether_coarse_splats_are_far_off_where_a_slope_tells(
 ):
     splats = make_scene(N)
     found = found_of(aim_of(lift(splats, 3), splats, layers=2))
-    aim = found.aim.guessing(Guess(found.price, slope))
+    encoder = found.encoder.guessing(Guess(found.price, slope))
     looks = []
 
     def last_two(draft):
@@ -335,8 +335,8 @@ def test_nobody_looks_whether_coarse_splats_are_far_off_where_a_slope_tells(
     monkeypatch.setattr(Draft, "last_two", last_two)
     monkeypatch.setattr(steady, "_falls_late", lambda *_: False)
     request = Request.of("scene", {})
-    mending = steady._Mending(found.aim.views, request.progress, True, found.layering)
-    begun = mending.begun(replace(found, aim=aim, psnr=decibels))
+    mending = steady._Mending(found.encoder.views, request.progress, True, found.layering)
+    begun = mending.begun(replace(found, encoder=encoder, psnr=decibels))
     assert (not looks) == is_sure
     assert begun.layering.n == (3 if is_sure else 2)
 
@@ -353,7 +353,7 @@ def test_a_level_that_gains_somewhat_comes_late_where_steps_would_be_held_back(
     monkeypatch.setattr(steady, "_runs", runs_of)
     splats = make_scene(N)
     found = found_of(aim_of(lift(splats, 3), splats, layers=2))
-    draft, views = found.draft(), found.aim.views
+    draft, views = found.draft(), found.encoder.views
     cuts = [draft.of_level(level) for level in (1, 2)]
     before, last = map(views.psnr, draft.shown(cuts, 3))
     monkeypatch.setattr(late_level, "LATE", last - before - 0.5)

@@ -68,7 +68,7 @@ def test_of_many_splats_a_sketch_chooses_and_views_are_drawn_once(monkeypatch, t
     if "target_psnr" in target:
         told = {True: 0.0, False: 100.0 if is_shared else -100.0}
         monkeypatch.setattr(
-            choose, "_fewness", lambda one, _: -told[one.coder.aim.tree.palette is not None]
+            choose, "_fewness", lambda one, _: -told[one.prepared.task.tree.palette is not None]
         )
     weighed, plainly_drawn = [], Views.sensitivity
 
@@ -86,7 +86,9 @@ def test_of_many_splats_a_sketch_chooses_and_views_are_drawn_once(monkeypatch, t
 def test_a_tree_that_cannot_meet_a_target_is_not_chosen(monkeypatch):
     trees = made(monkeypatch, 1e9)
     monkeypatch.setattr(choose, "GUESSED", 100)
-    monkeypatch.setattr(Sketch, "psnr", lambda one, _: 0.0 if one.coder.aim.tree.palette else 99.0)
+    monkeypatch.setattr(
+        Sketch, "psnr", lambda one, _: 0.0 if one.prepared.task.tree.palette else 99.0
+    )
     data = encode_scene(shared(), levels=2, up="z", effort=1, target_bytes=9000)
     assert len(data) <= 9000  # the other tree has 9,684 at least
     assert set(trees) == {True}

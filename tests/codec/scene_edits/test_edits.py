@@ -14,6 +14,7 @@ from evogs_codec import (
     read_directory,
 )
 from evogs_codec._generated import registry
+from evogs_codec.decoding.float_view import n_moved_by_float32
 from evogs_codec.editing.join import NotJoinableError, joined
 from evogs_codec.editing.move import moved
 from evogs_codec.format.write_directory import rebuild_directory
@@ -172,8 +173,28 @@ def test_a_stream_with_a_palette_is_moved_and_cropped_but_not_joined():
 def test_an_exact_edit_has_the_splats_that_its_stream_decodes_to(stream):
     edited = edit_scenes([stream], Edit(offset=np.array([0.3, 0.4, 0.5])))
     assert edited.stream is not None
-    means = decode(edited.stream).leaves().means
-    assert np.abs(means - edited.scene.splats.means).max() < 1e-6
+    same_numbers(decode(edited.stream).leaves(), edited.scene.splats)
+
+
+FAR = np.array([1e6, -2e6, 50.0])
+
+
+def test_what_float32_cannot_hold_far_from_zero_comes_back_with_the_stream(stream):
+    there = edit_scenes([stream], Edit(offset=FAR)).stream
+    assert there is not None
+    far, near = decode(there), decode(stream).leaves()
+    assert np.abs(far.leaves().means - FAR - near.means).max() > 0.01
+    assert n_moved_by_float32(far.directory, far.leaves()) > 300
+    assert n_moved_by_float32(decode(stream).directory, near) == 0
+    same_numbers(edit_scenes([there], Edit(offset=-FAR)).scene.splats, near)
+
+
+@pytest.mark.filterwarnings("default")
+def test_an_edit_that_encodes_far_splats_again_says_what_float32_moves(stream):
+    there = edit_scenes([stream], Edit(offset=FAR)).stream
+    assert there is not None
+    with pytest.warns(UserWarning, match="moves up to .* splats .* first move the stream near"):
+        edit_scenes([there], Edit(scale=2.0))
 
 
 # --- on splats -----------------------------------------------------------------------------------

@@ -126,7 +126,7 @@ def _row(
 
 def _target(name: str, tree: EvolutionTree, asked: dict[str, float]) -> Row:
     """The leaves of the stream against the leaves of the tree, both as binary32."""
-    aim = TargetEncoder(tree, replace(PRESETS["scene"], effort=1))
+    aim = TargetEncoder(tree, replace(PRESETS["scene"], zstd_level=1))
     got = decode(aim.within(asked)).leaves().channels().astype(np.float64)
     wanted = [tile.leaves().channels() for tile in arrange(tree, 1)]
     off = np.abs(got - np.concatenate(wanted, axis=1))

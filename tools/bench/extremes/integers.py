@@ -31,7 +31,7 @@ FINEST, COARSEST = 40, -16
 def chains_at_limits(n: int) -> Iterator[Row]:
     """Take n generations as far as R-7.3-1 to R-7.3-3 let them."""
     tree, x = _chain(n)
-    stream = write(tree, effort=1)
+    stream = write(tree, zstd_level=1)
     got = decode(stream, verify=True).tiles[0].channels()
     extreme = f"{n} generations at the limits: X to {int(abs(x).max())}, a from -2^15 to 2^15 - 1"
     beyond = "; ".join(
@@ -54,7 +54,7 @@ def float_view(n: int) -> Iterator[Row]:
         tile = CodedTile(origin, *BOX, (_adds(x),))
         row = (Quantiser(1, 5),) * 5
         tree = CodedTree(0, 1, (exponent,) * N_GROUPS, (row, row), {}, (tile,))
-        got = decode(write(tree, effort=1)).leaves().channels()
+        got = decode(write(tree, zstd_level=1)).leaves().channels()
         offsets = [*origin, *([0] * (d - 3))]
         for channel, offset in enumerate(offsets):
             wanted = [exact.float32_of(offset + 32 * int(v), exponent) for v in x[channel]]
@@ -159,7 +159,7 @@ def _more(tree: CodedTree, slot: int, kind: Kind, channel: int, q: int) -> bytes
         np.zeros((n_channels(0), 0), np.int32),
     )
     longer = replace(tree, tiles=(replace(tile, steps=(*tile.steps, step)),))
-    return write(longer, effort=1, digests=False)
+    return write(longer, zstd_level=1, digests=False)
 
 
 def _adds(q: exact.Integers) -> CodedStep:

@@ -49,11 +49,11 @@ def measure(tree: EvolutionTree, settings: Settings, *, n_tiles: int = 1) -> Mea
     """Errors of the last state of `tree`, each against what is promised for it."""
     tiles = arrange(tree, n_tiles)
     n_levels = max(tree.n_levels, 1)
-    settings = replace(settings, effort=1)
+    settings = replace(settings, zstd_level=1)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         coded = quantise(tiles, n_levels, settings)
-    stream = write(coded, effort=1)
+    stream = write(coded, zstd_level=1)
     decoded = decode(stream, verify=True)
     parts, sizes = np.zeros(len(GROUPS)), np.zeros(len(GROUPS))
     units = 2.0 ** -np.array(coded.grid_exponents)

@@ -36,11 +36,11 @@ def efforts(of: Sequence[Subject]) -> Rows:
         found = []
         for effort in EFFORTS:
             start = time.process_time()
-            data = write(coded, effort=effort)
+            data = write(coded, zstd_level=effort)
             seconds = time.process_time() - start
             found.append((effort, data, seconds, least(partial(decode_leaves, data), TURNS)))
         points = [(f"{e}", seconds, -float(len(data))) for e, data, seconds, _ in found]
-        base = next(len(data) for e, data, _, _ in found if e == subject.settings.effort)
+        base = next(len(data) for e, data, _, _ in found if e == subject.settings.zstd_level)
         rows += [
             {
                 "scene": subject.name,

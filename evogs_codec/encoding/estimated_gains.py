@@ -1,4 +1,4 @@
-"""Gains: what records mend in pictures, estimated without any (for `arrange`).
+"""What records gain in pictures, estimated without any pictures (for `arrange`).
 
 A picture errs where many splats err together, so its squared error at a place falls less with each
 record there: the first half of the records of a neighbourhood mends three quarters of it.
