@@ -17,14 +17,14 @@ def small(tmp_path_factory):
 
 
 def test_a_file_of_float32_made_of_a_far_stream_says_how_to_move_it_first(evogs, small, tmp_path):
-    near, far, out = tmp_path / "near.evogs", tmp_path / "far.evogs", tmp_path / "out.ply"
+    near, far = tmp_path / "near.evogs", tmp_path / "far.evogs"
     assert evogs("encode", small, near, "--preset", "scene", "--effort", 1)[0] == 0
     assert evogs("edit", near, far, "--translate", 1e6, -2e6, 50)[0] == 0
     for command in ("decode", "convert"):
-        code, _, err = evogs(command, far, out)
+        code, _, err = evogs(command, far, tmp_path / f"{command}.ply")
         assert (code, err.count("\n")) == (0, 1)
         assert f"`evogs edit {far} NEAR.evogs --translate -" in err
-    assert evogs("decode", near, out)[2] == ""
+    assert evogs("decode", near, tmp_path / "near.ply")[2] == ""
 
 
 def test_a_stream_is_moved_without_being_encoded_again(evogs, made, tmp_path):
