@@ -1,22 +1,29 @@
-"""The notebooks of docs/notebooks, run, with what they print and draw.
+"""Run the notebooks of docs/notebooks and write them again, with what they print and draw.
 
 python -m tools.notebooks
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import nbformat
 from nbclient import NotebookClient
 
+COMMAND = "python -m tools.notebooks"
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "notebooks"
 TIMEOUT = 280  # seconds for a cell: the first that renders compiles
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Run all notebooks in their places; returns the exit code."""
+    parser = argparse.ArgumentParser(
+        prog=COMMAND, description=__doc__.split("\n")[0], epilog="It needs the extra dev."
+    )
+    parser.parse_args(arguments)
     for path in sorted(FOLDER.glob("*.ipynb")):
         nbformat.write(executed(path), path)
         print(f"{path}: {path.stat().st_size:,} bytes")

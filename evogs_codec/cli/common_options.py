@@ -128,8 +128,8 @@ def add_effort(parser: argparse.ArgumentParser, default: str | None = None) -> N
         default=default,
         metavar="WHAT",
         help="fast: fewer and smaller views, about half of the time, and no PSNR of levels;"
-        " default: what `evogs encode` does; best: Zstandard 22; 1..22: the default with this level"
-        f" of Zstandard (default: {named})",
+        " default: what `evogs encode` does; best: more and larger views, and level 22 of"
+        f" Zstandard; 1..22: the default with this level of Zstandard (default: {named})",
     )
     work.add_argument(
         "--fast", dest="effort", action="store_const", const="fast", help="short for --effort fast"

@@ -107,7 +107,7 @@ def add_encode(commands: Commands, run: Run, *, many: bool = False) -> None:
     add_many(parser, ["evogs"])
     _add_lift_options(
         parser,
-        "--refine, --polish and targets",
+        "every view that the encode renders, also those of --refine, --polish and targets",
         f"{N_LEVELS}; fewer of less than {ALL_LEVELS:,} splats, without --refine",
     )
     add_view_option(parser)
