@@ -12,7 +12,7 @@ D channels (`splats`).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from itertools import islice
 from typing import Protocol
@@ -189,10 +189,12 @@ class Slots:
 
     def splats(self) -> SplatParams:
         """The live splats in slot order."""
-        values = self.values[:, self.live]
-        if self.palette is not None:
-            values = np.concatenate([values, self.palette.sh_of(self.picks[self.live])])
-        return SplatParams.from_channels(values)
+        core = SplatParams.from_channels(self.values[:, self.live])
+        if self.palette is None:
+            return core
+        rest = self.palette.rows_of(self.picks[self.live])
+        sh = np.concatenate([core.sh, rest.reshape(len(core), -1, 3)], axis=1)
+        return replace(core, sh=sh)
 
 
 @dataclass(frozen=True, eq=False)

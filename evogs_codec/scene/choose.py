@@ -205,16 +205,15 @@ def _that_pay(
     importance = shared.importance
     if importance is None:
         return encoders
-    plain = plain.weighed_as(shared)
     bits = bits_of_palette(shared.tree, importance, price)
     instead = bits_of_psi(plain.tree, importance, price)
     if instead > SURE * bits:
         return [shared]
-    if bits > SURE_OF_PICKS * instead:
-        return [plain]
-    if is_sure:
-        return [shared if palette_pays(bits, instead) else plain]
-    return [shared, plain]
+    is_psi = bits > SURE_OF_PICKS * instead
+    if is_sure and not is_psi and palette_pays(bits, instead):
+        return [shared]
+    plain = plain.weighed_as(shared)
+    return [plain] if is_psi or is_sure else [shared, plain]
 
 
 def palette_pays(bits: float, instead: float) -> bool:
