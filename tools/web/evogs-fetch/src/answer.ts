@@ -32,6 +32,40 @@ export class Transient extends Error {
   }
 }
 
+/** What an answer means that has an error for its status. */
+export function refusal({ status, statusText, headers }: Response): Transient | FetchError {
+  if (TRANSIENT.has(status))
+    return new Transient(`the server answers ${status}`, Number(headers.get("retry-after")) || 0, status);
+  return new FetchError("status", `the server answers ${status} ${statusText}`.trim(), status);
+}
+
+/** Aborts a request whose bytes do not come. */
+export class Stall {
+  private timer: ReturnType<typeof setTimeout> | undefined;
+
+  constructor(
+    private readonly abort: AbortController,
+    private readonly seconds = 20,
+  ) {
+    this.start();
+  }
+
+  start(): void {
+    this.end();
+    this.timer = setTimeout(() => this.abort.abort(new Transient("no answer")), 1000 * this.seconds);
+  }
+
+  end(): void {
+    clearTimeout(this.timer);
+  }
+}
+
+/** How long to wait before the next try, in ms, after so many failures in a row. */
+export function waitAfter(failures: number, { retryAfter }: Transient, backOff = 500): number {
+  const wait = backOff * 2 ** Math.min(4, failures - 1) * (0.75 + 0.5 * Math.random());
+  return Math.max(wait, 1000 * Math.min(60, retryAfter));
+}
+
 /** Asks for bytes start .. end - 1. Throws a FetchError, a Transient, or the reason of `signal`. */
 export async function ask(
   url: string,
@@ -53,9 +87,7 @@ export async function ask(
   if (status !== 200 && status !== 206) {
     void response.body?.cancel().catch(() => {});
     if (status === 416) throw new FetchError("short", `the file ends before byte ${start}`, status);
-    if (TRANSIENT.has(status))
-      throw new Transient(`the server answers ${status}`, Number(headers.get("retry-after")) || 0, status);
-    throw new FetchError("status", `the server answers ${status} ${response.statusText}`.trim(), status);
+    throw refusal(response);
   }
   if (response.body === null) throw new Transient("an answer without a body");
   const isWhole = status === 200;

@@ -1,7 +1,7 @@
 /** Fetches a scene: the directory first, then packets by priority, each byte once. */
 
 import { type Decoder, HEADER_SIZE } from "evogs";
-import { type Answer, type FileIdentity, Transient, ask } from "./answer.js";
+import { type Answer, type FileIdentity, Stall, Transient, ask, waitAfter } from "./answer.js";
 import { FetchError } from "./errors.js";
 import { type ByteRange, Intervals } from "./intervals.js";
 import { type Order, fileOrder } from "./order.js";
@@ -28,7 +28,11 @@ export interface FetchOptions {
   cache?: RequestCache;
 }
 
-/** "waiting": for another try. "stopped": `run` ended, because all is there, by `stop`, or with an error. */
+/**
+ * - "loading": bytes come, or are asked for;
+ * - "waiting": after a failure, until bytes come again: before another try and during it;
+ * - "stopped": `run` ended, because all is there, by `stop`, or with an error.
+ */
 export type FetchState = "stopped" | "loading" | "waiting";
 
 /** The first request. Its answer has the directory of most files. */
@@ -59,7 +63,7 @@ export class SceneFetch {
   requests = 0;
   /** Bytes that came more than once: 0, unless a server without ranges lost the connection. */
   repeated = 0;
-  /** The failure that is waited for, while `state` is "waiting". */
+  /** The connection failed so, and no byte came since then: also in the next `run`. */
   failure: Error | null = null;
   /** The server sends the file as a whole. */
   isSequential = false;
@@ -143,8 +147,7 @@ export class SceneFetch {
     this.running = new AbortController();
     const { signal } = this.running;
     this.failures = 0;
-    this.failure = null;
-    this.setState("loading");
+    this.setState(this.failure === null ? "loading" : "waiting");
     try {
       while (!signal.aborted) {
         this.launch(signal);
@@ -259,7 +262,7 @@ export class SceneFetch {
   /** Sends a request and gives its bytes to the decoder. Rejects with a FetchError or a Transient. */
   private async load(request: Request): Promise<void> {
     const { range, abort } = request;
-    const stall = new Stall(abort, this.options.stallSeconds ?? 20);
+    const stall = new Stall(abort, this.options.stallSeconds);
     const asked = performance.now();
     let answer: Answer | null = null;
     try {
@@ -355,17 +358,14 @@ export class SceneFetch {
   private async retryLater(error: unknown, signal: AbortSignal): Promise<void> {
     if (!(error instanceof Transient)) throw error;
     this.failures++;
+    this.failure = error;
     if (this.failures > (this.options.retries ?? 6)) {
       throw new FetchError("lost", error.message, error.status, error);
     }
     // Other requests would wait for the same server; what they got stays.
     this.queue = [];
-    this.failure = error;
     this.setState("waiting");
-    const wait =
-      (this.options.backOff ?? 500) * 2 ** Math.min(4, this.failures - 1) * (0.75 + 0.5 * Math.random());
-    await sleep(Math.max(wait, 1000 * Math.min(60, error.retryAfter)), signal);
-    this.setState("loading");
+    await sleep(waitAfter(this.failures, error, this.options.backOff), signal);
   }
 
   private setState(state: FetchState): void {
@@ -377,24 +377,3 @@ export class SceneFetch {
 
 /** The reason of requests that are not wanted any more. */
 const CANCELLED = new Error("cancelled");
-
-/** Aborts a request whose bytes do not come. */
-class Stall {
-  private timer: ReturnType<typeof setTimeout> | undefined;
-
-  constructor(
-    private readonly abort: AbortController,
-    private readonly seconds: number,
-  ) {
-    this.start();
-  }
-
-  start(): void {
-    this.end();
-    this.timer = setTimeout(() => this.abort.abort(new Transient("no answer")), 1000 * this.seconds);
-  }
-
-  end(): void {
-    clearTimeout(this.timer);
-  }
-}

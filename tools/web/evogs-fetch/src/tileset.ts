@@ -1,6 +1,8 @@
 /** Reads a tileset of streams (docs/tilesets.md): its tiles, in the coordinates of the scene. */
 
+import { Stall, Transient, refusal, waitAfter } from "./answer.js";
 import { FetchError } from "./errors.js";
+import { sleep } from "./pace.js";
 
 export type Point = readonly [number, number, number];
 
@@ -26,7 +28,16 @@ export interface Tile {
 export interface TilesetOptions {
   fetch?: typeof fetch;
   cache?: RequestCache;
+  /** Ends `open` and `load`, which reject with its reason. */
   signal?: AbortSignal;
+  /** Called when `failure` changes. */
+  onFailure?: () => void;
+  /** Failures of a file in a row after which it is given up. */
+  retries?: number;
+  /** An answer without a byte for so long is given up, in seconds. */
+  stallSeconds?: number;
+  /** The first wait before another try, in ms. It doubles each time, up to 16 times as long. */
+  backOff?: number;
 }
 
 const MAX_JSON = 1 << 24;
@@ -42,6 +53,8 @@ export class TilesetFetch {
   /** Bytes of JSON that came. */
   received = 0;
   requests = 0;
+  /** The connection failed so, and no byte came since then. */
+  failure: Error | null = null;
   /** From the content of the root to what is around the tileset: column by column. */
   matrix: readonly number[] = IDENTITY;
   /** Splats and files of all of it, as it says, or 0. */
@@ -91,30 +104,73 @@ export class TilesetFetch {
   private async json(url: string): Promise<Record<string, unknown>> {
     if (this.read.has(url)) throw bad("a file of tiles is among its own tiles");
     this.read.add(url);
-    const { fetch: fetchImpl = fetch, cache, signal } = this.options;
-    this.requests++;
-    let text: string;
+    let bytes: Uint8Array;
     try {
-      const answer = await fetchImpl(url, { cache, signal });
-      if (!answer.ok) throw new FetchError("status", `the server answers ${answer.status}`, answer.status);
-      const bytes = await bounded(answer);
-      this.received += bytes.length;
-      text = new TextDecoder("utf-8", { fatal: true }).decode(bytes);
+      bytes = await this.bytes(url);
     } catch (error) {
       this.read.delete(url);
-      if (error instanceof FetchError) throw error;
-      signal?.throwIfAborted();
-      throw new FetchError("lost", String(error), 0, error);
+      throw error;
     }
+    this.received += bytes.length;
     let found: unknown;
     try {
-      found = JSON.parse(text);
+      found = JSON.parse(new TextDecoder("utf-8", { fatal: true }).decode(bytes));
     } catch (error) {
       throw bad(`this is no JSON: ${error instanceof Error ? error.message : error}`);
     }
     const version = objectOf(objectOf(found).asset).version;
     if (version !== "1.0" && version !== "1.1") throw bad("this is no tileset of 3D Tiles 1.0 or 1.1");
     return objectOf(found);
+  }
+
+  /** A file as a whole. It is tried again as `SceneFetch` does. */
+  private async bytes(url: string): Promise<Uint8Array> {
+    const { signal, retries = 6, backOff } = this.options;
+    for (let failures = 1; ; failures++) {
+      try {
+        return await this.ask(url);
+      } catch (error) {
+        if (!(error instanceof Transient)) throw error;
+        this.setFailure(error);
+        if (failures > retries) throw new FetchError("lost", error.message, error.status, error);
+        await sleep(waitAfter(failures, error, backOff), signal);
+      }
+    }
+  }
+
+  /** Sends a request. Rejects with a FetchError, a Transient, or the reason of `signal`. */
+  private async ask(url: string): Promise<Uint8Array> {
+    const { fetch: fetchImpl = fetch, cache, signal, stallSeconds } = this.options;
+    signal?.throwIfAborted();
+    const abort = new AbortController();
+    const stop = () => abort.abort(signal?.reason);
+    signal?.addEventListener("abort", stop, { once: true });
+    const stall = new Stall(abort, stallSeconds);
+    this.requests++;
+    try {
+      const answer = await fetchImpl(url, { cache, signal: abort.signal });
+      if (!answer.ok) {
+        void answer.body?.cancel().catch(() => {});
+        throw refusal(answer);
+      }
+      return await bounded(answer, () => {
+        stall.start();
+        this.setFailure(null);
+      });
+    } catch (error) {
+      if (abort.signal.aborted) throw abort.signal.reason;
+      if (error instanceof FetchError) throw error;
+      throw error instanceof Transient ? error : new Transient(String(error));
+    } finally {
+      stall.end();
+      signal?.removeEventListener("abort", stop);
+    }
+  }
+
+  private setFailure(failure: Error | null): void {
+    if (this.failure === failure) return;
+    this.failure = failure;
+    this.options.onFailure?.();
   }
 
   private tree(
@@ -184,13 +240,14 @@ export class TilesetFetch {
   }
 }
 
-async function bounded(answer: Response): Promise<Uint8Array> {
+async function bounded(answer: Response, onBytes: () => void): Promise<Uint8Array> {
   const parts: Uint8Array[] = [];
   let size = 0;
   const reader = answer.body?.getReader();
   while (reader !== undefined) {
     const { done, value } = await reader.read();
     if (done) break;
+    onBytes();
     size += value.length;
     if (size > MAX_JSON) {
       void reader.cancel().catch(() => {});

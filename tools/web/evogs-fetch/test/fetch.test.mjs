@@ -106,6 +106,25 @@ test("a server that comes back late is waited for, and one that stays away is gi
     assert.equal(fetcher.repeated, 0);
   }));
 
+test("after a failure the state is waiting until bytes come, in the next run too", () =>
+  withServer(FILE, { flaky: 3 }, async ({ url, state }) => {
+    const states = [];
+    const options = { ...QUICK, retries: 4, order: fileOrder({ bytes: 200000 }) };
+    const fetcher = new SceneFetch(url, new Decoder(), { ...options, onState: () => states.push(fetcher.state) });
+    await fetcher.run();
+    assert.deepEqual(states.splice(0), ["loading", "waiting", "loading", "stopped"]);
+    assert.equal(fetcher.failure, null);
+    fetcher.want(fileOrder());
+    state.flaky = 99;
+    await assert.rejects(fetcher.run(), { kind: "lost" });
+    assert.deepEqual(states.splice(0), ["loading", "waiting", "stopped"]);
+    assert.ok(fetcher.failure);
+    state.flaky = 1;
+    await fetcher.run();
+    assert.deepEqual(states, ["waiting", "loading", "stopped"]);
+    assert.equal(fetcher.failure, null);
+  }));
+
 test("an answer that stalls is given up and asked for again", () =>
   withServer(FILE, { endless: true }, async ({ url, state, log }) => {
     const decoder = new Decoder();

@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { FetchError, TilesetFetch, chooseTiles, screenError, tilesToDraw } from "../dist/index.js";
+import { serve } from "./server.mjs";
 
 const FAR = [500_000, 5_400_000, 250];
 const BASE = "https://example.org/city/tileset.json";
@@ -170,4 +171,98 @@ test("what is not there, no JSON, or among its own tiles is refused; what is not
   await tileset.load(root.children[1]);
   const [again] = root.children[1].children;
   await assert.rejects(tileset.load(again), /among its own tiles/);
+});
+
+const JSON_BYTES = new TextEncoder().encode(JSON.stringify(files()["/city/tileset.json"]));
+
+/** The tileset of a server that misbehaves, and what its requests failed with. `onFailure` is called for each. */
+async function withTileset(behaviour, options, use, onFailure = () => {}) {
+  const server = await serve(JSON_BYTES, behaviour);
+  const failures = [];
+  const tileset = new TilesetFetch(server.url, {
+    backOff: 5,
+    onFailure: () => {
+      failures.push(tileset.failure?.message ?? null);
+      onFailure(failures.length, server.state);
+    },
+    ...options,
+  });
+  try {
+    await use(tileset, server, failures);
+  } finally {
+    await server.close();
+  }
+}
+
+const recover = (state) => Object.assign(state, { endless: false, flaky: 0, status: 0 });
+
+for (const [what, behaviour, options] of [
+  ["an answer that does not come", { endless: true }, { stallSeconds: 0.1 }],
+  ["a lost connection", { flaky: 99 }, {}],
+  ["an answer of 503", { status: 503 }, {}],
+]) {
+  test(`after ${what} the tileset is asked for again`, () =>
+    withTileset(
+      behaviour,
+      options,
+      async (tileset, _server, failures) => {
+        const root = await tileset.open();
+        assert.equal(root.children.length, 2);
+        assert.equal(tileset.received, JSON_BYTES.length);
+        assert.equal(failures.length, tileset.requests);
+        assert.ok(failures.length > 2 && failures.slice(0, -1).every((failure) => failure !== null));
+        assert.equal(failures.at(-1), null);
+      },
+      (n, state) => n === 2 && recover(state),
+    ));
+
+  test(`after ${what} the tileset is given up at last, and can be asked for again`, () =>
+    withTileset(behaviour, { ...options, retries: 2 }, async (tileset, { state }) => {
+      const status = behaviour.status ?? 0;
+      await assert.rejects(tileset.open(), { name: "FetchError", kind: "lost", status });
+      assert.equal(tileset.requests, 3);
+      assert.ok(tileset.failure);
+      recover(state);
+      await tileset.open();
+      assert.equal(tileset.failure, null);
+    }));
+}
+
+test("an answer whose connection is lost midway is asked for again", () =>
+  withTileset({ bytesPerSecond: 10000, dropAfter: 300 }, {}, async (tileset, _server, failures) => {
+    await tileset.open();
+    assert.equal(tileset.requests, 2);
+    assert.equal(tileset.received, JSON_BYTES.length);
+    assert.equal(failures.at(-1), null);
+  }));
+
+test("a signal ends a request, and the wait before another try", async () => {
+  const enough = new Error("enough");
+  const first = new AbortController();
+  await withTileset({ endless: true }, { signal: first.signal }, async (tileset) => {
+    setTimeout(() => first.abort(enough), 50);
+    await assert.rejects(tileset.open(), enough);
+    await assert.rejects(tileset.open(), enough);
+    assert.equal(tileset.requests, 1);
+  });
+  const second = new AbortController();
+  await withTileset(
+    { status: 503 },
+    { signal: second.signal, backOff: 60000 },
+    async (tileset) => {
+      await assert.rejects(tileset.open(), enough);
+      assert.equal(tileset.requests, 1);
+    },
+    () => setTimeout(() => second.abort(enough), 20),
+  );
+});
+
+test("a tileset that is no text is refused at once", async () => {
+  const server = await serve(Uint8Array.of(0xff, 0xfe, 0x7b));
+  try {
+    await assert.rejects(new TilesetFetch(server.url).open(), { kind: "bad" });
+    assert.equal(server.log.requests.length, 1);
+  } finally {
+    await server.close();
+  }
 });
