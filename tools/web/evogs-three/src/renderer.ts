@@ -18,6 +18,8 @@ export interface SplatRenderer {
   onDirty: () => void;
   /** Called when the GPU lost all textures, and has new ones: everything must be written again. */
   onLost: () => void;
+  /** Called when the GPU lost all that it had, with `true`, and when it can draw again, with `false`. */
+  onContext?: (isLost: boolean) => void;
   /** Columns and rows that a texture may have. */
   readonly maxTextureSize: number;
   /** Makes room for a scene, and forgets the one before. */
@@ -42,5 +44,6 @@ export interface SplatRenderer {
   readonly isMoving: boolean;
   /** Whether the picture is that of the last camera and the last texels: sorting takes some time. */
   readonly isSettled: boolean;
+  /** Ends it with its workers, and frees the GPU. The canvas cannot be drawn in again: make another one. */
   dispose(): void;
 }

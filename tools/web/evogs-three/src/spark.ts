@@ -1,9 +1,10 @@
 /** The renderer Spark on three.js, which reads our textures. */
 
-import { SparkRenderer, SplatMesh, type SplatMeshOptions, dyno } from "@sparkjsdev/spark";
+import { SplatMesh, type SplatMeshOptions, dyno } from "@sparkjsdev/spark";
 import * as THREE from "three";
 import { READ_BANDS, READ_BETWEEN, READ_CORE } from "./glsl.js";
 import { type Layout, SOURCES, TEXELS } from "./layout.js";
+import { OwnSpark } from "./ownSpark.js";
 import type { CameraPose, SplatRenderer } from "./renderer.js";
 import type { TexelUpdate } from "./texels.js";
 
@@ -24,39 +25,32 @@ const DILATION = 0.3;
 export class SparkSplats implements SplatRenderer {
   onDirty = () => {};
   onLost = () => {};
+  onContext = (_isLost: boolean) => {};
   readonly maxTextureSize: number;
   /** Seconds by which splats move. */
   clock = () => performance.now() / 1000;
   private readonly renderer: THREE.WebGLRenderer;
   private readonly scene = new THREE.Scene();
   private readonly camera = new THREE.PerspectiveCamera();
-  private readonly spark: SparkRenderer;
+  private spark: OwnSpark;
   private mesh: SplatMesh | null = null;
   private source: TextureSource | null = null;
   private readonly parts = new Map<number, { mesh: SplatMesh; source: TextureSource }>();
   /** When splats began to move, and for how long. */
   private motion = { start: 0, seconds: 0 };
 
-  /** Throws an Error if the browser has no WebGL2. */
+  /** Its picture has the size of the canvas on the page until `resize`. Throws an Error if there is no WebGL2. */
   constructor(readonly canvas: HTMLCanvasElement) {
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: false, preserveDrawingBuffer: true });
     this.renderer.setClearColor(0, 1);
     this.maxTextureSize = this.renderer.capabilities.maxTextureSize;
-    this.spark = new SparkRenderer({
-      renderer: this.renderer,
-      onDirty: () => this.onDirty(),
-      accumExtSplats: true,
-      sortRadial: false,
-      enableLod: false,
-      maxStdDev: MAX_STD_DEV,
-      maxPixelRadius: WIDEST,
-      minAlpha: 1 / 255,
-      clipXY: WIDEST,
-    });
-    boundSlopes(this.spark);
-    this.scene.add(this.spark);
-    canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
-    canvas.addEventListener("webglcontextrestored", () => this.onLost());
+    this.spark = this.newSpark();
+    const { clientWidth, clientHeight } = canvas;
+    // A canvas that is not on the page keeps the size that it has.
+    if (clientWidth > 0 && clientHeight > 0) this.resize(clientWidth, clientHeight, 1);
+    else this.camera.aspect = canvas.width / canvas.height;
+    canvas.addEventListener("webglcontextlost", this.lose);
+    canvas.addEventListener("webglcontextrestored", this.restore);
   }
 
   open(layout: Layout): void {
@@ -129,6 +123,7 @@ export class SparkSplats implements SplatRenderer {
   }
 
   draw(pose: CameraPose): void {
+    if (this.isContextLost) return;
     const { camera } = this;
     this.move();
     const [right, up, back] = pose.rotation;
@@ -152,12 +147,53 @@ export class SparkSplats implements SplatRenderer {
   get isSettled(): boolean {
     const { spark, source } = this;
     const isThere = source === null || source.time.value === this.time;
-    return isThere && !spark.sorting && !spark.sortDirty && spark.display === spark.current;
+    return !this.isContextLost && isThere && !spark.sorting && !spark.sortDirty && spark.display === spark.current;
   }
 
   dispose(): void {
     this.close();
+    this.canvas.removeEventListener("webglcontextlost", this.lose);
+    this.canvas.removeEventListener("webglcontextrestored", this.restore);
+    this.spark.dispose();
     this.renderer.dispose();
+    // Browsers have few contexts, and free one only when its canvas is collected.
+    this.renderer.forceContextLoss();
+  }
+
+  private readonly lose = (event: Event): void => {
+    event.preventDefault();
+    this.onContext(true);
+  };
+
+  private readonly restore = (): void => {
+    const { preBlurAmount, blurAmount } = this.spark;
+    this.scene.remove(this.spark);
+    this.spark.dispose();
+    this.spark = this.newSpark();
+    Object.assign(this.spark, { preBlurAmount, blurAmount });
+    this.onContext(false);
+    this.onLost();
+    this.onDirty();
+  };
+
+  private get isContextLost(): boolean {
+    return this.renderer.getContext().isContextLost();
+  }
+
+  private newSpark(): OwnSpark {
+    const spark = new OwnSpark({
+      renderer: this.renderer,
+      onDirty: () => this.onDirty(),
+      accumExtSplats: true,
+      sortRadial: false,
+      enableLod: false,
+      maxStdDev: MAX_STD_DEV,
+      maxPixelRadius: WIDEST,
+      minAlpha: 1 / 255,
+      clipXY: WIDEST,
+    });
+    this.scene.add(spark);
+    return spark;
   }
 
   /** How far splats have moved from their states before: 1 at the end. */
@@ -203,20 +239,6 @@ export class SparkSplats implements SplatRenderer {
     this.source = null;
     this.motion = { start: 0, seconds: 0 };
   }
-}
-
-/**
- * Bounds the slopes at which the projection is linearised to 1.3 times those of the picture (spec/rasterizer.md):
- * without it, splats far aside smear over the whole picture. Spark offers no option for it.
- */
-function boundSlopes(spark: SparkRenderer): void {
-  const { material } = spark;
-  const plain = "vec2 J2 = -(J1 * viewCenter.xy) * invZ;";
-  if (!material.vertexShader.includes(plain)) throw new Error("the shader of this version of Spark is not known");
-  const bounded = `
-    vec2 widest = 1.3 / vec2(projectionMatrix[0][0], projectionMatrix[1][1]);
-    vec2 J2 = -J1 * clamp(viewCenter.xy * invZ, -widest, widest);`;
-  material.vertexShader = material.vertexShader.replace(plain, bounded);
 }
 
 /** Textures that only their changed rows are written to: of the last states, and of those before. */
