@@ -240,9 +240,12 @@ class TargetEncoder(EncodeTask):
 
     def guessing(self, guess: Guess) -> TargetEncoder:
         """The same that begins there; nothing is drawn again."""
-        other = replace(self, guess=guess)
-        other.__dict__["prepared"] = self.prepared
-        return other
+        return replace(self, guess=guess)._having(self.prepared)
+
+    def _having(self, prepared: Prepared) -> TargetEncoder:
+        """This encoder, which has just been made, with a tree that is prepared already."""
+        self.__dict__["prepared"] = prepared  # where `cached_property` looks first
+        return self
 
     @property
     def _bounds(self) -> tuple[float, float]:
@@ -286,8 +289,7 @@ class TargetEncoder(EncodeTask):
             layering: in place of its own layers, if it has several.
         """
         other = replace(self, guess=self.guess and self.guess.unmeasured)
-        other.__dict__["prepared"] = self.prepared.holding(runs, layering)
-        return other
+        return other._having(self.prepared.holding(runs, layering))
 
     def weighed_as(self, other: TargetEncoder) -> TargetEncoder:
         """The same with what views tell of another tree: little is drawn again.
@@ -304,8 +306,7 @@ class TargetEncoder(EncodeTask):
     def at_once(self) -> TargetEncoder:
         """The same with all leaves in the place of the roots at once, in one layer."""
         other = replace(self, guess=self.guess and self.guess.unmeasured)
-        other.__dict__["prepared"] = self.prepared.at_once()
-        return other
+        return other._having(self.prepared.at_once())
 
     def leaving_empty(
         self, packets: frozenset[PacketId], order: tuple[PacketId, ...] | None = None
@@ -318,8 +319,7 @@ class TargetEncoder(EncodeTask):
         """
         guess = self.guess and self.guess.unmeasured
         other = replace(self, empty=packets, order=order, guess=guess)
-        other.__dict__["prepared"] = self.prepared.leaving_empty(other)
-        return other
+        return other._having(self.prepared.leaving_empty(other))
 
     def within(self, errors: Mapping[str, float]) -> bytes:
         """The stream no number of whose leaves is further off than its group allows.
