@@ -107,8 +107,9 @@ def run_view(args: argparse.Namespace) -> None:
     """`evogs view`: serves until it is interrupted."""
     page = _built_page()
     with ExitStack() as stack:
-        scenes, start = _scenes(args.scene, args.effort, stack)
-        server = stack.enter_context(Server((args.host, args.port), page, scenes))
+        # A port that is taken is told before a scene is encoded.
+        server = stack.enter_context(_listening(args.host, args.port, page))
+        server.scenes, start = _scenes(args.scene, args.effort, stack)
         if args.host not in LOOPBACK:
             complain(f"everyone who reaches {args.host} can read what is served")
         address = server.url + start
@@ -129,6 +130,16 @@ def run_export(args: argparse.Namespace) -> None:
     exported = one_page(page, name, data, shown_axis(data))
     write_atomic(args.output, exported)
     print(f"{shown(args.output)}: {len(exported):,} bytes, for a stream of {len(data):,}")
+
+
+def _listening(host: str, port: int, page: dict[str, bytes]) -> Server:
+    """A server that has no scenes yet."""
+    try:
+        return Server((host, port), page, NoScenes())
+    except OSError as error:
+        reason = error.strerror or error
+        advice = "; choose another port, or leave --port out" if port else ""
+        raise InputError(f"cannot listen on {host}, port {port}: {reason}{advice}") from error
 
 
 def _built_page() -> dict[str, bytes]:

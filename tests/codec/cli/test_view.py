@@ -2,6 +2,7 @@
 
 import re
 import shutil
+import socket
 import subprocess
 import sys
 import urllib.request
@@ -170,6 +171,13 @@ def test_what_cannot_be_shown_is_refused(refused, tmp_path):
     refused("view", tmp_path, words=["no .evogs file"])
     (tmp_path / "text.evogs").write_text("text")
     refused("view", tmp_path / "text.evogs", words=["text.evogs"])
+
+
+def test_a_port_that_is_taken_is_named_before_a_scene_is_encoded(refused, monkeypatch):
+    monkeypatch.setattr(command, "_scenes", lambda *_: pytest.fail("it is encoded"))
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        refused("view", EXAMPLE, "--port", port, words=[f"127.0.0.1, port {port}", "another port"])
 
 
 def test_a_page_that_was_not_built_is_asked_for(refused, monkeypatch):
