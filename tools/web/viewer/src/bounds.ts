@@ -3,12 +3,38 @@
 import { type Scene, slotFloats } from "evogs";
 
 const SAMPLES = 20000;
+/** Splats whose arrival shows where the scene is. */
+const ENOUGH = 32;
+
+export interface Bounds {
+  middle: [number, number, number];
+  radius: number;
+}
+
+/**
+ * Says where a scene is while it comes: once there are enough splats, when there are twice as many, and when no more
+ * come. The first splats may be those of a sky.
+ */
+export class BoundsWatch {
+  private count = 0;
+  private wasAtRest = false;
+
+  /** New bounds, if there is a reason for them. */
+  next(scene: Scene, isAtRest: boolean): Bounds | null {
+    const count = scene.splatCount();
+    const isDue = isAtRest ? !this.wasAtRest : count >= Math.max(ENOUGH, 2 * this.count);
+    this.wasAtRest = isAtRest;
+    if (!isDue) return null;
+    this.count = count;
+    return boundsOf(scene);
+  }
+}
 
 /**
  * The middle of the splats and a distance from it that holds most of them. A few splats far away, such as a sky,
  * do not count. Null without splats.
  */
-export function boundsOf(scene: Scene): { middle: [number, number, number]; radius: number } | null {
+export function boundsOf(scene: Scene): Bounds | null {
   const { nTiles } = scene.directory.header;
   const total = scene.splatCount();
   if (total === 0) return null;

@@ -44,17 +44,21 @@ export interface SceneInfo {
   /** The default camera. */
   camera: Viewpoint | null;
   title: string;
+  /** Whether the timeline can show what had arrived. */
+  canLookBack: boolean;
 }
 
 export interface Progress {
+  /** Bytes that what is shown has; less than `fetched` where one looks back. */
   received: number;
+  fetched: number;
   size: number | null;
   requests: number;
   state: FetchState;
   isPaused: boolean;
   /** All that is wanted is there. */
   isDone: boolean;
-  /** Why it waits, in words. */
+  /** Why bytes are waited for, in words, until some come. */
   waitsFor: string;
   splats: number;
   packets: number;
@@ -66,6 +70,8 @@ export interface Progress {
   fault: string;
   /** Of a tileset: the files that are drawn. */
   files?: string[];
+  /** Of a tileset: files that cannot be read, though they are wanted. The others go on. */
+  failedFiles?: { name: string; message: string }[];
 }
 
 export type FromWorker =
@@ -82,7 +88,7 @@ export type FromWorker =
     }
   /** Which parts are drawn, and which are to be kept. */
   | { kind: "parts"; shown: number[]; kept: number[] }
-  /** Where the splats are, once there are some: a middle and a distance that holds most of them. */
+  /** Where the splats are, as far as they came: a middle and a distance that holds most of them. */
   | { kind: "bounds"; middle: [number, number, number]; radius: number }
   | { kind: "texels"; updates: TexelUpdate[]; count: number; isFresh: boolean; layout: Layout }
   | { kind: "progress"; progress: Progress }

@@ -1,16 +1,14 @@
 /** A scene that comes: it fetches, decodes, keeps what came, and says what to draw. Runs in the worker. */
 
-import { CORE, Decoder, type Limits, type Scene, viewpointOf } from "evogs";
+import { CORE, Decoder, type Scene, viewpointOf } from "evogs";
 import { type Budget, FetchError, SceneFetch, fileOrder, viewOrder } from "evogs-fetch";
 import { type Layout, TexelWriter, layoutOf } from "evogs-three/texels";
 import { blobFetch } from "./blobFetch.js";
-import { boundsOf } from "./bounds.js";
+import { BoundsWatch } from "./bounds.js";
+import { LIMITS } from "./limits.js";
 import type { EyeAndPlanes, FromWorker, Progress, SceneInfo, Wants } from "./messages.js";
+import { originFetch } from "./originFetch.js";
 
-/** Files from unknown sources: at most about 2 GB of memory. */
-export const LIMITS: Limits = { slots: 8_000_000, chunks_size: 64 * 1024 * 1024, n_packets: 1_000_000 };
-/** Splats whose arrival shows where the scene is. */
-export const ENOUGH_FOR_BOUNDS = 32;
 export const UP_AXES: ([number, number, number] | null)[] = [
   null,
   [1, 0, 0],
@@ -30,7 +28,7 @@ export class SceneStream {
   /** The scene of a moment that is looked back at, instead of the last one. */
   private past: { decoder: Decoder; writer: TexelWriter; events: number } | null = null;
   private layout: Layout | null = null;
-  private hasBounds = false;
+  private readonly bounds = new BoundsWatch();
   private view: EyeAndPlanes | null = null;
   private wants: Wants;
   /** The page has not drawn the texels of the last message. */
@@ -53,7 +51,7 @@ export class SceneStream {
       bytesPerSecond: wants.bytesPerSecond,
       onBytes: () => this.later(),
       onState: () => this.later(),
-      fetch: typeof source === "string" ? undefined : blobFetch(source),
+      fetch: typeof source === "string" ? originFetch : blobFetch(source),
     });
     if (wants.isPaused) this.fetcher.pause();
     void this.run();
@@ -181,11 +179,10 @@ export class SceneStream {
       const shown = this.past?.decoder ?? this.decoder;
       const writer = this.past?.writer ?? this.writer;
       if (writer !== null) this.sendTexels(writer, writer.write(shown.takeChanges(64)));
-      if (!this.hasBounds && scene.splatCount() >= Math.min(ENOUGH_FOR_BOUNDS, this.finalSplats())) {
-        const bounds = boundsOf(scene);
-        this.hasBounds = bounds !== null;
-        if (bounds !== null) this.post({ kind: "bounds", ...bounds });
-      }
+    }
+    if (scene !== null) {
+      const bounds = this.bounds.next(scene, this.fetcher.state === "stopped");
+      if (bounds !== null) this.post({ kind: "bounds", ...bounds });
     }
     this.post({ kind: "progress", progress: this.progress() });
   }
@@ -217,6 +214,7 @@ export class SceneStream {
       shDegree: header.shDegree,
       up: UP_AXES[header.upAxis],
       camera: viewpointOf(metadata),
+      canLookBack: true,
       title: metadata.get("title") ?? "",
     };
   }
@@ -238,6 +236,7 @@ export class SceneStream {
     const { applied = 0, packets = 0 } = shown.progress ?? {};
     return {
       received: this.past === null ? fetcher.received : this.decoder.bytesOf(this.past.events),
+      fetched: fetcher.received,
       size: fetcher.size,
       requests: fetcher.requests,
       state: fetcher.state,

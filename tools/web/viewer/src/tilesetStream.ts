@@ -2,10 +2,12 @@
 
 import type { Limits } from "evogs";
 import { FetchError, type Point, type Tile, TilesetFetch, chooseTiles, tilesToDraw } from "evogs-fetch";
-import { boundsOf } from "./bounds.js";
+import { BoundsWatch } from "./bounds.js";
 import { Content } from "./content.js";
+import { LIMITS } from "./limits.js";
 import type { EyeAndPlanes, Progress, Wants } from "./messages.js";
-import { ENOUGH_FOR_BOUNDS, LIMITS, type Post, UP_AXES, levelOf } from "./stream.js";
+import { originFetch } from "./originFetch.js";
+import { type Post, UP_AXES, levelOf } from "./stream.js";
 
 /** Splats of all files together, if the panel sets no bound: about 1 GB of memory. */
 const MOST_SPLATS = 3_000_000;
@@ -28,6 +30,7 @@ export class TilesetStream {
   private parts = 0;
   private view: EyeAndPlanes | null = null;
   private isOpen = false;
+  private readonly bounds = new BoundsWatch();
   private hasBounds = false;
   /** The overview is there: files for what is looked at come now. */
   private hasOverview = false;
@@ -42,7 +45,7 @@ export class TilesetStream {
     private readonly maxTextureSize: number,
     private readonly post: Post,
   ) {
-    this.tileset = new TilesetFetch(source, { cache: "no-store" });
+    this.tileset = new TilesetFetch(source, { cache: "no-store", fetch: originFetch });
     void this.open();
   }
 
@@ -202,14 +205,12 @@ export class TilesetStream {
       this.show();
     }
     const scene = rootContent?.decoder.scene ?? null;
-    if (scene !== null && !this.hasBounds && (scene.splatCount() >= ENOUGH_FOR_BOUNDS || rootContent?.isDone)) {
-      const bounds = boundsOf(scene);
-      this.hasBounds = bounds !== null;
-      if (bounds !== null) {
-        const place = this.placeOf(this.root as Tile);
-        const middle = bounds.middle.map((x, a) => x + place[a]) as [number, number, number];
-        this.post({ kind: "bounds", middle, radius: bounds.radius });
-      }
+    const bounds = scene === null ? null : this.bounds.next(scene, rootContent?.isRunning === false);
+    if (bounds !== null) {
+      this.hasBounds = true;
+      const place = this.placeOf(this.root as Tile);
+      const middle = bounds.middle.map((x, a) => x + place[a]) as [number, number, number];
+      this.post({ kind: "bounds", middle, radius: bounds.radius });
     }
     if (rootContent?.isDone && this.hasBounds && !this.hasOverview) {
       this.hasOverview = true;
@@ -237,6 +238,7 @@ export class TilesetStream {
         up: UP_AXES[header.upAxis],
         title: metadata.get("title") ?? "",
         camera: null,
+        canLookBack: false,
       },
     });
   }
@@ -278,8 +280,10 @@ export class TilesetStream {
     const isLoading = all.some(({ isRunning }) => isRunning) || this.root === null;
     const drawn = this.toDraw().map((tile) => this.contents.get(tile) as Content);
     const first = this.root === null ? undefined : this.contents.get(this.root);
+    const received = this.tileset.received + sum(({ fetcher }) => fetcher.received);
     return {
-      received: this.tileset.received + sum(({ fetcher }) => fetcher.received),
+      received,
+      fetched: received,
       size: this.tileset.received + sum(({ fetcher, tile }) => fetcher.size ?? tile.bytes),
       requests: this.tileset.requests + sum(({ fetcher }) => fetcher.requests),
       state: waiting ? "waiting" : isLoading ? "loading" : "stopped",
