@@ -8,6 +8,7 @@ import { LIMITS } from "./limits.js";
 import type { EyeAndPlanes, Progress, Wants } from "./messages.js";
 import { originFetch } from "./originFetch.js";
 import { type Post, UP_AXES, levelOf } from "./stream.js";
+import { decoded } from "./words.js";
 
 /** Splats of all files together, if the panel sets no bound: about 1 GB of memory. */
 const MOST_SPLATS = 3_000_000;
@@ -25,7 +26,11 @@ export class TilesetStream {
   /** What the page takes for the origin, in the scene. */
   private base: Point = [0, 0, 0];
   private wanted: Tile[] = [];
+  /** Tiles whose files of tiles are wanted. */
+  private unread: Tile[] = [];
   private readonly loading = new Set<Tile>();
+  /** Files that cannot be read, of contents or of tiles, and why. The others go on. */
+  private readonly failures = new Map<Tile, FetchError>();
   private shown = "";
   private parts = 0;
   private view: EyeAndPlanes | null = null;
@@ -36,6 +41,7 @@ export class TilesetStream {
   private hasOverview = false;
   private isAhead = false;
   private isClosed = false;
+  /** Nothing goes on: the connection is lost, or the overview cannot be read. */
   private hasFailed = false;
   private timer: ReturnType<typeof setTimeout> | undefined;
 
@@ -63,6 +69,8 @@ export class TilesetStream {
   /** Goes on after a failure. */
   retry(): void {
     this.hasFailed = false;
+    this.failures.clear();
+    for (const content of this.contents.values()) content.error = null;
     if (this.root === null) void this.open();
     else this.choose();
   }
@@ -72,7 +80,7 @@ export class TilesetStream {
 
   rewrite(): void {
     this.shown = "";
-    for (const content of this.contents.values()) this.send(content, content.rewritten());
+    for (const content of this.contents.values()) content.rewrite();
     this.later();
   }
 
@@ -117,23 +125,28 @@ export class TilesetStream {
         error: this.hasBounds ? ERROR : Number.POSITIVE_INFINITY,
       },
     );
-    this.wanted = root.url !== null && !this.contents.get(root)?.isDone ? [root] : tiles;
-    if (this.wanted === tiles) for (const tile of load) void this.load(tile);
+    const isOverview = root.url !== null && !this.contents.get(root)?.isDrawable;
+    this.wanted = isOverview ? [root] : tiles;
+    this.unread = isOverview ? [] : load;
+    for (const tile of this.unread) void this.load(tile);
     this.forget();
     this.fetch();
     this.later();
   }
 
   private async load(tile: Tile): Promise<void> {
-    if (this.loading.has(tile)) return;
+    if (this.loading.has(tile) || this.failures.has(tile)) return;
     this.loading.add(tile);
     try {
       await this.tileset.load(tile);
       this.loading.delete(tile);
+      // What stood for it: it may have a file of its own now.
+      this.contents.delete(tile);
       this.choose();
     } catch (error) {
       this.loading.delete(tile);
-      this.fail(error);
+      this.note(tile, error);
+      this.later();
     }
   }
 
@@ -143,23 +156,56 @@ export class TilesetStream {
     let running = 0;
     for (const content of this.contents.values()) if (content.isRunning) running++;
     for (const tile of this.wanted) {
-      if (running >= MOST_AT_A_TIME) return;
-      let content = this.contents.get(tile);
-      if (content?.isDone || content?.isRunning) continue;
-      if (content === undefined) {
-        const at = this.placeOf(tile);
-        content = new Content(this.parts++, tile, at, this.wants, this.limits, () => this.later());
-        this.contents.set(tile, content);
-      }
-      content.run();
+      if (running >= MOST_AT_A_TIME) break;
+      const known = this.contents.get(tile);
+      if (known?.isDone || known?.isRunning || this.failures.has(tile)) continue;
+      this.contentOf(tile).run();
       running++;
     }
+    for (const tile of this.failed()) {
+      const above = this.drawnAbove(tile);
+      if (above === null) continue;
+      const others = this.wanted.filter((other) => isBelow(other, above.tile) && !this.failures.has(other));
+      const there = others.map((other) => this.contents.get(other)).filter((other) => other?.isDrawable);
+      this.contentOf(tile).drawFrom(above, there as Content[]);
+    }
+  }
+
+  private contentOf(tile: Tile): Content {
+    const known = this.contents.get(tile);
+    if (known !== undefined) return known;
+    const content = new Content(this.parts++, tile, this.placeOf(tile), this.wants, this.limits, () =>
+      this.later(),
+    );
+    this.contents.set(tile, content);
+    return content;
+  }
+
+  /** What is wanted, and cannot be read. */
+  private failed(): Tile[] {
+    return [...this.wanted, ...this.unread].filter((tile) => this.failures.has(tile));
+  }
+
+  /** The nearest content above a tile that came as a whole. */
+  private drawnAbove(tile: Tile): Content | null {
+    for (let at = tile.parent; at !== null; at = at.parent) {
+      const content = this.contents.get(at);
+      if (content?.isDrawable && !this.failures.has(at)) return content;
+    }
+    return null;
+  }
+
+  /** Notes that a file cannot be read. A lost connection concerns all, and so does the overview. */
+  private note(tile: Tile, error: unknown): void {
+    const isOfFile = error instanceof FetchError && (error.kind !== "lost" || error.status !== 0);
+    if (isOfFile && tile !== this.root) this.failures.set(tile, error);
+    else this.fail(error);
   }
 
   /** Forgets files that are neither wanted nor above what is wanted, nor drawn until that is there. */
   private forget(): void {
     const kept = new Set<Tile>(this.toDraw());
-    for (const tile of this.wanted) {
+    for (const tile of [...this.wanted, ...this.unread]) {
       for (let at: Tile | null = tile; at !== null; at = at.parent) kept.add(at);
     }
     for (const [tile, content] of this.contents) {
@@ -175,10 +221,11 @@ export class TilesetStream {
 
   private toDraw(): Tile[] {
     const { root } = this;
-    return tilesToDraw(this.wanted, (tile) => {
+    return tilesToDraw([...this.wanted, ...this.unread], (tile) => {
       const content = this.contents.get(tile);
+      if (content === undefined) return false;
       // The overview is drawn while it comes: nothing is there before it.
-      return content !== undefined && (content.isDone || tile === root) && content.splats > 0;
+      return content.isDrawable || (tile === root && content.splats > 0);
     });
   }
 
@@ -196,8 +243,9 @@ export class TilesetStream {
   }
 
   private flush(): void {
-    const failed = [...this.contents.values()].find(({ error }) => error !== null);
-    if (failed !== undefined && !this.hasFailed) this.fail(failed.error);
+    for (const [tile, { error }] of this.contents) {
+      if (error !== null && !this.hasFailed && !this.failures.has(tile)) this.note(tile, error);
+    }
     if (!this.isOpen) this.begin();
     const rootContent = this.root === null ? undefined : this.contents.get(this.root);
     if (!this.isAhead) {
@@ -212,7 +260,7 @@ export class TilesetStream {
       const middle = bounds.middle.map((x, a) => x + place[a]) as [number, number, number];
       this.post({ kind: "bounds", middle, radius: bounds.radius });
     }
-    if (rootContent?.isDone && this.hasBounds && !this.hasOverview) {
+    if (rootContent?.isDrawable && this.hasBounds && !this.hasOverview) {
       this.hasOverview = true;
       this.choose();
     }
@@ -248,7 +296,7 @@ export class TilesetStream {
     this.isAhead = true;
     const buffers = news.updates.map(({ data }) => data.buffer as ArrayBuffer);
     this.post(
-      { kind: "part", part: content.part, at: [...content.at] as [number, number, number], ...news },
+      { kind: "part", part: content.part, at: [...content.place] as [number, number, number], ...news },
       buffers,
     );
   }
@@ -273,11 +321,10 @@ export class TilesetStream {
   private progress(): Progress {
     const all = [...this.contents.values()];
     const sum = (of: (content: Content) => number) => all.reduce((n, content) => n + of(content), 0);
-    const isDone =
-      this.hasOverview && this.loading.size === 0 && this.wanted.every((tile) => this.contents.get(tile)?.isDone);
+    const isThere = this.unread.length === 0 && this.wanted.every((tile) => this.contents.get(tile)?.isDone);
     const fault = all.map(({ decoder }) => decoder.fault).find((found) => found !== null) ?? null;
-    const waiting = all.find(({ fetcher }) => fetcher.state === "waiting");
-    const isLoading = all.some(({ isRunning }) => isRunning) || this.root === null;
+    const waiting = all.find(({ fetcher, isRunning }) => isRunning && fetcher.failure !== null);
+    const isLoading = all.some(({ isRunning }) => isRunning) || this.root === null || this.loading.size > 0;
     const drawn = this.toDraw().map((tile) => this.contents.get(tile) as Content);
     const first = this.root === null ? undefined : this.contents.get(this.root);
     const received = this.tileset.received + sum(({ fetcher }) => fetcher.received);
@@ -288,7 +335,7 @@ export class TilesetStream {
       requests: this.tileset.requests + sum(({ fetcher }) => fetcher.requests),
       state: waiting ? "waiting" : isLoading ? "loading" : "stopped",
       isPaused: this.wants.isPaused,
-      isDone,
+      isDone: this.hasOverview && isThere,
       waitsFor: waiting?.fetcher.failure?.message ?? "",
       splats: drawn.reduce((n, { splats }) => n + splats, 0),
       packets: sum(({ decoder }) => decoder.progress?.packets ?? 0),
@@ -300,8 +347,19 @@ export class TilesetStream {
         wrong: sum(({ decoder }) => decoder.digests?.wrong ?? 0),
       },
       fault: fault === null ? "" : `${fault.code} at byte ${fault.offset}`,
-      files: drawn.map(({ tile }) => (tile.url as string).split("/").pop() ?? ""),
+      files: drawn.map(({ tile }) => (tile.url ?? "").split("/").pop() ?? ""),
+      failedFiles: this.failed().map((tile) => ({
+        name: this.nameOf(tile),
+        message: this.failures.get(tile)?.message ?? "",
+      })),
     };
+  }
+
+  /** The name of a file in the folder of the tileset. */
+  private nameOf({ url, external }: Tile): string {
+    const name = url ?? external ?? "";
+    const folder = new URL(".", this.source).href;
+    return decoded(name.startsWith(folder) ? name.slice(folder.length) : name);
   }
 }
 
@@ -309,6 +367,11 @@ export class TilesetStream {
 function baseOf({ origin, low, high }: Tile): Point {
   const size = Math.hypot(...[0, 1, 2].map((a) => high[a] - low[a]));
   return Math.hypot(...origin) <= NEAR * size ? [0, 0, 0] : origin;
+}
+
+function isBelow(tile: Tile, above: Tile): boolean {
+  for (let at = tile.parent; at !== null; at = at.parent) if (at === above) return true;
+  return false;
 }
 
 /** Whether an address is that of a tileset. */

@@ -50,12 +50,12 @@ export function makeScenes() {
   return Object.fromEntries(SCENES.map((name) => [name, readFileSync(at(`${name}.evogs`))]));
 }
 
-/** The files of a tileset of the 8,000 splats, by their names. */
-export function makeTileset() {
-  const folder = `${FOLDER}/city`;
+/** The files of a tileset, by their names: of the 8,000 splats in four, or of the 24,000 in two. */
+export function makeTileset(scene = "scene", perFile = 2500) {
+  const folder = `${FOLDER}/city-${scene}`;
   if (!existsSync(folder)) {
-    const options = ["--per-file", 2500, "--overview", 1500, "--levels", 3, "--engine", "serial"];
-    evogs("tileset", `${FOLDER}/scene.ply`, folder, ...options);
+    const options = ["--per-file", perFile, "--overview", 1500, "--levels", 3, "--engine", "serial"];
+    evogs("tileset", `${FOLDER}/${scene}.ply`, folder, ...options);
   }
   const names = readdirSync(folder, { recursive: true }).filter((name) => /\.(json|evogs)$/.test(name));
   return Object.fromEntries(names.map((name) => [`city/${name}`, readFileSync(`${folder}/${name}`)]));
