@@ -6,7 +6,7 @@ import { Controls } from "./controls.js";
 import type { FromWorker, Progress, SceneInfo, ToWorker } from "./messages.js";
 import { Panel } from "./panel.js";
 import type { Vec } from "./vectors.js";
-import { failureText } from "./words.js";
+import { failureText, nameOf, progressText, quietText } from "./words.js";
 
 const UPS: Vec[] = [
   [0, 0, 1],
@@ -26,6 +26,8 @@ declare global {
 }
 /** The page tries again by itself so often, in ms, after the connection was lost. */
 const RETRY_EVERY = 10_000;
+/** The page says that it waits after so many seconds without a byte. */
+const QUIET = 5;
 const SLOWEST_FRAME = 0.2;
 /** There the panel would hide the picture. */
 const isSmall = matchMedia("(max-width: 640px), (max-height: 480px)");
@@ -49,11 +51,16 @@ class Viewer {
   private frames: number[] = [];
   private viewTimer: ReturnType<typeof setTimeout> | undefined;
   private retryTimer: ReturnType<typeof setTimeout> | undefined;
+  private quietTimer: ReturnType<typeof setTimeout> | undefined;
   private source: string | null = null;
   /** The scene is the one that the page itself holds. */
   private isHeld = false;
   /** The failure is told until bytes come again. */
   private hasFailed = false;
+  /** Bytes are waited for, and none came for a while. */
+  private isQuiet = false;
+  private isBusy = false;
+  private fetched = 0;
 
   constructor(private readonly renderer: SplatRenderer) {
     this.controls = new Controls(renderer.canvas, this.camera, () => this.moved());
@@ -74,6 +81,10 @@ class Viewer {
       this.needsDraw = true;
     };
     renderer.onLost = () => this.send({ kind: "rewrite" });
+    renderer.canvas.addEventListener("webglcontextlost", () =>
+      this.panel.tell("The graphics processor was reset. The picture comes back by itself.", false, "graphics"),
+    );
+    renderer.canvas.addEventListener("webglcontextrestored", () => this.panel.hideNotice("graphics"));
     this.worker.addEventListener("message", ({ data }: MessageEvent<FromWorker>) => this.receive(data));
     this.worker.addEventListener("error", ({ message }) => this.panel.tell(`The worker failed: ${message}`));
     window.addEventListener("online", () => this.retry());
@@ -93,11 +104,12 @@ class Viewer {
     }
     const url = URL.canParse(source, location.href) ? new URL(source, location.href) : null;
     if (url === null || !/^https?:$/.test(url.protocol)) {
-      this.panel.tell("Only http and https addresses can be opened.");
+      this.panel.tellBriefly("Only http and https addresses can be opened.");
       return;
     }
     this.source = url.href;
-    this.start(url.href, url.pathname.split("/").pop() || url.host);
+    this.isHeld = false;
+    this.start(url.href, nameOf(url.href));
   }
 
   private start(source: string | File, name: string): void {
@@ -107,6 +119,9 @@ class Viewer {
     this.progress = null;
     this.isSceneOpen = false;
     this.hasFailed = false;
+    this.fetched = 0;
+    this.isBusy = true;
+    this.awaitBytes();
     this.camera.resetFov();
     this.hasView = this.camera.setText(new URLSearchParams(location.hash.slice(1)).get("view") ?? "");
     this.panel.clear(name);
@@ -203,23 +218,41 @@ class Viewer {
   private show(progress: Progress): void {
     this.progress = progress;
     this.panel.show(progress);
-    if (progress.state === "loading") this.hasFailed = false;
-    if (this.hasFailed) return;
-    if (progress.state === "waiting") {
-      this.panel.tell("The connection is interrupted: trying again. What arrived stays on screen.");
-    } else if (progress.fault !== "" && this.info !== null) {
-      this.panel.tell(`A packet is damaged (${progress.fault}). Its region stays coarser; the rest goes on.`);
-    } else if (progress.digests !== null && progress.digests.wrong > 0) {
-      this.panel.tell("Digests differ: what is shown is not what the encoder made.");
-    } else if (progress.state === "loading" || progress.isDone) {
-      this.panel.hideNotice();
+    const isBusy = progress.state !== "stopped" && !progress.isPaused;
+    if (progress.fetched > this.fetched) this.hasFailed = false;
+    if (progress.fetched > this.fetched || isBusy !== this.isBusy) {
+      this.fetched = progress.fetched;
+      this.isBusy = isBusy;
+      this.awaitBytes();
     }
-    document.body.dataset.state = progress.isDone ? "done" : progress.state;
+    if (this.hasFailed) return;
+    this.tellOf(progress);
+    const isStuck = progress.state === "stopped" && (progress.failedFiles?.length ?? 0) > 0;
+    document.body.dataset.state = progress.isDone ? "done" : isStuck ? "failed" : progress.state;
+  }
+
+  private tellOf(progress: Progress | null): void {
+    const text = progress === null ? "" : progressText(progress);
+    if (text !== "") this.panel.tell(text, (progress?.failedFiles?.length ?? 0) > 0);
+    else if (this.isQuiet) this.panel.tell(quietText(QUIET));
+    else this.panel.hideNotice();
+  }
+
+  /** Tells that nothing comes, if that is so for a while. */
+  private awaitBytes(): void {
+    clearTimeout(this.quietTimer);
+    this.isQuiet = false;
+    if (!this.isBusy) return;
+    this.quietTimer = setTimeout(() => {
+      this.isQuiet = true;
+      if (!this.hasFailed) this.tellOf(this.progress);
+    }, 1000 * QUIET);
   }
 
   private fail(message: Extract<FromWorker, { kind: "failed" }>): void {
     const { text, canRetry } = failureText(message, this.info !== null);
     this.panel.tell(text, canRetry);
+    clearTimeout(this.quietTimer);
     document.body.dataset.state = "failed";
     this.hasFailed = true;
     if (message.failure === "lost") this.retryTimer = setTimeout(() => this.retry(), RETRY_EVERY);
@@ -251,10 +284,12 @@ class Viewer {
     const axis = sizes.indexOf(Math.max(...sizes));
     url.searchParams.set("up", `${this.camera.up[axis] < 0 ? "-" : ""}${"xyz"[axis]}`);
     history.replaceState(null, "", url);
-    await navigator.clipboard?.writeText(url.href).catch(() => {});
+    const isCopied = await isWritten(url.href);
     const isLocal = this.source === null && !this.isHeld;
-    this.panel.tell(isLocal ? "The link has the view, but not your local file." : "The link is copied.");
-    setTimeout(() => this.panel.hideNotice(), 3000);
+    this.panel.tellBriefly(
+      (isCopied ? "The link is copied." : "The link is in the address bar: the page may not copy it.") +
+        (isLocal ? " It has the view, but not your local file." : ""),
+    );
   }
 
   private takeDrops(): void {
@@ -312,6 +347,17 @@ class Viewer {
       this.send({ kind: "drawn" });
     }
     this.panel.showFrames(this.frames.length > 1 ? this.frames.length : null);
+  }
+}
+
+/** Copies a text. False where the browser does not let the page do so. */
+async function isWritten(text: string): Promise<boolean> {
+  try {
+    // Only pages of https and of this machine have a clipboard.
+    await navigator.clipboard.writeText(text);
+    return true;
+  } catch {
+    return false;
   }
 }
 

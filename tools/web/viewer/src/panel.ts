@@ -14,6 +14,14 @@ const SLIDER_END = 100;
 const SLOWEST = 5e3;
 const FASTEST = 2e7;
 const FEWEST = 500;
+/** Splats of a tileset that does not say how many it has. */
+const UNKNOWN = 3e6;
+
+/** What notices are about. Of several the last in this order is shown. */
+const TOPICS = ["scene", "graphics", "page"] as const;
+type Topic = (typeof TOPICS)[number];
+/** Notices about what was done to the page are shown so long, in ms. */
+const BRIEFLY = 4000;
 
 export interface PanelEvents {
   onWants(): void;
@@ -35,6 +43,8 @@ export class Panel {
   private readonly timeline = element<HTMLInputElement>("timeline");
   private readonly bar = element("bar");
   private readonly notice = element("notice");
+  private readonly told = new Map<Topic, { text: string; canRetry: boolean }>();
+  private briefTimer: ReturnType<typeof setTimeout> | undefined;
   private isPaused = false;
   private info: SceneInfo | null = null;
   private received = 0;
@@ -76,7 +86,7 @@ export class Panel {
   get wants(): Wants {
     const rate = Number(this.rate.value);
     const budget = Number(this.budget.value);
-    const most = Math.max(this.info?.splats ?? FEWEST, FEWEST);
+    const most = Math.max(this.info?.splats || UNKNOWN, FEWEST);
     return {
       bytesPerSecond:
         rate >= SLIDER_END ? Number.POSITIVE_INFINITY : SLOWEST * (FASTEST / SLOWEST) ** (rate / SLIDER_END),
@@ -121,6 +131,7 @@ export class Panel {
     this.timeline.disabled = true;
     this.bar.style.width = "0";
     for (const id of ["bytes", "level", "splats", "verified", "requests"]) element(id).textContent = "–";
+    element("verified").dataset.good = "false";
     element("brief").textContent = "";
     element("name").textContent = name;
     this.hideNotice();
@@ -144,7 +155,8 @@ export class Panel {
       size > 0 ? `${bytes(progress.received)} of ${bytes(size)}` : bytes(progress.received);
     this.bar.style.width = size > 0 ? `${(100 * progress.received) / size}%` : "0";
     if (info !== null) {
-      element("splats").textContent = `${count(progress.splats)} of ${count(info.splats)}`;
+      const all = info.splats > 0 ? ` of ${count(info.splats)}` : "";
+      element("splats").textContent = count(progress.splats) + all;
       const level = progress.level < 0 ? "–" : String(progress.level);
       element("level").textContent = `${level} of ${info.levels - 1}`;
       element("verified").textContent = verified(progress);
@@ -159,7 +171,7 @@ export class Panel {
           ? bytes(size)
           : `${Math.floor((100 * progress.received) / size)} % of ${bytes(size)}`;
     const isLast = this.timeline.value === this.timeline.max;
-    this.timeline.disabled = info === null;
+    this.timeline.disabled = info === null || !info.canLookBack;
     this.timeline.max = String(this.received);
     if (isLast) this.timeline.value = String(this.received);
     this.timeline.setAttribute(
@@ -173,15 +185,30 @@ export class Panel {
   }
 
   /** Tells something until it is over. */
-  tell(text: string, canRetry = false): void {
-    if (element("notice-text").textContent !== text) element("notice-text").textContent = text;
-    element("retry").hidden = !canRetry;
-    this.notice.hidden = false;
+  tell(text: string, canRetry = false, topic: Topic = "scene"): void {
+    this.told.set(topic, { text, canRetry });
+    this.showNotice();
   }
 
-  hideNotice(): void {
-    this.notice.hidden = true;
-    element("notice-text").textContent = "";
+  /** Tells something of the page for a while. */
+  tellBriefly(text: string): void {
+    clearTimeout(this.briefTimer);
+    this.briefTimer = setTimeout(() => this.hideNotice("page"), BRIEFLY);
+    this.tell(text, false, "page");
+  }
+
+  hideNotice(topic: Topic = "scene"): void {
+    this.told.delete(topic);
+    this.showNotice();
+  }
+
+  private showNotice(): void {
+    const topic = TOPICS.filter((topic) => this.told.has(topic)).pop();
+    const { text, canRetry } = (topic && this.told.get(topic)) ?? { text: "", canRetry: false };
+    // A text that is set again would be read aloud again.
+    if (element("notice-text").textContent !== text) element("notice-text").textContent = text;
+    element("retry").hidden = !canRetry;
+    this.notice.hidden = text === "";
   }
 
   private showWants(): void {

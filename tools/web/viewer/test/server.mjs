@@ -13,6 +13,8 @@ export class PageServer {
   /** Of each scene no byte is sent from here on, until it is raised. */
   gate = Number.POSITIVE_INFINITY;
   bytesPerSecond = 0;
+  /** Requests for scenes are answered with this status; 0 for the bytes. */
+  status = 0;
   /** The ranges that were asked for, and the bytes of scenes that were sent. */
   requests = [];
   sent = 0;
@@ -49,6 +51,7 @@ export class PageServer {
 
   async sendScene(request, response, bytes) {
     this.requests.push(request.headers.range ?? "all");
+    if (this.status !== 0) return response.writeHead(this.status).end();
     const [, from, to] = /^bytes=(\d+)-(\d+)$/.exec(request.headers.range ?? "") ?? [];
     const start = Number(from ?? 0);
     const end = Math.min(Number(to ?? bytes.length) + 1, bytes.length);
