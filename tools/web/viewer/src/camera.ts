@@ -5,6 +5,9 @@ import type { Viewpoint } from "evogs";
 import { type Vec, add, cross, dot, scaled, unit } from "./vectors.js";
 
 const FOV_Y = (50 * Math.PI) / 180;
+const YAW = 0.6;
+const PITCH = -0.25;
+const UP: Vec = [0, 0, 1];
 const STEEPEST = Math.PI / 2 - 0.01;
 
 export class Camera {
@@ -12,9 +15,9 @@ export class Camera {
   target: Vec = [0, 0, 0];
   distance = 5;
   /** Angles of what it looks along, from the horizon of `up`. */
-  yaw = 0.6;
-  pitch = -0.25;
-  up: Vec = [0, 0, 1];
+  yaw = YAW;
+  pitch = PITCH;
+  up = UP;
   fovY = FOV_Y;
   /** How large the scene is: speeds and clipping follow it. */
   radius = 1;
@@ -45,9 +48,9 @@ export class Camera {
     this.pitch = Math.min(STEEPEST, Math.max(-STEEPEST, pitch));
   }
 
-  /** The field of view of scenes that do not say theirs. */
-  resetFov(): void {
-    this.fovY = FOV_Y;
+  /** Forgets how the scene before was looked at. */
+  reset(): void {
+    Object.assign(this, { yaw: YAW, pitch: PITCH, up: UP, fovY: FOV_Y, fixed: null });
   }
 
   get pose(): CameraPose {
@@ -89,17 +92,20 @@ export class Camera {
     this.distance = Math.min(1e3 * this.radius, Math.max(1e-3 * this.radius, this.distance * factor));
   }
 
-  /** A view as text, for a link. */
+  /** A view as text, for a link: target, distance, yaw, pitch and the angle of view in degrees. */
   get text(): string {
-    return [...this.target, this.distance, this.yaw, this.pitch].map((n) => Number(n.toPrecision(6))).join(",");
+    const numbers = [...this.target, this.distance, this.yaw, this.pitch, (this.fovY * 180) / Math.PI];
+    return numbers.map((n) => Number(n.toPrecision(6))).join(",");
   }
 
-  /** Takes a view from a link. False if it is none. */
+  /** Takes a view from a link, which may lack the angle of view. False if it is none. */
   setText(text: string): boolean {
     const numbers = text.split(",").map(Number);
-    if (numbers.length !== 6 || !numbers.every(Number.isFinite) || numbers[3] <= 0) return false;
-    const [x, y, z, distance, yaw, pitch] = numbers;
-    Object.assign(this, { target: [x, y, z], distance, yaw, pitch, radius: distance / 3, fixed: null });
+    if (numbers.length < 6 || numbers.length > 7 || !numbers.every(Number.isFinite)) return false;
+    const [x, y, z, distance, yaw, pitch, degrees = (FOV_Y * 180) / Math.PI] = numbers;
+    if (distance <= 0 || degrees <= 0 || degrees >= 180) return false;
+    const fovY = (degrees * Math.PI) / 180;
+    Object.assign(this, { target: [x, y, z], distance, yaw, pitch, fovY, radius: distance / 3, fixed: null });
     return true;
   }
 

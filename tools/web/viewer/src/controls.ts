@@ -43,11 +43,11 @@ export class Controls {
     }
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
-    canvas.addEventListener("keydown", (event) => this.key(event));
-    canvas.addEventListener("keyup", ({ code }) => {
+    window.addEventListener("keydown", (event) => this.key(event));
+    window.addEventListener("keyup", ({ code }) => {
       if (this.held.delete(code)) this.released.add(code);
     });
-    canvas.addEventListener("blur", () => this.held.clear());
+    for (const target of [canvas, window]) target.addEventListener("blur", () => this.held.clear());
   }
 
   /** Moves by the keys that are held. Whether there are any. */
@@ -108,7 +108,9 @@ export class Controls {
     else this.camera.zoom(factor);
   }
 
+  /** Keys count at the picture, and where nothing has the focus, as when the page has just opened. */
   private key(event: KeyboardEvent): void {
+    if (event.target !== this.canvas && event.target !== document.body) return;
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     if (event.code in KEYS) this.held.add(event.code);
     else if (event.key === "+" || event.key === "=") this.approach(0.9);

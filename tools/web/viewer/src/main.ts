@@ -3,6 +3,7 @@
 import type { CameraPose, SplatRenderer } from "evogs-three";
 import { Camera, planesOf } from "./camera.js";
 import { Controls } from "./controls.js";
+import { type Link, linkOf, upOf, upText } from "./link.js";
 import type { FromWorker, Progress, SceneInfo, ToWorker } from "./messages.js";
 import { Panel } from "./panel.js";
 import type { Vec } from "./vectors.js";
@@ -42,6 +43,7 @@ class Viewer {
   private readonly controls: Controls;
   private readonly panel: Panel;
   private bounds: { middle: Vec; radius: number } | null = null;
+  /** The view was chosen, by a link, a camera, a script or by hand: it is not fitted to what comes. */
   private hasView = false;
   private needsDraw = true;
   /** The worker waits to hear that its texels were drawn. */
@@ -61,15 +63,21 @@ class Viewer {
   private isQuiet = false;
   private isBusy = false;
   private fetched = 0;
+  /** What is up by the address, for the scene that it opens. */
+  private up: Vec | null = null;
 
-  constructor(private readonly renderer: SplatRenderer) {
-    this.controls = new Controls(renderer.canvas, this.camera, () => this.moved());
+  /** The link is that of the first scene. */
+  constructor(
+    private readonly renderer: SplatRenderer,
+    private link: Link | null,
+  ) {
+    this.controls = new Controls(renderer.canvas, this.camera, () => this.movedByHand());
     this.panel = new Panel({
       onWants: () => this.want(),
       onScrub: (bytes) => this.send({ kind: "scrub", bytes }),
       onFile: (file) => this.open(file),
       onUrl: (url) => this.open(url),
-      onFit: () => this.fit(),
+      onFit: () => this.fitAgain(),
       onUp: () => this.turnUp(),
       onLink: () => void this.copyLink(),
       onFly: (isFlying) => {
@@ -88,6 +96,9 @@ class Viewer {
     this.worker.addEventListener("message", ({ data }: MessageEvent<FromWorker>) => this.receive(data));
     this.worker.addEventListener("error", ({ message }) => this.panel.tell(`The worker failed: ${message}`));
     window.addEventListener("online", () => this.retry());
+    window.addEventListener("hashchange", () => {
+      if (this.camera.setText(linkOf(location).view)) this.movedByHand();
+    });
     this.takeDrops();
     window.addEventListener("keydown", (event) => this.key(event));
     new ResizeObserver(() => this.resize()).observe(renderer.canvas);
@@ -122,8 +133,14 @@ class Viewer {
     this.fetched = 0;
     this.isBusy = true;
     this.awaitBytes();
-    this.camera.resetFov();
-    this.hasView = this.camera.setText(new URLSearchParams(location.hash.slice(1)).get("view") ?? "");
+    this.camera.reset();
+    this.up = this.link?.up ?? null;
+    const up = this.up ?? (this.isHeld ? upOf(window.evogsUp ?? "") : null);
+    if (up !== null) this.camera.up = up;
+    this.hasView = this.camera.setText(this.link?.view ?? "");
+    this.link = null;
+    // Nothing of the scene before is shown under the name of this one.
+    this.renderer.openParts();
     this.panel.clear(name);
     if (isSmall.matches) this.panel.fold();
     const { maxTextureSize } = this.renderer;
@@ -185,8 +202,12 @@ class Viewer {
         break;
       case "bounds":
         this.bounds = message;
-        if (!this.hasView) this.fit();
-        else this.camera.radius = message.radius;
+        if (!this.hasView) {
+          this.fit();
+        } else {
+          this.camera.radius = message.radius;
+          this.moved();
+        }
         break;
       case "texels":
         if (!this.isSceneOpen) return;
@@ -205,9 +226,9 @@ class Viewer {
     }
   }
 
-  /** Takes what a scene says of how to look at it; a view that a link or a script gave stays. */
+  /** Takes what a scene says of how to look at it; what a link or a script gave stays. */
   private turnTo({ up, camera }: SceneInfo): void {
-    const above = camera?.up ?? up;
+    const above = this.up ?? camera?.up ?? up;
     if (above !== null) this.camera.up = above;
     if (camera === null || this.hasView) return;
     this.camera.lookFrom(camera, this.camera.up);
@@ -270,6 +291,12 @@ class Viewer {
     this.moved();
   }
 
+  /** Fits the scene also to what is still to come. */
+  private fitAgain(): void {
+    this.hasView = false;
+    this.fit();
+  }
+
   private turnUp(): void {
     const at = UPS.findIndex((up) => up.every((x, i) => x === this.camera.up[i]));
     this.camera.fixed = null;
@@ -280,9 +307,7 @@ class Viewer {
     const url = new URL(location.href);
     url.hash = `view=${this.camera.text}`;
     if (this.source !== null) url.searchParams.set("src", this.source);
-    const sizes = this.camera.up.map(Math.abs);
-    const axis = sizes.indexOf(Math.max(...sizes));
-    url.searchParams.set("up", `${this.camera.up[axis] < 0 ? "-" : ""}${"xyz"[axis]}`);
+    url.searchParams.set("up", upText(this.camera.up));
     history.replaceState(null, "", url);
     const isCopied = await isWritten(url.href);
     const isLocal = this.source === null && !this.isHeld;
@@ -304,11 +329,17 @@ class Viewer {
   }
 
   private key(event: KeyboardEvent): void {
-    const isTyping = event.target instanceof HTMLInputElement && event.target.type !== "range";
+    const isTyping = event.target instanceof HTMLInputElement && event.target.type === "text";
     if (isTyping || event.ctrlKey || event.metaKey || event.altKey) return;
-    if (event.key === "f") this.fit();
-    else if (event.key === "u") this.turnUp();
-    else if (event.key === "p") this.panel.togglePause();
+    const key = event.key.toLowerCase();
+    if (key === "f") this.fitAgain();
+    else if (key === "u") this.turnUp();
+    else if (key === "p") this.panel.togglePause();
+  }
+
+  private movedByHand(): void {
+    this.hasView = true;
+    this.moved();
   }
 
   private moved(): void {
@@ -328,13 +359,15 @@ class Viewer {
     if (clientWidth === 0 || clientHeight === 0) return;
     this.renderer.resize(clientWidth, clientHeight, Math.min(2, devicePixelRatio));
     this.needsDraw = true;
+    // More or less is seen now. Before there is a scene, there is no view of it.
+    if (this.bounds !== null) this.moved();
   }
 
   private frame(now: number): void {
     requestAnimationFrame((next) => this.frame(next));
     const seconds = Math.min(SLOWEST_FRAME, (now - this.last) / 1000);
     this.last = now;
-    if (this.controls.step(seconds)) this.moved();
+    if (this.controls.step(seconds)) this.movedByHand();
     this.frames = this.frames.filter((at) => at > now - 1000);
     if (this.needsDraw || this.renderer.isMoving) {
       this.needsDraw = false;
@@ -374,13 +407,8 @@ async function start(): Promise<void> {
     notice.hidden = false;
     return;
   }
-  const viewer = new Viewer(renderer);
+  const viewer = new Viewer(renderer, linkOf(location));
   const parameters = new URLSearchParams(location.search);
-  const up = /^(-?)([xyz])$/.exec(parameters.get("up") ?? window.evogsUp ?? "");
-  if (up !== null) {
-    const sign = up[1] === "-" ? -1 : 1;
-    viewer.setUp([0, 1, 2].map((axis) => (axis === "xyz".indexOf(up[2]) ? sign : 0)) as unknown as Vec);
-  }
   const rate = Number(parameters.get("rate"));
   if (rate > 0) viewer.setRate(rate);
   const source = window.evogsScene ?? parameters.get("src");
