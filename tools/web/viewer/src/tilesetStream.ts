@@ -44,6 +44,7 @@ export class TilesetStream {
   /** Nothing goes on: the connection is lost, or the overview cannot be read. */
   private hasFailed = false;
   private timer: ReturnType<typeof setTimeout> | undefined;
+  private readonly abort = new AbortController();
 
   constructor(
     private readonly source: string,
@@ -51,7 +52,12 @@ export class TilesetStream {
     private readonly maxTextureSize: number,
     private readonly post: Post,
   ) {
-    this.tileset = new TilesetFetch(source, { cache: "no-store", fetch: originFetch });
+    this.tileset = new TilesetFetch(source, {
+      cache: "no-store",
+      fetch: originFetch,
+      signal: this.abort.signal,
+      onFailure: () => this.later(),
+    });
     void this.open();
   }
 
@@ -91,6 +97,7 @@ export class TilesetStream {
 
   close(): void {
     this.isClosed = true;
+    this.abort.abort();
     clearTimeout(this.timer);
     for (const content of this.contents.values()) content.stop();
   }
@@ -324,7 +331,9 @@ export class TilesetStream {
     const isThere = this.unread.length === 0 && this.wanted.every((tile) => this.contents.get(tile)?.isDone);
     const fault = all.map(({ decoder }) => decoder.fault).find((found) => found !== null) ?? null;
     const waiting = all.find(({ fetcher, isRunning }) => isRunning && fetcher.failure !== null);
-    const isLoading = all.some(({ isRunning }) => isRunning) || this.root === null || this.loading.size > 0;
+    const isReading = this.root === null || this.loading.size > 0;
+    const failure = waiting?.fetcher.failure ?? (isReading ? this.tileset.failure : null);
+    const isLoading = all.some(({ isRunning }) => isRunning) || isReading;
     const drawn = this.toDraw().map((tile) => this.contents.get(tile) as Content);
     const first = this.root === null ? undefined : this.contents.get(this.root);
     const received = this.tileset.received + sum(({ fetcher }) => fetcher.received);
@@ -333,10 +342,10 @@ export class TilesetStream {
       fetched: received,
       size: this.tileset.received + sum(({ fetcher, tile }) => fetcher.size ?? tile.bytes),
       requests: this.tileset.requests + sum(({ fetcher }) => fetcher.requests),
-      state: waiting ? "waiting" : isLoading ? "loading" : "stopped",
+      state: failure !== null ? "waiting" : isLoading ? "loading" : "stopped",
       isPaused: this.wants.isPaused,
       isDone: this.hasOverview && isThere,
-      waitsFor: waiting?.fetcher.failure?.message ?? "",
+      waitsFor: failure?.message ?? "",
       splats: drawn.reduce((n, { splats }) => n + splats, 0),
       packets: sum(({ decoder }) => decoder.progress?.packets ?? 0),
       packetsApplied: sum(({ decoder }) => decoder.progress?.applied ?? 0),
