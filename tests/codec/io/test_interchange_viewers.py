@@ -61,6 +61,7 @@ def test_three_reads_what_we_write(ending, degree, tmp_path):
 
 
 @pytest.mark.parametrize("ending", THREE)
+@pytest.mark.filterwarnings("ignore:positions are far from zero")
 def test_three_reads_extreme_numbers_as_we_do(ending, tmp_path):
     path = tmp_path / f"ours.{ending}"
     write_scene(path, far_scene())
