@@ -185,10 +185,10 @@ def test_extreme_numbers_become_the_nearest_that_the_format_holds(ending, tmp_pa
         assert np.abs(found.sh[:, 1:] - np.clip(expected.sh[:, 1:], *sh)).max() <= rounding
 
 
+@pytest.mark.filterwarnings("ignore:positions are far from zero")
 @pytest.mark.parametrize(("ending", "n"), [("spz", 5), ("compressed.ply", 3), ("splat", 2)])
 @pytest.mark.filterwarnings("default")
 @pytest.mark.filterwarnings("ignore:a .splat has no SH")
-@pytest.mark.filterwarnings("ignore:positions are far from zero")
 def test_a_warning_counts_the_splats_that_a_format_cannot_hold(ending, n, tmp_path):
     with pytest.warns(UserWarning, match=f"{n} of 32 splats have .* beyond what"):
         write_scene(tmp_path / f"x.{ending}", extreme_scene())
