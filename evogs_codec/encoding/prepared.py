@@ -99,7 +99,8 @@ class Prepared:
         self.importance = self.drawn = self.gains = self.layered = None
         if task.views is not None:
             report("draw", 0.0)
-            self._leaves = task.tree.shared_leaves()  # held, so that they are made once
+            if not task.by_leaves:  # levels are looked at later
+                self._leaves = task.tree.shared_leaves()  # held, so that they are made once
             self.drawn = task.drawn or _drawn(task, task.views, self.tiles, self.n_levels)
             self.gains = self.drawn.gains
             self.importance = Importance.of_cuts(
