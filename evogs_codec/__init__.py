@@ -63,11 +63,11 @@ if TYPE_CHECKING:
     from evogs_codec.lifting.lift import lift as lift
     from evogs_codec.lifting.lift import lift_with_order as lift_with_order
     from evogs_codec.lifting.shared_sh import with_palette as with_palette
+    from evogs_codec.model.palette import Palette as Palette
     from evogs_codec.model.scene_info import SceneInfo as SceneInfo
     from evogs_codec.model.splats import SplatParams as SplatParams
     from evogs_codec.model.tree import EvolutionTree as EvolutionTree
     from evogs_codec.model.tree import Kind as Kind
-    from evogs_codec.model.tree import Palette as Palette
     from evogs_codec.model.tree import Step as Step
     from evogs_codec.scene import EncodedScene as EncodedScene
     from evogs_codec.scene import encode_scene as encode_scene
@@ -181,7 +181,8 @@ _MODULES = {
     "lifting.shared_sh": ("with_palette",),
     "model.scene_info": ("SceneInfo",),
     "model.splats": ("SplatParams",),
-    "model.tree": ("EvolutionTree", "Kind", "Palette", "Step"),
+    "model.palette": ("Palette",),
+    "model.tree": ("EvolutionTree", "Kind", "Step"),
     "scene": (
         "EncodedScene",
         "encode_scene",

@@ -41,8 +41,7 @@ def n_moved_by_float32(directory: Directory, splats: SplatParams) -> int:
         return 0
     spacing = np.spacing(np.abs(splats.means).max(axis=1)).astype(np.float64)
     is_rounded = spacing > 2.0 ** -directory.grid_exponents[0]
-    sizes = np.exp(splats.log_scales.mean(axis=1, dtype=np.float64))
-    return int(np.count_nonzero(is_rounded & (0.5 * spacing > 0.1 * sizes)))
+    return splats.n_moved(np.where(is_rounded, 0.5 * spacing, 0.0))
 
 
 class FloatView:

@@ -13,8 +13,9 @@ from evogs_codec.encoding.estimated_gains import area, visibility
 from evogs_codec.encoding.grids import Grid
 from evogs_codec.format.directory import UNKNOWN_ERROR
 from evogs_codec.model.components import CORE, PICKS, component_slice
+from evogs_codec.model.palette import Palette
 from evogs_codec.model.splats import F64, I32, I64
-from evogs_codec.model.tree import EvolutionTree, Palette, Step, take_picks
+from evogs_codec.model.tree import EvolutionTree, Step, take_picks
 
 __all__ = ["LeafTracker"]
 

@@ -17,8 +17,9 @@ from evogs_codec.format.pack import decorrelate
 from evogs_codec.format.planes import MAX_STORED, entropy, zigzag
 from evogs_codec.model.channels import N_CORE, channel_class
 from evogs_codec.model.coded_tree import CodedStep, CodedTile
+from evogs_codec.model.palette import Palette
 from evogs_codec.model.splats import F32, I32, I64
-from evogs_codec.model.tree import Palette, take_picks
+from evogs_codec.model.tree import take_picks
 
 __all__ = [
     "NEVER",

@@ -75,9 +75,7 @@ def _warn_of_moved(path: PathLike, rows: npt.NDArray[np.void], splats: SplatPara
         block = np.asarray(rows[part])
         with np.errstate(invalid="ignore", over="ignore"):
             way = [np.abs(block[m] - splats.means[part, i]) for i, m in enumerate(MEANS)]
-            sizes = np.exp(splats.log_scales[part].mean(axis=1))
-            furthest = np.maximum.reduce(way)
-            n_moved += int(np.count_nonzero(np.isfinite(furthest) & (furthest > 0.1 * sizes)))
+            n_moved += splats.take(part).n_moved(np.maximum.reduce(way))
     if n_moved:
         text = f"{path}: float32 moves {n_moved:,} splats by more than a tenth of their size"
         said = f"{text}: `evogs encode --workers 2` and `evogs tileset` keep double positions"

@@ -39,8 +39,9 @@ from evogs_codec.jobs.plan import Plan, Survey, surveyed, worth_of_entries
 from evogs_codec.jobs.scratch_files import arrays_of
 from evogs_codec.model.channels import N_CORE, N_GROUPS, channel_class
 from evogs_codec.model.coded_tree import CodedStep, CodedTile, CodedTree
+from evogs_codec.model.palette import Palette
 from evogs_codec.model.splats import F32, I32, I64
-from evogs_codec.model.tree import Kind, Palette, take_picks
+from evogs_codec.model.tree import Kind, take_picks
 from evogs_codec.scene import choose
 
 __all__ = [

@@ -15,8 +15,9 @@ import numpy as np
 from evogs_codec.lifting.coarse_entries import SAMPLE, CoarseEntries
 from evogs_codec.lifting.lift import Lifted
 from evogs_codec.model.channels import N_CORE
+from evogs_codec.model.palette import Palette
 from evogs_codec.model.splats import F32, I64, SplatParams
-from evogs_codec.model.tree import EvolutionTree, Kind, Palette, Step
+from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
 __all__ = [
     "MOST",

@@ -14,9 +14,9 @@ import numpy as np
 from evogs_codec.model.arithmetic import SYMMETRIC, AlphaTable, Quantiser
 from evogs_codec.model.channels import N_CORE, channel_class
 from evogs_codec.model.components import Components
+from evogs_codec.model.palette import Palette
 from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import I32, U8
-from evogs_codec.model.tree import Palette
 
 __all__ = [
     "CodedStep",

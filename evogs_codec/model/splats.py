@@ -79,6 +79,12 @@ class SplatParams:
         """Degree of the SH coefficients, 0..3."""
         return sh_degree_of(self.sh.shape[1])
 
+    def n_moved(self, distance: npt.NDArray[np.floating] | float) -> int:
+        """How many splats move by over a tenth of their mean size, each by `distance` (N,)."""
+        with np.errstate(over="ignore"):
+            sizes = np.exp(self.log_scales.mean(axis=1, dtype=np.float64))
+        return int(np.count_nonzero(np.isfinite(distance) & (distance > 0.1 * sizes)))
+
     def channels(self) -> F32:
         """(D, N) float32, one row per channel (spec 3.2)."""
         out = np.empty((n_channels(self.sh_degree), len(self)), np.float32)

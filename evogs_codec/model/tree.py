@@ -23,9 +23,10 @@ import numpy.typing as npt
 
 from evogs_codec.model.channels import GROUP_CHANNELS, N_GROUPS, n_channels
 from evogs_codec.model.components import Components
+from evogs_codec.model.palette import Palette
 from evogs_codec.model.splats import F32, F64, I32, I64, U8, SplatParams
 
-__all__ = ["EvolutionTree", "Kind", "Palette", "Slots", "Step", "columns_of"]
+__all__ = ["EvolutionTree", "Kind", "Slots", "Step", "columns_of"]
 
 
 class Kind(IntEnum):
@@ -51,36 +52,6 @@ def columns_of(kinds: U8, rows: npt.NDArray[np.integer]) -> tuple[I64, I64]:
     psi = (np.cumsum(has_psi) - 1)[rows[has_psi[rows]]]
     alpha = (np.cumsum(is_split) - 1)[rows[is_split[rows]]]
     return psi, alpha
-
-
-@dataclass(frozen=True, eq=False)
-class Palette:
-    """SH above band 0 that splats share (spec 12).
-
-    Attributes:
-        degree: 1..3.
-        entries: (C, n) float32, a row per channel from 14 on; entry k of the text is column k - 1.
-        n_coarse: so many of them, the first ones, were made for coarse splats.
-    """
-
-    degree: int
-    entries: F32
-    n_coarse: int = 0
-
-    def sh_of(self, picks: npt.NDArray[np.integer]) -> F32:
-        """(C, N) the SH of picks (N,): 0 for the pick 0."""
-        n = self.entries.shape[1]
-        if not n:
-            return np.zeros((len(self.entries), len(picks)), np.float32)
-        found: F32 = self.entries.take(np.asarray(picks, np.int64) - 1, axis=1, mode="wrap")
-        found[:, picks == 0] = 0
-        return found
-
-    def rows_of(self, picks: npt.NDArray[np.integer]) -> F32:
-        """(N, C) the SH of picks (N,), a row per splat."""
-        entries = np.zeros((1 + self.entries.shape[1], len(self.entries)), np.float32)
-        entries[1:] = self.entries.T
-        return entries.take(picks, axis=0)
 
 
 def _no_picks() -> I32:

@@ -263,8 +263,7 @@ def _warn_of_moved(splats: SplatParams, fraction: int) -> None:
     """Say how many splats move by over a tenth of their mean size, where positions are far."""
     if fraction >= FRACTION:
         return
-    sizes = np.exp(splats.log_scales.mean(axis=1))
-    n_moved = int(np.count_nonzero(0.5 * 2.0**-fraction > 0.1 * sizes))
+    n_moved = splats.n_moved(0.5 * 2.0**-fraction)
     if n_moved:
         text = f"positions are far from zero: an .spz moves up to {n_moved:,} splats by more than"
         warnings.warn(f"{text} a tenth of their size; move the scene nearer first", stacklevel=2)

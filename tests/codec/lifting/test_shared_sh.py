@@ -20,7 +20,8 @@ from evogs_codec.lifting.lift import lift_with_order
 from evogs_codec.lifting.shared_sh import shared_sh, with_palette
 from evogs_codec.model.components import PALETTE, PICKS
 from evogs_codec.model.packet_id import PacketId
-from evogs_codec.model.tree import Palette, Step
+from evogs_codec.model.palette import Palette
+from evogs_codec.model.tree import Step
 from evogs_codec.render import cameras_around
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.views import Views
