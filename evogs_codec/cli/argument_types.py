@@ -20,7 +20,7 @@ UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9} | {
     "MIB": 1 << 20,
     "GIB": 1 << 30,
 }
-MOST = 1 << 62
+MAX_NUMBER = 1 << 62
 FORM = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(%|[A-Za-z]*)\s*")
 
 
@@ -47,7 +47,7 @@ def parse_size(text: str) -> Size:
     if unit == "%" and float(number) <= 100:
         return Size(None, float(number) / 100)
     factor = UNITS.get(unit.upper())
-    if factor is None or not float(number) * factor <= MOST:
+    if factor is None or not float(number) * factor <= MAX_NUMBER:
         raise argparse.ArgumentTypeError(f"{text!r} is no size: try 5000000, 5MB, 4.5MiB or 20%")
     # Digits alone are exact; a float64 is not beyond 2**53.
     return Size(int(number) if factor == 1 and number.isdigit() else round(float(number) * factor))

@@ -45,8 +45,8 @@ EXAMPLES = """examples:
   evogs compare scene.ply scene.evogs scene.sog --html report.html
   evogs compare scene.evogs scene.evogs --level 2
   evogs compare scene.ply download.evogs.part --partial --json"""
-VIEWS_SHOWN = 3
-MOST_SHOWN = 24
+N_VIEWS_SHOWN = 3
+MAX_SHOWN = 24
 
 
 def add_compare(commands: Any) -> None:  # noqa: ANN401 - argparse's sub-parsers have no public type
@@ -76,10 +76,10 @@ def add_compare(commands: Any) -> None:  # noqa: ANN401 - argparse's sub-parsers
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
     parser.add_argument(
         "--shown",
-        type=number(int, 1, MOST_SHOWN),
-        default=VIEWS_SHOWN,
+        type=number(int, 1, MAX_SHOWN),
+        default=N_VIEWS_SHOWN,
         metavar="N",
-        help=f"views on the page (default: {VIEWS_SHOWN}); all are measured",
+        help=f"views on the page (default: {N_VIEWS_SHOWN}); all are measured",
     )
     add_look(parser, "400")
     add_cut_options(parser)  # of the streams among the others: the reference is whole

@@ -25,10 +25,10 @@ from evogs_codec.cli.large_scenes import add_large_options
 from evogs_codec.cli.looking import add_camera
 from evogs_codec.cli.many_files import add_many
 from evogs_codec.encoding.layers import MAX_LAYERS, N_LAYERS
-from evogs_codec.encoding.settings import MOST_PSNR, PRESETS, TREE_PSNR
+from evogs_codec.encoding.settings import MAX_PSNR, PRESETS, TREE_PSNR
 from evogs_codec.io import files
 from evogs_codec.io.interchange.scene_files import TARGETS, kind_of_stream, kind_to_write
-from evogs_codec.lifting.lift import ALL_LEVELS, N_LEVELS
+from evogs_codec.lifting.lift import ALL_LEVELS_FROM, N_LEVELS
 from evogs_codec.model.channels import GROUPS
 
 __all__ = [
@@ -108,7 +108,7 @@ def add_encode(commands: Commands, run: Run, *, many: bool = False) -> None:
     _add_lift_options(
         parser,
         "every view that the encode renders, also those of --refine, --polish and targets",
-        f"{N_LEVELS}; fewer of less than {ALL_LEVELS:,} splats, without --refine",
+        f"{N_LEVELS}; fewer of less than {ALL_LEVELS_FROM:,} splats, without --refine",
     )
     add_view_option(parser)
     accuracy = parser.add_mutually_exclusive_group()
@@ -134,7 +134,7 @@ def add_encode(commands: Commands, run: Run, *, many: bool = False) -> None:
     )
     accuracy.add_argument(
         "--target-psnr",
-        type=number(float, 5, MOST_PSNR),
+        type=number(float, 5, MAX_PSNR),
         metavar="DB",
         help="make the smallest stream that has this PSNR against the input, over 24 rendered"
         f" views (default for a .tree.npz of floats: {TREE_PSNR:g}; if numba is missing or the"

@@ -26,7 +26,7 @@ __all__ = [
 
 
 SECONDS_OF_A_LINE = 60  # of progress in a log
-LEAST_DONE = 0.02  # of a stage, before what is left of it is said
+MIN_DONE = 0.02  # of a stage, before what is left of it is said
 
 
 def complain(message: object) -> None:
@@ -120,7 +120,7 @@ class _Clock:
             self._stage, self._first, self._since = stage, part, now
         self._part = part
         done, taken = part - self._first, now - self._since
-        return taken * (1 - part) / done if done >= LEAST_DONE and taken >= 1 else None
+        return taken * (1 - part) / done if done >= MIN_DONE and taken >= 1 else None
 
     @staticmethod
     def now() -> float:

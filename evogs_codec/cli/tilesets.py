@@ -26,7 +26,7 @@ from evogs_codec.tileset.check import check_tileset
 from evogs_codec.tileset.places import Place
 from evogs_codec.tileset.read import Tile, Tileset
 from evogs_codec.tileset.take import take
-from evogs_codec.tileset.write import LEVELS, check_folder
+from evogs_codec.tileset.write import N_LEVELS, check_folder
 
 __all__ = [
     "add_tileset",
@@ -95,7 +95,7 @@ def add_tileset(commands: Commands) -> None:
     parser.add_argument(
         "--levels",
         type=number(int, 1, 64),
-        default=LEVELS,
+        default=N_LEVELS,
         metavar="N",
         help="of the tree of each file (default: %(default)s)",
     )

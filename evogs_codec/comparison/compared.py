@@ -8,7 +8,14 @@ from typing import Any
 
 from evogs_codec.common.progress import Progress
 from evogs_codec.comparison.group_errors import GroupErrors, group_errors
-from evogs_codec.comparison.likeness import GAIN, MOST, Look, difference, evenly, look
+from evogs_codec.comparison.likeness import (
+    DIFFERENCE_GAIN,
+    MAX_PSNR,
+    Look,
+    difference,
+    evenly,
+    look,
+)
 from evogs_codec.comparison.page import Bar, Figure, Gallery, Section, Table, html_page
 from evogs_codec.model.channels import GROUPS
 from evogs_codec.model.splats import SplatParams
@@ -101,7 +108,7 @@ def compare(
 
 def decibels(value: float) -> str:
     """A PSNR for people."""
-    return "equal" if value >= MOST else f"{value:.2f}"
+    return "equal" if value >= MAX_PSNR else f"{value:.2f}"
 
 
 def number(value: float) -> str:
@@ -207,7 +214,7 @@ def as_json(found: Compared) -> dict[str, Any]:
 
 
 def _or_none(value: float) -> float | None:
-    return None if value >= MOST else value
+    return None if value >= MAX_PSNR else value
 
 
 # --- as a page ------------------------------------------------------------------------------------
@@ -253,8 +260,8 @@ def _files_table(found: Compared) -> Table:
 
 def _gallery_lead() -> str:
     return (
-        f"Each picture beside its difference to the first, {GAIN} times as large: white where they"
-        " are equal."
+        f"Each picture beside its difference to the first, {DIFFERENCE_GAIN} times as large:"
+        " white where they are equal."
     )
 
 
@@ -266,10 +273,10 @@ def _gallery(found: Compared) -> Gallery:
         for k, subject in enumerate(found.subjects[1:], 1):
             picture, likeness = found.look.pictures[k][place], found.look.likeness[k]
             said = f"{decibels(likeness.psnr[view])} dB, SSIM {likeness.ssim[view]:.4f}"
-            said = "equal" if likeness.psnr[view] >= MOST else said
+            said = "equal" if likeness.psnr[view] >= MAX_PSNR else said
             row.append(Figure(picture, subject.name, f"view {view}, {said}"))
             shown = difference(picture, reference)
-            row.append(Figure(shown, "difference", f"{subject.name}, {GAIN} times"))
+            row.append(Figure(shown, "difference", f"{subject.name}, {DIFFERENCE_GAIN} times"))
         rows.append(row)
     return Gallery(rows)
 

@@ -17,12 +17,12 @@ from evogs_codec.model.splats import F64, I64, SplatParams
 
 __all__ = ["GroupError", "GroupErrors", "group_errors"]
 
-MOST = 200_000  # splats that are compared, evenly taken
-TRIED = 1_000  # of them, which tell whether the order is the same
-CANDIDATES = 8  # nearest positions, of which the splat that is most alike corresponds
+MAX_COMPARED = 200_000  # splats that are compared, evenly taken
+N_TRIED = 1_000  # of them, which tell whether the order is the same
+N_CANDIDATES = 8  # nearest positions, of which the splat that is most alike corresponds
 SAME_ORDER = 4.0  # times the distance to the nearest: splats of one place in both are the same
 UNITS = ("scene units", "degrees", "ln", "of 1", "coefficients")
-SMALLEST = 1e-5  # degrees, below which a cosine of 64 bits says nothing
+MIN_DEGREES = 1e-5  # degrees, below which a cosine of 64 bits says nothing
 CHUNK = 50_000  # splats whose 24 turns are in memory at a time
 
 
@@ -67,7 +67,7 @@ def group_errors(splats: SplatParams, reference: SplatParams) -> GroupErrors | N
     if not len(splats) or not len(reference):
         return None
     tree = cKDTree(reference.means.astype(np.float64))
-    chosen = np.arange(0, len(splats), max(1, -(-len(splats) // MOST)))
+    chosen = np.arange(0, len(splats), max(1, -(-len(splats) // MAX_COMPARED)))
     if len(splats) == len(reference) and _has_order(splats, reference, tree):
         partners, matching = chosen, "same count and order"
     else:
@@ -87,7 +87,7 @@ def group_errors(splats: SplatParams, reference: SplatParams) -> GroupErrors | N
 
 def _has_order(splats: SplatParams, reference: SplatParams, tree: cKDTree) -> bool:
     """Whether splats are where the reference has those of the same place."""
-    rows = np.arange(0, len(splats), max(1, -(-len(splats) // TRIED)))
+    rows = np.arange(0, len(splats), max(1, -(-len(splats) // N_TRIED)))
     means = splats.means[rows].astype(np.float64)
     nearest = tree.query(means)[0]
     away = np.linalg.norm(means - reference.means[rows], axis=1)
@@ -99,7 +99,7 @@ def _nearest(splats: SplatParams, reference: SplatParams, tree: cKDTree) -> I64:
 
     A distance counts in standard deviations of the splat.
     """
-    j = min(CANDIDATES, len(reference))
+    j = min(N_CANDIDATES, len(reference))
     distances, rows = tree.query(splats.means.astype(np.float64), k=j)
     distances, rows = distances.reshape(-1, j), rows.reshape(-1, j)
     sizes = np.exp(np.clip(splats.log_scales.max(axis=1).astype(np.float64), -50, 50))
@@ -145,7 +145,7 @@ def _ellipsoids(splats: SplatParams, reference: SplatParams) -> tuple[F64, F64]:
         real = np.abs(np.stack([multiply(between, turn[:, None])[0] for turn in TURNS], axis=1))
         turn = np.argmax(real, axis=1)
         angle = np.degrees(2 * np.arccos(np.clip(real.max(axis=1), 0, 1)))
-        angles[rows] = np.where(angle < SMALLEST, 0, angle)
+        angles[rows] = np.where(angle < MIN_DEGREES, 0, angle)
         renamed = np.take_along_axis(splats.log_scales[rows], PERMUTE[turn], axis=1)
         scales[rows] = np.abs(renamed.astype(np.float64) - reference.log_scales[rows])
     return angles, scales

@@ -14,10 +14,10 @@ from evogs_codec.render import Camera, psnr, render, ssim
 from evogs_codec.render.framing import options_for
 from evogs_codec.render.png import Real
 
-__all__ = ["GAIN", "MOST", "Likeness", "Look", "difference", "evenly", "look"]
+__all__ = ["DIFFERENCE_GAIN", "MAX_PSNR", "Likeness", "Look", "difference", "evenly", "look"]
 
-GAIN = 8  # by which a difference picture shows differences larger
-MOST = 150.0  # dB of pictures without any difference, for a mean that is a number
+DIFFERENCE_GAIN = 8  # by which a difference picture shows differences larger
+MAX_PSNR = 150.0  # dB of pictures without any difference, for a mean that is a number
 Colour = tuple[float, float, float]
 
 
@@ -26,7 +26,7 @@ class Likeness:
     """V views of a scene against those of a reference.
 
     Attributes:
-        psnr: dB of each view, at most `MOST`, which equal pictures have.
+        psnr: dB of each view, at most `MAX_PSNR`, which equal pictures have.
         ssim: of each view.
     """
 
@@ -36,7 +36,7 @@ class Likeness:
     @property
     def is_equal(self) -> bool:
         """There is no difference in any view."""
-        return all(decibels >= MOST for decibels in self.psnr)
+        return all(decibels >= MAX_PSNR for decibels in self.psnr)
 
     @property
     def mean_psnr(self) -> float:
@@ -88,7 +88,7 @@ def look(
         progress("render", number / len(cameras))
         drawn = [render(scene, camera, background, options=options) for scene in scenes]
         for of, picture in zip(figures, drawn, strict=True):
-            of.append((min(psnr(picture, drawn[0]), MOST), ssim(picture, drawn[0])))
+            of.append((min(psnr(picture, drawn[0]), MAX_PSNR), ssim(picture, drawn[0])))
         if number in kept:
             for mine, picture in zip(pictures, drawn, strict=True):
                 mine.append(picture)
@@ -106,6 +106,6 @@ def evenly(n: int, wanted: int) -> list[int]:
 
 
 def difference(picture: Real, reference: Real) -> Real:
-    """(H, W, 3) white where two pictures are equal, darker by `GAIN` times what they differ."""
+    """(H, W, 3) white where two pictures are equal, darker by `DIFFERENCE_GAIN` times the error."""
     error = np.abs(picture.astype(np.float32) - reference.astype(np.float32))
-    return np.asarray(1 - np.clip(GAIN * error, 0, 1))
+    return np.asarray(1 - np.clip(DIFFERENCE_GAIN * error, 0, 1))

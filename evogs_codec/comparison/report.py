@@ -10,7 +10,15 @@ import numpy as np
 from evogs_codec.common.progress import Progress
 from evogs_codec.comparison.compared import ERRORS_HEAD, UNITS_LEAD, decibels, error_rows, number
 from evogs_codec.comparison.group_errors import group_errors
-from evogs_codec.comparison.likeness import GAIN, MOST, Likeness, Look, difference, evenly, look
+from evogs_codec.comparison.likeness import (
+    DIFFERENCE_GAIN,
+    MAX_PSNR,
+    Likeness,
+    Look,
+    difference,
+    evenly,
+    look,
+)
 from evogs_codec.comparison.page import Bar, Cell, Figure, Gallery, Notes, Section, Table, html_page
 from evogs_codec.decoding.cut import Cut
 from evogs_codec.decoding.decode import decode
@@ -24,7 +32,7 @@ from evogs_codec.render.framing import background_for
 
 __all__ = ["Encoded", "report_page"]
 
-VIEWS = 6  # that levels are measured on, of those given
+N_VIEWS = 6  # that levels are measured on, of those given
 NAMES = {CORE: "core", PICKS: "picks", PALETTE: "palette"}
 Colour = tuple[float, float, float]
 
@@ -63,7 +71,7 @@ def report_page(
 
     Args:
         of: the stream.
-        cameras: at most `VIEWS` of them are taken, evenly.
+        cameras: at most `N_VIEWS` of them are taken, evenly.
         views: says what cameras these are, for people.
         command: what makes the page.
         made_with: how, for its foot.
@@ -78,7 +86,7 @@ def report_page(
         progress("decode levels", level / directory.n_levels)
         cut = Cut.of_level(directory, level)
         scenes.append(decode(of.data, cut, directory=directory).leaves())
-    taken = [cameras[k] for k in evenly(len(cameras), VIEWS)]
+    taken = [cameras[k] for k in evenly(len(cameras), N_VIEWS)]
     background = background_for(of.scene)
     seen = look(scenes, taken, background, shown=[len(taken) // 2], progress=progress)
     last = seen.likeness[-1]
@@ -150,14 +158,14 @@ def _gallery(of: Encoded, stats: Sequence[LevelStats], seen: Look) -> Gallery:
     pictures = [mine[0] for mine in seen.pictures]
     figures = []
     for one, picture, like in zip(stats, pictures[1:], seen.likeness[1:], strict=True):
-        said = decibels(like.psnr[view]) + (" dB" if like.psnr[view] < MOST else "")
+        said = decibels(like.psnr[view]) + (" dB" if like.psnr[view] < MAX_PSNR else "")
         figures.append(Figure(picture, f"level {one.level}", f"{one.n_leaves:,} splats, {said}"))
     figures += [
         Figure(pictures[0], of.source),
         Figure(
             difference(pictures[-1], pictures[0]),
             "difference",
-            f"last level, {GAIN} times as large: white where it is equal",
+            f"last level, {DIFFERENCE_GAIN} times as large: white where it is equal",
         ),
     ]
     return Gallery([figures])

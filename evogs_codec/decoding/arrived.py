@@ -7,7 +7,7 @@ from heapq import heappop, heappush
 
 __all__ = ["ArrivedRanges"]
 
-MOST_NEW = 1 << 12  # bytes of ranges behind a gap that need not be in order yet
+MAX_NEW = 1 << 12  # bytes of ranges behind a gap that need not be in order yet
 
 
 class ArrivedRanges:
@@ -74,7 +74,7 @@ class ArrivedRanges:
             if stop == end:
                 break
             at = stop + len(self._later[place][1])
-        if self._n_new > MOST_NEW + self._n_later // 2:
+        if self._n_new > MAX_NEW + self._n_later // 2:
             self._merge()
 
     def _merge(self) -> None:

@@ -16,7 +16,7 @@ from evogs_codec.stores.sources import Source, bytes_of
 __all__ = ["KEY", "LevelPsnr", "level_psnr", "with_level_psnr", "without_level_psnr"]
 
 KEY = "psnr"
-MOST = 99.99  # dB that are written, so that each number takes five characters
+MAX_PSNR = 99.99  # dB that are written, so that each number takes five characters
 _VALUE = re.compile(r"(\d{1,3}\.\d\d(?: \d{1,3}\.\d\d)*); (.+)", re.ASCII | re.DOTALL)
 
 
@@ -34,7 +34,7 @@ class LevelPsnr:
 
     def __str__(self) -> str:
         """The value of the metadata key."""
-        numbers = (f"{min(max(number, 0.0), MOST):05.2f}" for number in self.decibels)
+        numbers = (f"{min(max(number, 0.0), MAX_PSNR):05.2f}" for number in self.decibels)
         return f"{' '.join(numbers)}; {self.views}"
 
 

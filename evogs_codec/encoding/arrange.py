@@ -1,7 +1,7 @@
-"""Arranging a tree for a stream: tiles, what mends most first, Morton order (spec 3.4, 3.5).
+"""Arranging a tree for a stream: tiles, what gains most first, Morton order (spec 3.4, 3.5).
 
 The result is the same tree in other slots: every step of the input becomes, in every tile, one or
-a few steps, the records that mend most of the pictures first; of a tree in integers, those that
+a few steps, the records that gain most in pictures first; of a tree in integers, those that
 leave SH as they are last, where that saves bytes. Roots are in Morton order within a
 step, and so, since new slots are numbered in the order of their parents, are their descendants,
 roughly.
@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.common.morton import morton_order
+from evogs_codec.encoding.corrections import only_refines
 from evogs_codec.encoding.estimated_gains import changes, ranks, visibility
-from evogs_codec.encoding.mends import only_refines
 from evogs_codec.encoding.tiling import tiles_of_slots
 from evogs_codec.model.channels import N_CORE
 from evogs_codec.model.splats import F64, I32, I64
@@ -28,13 +28,13 @@ from evogs_codec.model.tree import EvolutionTree, Kind, Step, columns_of
 __all__ = ["Renumbered", "arrange", "leaf_order"]
 
 SPLATS_PER_TILE = 131_072  # packets of a few 100 kB; spec 3.5 allows any number
-FIRST_BIN = 512  # adds of level 0 in a step at least: the first scene comes early
-RECORD_BIN = 16_384  # records of later steps in a step at least; in small tiles fewer
-SHARE = 9  # of the slots of a small tile, one in so many
+MIN_FIRST_BIN = 512  # adds of level 0 in a step at least: the first scene comes early
+MIN_RECORD_BIN = 16_384  # records of later steps in a step at least; in small tiles fewer
+SMALL_TILE_BINS = 9  # of the slots of a small tile, one in so many
 MAX_BINS = 4
 ZERO_BITS = 0.75  # of a 0 among numbers that are not, about; a list of zeros takes none
 LIST_BITS = 320  # that a list of integers takes beside theirs, about
-RUN = 64  # records of neighbouring slots that rank as one: gathering fewer runs is quicker
+RANKED_RUN = 64  # records of neighbouring slots that rank as one: gathering fewer runs is quicker
 
 
 def arrange(tree: EvolutionTree, n_tiles: int | None = None) -> list[EvolutionTree]:
@@ -122,8 +122,8 @@ def _groups(steps: Sequence[Step]) -> Iterator[list[Step]]:
     group: list[Step] = []
     written, n_slots = np.zeros(sum(step.n_new for step in steps), bool), 0
     for step in steps:
-        mends = bool(group) and step.level == group[0].level and only_refines(step)
-        if not (mends and written[step.slots].all()):
+        may_belong = bool(group) and step.level == group[0].level and only_refines(step)
+        if not (may_belong and written[step.slots].all()):
             if group:
                 yield group
             group = []
@@ -216,14 +216,14 @@ class _TileBuilder(Renumbered):
         """What the tile has of a group becomes steps.
 
         Args:
-            group: a step and its mends.
+            group: a step and its corrections.
             n_before: slots before it.
             change: (R,) of its records, as `ranks` wants them.
             shown: (R,) likewise.
         """
         main, own = group[0], self.own
-        small = int(np.count_nonzero(own)) // SHARE
-        least = FIRST_BIN if main.level == 0 else min(RECORD_BIN, max(FIRST_BIN, small))
+        small = int(np.count_nonzero(own)) // SMALL_TILE_BINS
+        least = MIN_FIRST_BIN if main.level == 0 else min(MIN_RECORD_BIN, max(MIN_FIRST_BIN, small))
         rows = np.flatnonzero(own[main.slots])
         rows = rows[np.argsort(self.name[main.slots[rows]], kind="stable")]
         n_splits = main.alpha.shape[1]
@@ -235,24 +235,24 @@ class _TileBuilder(Renumbered):
         row_bins = [
             part[found]
             for part, n in parts
-            for found in _joined(_bins(ranks(change[part], shown[part], RUN), n))
+            for found in _joined(_bins(ranks(change[part], shown[part], RANKED_RUN), n))
         ]
         add_bins = _bins(ranks(seen, seen, 1), _n_bins(len(adds), least))
         for k in range(max(len(row_bins), len(add_bins))):
             part = row_bins[k] if k < len(row_bins) else rows[:0]
             some = adds[add_bins[k]] if k < len(add_bins) else adds[:0]
             written = self.add(main, n_before, part, some)
-            for mend in group[1:]:
-                follow = np.flatnonzero(np.isin(mend.slots, written))
-                follow = follow[np.argsort(self.name[mend.slots[follow]])]
-                self.add(mend, n_before + main.n_new, follow, adds[:0])
+            for correction in group[1:]:
+                follow = np.flatnonzero(np.isin(correction.slots, written))
+                follow = follow[np.argsort(self.name[correction.slots[follow]])]
+                self.add(correction, n_before + main.n_new, follow, adds[:0])
 
 
 def _joined(bins: Sequence[I64]) -> Sequence[I64]:
     """Parts of the records of a level; of more than two, the last two are one.
 
-    Records that change least mend hardly more of a picture than the rounding of their coarse steps
-    harms: with the last part alone, some cameras see a worse picture than without it.
+    Records that change least gain hardly more in a picture than the rounding of their coarse steps
+    loses: with the last part alone, some cameras see a worse picture than without it.
     """
     if len(bins) <= 2:
         return bins

@@ -1,7 +1,7 @@
 """A tile in a closed loop: the integers that a decoder has, and psi that lead it to the float tree.
 
-The encoder keeps the decoder's integers and aims at the float tree from there: psi mends what it
-can of the error of a parent, and what it cannot mend is passed on but not magnified.
+The encoder keeps the decoder's integers and aims at the float tree from there: psi corrects what
+it can of the error of a parent, and what it cannot correct is passed on but not magnified.
 
 Letters: D channels, n slots, P refines and splits of a step, S splits. Everything here is in grid
 units unless a name says otherwise.
@@ -48,7 +48,7 @@ from evogs_codec.model.tree import EvolutionTree, Kind, Step
 __all__ = ["TileCoder"]
 
 MAX_INTEGER = MAX_STORED // 2 - 1  # in 24 bits
-NEAR = 0.999  # grid units that near-lossless coding leaves: 1 less what float64 may err
+LOSSLESS_SHARE = 0.999  # grid units that near-lossless coding leaves: 1 less what float64 may err
 
 
 class TileCoder:
@@ -86,9 +86,9 @@ class TileCoder:
             coded, plan = self._code_step(number, step)
             steps.append(coded)
             if self.settings.is_near_lossless:
-                mend = self._mend(step, plan)
-                if mend is not None:
-                    steps.append(mend)
+                correction = self._correction(step, plan)
+                if correction is not None:
+                    steps.append(correction)
         box = self.box if self.n else [np.zeros(3), np.zeros(3)]
         if self.tracker is not None:
             found = self.tracker.estimates(self.x[:, : self.n])
@@ -135,8 +135,8 @@ class TileCoder:
                     indices[group], u[:, s] = self._serve(u[:, s], v, table, far)
                 else:
                     indices[group], u[:, s] = weights.choose(u[:, s], v, table, s)
-                is_mend = not plan.n_splits and (own is None or own.siblings is None)
-                if is_mend and step.psi.any() and not step.psi[part].any():
+                only_refines = not plan.n_splits and (own is None or own.siblings is None)
+                if only_refines and step.psi.any() and not step.psi[part].any():
                     u[:] = 0  # refines of other groups leave this one, and its errors, as it is
                 if weights is None:
                     q = np.rint(u)
@@ -243,7 +243,7 @@ class TileCoder:
         entries = np.abs(np.array(table.entries, np.int64))
         over = largest * entries[indices[group]] > room
         if over.any():
-            if not self.settings.is_near_lossless:  # which mends what another alpha does
+            if not self.settings.is_near_lossless:  # which corrects what another alpha does
                 raise TooFineError(group)
             indices[group][over] = int(np.argmin(entries))
             if np.any(largest * int(entries.min()) > room):
@@ -295,11 +295,11 @@ class TileCoder:
                 self.box[0] = np.minimum(self.box[0], part.min(1))
                 self.box[1] = np.maximum(self.box[1], part.max(1))
 
-    def _mend(self, step: Step, plan: StepPlan) -> CodedStep | None:
+    def _correction(self, step: Step, plan: StepPlan) -> CodedStep | None:
         """A refine of the C2s that are over a grid unit away: no alpha of the table serves them."""
         new = slice(plan.n_before, plan.n_before + plan.n_splits)
         off = self.target[:, new] - self.x[:, new]
-        rows = np.flatnonzero(np.abs(off).max(0, initial=0) > NEAR)
+        rows = np.flatnonzero(np.abs(off).max(0, initial=0) > LOSSLESS_SHARE)
         if not len(rows):
             return None
         slots = (plan.n_before + rows).astype(np.int32)

@@ -1,8 +1,8 @@
 """Warns of leaves whose numbers are of steps coarser than was asked for.
 
 A grid has a coarsest and a finest step, and integers have 24 bits, so some steps of a stream may be
-coarser. What a step is off, a refine after it mends. A split does not: both children lie on a line
-through their parent.
+coarser. What a step is off, a refine after it corrects. A split does not: both children lie on a
+line through their parent.
 
 Letters: K classes (spec 3.2), n slots.
 """
@@ -78,8 +78,8 @@ def _in_leaves(
         parents = step.slots[step.kinds == Kind.SPLIT]
         refined = step.slots[step.kinds == Kind.REFINE]
         is_kept = weights is not None and weights[number] is None
-        mends = np.zeros(len(row), bool) if is_kept else _mends(step, len(row))
-        found[:, refined] &= ~mends[:, None]
+        corrects = np.zeros(len(row), bool) if is_kept else _corrects(step, len(row))
+        found[:, refined] &= ~corrects[:, None]
         found[:, refined] |= row
         found[:, parents] |= row
         found[:, n : n + n_splits] = found[:, parents]
@@ -88,10 +88,10 @@ def _in_leaves(
     return np.array(found[:, live].any(axis=1), bool)
 
 
-def _mends(step: Step, n_classes: int) -> Flags:
-    """(K,) whether refines of a step mend what its slots are off: none of other groups does."""
+def _corrects(step: Step, n_classes: int) -> Flags:
+    """(K,) whether refines of a step correct what its slots are off: none of other groups does."""
     is_of_all = step.alpha.shape[1] > 0 or not step.psi.any()
-    mends: Flags = np.array([is_of_all or step.psi[part].any() for part in GROUP_CHANNELS])
+    corrects: Flags = np.array([is_of_all or step.psi[part].any() for part in GROUP_CHANNELS])
     kinds = [group_of_class(kind) for kind in range(n_classes)]
-    of_classes: Flags = mends[kinds]
+    of_classes: Flags = corrects[kinds]
     return of_classes

@@ -22,12 +22,12 @@ class Drawn:
     Attributes:
         cuts: of the last levels (`cuts_of`).
         gains: of packets, where that is drawn.
-        missed: what estimates miss, as far as it is measured (`Missed.known`).
+        factors: of estimates, as far as they are measured (`ErrorFactors.known`).
     """
 
     cuts: Sequence[Sequence[F32]]
     gains: MeasuredGains | None
-    missed: dict[int, F64] = field(default_factory=dict)
+    factors: dict[int, F64] = field(default_factory=dict)
 
     def arrays(self) -> dict[str, Any]:
         """As arrays by name."""
@@ -36,7 +36,7 @@ class Drawn:
             for level, cut in enumerate(self.cuts)
             for tile, part in enumerate(cut)
         }
-        arrays |= {f"missed-{place}": factors for place, factors in self.missed.items()}
+        arrays |= {f"factors-{place}": factors for place, factors in self.factors.items()}
         if self.gains is not None:
             arrays |= {f"gains-{name}": row for name, row in vars(self.gains).items()}
         return arrays
@@ -53,6 +53,6 @@ class Drawn:
         cuts: list[list[F32]] = [[] for _ in range(1 + max(level for level, _ in of_cuts))]
         for level, tile in sorted(of_cuts):
             cuts[level].append(found[f"cut-{level}-{tile}"])
-        missed = {int(rest): found[f"missed-{rest}"] for kind, rest in names if kind == "missed"}
+        factors = {int(rest): found[f"factors-{rest}"] for kind, rest in names if kind == "factors"}
         gains = {rest: found[f"gains-{rest}"] for kind, rest in names if kind == "gains"}
-        return Drawn(cuts, MeasuredGains(**gains) if gains else None, missed)
+        return Drawn(cuts, MeasuredGains(**gains) if gains else None, factors)

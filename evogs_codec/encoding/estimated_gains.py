@@ -1,7 +1,7 @@
 """What records gain in pictures, estimated without any pictures (for `arrange`).
 
 A picture errs where many splats err together, so its squared error at a place falls less with each
-record there: the first half of the records of a neighbourhood mends three quarters of it.
+record there: the first half of the records of a neighbourhood removes three quarters of it.
 
 Letters: R records, D >= 11 channels, m neighbours.
 """

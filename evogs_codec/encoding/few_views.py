@@ -11,12 +11,13 @@ from evogs_codec.encoding.pictures import Divisible
 from evogs_codec.encoding.search import Goal
 from evogs_codec.model.splats import F64, SplatParams
 
-__all__ = ["EVERY", "UNSURE", "FewViews"]
+__all__ = ["EVERY", "N_DEVIATIONS", "FewViews"]
 
 EVERY = 5  # one of so many views is one of the few; they are of both sizes
-UNSURE = 0.8  # standard deviations that the mean of a few views is from that of all, at most
-SURE = 2 * UNSURE  # in a search: a wrong early value would never be measured again
-LEAST = 5  # few views; the deviation of fewer says little
+N_DEVIATIONS = 0.8  # standard deviations that the mean of a few views is from that of all, at most
+# In a search more: a wrong early value would never be measured again.
+N_DEVIATIONS_IN_SEARCH = 2 * N_DEVIATIONS
+MIN_VIEWS = 5  # few views; the deviation of fewer says little
 
 
 @dataclass(eq=False)
@@ -40,10 +41,10 @@ class FewViews:
         """In dB; about, where it is not what is wanted."""
         few, others = self._divided
         each = few.psnr_of_each(splats)
-        if self.of_all is not None and len(each) >= LEAST:
+        if self.of_all is not None and len(each) >= MIN_VIEWS:
             by = each - self.of_all[: len(each)]
             about = float(self.of_all.mean() + by.mean())
-            if abs(about - self.goal.value) > self.goal.slack + SURE * by.std():
+            if abs(about - self.goal.value) > self.goal.slack + N_DEVIATIONS_IN_SEARCH * by.std():
                 return about
         self.of_all = np.concatenate([each, others.psnr_of_each(splats)])
         return float(self.of_all.mean())

@@ -46,11 +46,11 @@ __all__ = [
 FINEST_STEP = 16  # grid units of the finest step: steps are then right to a few per cent
 MAX_STATE = 1 << 27  # |X| aimed at: leaves room for errors and for Delta of adds (R-7.3-1)
 FAR_MOVED, NEAR_MOVED = 0.3, 0.1  # of its size a splat is moved: too far, and as it should be
-MOST_FINER = 1000.0  # as advice
+MAX_FINER = 1000.0  # as advice
 MAX_ORIGIN = 1 << 52  # R-5.5-1
 MAX_EXACT = 1 << 22  # near-lossless: differences of two states fit 24 bits
-COARSEST = -16  # grid exponent (R-5.1-7)
-FURTHEST = MAX_ORIGIN * 2.0**-COARSEST  # a middle of a tile on the coarsest grid, scene units
+COARSEST_GRID = -16  # grid exponent (R-5.1-7)
+FURTHEST_MIDDLE = MAX_ORIGIN * 2.0**-COARSEST_GRID  # of a tile, on that grid, scene units
 
 
 class NotRepresentableError(InputError):
@@ -67,8 +67,8 @@ def grid_exponents(settings: Settings, ranges: Ranges, steps: F64) -> tuple[int,
         wanted = 40 if settings.is_near_lossless else math.ceil(math.log2(FINEST_STEP / finest))
         if group == 0:
             room = min(room, MAX_ORIGIN / max(ranges.furthest, 1e-300))
-        exponent = min(max(wanted, COARSEST), math.floor(math.log2(room)), 40)
-        if exponent < COARSEST:
+        exponent = min(max(wanted, COARSEST_GRID), math.floor(math.log2(room)), 40)
+        if exponent < COARSEST_GRID:
             expect_near(ranges.furthest if group == 0 else 0.0)
             raise NotRepresentableError(
                 f"a value of {ranges.largest[group]:.3g} is too large for any grid"
@@ -83,10 +83,10 @@ def expect_near(coordinate: float) -> None:
     Raises:
         NotRepresentableError: it is beyond the range of the origin of a tile on any grid.
     """
-    if coordinate > FURTHEST:
+    if coordinate > FURTHEST_MIDDLE:
         raise NotRepresentableError(
             f"a position {coordinate:.3g} units from zero is too far for any stream, which ends at"
-            f" {FURTHEST:.3g}: move the scene nearer"
+            f" {FURTHEST_MIDDLE:.3g}: move the scene nearer"
         )
 
 
@@ -153,7 +153,7 @@ def with_fewer_units(exponents: tuple[int, ...], group: int) -> tuple[int, ...]:
     Raises:
         NotRepresentableError: there is none.
     """
-    if exponents[group] <= COARSEST:
+    if exponents[group] <= COARSEST_GRID:
         raise NotRepresentableError(f"{GROUPS[group]}: a value is too large for any grid")
     return tuple(e - (g == group) for g, e in enumerate(exponents))
 
@@ -161,7 +161,7 @@ def with_fewer_units(exponents: tuple[int, ...], group: int) -> tuple[int, ...]:
 def with_a_coarser_row(steps: F64, grid: Grid, error: TooFineError) -> F64:
     """These steps (1 + n_levels, K), those of a row as much coarser as an error says.
 
-    What a coarse step is off, a refine after it mends.
+    What a coarse step is off, a refine after it corrects.
     """
     assert error.row is not None, "of a grid that is too fine units are halved"
     coarser = steps.copy()
@@ -217,7 +217,7 @@ def warn_if_moved(steps: F64, settings: Settings, ranges: Ranges) -> None:
     by = float(steps[-1, 0]) / 2
     if isinstance(settings.accuracy, FixedSteps) and by > FAR_MOVED * ranges.size:
         finer = by / max(NEAR_MOVED * ranges.size, 1e-300)
-        advice = f"--finer {math.ceil(finer)}, or " if finer <= MOST_FINER else ""
+        advice = f"--finer {math.ceil(finer)}, or " if finer <= MAX_FINER else ""
         warnings.warn(
             f"position: splats are moved by up to {by:.3g} along an axis, and one in 20 has"
             f" a size of {ranges.size:.3g} at most: try {advice}no preset, so that views decide",

@@ -29,10 +29,10 @@ __all__ = [
 ]
 
 PRICES = (1e-18, 1e-5)  # mean squared error that a bit is worth
-MISSED_BY, BYTES_SLACK = 0.2, 0.01  # dB from a target, at most, and part of the bytes asked for
+PSNR_SLACK, BYTES_SLACK = 0.2, 0.01  # dB from a target, at most, and part of the bytes asked for
 # Up to the first PSNR a stream may miss by that; from the second on by so many times that. Between
 # them the factor rises evenly: the PSNR jumps from price to price.
-SMOOTH_PSNR, ROUGH_PSNR, ROUGHLY = 60.0, 70.0, 2.5
+SMOOTH_PSNR, ROUGH_PSNR, ROUGH_FACTOR = 60.0, 70.0, 2.5
 SAME_JUMP = 0.1  # dB; streams that differ a little jump to values this near
 BYTES_SLOPE = -0.25  # of the logarithm of the bytes over that of the price, about
 PSNR_SLOPE = -10 / math.log(10)  # dB, likewise: 3 dB for a price twice as high
@@ -40,8 +40,8 @@ PSNR_SLOPE = -10 / math.log(10)  # dB, likewise: 3 dB for a price twice as high
 # the slope above. Between them it changes evenly.
 LOW_SLOPE, LOW_PSNR, USUAL_PSNR = -2.0, 33.0, 45.0
 # Of a sketch: another guess follows if the price moved further, in the logarithm.
-NEAR = (0.3, 1.0, math.inf)
-OF_END = 1.0  # of the logarithm of a price; a guess may be that far off
+SETTLED = (0.3, 1.0, math.inf)
+NEAR_END = 1.0  # of the logarithm of a price; a guess may be that far off
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Guess(Start):
     @property
     def is_at_end(self) -> bool:
         """Whether it is about an end of the range of prices: the target may be beyond."""
-        return any(abs(math.log(self.price / end)) <= OF_END for end in PRICES)
+        return any(abs(math.log(self.price / end)) <= NEAR_END for end in PRICES)
 
     def at_target(self, target: float, value: float) -> Guess:
         """Where the target is, if the value is what it is here."""
@@ -106,8 +106,8 @@ class Guess(Start):
 
 def goal_of_psnr(decibels: float) -> Goal:
     """Of a search for a PSNR."""
-    times = np.interp(decibels, (SMOOTH_PSNR, ROUGH_PSNR), (1.0, ROUGHLY))
-    return Goal(decibels, MISSED_BY * float(times))
+    times = np.interp(decibels, (SMOOTH_PSNR, ROUGH_PSNR), (1.0, ROUGH_FACTOR))
+    return Goal(decibels, PSNR_SLACK * float(times))
 
 
 def goal_of_bytes(n_bytes: int) -> Goal:
@@ -135,7 +135,7 @@ def price_near(decibels: float, usual: float) -> float:
 def _guess(rough: Callable[[float], float], target: float, guess: Guess) -> Guess:
     """By a sketch's rough values at some prices, the first of which is that of a guess."""
     slope, before = guess.slope, None
-    for near in NEAR:
+    for near in SETTLED:
         at, value = math.log(guess.price), rough(guess.price)
         if before is not None and (before[1] - value) * (before[0] - at) < 0:
             slope = (before[1] - value) / (before[0] - at)

@@ -21,9 +21,9 @@ from evogs_codec.model.tree import EvolutionTree, Slots, Step, columns_of
 
 __all__ = ["LateLevel", "can_be_late", "gains_little"]
 
-LATE = 1.5  # dB; if the last level, at coarse steps, looks better by less, it comes late
+LATE_GAIN_DB = 1.5  # dB; if the last level, at coarse steps, looks better by less, it comes late
 # The same where some steps look worse: held back they cost more bytes than a level that is late.
-LATE_IF_SOME_FALL = 3.0
+LATE_GAIN_IF_SOME_FALL_DB = 3.0
 
 
 def can_be_late(tiles: Sequence[EvolutionTree], n_levels: int) -> bool:
@@ -40,7 +40,7 @@ def gains_little(decibels: float, *, some_fall: bool = False) -> bool:
 
     `some_fall`: with some of its steps, or with earlier ones, pictures look worse.
     """
-    return decibels < (LATE_IF_SOME_FALL if some_fall else LATE)
+    return decibels < (LATE_GAIN_IF_SOME_FALL_DB if some_fall else LATE_GAIN_DB)
 
 
 @dataclass(frozen=True, eq=False)

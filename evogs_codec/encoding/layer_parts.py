@@ -10,23 +10,23 @@ import numpy as np
 
 from evogs_codec.model.splats import F32, I64
 
-__all__ = ["MOST_PARTS", "first_ancestors", "most_late_parts", "parts_of_leaves"]
+__all__ = ["MAX_PARTS", "first_ancestors", "most_late_parts", "parts_of_leaves"]
 
-MOST_PARTS, LEAST_LEAVES = 16, 2048  # parts of a layer of a tile at most, leaves of each at least
+MAX_PARTS, MIN_LEAVES = 16, 2048  # parts of a layer of a tile at most, leaves of each at least
 # A part of a late level takes another step, which makes room for its splats: so there are fewer. Of
 # one tile of two layers at most, of more layers, of all tiles together, and of each tile at least:
-TWO_LAYERS, MORE_LAYERS, ALL_TILES, ONE_TILE = 10, 8, 16, 4
+MAX_OF_TWO_LAYERS, MAX_OF_MORE_LAYERS, MAX_OF_ALL_TILES, MIN_OF_TILE = 10, 8, 16, 4
 # Bits of a number of a leaf of mean weight, and at least, about.
-BITS, FEWEST_BITS = 4.0, 0.25
+MEAN_BITS, MIN_BITS = 4.0, 0.25
 # Leaves of neighbouring ancestors are in the same part, since siblings need each other: so many at
 # least, and so many families of them in a tile at most.
-FAMILY, MOST_FAMILIES = 256, 256
+MIN_FAMILY, MAX_FAMILIES = 256, 256
 
 
 def most_late_parts(n_layers: int, n_tiles: int) -> int:
     """Parts, at most, of each of so many tiles whose last level is late (`late_level`)."""
-    most = TWO_LAYERS if n_layers == 2 else MORE_LAYERS
-    return min(most, max(ONE_TILE, ALL_TILES // n_tiles))
+    most = MAX_OF_TWO_LAYERS if n_layers == 2 else MAX_OF_MORE_LAYERS
+    return min(most, max(MIN_OF_TILE, MAX_OF_ALL_TILES // n_tiles))
 
 
 def first_ancestors(born_from: I64) -> I64:
@@ -48,17 +48,19 @@ def parts_of_leaves(weights: F32, ancestors: I64, most: int) -> list[I64]:
         return [np.empty(0, np.int64)]
     order = np.argsort(ancestors, kind="stable")
     begins = np.flatnonzero(np.diff(ancestors[order], prepend=-1))  # of the leaves of an ancestor
-    starts = begins[np.flatnonzero(np.diff(begins // max(FAMILY, n // MOST_FAMILIES), prepend=-1))]
+    starts = begins[
+        np.flatnonzero(np.diff(begins // max(MIN_FAMILY, n // MAX_FAMILIES), prepend=-1))
+    ]
     means = np.maximum(weights.mean(axis=1, keepdims=True), np.float32(1e-30))
     relative = (weights / means)[:, order]
     of_families = np.add.reduceat(relative.mean(axis=0), starts)
     of_families /= np.diff(np.append(starts, n))
-    n_parts = min(most, max(1, n // LEAST_LEAVES))
+    n_parts = min(most, max(1, n // MIN_LEAVES))
     families = np.split(order, starts[1:])
     first = np.argsort(-of_families, kind="stable")
     # A step half as large, for a weight four times as high, takes a bit more of each channel.
-    of_leaves = BITS + np.log2(np.maximum(relative, np.float32(1e-6))).mean(axis=0) / 2
-    bits = np.add.reduceat(np.maximum(of_leaves, FEWEST_BITS), starts)[first]
+    of_leaves = MEAN_BITS + np.log2(np.maximum(relative, np.float32(1e-6))).mean(axis=0) / 2
+    bits = np.add.reduceat(np.maximum(of_leaves, MIN_BITS), starts)[first]
     middles = np.cumsum(bits) - bits / 2
     part_of = (middles * n_parts / bits.sum()).astype(np.int64)
     return [

@@ -17,7 +17,7 @@ import numpy as np
 
 from evogs_codec.encoding.late_level import LateLevel, can_be_late
 from evogs_codec.encoding.layer_parts import (
-    MOST_PARTS,
+    MAX_PARTS,
     first_ancestors,
     most_late_parts,
     parts_of_leaves,
@@ -42,7 +42,7 @@ from evogs_codec.model.tree import EvolutionTree, Step
 __all__ = [
     "MAX_LAYERS",
     "N_LAYERS",
-    "RATIO",
+    "PRICE_RATIO",
     "Layered",
     "Layering",
     "expect_levels",
@@ -51,10 +51,10 @@ __all__ = [
 
 MAX_LAYERS = 8
 N_LAYERS = 2  # by default
-RATIO = 192.0  # of the price of a bit, from a layer to the next: about 20 dB; by default
-FINER = 2.8  # than of psi of one leaf: steps of what siblings share, whose errors meet
-BETWEEN = 36.0  # the same between later layers, where `scene.steady` adds a third
-EVEN = 0.5  # power of the weights of leaves in layers before the last: see `_evened`
+PRICE_RATIO = 192.0  # of the price of a bit, from a layer to the next: about 20 dB; by default
+FINER_SHARED = 2.8  # than of psi of one leaf: steps of what siblings share, whose errors meet
+PRICE_RATIO_BETWEEN = 36.0  # the same between later layers, where `scene.steady` adds a third
+EVENING_POWER = 0.5  # power of the weights of leaves in layers before the last: see `_evened`
 
 
 @dataclass(frozen=True)
@@ -69,9 +69,9 @@ class Layering:
     """
 
     n: int
-    ratio: float = RATIO
+    ratio: float = PRICE_RATIO
     is_late: bool = False
-    between: float = RATIO
+    between: float = PRICE_RATIO
 
     def prices(self, price: float) -> list[float]:
         """Of a bit, per layer; the last has `price`."""
@@ -109,7 +109,7 @@ class _Tile:
         born_from, live = tile.lineage()
         ancestors = first_ancestors(born_from)
         slots: I64 = np.flatnonzero(live)
-        most = most_late_parts(layering.n, n_tiles) if is_late else MOST_PARTS
+        most = most_late_parts(layering.n, n_tiles) if is_late else MAX_PARTS
         rows = parts_of_leaves(weights, ancestors[slots], most)
         late = order = None
         if is_late:
@@ -221,7 +221,8 @@ class Layered:
         first, *others = self.layering.prices(price)
         table = self.importance.at(first).steps(first, extent)[: 1 + self.n_coarse]
         wanted = [
-            self.importance.at(other).steps_of_leaves(other, extent) / FINER for other in others
+            self.importance.at(other).steps_of_leaves(other, extent) / FINER_SHARED
+            for other in others
         ]
         found = np.vstack([table, *wanted])
         found[self.n_coarse :] = in_odd_numbers(found[self.n_coarse :])
@@ -341,7 +342,7 @@ def _evened(weights: F32) -> F32:
     a large integer among small ones, which is dear. So it gets some of its bits early.
     """
     means = weights.mean(axis=1, keepdims=True)
-    powers = np.power(weights, np.float32(EVEN))
+    powers = np.power(weights, np.float32(EVENING_POWER))
     found: F32 = powers * (means / np.maximum(powers.mean(axis=1, keepdims=True), 1e-30))
     return found
 

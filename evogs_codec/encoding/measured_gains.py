@@ -19,10 +19,10 @@ from evogs_codec.model.coded_tree import CodedTree
 from evogs_codec.model.splats import F32, F64, I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree, Slots
 
-__all__ = ["ORDERING_VIEWS", "MeasuredGains", "nothing_of", "psnr_of_sh"]
+__all__ = ["N_ORDERING_VIEWS", "MeasuredGains", "nothing_of", "psnr_of_sh"]
 
-ORDERING_VIEWS = 6  # enough to put packets in order
-LEAST = 1e-12  # mean squared error that anything gains, so that its estimates still order it
+N_ORDERING_VIEWS = 6  # enough to put packets in order
+MIN_GAIN = 1e-12  # mean squared error that anything gains, so that its estimates still order it
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,9 @@ class MeasuredGains:
                 estimated[step.level] += share * np.array(step.gain)
         factors = np.ones_like(estimated)
         estimated = estimated[:n_levels]
-        factors[:n_levels, 0] = np.maximum(self.levels, LEAST) / np.maximum(estimated[:, 0], LEAST)
+        factors[:n_levels, 0] = np.maximum(self.levels, MIN_GAIN) / np.maximum(
+            estimated[:, 0], MIN_GAIN
+        )
         factors[:n_levels, 1:] = _shared_out(estimated[:, 1:], self.bands_of_levels, self.bands)
         tiles = []
         for tile in tree.tiles:
@@ -144,9 +146,9 @@ def _bands_of(state: Slots, slots: I64) -> F32:
 
 def _shared_out(estimated: F64, rows: F64, columns: F64) -> F64:
     """Factors (n, m) of estimates (n, m) with the sums `columns` (m,), nearly, and `rows` (n,)."""
-    by_column = np.maximum(columns, LEAST) / np.maximum(estimated.sum(0), LEAST)
+    by_column = np.maximum(columns, MIN_GAIN) / np.maximum(estimated.sum(0), MIN_GAIN)
     of_rows = (estimated * by_column).sum(1)
-    return np.outer(np.maximum(rows, LEAST) / np.maximum(of_rows, LEAST), by_column)
+    return np.outer(np.maximum(rows, MIN_GAIN) / np.maximum(of_rows, MIN_GAIN), by_column)
 
 
 def _errors(decibels: Sequence[float]) -> list[float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from evogs_codec.encoding.settings import MOST_PSNR
+from evogs_codec.encoding.settings import MAX_PSNR
 from evogs_codec.errors import InputError
 from evogs_codec.model.channels import GROUPS
 from evogs_codec.model.splats import F64
@@ -31,17 +31,17 @@ def psnr_missed(decibels: float, nearest: float, other: float, each: float) -> T
     """
     least, most = sorted([nearest, other])
     said = f"{decibels:g} dB cannot be met: {psnr_reached(least, most)}"
-    if least <= MOST_PSNR:
-        said += f", {min(nearest, MOST_PSNR):.1f} dB with about {each:.1f} bytes a splat"
+    if least <= MAX_PSNR:
+        said += f", {min(nearest, MAX_PSNR):.1f} dB with about {each:.1f} bytes a splat"
     return TargetMissedError(said, abs(nearest - decibels))
 
 
 def psnr_reached(least: float, most: float, about: str = "") -> str:
     """Which PSNR, dB, streams have, in words; no more than may be asked for."""
-    if least > MOST_PSNR:
-        return f"every stream has more than {MOST_PSNR:g} dB; leave the target out"
+    if least > MAX_PSNR:
+        return f"every stream has more than {MAX_PSNR:g} dB; leave the target out"
     digits = 0 if about else 1
-    return f"{about}{least:.{digits}f} to {min(most, MOST_PSNR):.{digits}f} dB can be reached"
+    return f"{about}{least:.{digits}f} to {min(most, MAX_PSNR):.{digits}f} dB can be reached"
 
 
 def bytes_missed(n_bytes: int, nearest: int, other: int) -> TargetMissedError:

@@ -19,13 +19,13 @@ from evogs_codec.model.tree import EvolutionTree, Step, take_picks
 
 __all__ = ["LeafTracker"]
 
-SAMPLE = 4096  # leaves of a tile that the error estimates look at
+N_SAMPLED = 4096  # leaves of a tile that the error estimates look at
 
 # Mean squared errors of pictures, as measured on a lifted scene, a trained tree and LapisGS layers.
-BLANK = 0.1  # with no packet
-COARSE = 0.025  # while all splats are as far off as they ever are; less with a power of that
-POWER = 1.75
-SH = 0.001  # for SH coefficients that are wrong by 1: of many splats they cancel
+BLANK_ERROR = 0.1  # with no packet
+COARSE_ERROR = 0.025  # while all splats are as far off as they ever are; less with a power of that
+COARSE_POWER = 1.75
+SH_ERROR = 0.001  # for SH coefficients that are wrong by 1: of many splats they cancel
 
 
 class LeafTracker:
@@ -42,7 +42,7 @@ class LeafTracker:
         self.born_from, live = tile.lineage()
         leaves = np.flatnonzero(live)
         # The sampled leaves and, from then on, whatever slot stands for each of them.
-        self.leaves = leaves[:: max(1, len(leaves) // SAMPLE)]
+        self.leaves = leaves[:: max(1, len(leaves) // N_SAMPLED)]
         self.ancestors = self._ancestors()
 
     def _ancestors(self) -> I64:
@@ -58,7 +58,7 @@ class LeafTracker:
         Args:
             x: (D, at least n) slots.
             n: how many.
-            step: that of the tree which led to them; None for one that mends what it lacks.
+            step: that of the tree which led to them; None for one that corrects what it lacks.
         """
         if step is not None:
             take_picks(step, self.picks, n - step.n_new)
@@ -91,13 +91,16 @@ class LeafTracker:
         ways = self._ways(last[0:3])
         errors[:, 0] = np.sqrt(np.square(ways).mean(1))
         farthest = np.maximum(ways.max(0), np.sqrt(area(values)) * self.grid.scale[0])
-        left[0, 0], left[1:, 0] = BLANK, COARSE * (ways / farthest).mean(1) ** POWER
+        left[0, 0], left[1:, 0] = (
+            BLANK_ERROR,
+            COARSE_ERROR * (ways / farthest).mean(1) ** COARSE_POWER,
+        )
         for column, component in enumerate(components):
             if component == PICKS:
                 assert self.palette is not None
                 squares = self._off_picks(self.palette)
                 errors[:, column] = np.sqrt(squares[1:].mean((1, 2))) * self.grid.scale[-1]
-                left[:, column] = SH * (squares.sum(1) @ weights) / 3
+                left[:, column] = SH_ERROR * (squares.sum(1) @ weights) / 3
             elif component != CORE:
                 part = component_slice(component)
                 off = [
@@ -107,7 +110,7 @@ class LeafTracker:
                 errors[:, column] = [np.sqrt(square.mean()) for square in off[1:]]
                 unit = np.square(self.grid.scale[part])
                 left[:, column] = [
-                    SH * float(weights @ (square / unit).sum(0)) / 3 for square in off
+                    SH_ERROR * float(weights @ (square / unit).sum(0)) / 3 for square in off
                 ]
         errors, left = (np.maximum.accumulate(x[::-1], axis=0)[::-1] for x in (errors, left))
         whole = np.minimum(np.rint(errors), UNKNOWN_ERROR - 1).astype(np.int64)

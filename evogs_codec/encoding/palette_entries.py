@@ -32,8 +32,8 @@ __all__ = [
 ]
 
 NEVER = 1 << 30  # above all uses
-STEPS = 256  # of a level, at most
-FEW = 1000  # entries that are no part of their own
+MAX_STEPS = 256  # of a level, at most
+MIN_OF_PART = 1000  # entries that are no part of their own
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,14 +107,14 @@ def coded_entries(q: I32, n_coarse: int, tiles: Sequence[CodedTile]) -> CodedEnt
 def first_uses(tiles: Sequence[CodedTile], n: int) -> I64:
     """(n,) the first use of each entry; `NEVER` if none picks it.
 
-    A use is a level and a step: `STEPS` times the level, and the number of the step among those of
-    the level in its tile.
+    A use is a level and a step: `MAX_STEPS` times the level, and the number of the step among those
+    of the level in its tile.
     """
     first = np.full(1 + n, NEVER)
     for tile in tiles:
         steps: Counter[int] = Counter()
         for step in tile.steps:
-            use = step.level * STEPS + min(steps[step.level], STEPS - 1)
+            use = step.level * MAX_STEPS + min(steps[step.level], MAX_STEPS - 1)
             np.minimum.at(first, step.picks, use)
             np.minimum.at(first, step.changed_picks, use)
             steps[step.level] += 1
@@ -151,7 +151,7 @@ def entries_in_order(q: I32, first: I64, n_coarse: int) -> CodedEntries:
     number[place] = np.arange(1, 1 + len(place))
     return CodedEntries(
         kept[:, place],
-        (use[place] // STEPS).astype(np.int32),
+        (use[place] // MAX_STEPS).astype(np.int32),
         use[place].astype(np.int32),
         np.concatenate([[0], number[group]]).astype(np.int32),
     )
@@ -165,7 +165,7 @@ def _without_few(uses: I64) -> I64:
     found = uses.copy()
     part, n = -1, Counter(uses.tolist())
     for use in sorted(n):
-        if part // STEPS != use // STEPS or n[use] >= FEW:
+        if part // MAX_STEPS != use // MAX_STEPS or n[use] >= MIN_OF_PART:
             part = use
         found[uses == use] = part
     return found

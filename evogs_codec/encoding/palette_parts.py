@@ -20,11 +20,11 @@ from evogs_codec.model.splats import I32
 
 __all__ = ["apart", "in_parts", "palette_packets"]
 
-PART = 0.02  # of the bytes of a stream that a packet of the palette takes, at most
-WAIT = 0.05  # of them until a picture is better, where packets allow it
-REACH = 0.2  # of them that a packet of the palette passes, at most
-COST = 0.003  # of them that the parts of a level may add: small streams have fewer parts
-OF_LIST = 100  # bytes of a list's code tables in a further packet; 50 to 120 were measured
+MAX_OF_PACKET = 0.02  # of the bytes of a stream that a packet of the palette takes, at most
+MAX_WAIT = 0.05  # of them until a picture is better, where packets allow it
+MAX_PASSED = 0.2  # of them that a packet of the palette passes, at most
+MAX_ADDED = 0.003  # of them that the parts of a level may add: small streams have fewer parts
+LIST_BYTES = 100  # bytes of a list's code tables in a further packet; 50 to 120 were measured
 
 
 def palette_packets(tree: CodedTree) -> list[PacketId]:
@@ -42,11 +42,11 @@ def in_parts(tree: CodedTree, sizes: Mapping[PacketId, int]) -> CodedTree:
     if tree.entries is None:
         return tree
     packets, n_bytes = palette_packets(tree), sum(sizes.values())
-    most = 1 + int(COST * n_bytes / (OF_LIST * len(tree.entries)))
+    most = 1 + int(MAX_ADDED * n_bytes / (LIST_BYTES * len(tree.entries)))
     ends: list[int] = []
     for packet, rows in zip(packets, tree.palette_rows, strict=True):
         n_entries = rows.stop - rows.start
-        n_parts = min(max(math.ceil(sizes[packet] / (PART * n_bytes)), 1), most, n_entries)
+        n_parts = min(max(math.ceil(sizes[packet] / (MAX_OF_PACKET * n_bytes)), 1), most, n_entries)
         ends += _ends(rows, tree.entry_uses[rows], n_parts)
     return replace(tree, palette_ends=tuple(ends)) if len(ends) > len(packets) else tree
 
@@ -74,8 +74,8 @@ def apart(
 ) -> list[PacketId]:
     """The same packets, those of the palette earlier where they are a long wait.
 
-    From the last on, each stays where it is at most `WAIT` with what follows until a picture is
-    better; else it goes on to the next place where it is, or as far as `REACH`.
+    From the last on, each stays where it is at most `MAX_WAIT` with what follows until a picture is
+    better; else it goes on to the next place where it is, or as far as `MAX_PASSED`.
 
     Args:
         order: a legal order, which it stays: packets of the palette require but one another.
@@ -95,8 +95,9 @@ def apart(
             wait = sizes[packet] + (0 if packet in shows else wait)
         while waiting:
             first, since = waiting[0]
-            small = min(sizes[first], PART * n_bytes)  # as it would be, were it not for `COST`
-            if wait + small > WAIT * n_bytes and behind - since < REACH * n_bytes:
+            # As it would be, were it not for `MAX_ADDED`.
+            small = min(sizes[first], MAX_OF_PACKET * n_bytes)
+            if wait + small > MAX_WAIT * n_bytes and behind - since < MAX_PASSED * n_bytes:
                 break
             found.append(first)
             wait += sizes[first]

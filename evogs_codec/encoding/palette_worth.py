@@ -14,7 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from evogs_codec.encoding.rate_distortion import cheapest
-from evogs_codec.encoding.sensitivity import PER_BIT, Importance
+from evogs_codec.encoding.sensitivity import SQUARED_STEPS_PER_BIT, Importance
 from evogs_codec.format.planes import entropy, zigzag
 from evogs_codec.model.channels import N_CORE, N_GROUPS, channel_class
 from evogs_codec.model.splats import F32, I64
@@ -22,7 +22,7 @@ from evogs_codec.model.tree import EvolutionTree, Kind
 
 __all__ = ["bits_of_entries", "bits_of_palette", "bits_of_picks", "bits_of_psi", "stored_bits"]
 
-SAMPLE = 1 << 14  # numbers of a level and channel that are quantised
+N_SAMPLED = 1 << 14  # numbers of a level and channel that are quantised
 
 
 def bits_of_psi(tree: EvolutionTree, importance: Importance, price: float) -> float:
@@ -41,7 +41,7 @@ def bits_of_psi(tree: EvolutionTree, importance: Importance, price: float) -> fl
             continue
         # An error of a number is one of all leaves below.
         below = _leaves_below(tree, level)
-        some = values[:, :: max(1, values.shape[1] // SAMPLE)]
+        some = values[:, :: max(1, values.shape[1] // N_SAMPLED)]
         weights = worth[:, rng.integers(0, worth.shape[1], some.shape[1])] * np.float32(below)
         q, errors = _quantised(some, weights, price)
         found += (errors + _entropy(q)) * values.shape[1] / some.shape[1]
@@ -107,7 +107,7 @@ def _quantised(values: F32, weights: F32, price: float) -> tuple[I64, float]:
     """Integers of values (C, P) with weights (degree, P), and the bits that their errors cost."""
     kinds = np.array([channel_class(N_CORE + c) for c in range(len(values))]) - N_GROUPS
     means = np.maximum(weights.mean(axis=1, dtype=np.float64), 1e-300)
-    steps = np.sqrt(PER_BIT * price / means)[kinds, None]
+    steps = np.sqrt(SQUARED_STEPS_PER_BIT * price / means)[kinds, None]
     u = values / steps
     worth = weights[kinds] * (np.square(steps) / price)
     q = cheapest(u, worth)

@@ -31,7 +31,7 @@ __all__ = ["polished"]
 
 RATE, LAST_RATE = 0.1, 0.01  # of an integer, at the first and the last iteration
 BETA1, BETA2, EPS = 0.9, 0.99, 1e-20
-FEWEST = 0.3  # mean |q| of a row, below which no bits are told from
+MIN_MEAN = 0.3  # mean |q| of a row, below which no bits are told from
 
 
 def polished(
@@ -235,7 +235,7 @@ class _Moving:
         """A step that has not moved yet."""
         q = step.psi.astype(np.float32)
         mean = np.abs(q).mean(axis=1, keepdims=True) if q.size else np.ones((len(q), 1))
-        bits = 1 / np.log(2) / np.maximum(mean, FEWEST)  # of a Laplace distribution
+        bits = 1 / np.log(2) / np.maximum(mean, MIN_MEAN)  # of a Laplace distribution
         m, v = np.zeros((2, *q.shape), np.float32)
         f32 = [x.astype(np.float32) for x in (sizes, bits, alpha)]
         return _Moving(plan, q, step.psi != 0, f32[0], f32[1], f32[2], m, v, siblings)

@@ -22,7 +22,7 @@ from evogs_codec.encoding.pictures import Pictures, Telling
 from evogs_codec.encoding.polish import polished
 from evogs_codec.encoding.quantise import quantise
 from evogs_codec.encoding.ranges import Ranges
-from evogs_codec.encoding.sensitivity import SEEN, Importance, StepWeights, cuts_of
+from evogs_codec.encoding.sensitivity import SEEN_SHARE, Importance, StepWeights, cuts_of
 from evogs_codec.encoding.settings import ALPHA_BITS, N_ALPHA, Settings, StepTable
 from evogs_codec.format.directory import Directory
 from evogs_codec.model.channels import GROUPS
@@ -69,7 +69,7 @@ class EncodeTask:
     ordering: Pictures | None = None
     measuring: Pictures | None = None
     by_leaves: bool = False
-    seen: float = SEEN
+    seen: float = SEEN_SHARE
     drawn: Drawn | None = None
     n_tiles: int | None = None
     info: SceneInfo | None = None
@@ -110,7 +110,7 @@ class Prepared:
                 self.importance = self.importance.as_others()
             if task.measuring is not None and task.tree.n_leaves:
                 self.importance = self.importance.measured(
-                    self.tiles, task.measuring, self.ranges.extent, self.drawn.missed
+                    self.tiles, task.measuring, self.ranges.extent, self.drawn.factors
                 )
             if task.layers > 1 and task.tree.n_leaves:
                 self.layered = Layered.of(

@@ -25,10 +25,11 @@ from evogs_codec.model.tree import EvolutionTree
 
 __all__ = ["Ranges", "middle_of"]
 
-SAMPLED, MANY = 16, 4096  # every 16th splat tells the extent, where there are many
-SMALL = 5  # percentile of the sizes of leaves
-MOST_LOG = 700.0  # of a size: its exponential is a number
-FEW = 256  # points, of which one far away would move a percentile that is interpolated
+SAMPLED_EVERY, SAMPLED_ABOVE = 16, 4096  # every 16th splat tells the extent, where there are many
+SMALL_PERCENTILE = 5  # percentile of the sizes of leaves
+MAX_LOG_SIZE = 700.0  # of a size: its exponential is a number
+# Points, of which one far away would move a percentile that is interpolated.
+INTERPOLATED_FROM = 256
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Ranges:
         psi = np.zeros((n_levels + 1, classes, 2))
         leaves = []
         n_leaves = sum(tile.n_leaves for tile in tiles)
-        every = SAMPLED if n_leaves >= MANY else 1
+        every = SAMPLED_EVERY if n_leaves >= SAMPLED_ABOVE else 1
         for tile in tiles:
             middle = middle_of(tile)
             state = None
@@ -108,7 +109,9 @@ def _size(log_scales: F64) -> float:
     """The 5th percentile of the longest half axes of log-scales (3, n); infinite without any."""
     if not log_scales.shape[1]:
         return math.inf
-    return math.exp(min(float(np.percentile(log_scales.max(axis=0), SMALL)), MOST_LOG))
+    return math.exp(
+        min(float(np.percentile(log_scales.max(axis=0), SMALL_PERCENTILE)), MAX_LOG_SIZE)
+    )
 
 
 def _extent(points: F64) -> float:
@@ -116,7 +119,7 @@ def _extent(points: F64) -> float:
     n = points.shape[1]
     if n == 0:
         return 1.0
-    if n < FEW:
+    if n < INTERPOLATED_FROM:
         low, high = math.ceil(0.01 * (n - 1)), math.floor(0.99 * (n - 1))
         spread = np.ptp(np.sort(points, axis=1)[:, [low, high]], axis=1)
     else:

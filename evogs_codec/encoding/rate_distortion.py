@@ -18,9 +18,9 @@ __all__ = ["ErrorWeights", "cheapest", "loops"]
 MULTIPLES = (2, 4, 8, 16)  # tried beside the two nearest integers and 0, where errors matter little
 PASSES = 3
 SPAN = 1 << 12  # larger integers are rounded: they are few, and important
-BEYOND = max(MULTIPLES) // 2 + 1  # so far are options from the nearest integer, at most
+MAX_AWAY = max(MULTIPLES) // 2 + 1  # so far are options from the nearest integer, at most
 TINY = 1e-300
-UNSEEN = 0.02  # of an occurrence, so that an integer that did not occur is possible
+UNSEEN_COUNT = 0.02  # of an occurrence, so that an integer that did not occur is possible
 BINS = 2 * SPAN + 17  # integers that are possible
 
 
@@ -92,7 +92,7 @@ def cheapest(u: F64, weights: F64) -> F64:
     choose, count = (_choose, _count) if found is None else (found.choose, found.count)
     most = np.empty(len(u), np.int64)
     (_extents if found is None else found.extents)(u, SPAN, out, most)
-    most += BEYOND
+    most += MAX_AWAY
     ends = np.cumsum(2 * most + 1)
     middles = ends - most - 1  # the bin of 0 of each row
     counts = np.zeros(ends[-1], np.int64)
@@ -116,8 +116,8 @@ def loops() -> ModuleType | None:
 def _bits(counts: I64, ends: I64) -> F64:
     """(W,) bits of each integer of the rows, which end at `ends`, by how often it occurs."""
     begins = np.append(0, ends[:-1])
-    totals = np.add.reduceat(counts, begins) + UNSEEN * BINS
-    bits: F64 = -np.log2((counts + UNSEEN) / np.repeat(totals, ends - begins))
+    totals = np.add.reduceat(counts, begins) + UNSEEN_COUNT * BINS
+    bits: F64 = -np.log2((counts + UNSEEN_COUNT) / np.repeat(totals, ends - begins))
     return bits
 
 

@@ -7,15 +7,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
-__all__ = ["MOST_TRIES", "NARROW", "ONE_SIDED", "Found", "Goal", "Start", "nearest"]
+__all__ = ["MAX_TRIES", "MIN_BRACKET", "TRIES_ON_ONE_SIDE", "Found", "Goal", "Start", "nearest"]
 
-MOST_TRIES = 14
-NARROW = 1e-6  # of the logarithm of a place
-SPREAD, GOLDEN = 0.2, 0.618  # of the logarithm: around a jump, where a value is any near it
+MAX_TRIES = 14
+MIN_BRACKET = 1e-6  # of the logarithm of a place
+PROBE_SPREAD, GOLDEN = 0.2, 0.618  # of the logarithm: around a jump, where a value is any near it
 # After so many tries, all on one side of a target and hardly nearer than the first, the end of the
 # range is tried.
-ONE_SIDED = 3
-HARDLY, SLOW = 0.5, 0.2  # of the distance of the first try from the target, and of a far one
+TRIES_ON_ONE_SIDE = 3
+HARDLY_NEARER, STILL_FAR = 0.5, 0.2  # of the distance of the first try, and of a far one
 T = TypeVar("T")
 
 
@@ -79,7 +79,7 @@ def nearest(
     bounds: tuple[float, float],
     probes: int = 0,
     far: float = math.inf,
-    narrow: float = NARROW,
+    narrow: float = MIN_BRACKET,
 ) -> Found[T]:
     """Where a value that falls is nearest to a goal: secants in the logarithm, kept in brackets.
 
@@ -102,11 +102,11 @@ def nearest(
     above: Found[T] | None = None
     before = None if start.known is None else (math.log(start.known[0]), start.known[1])
     middle: float | None = None  # of a jump
-    last_try = MOST_TRIES - 1
+    last_try = MAX_TRIES - 1
     is_above: set[bool] = set()
     tried: set[float] = set()  # ends of the range
     distances: list[float] = []
-    for k in range(MOST_TRIES + probes):
+    for k in range(MAX_TRIES + probes):
         value, what = measure(math.exp(at))
         if best is None or goal.badness(value) < goal.badness(best.value):
             best = Found(math.exp(at), value, what)
@@ -123,8 +123,8 @@ def nearest(
             slope = (before[1] - value) / (before[0] - at)
         before = at, value
         there = at + (target - value) / slope
-        hardly = max(HARDLY * distances[0], SLOW * far)
-        is_slow = k + 1 == ONE_SIDED and distances[-1] > hardly
+        hardly = max(HARDLY_NEARER * distances[0], STILL_FAR * far)
+        is_slow = k + 1 == TRIES_ON_ONE_SIDE and distances[-1] > hardly
         is_beyond = k > 0 and not math.log(bounds[0]) < there < math.log(bounds[1])
         may_be_out = is_slow or is_beyond or (not k and distances[0] > far)
         if may_be_out and len(is_above) == 1 and end not in tried:
@@ -146,7 +146,7 @@ def nearest(
         if k >= last_try:
             break
         if middle is not None:
-            at = middle + SPREAD * (k * GOLDEN % 1 - 0.5)
+            at = middle + PROBE_SPREAD * (k * GOLDEN % 1 - 0.5)
             at = min(max(at, math.log(bounds[0])), math.log(bounds[1]))
     assert best is not None
     return replace(best, above=above)

@@ -1,7 +1,7 @@
 """Importance: what an error in a number of a tree does to the picture, record by record.
 
 An error of a parent is an error of its children: C1 and C2 lie on a line through P. So the weight
-of a record is that of all leaves below it, as far as their own psi cannot mend it.
+of a record is that of all leaves below it, as far as their own psi cannot correct it.
 
 Letters: K classes (spec 3.2), n slots, N splats of a cut, P refines and splits of a step.
 """
@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.common.progress import Progress, no_progress
-from evogs_codec.encoding.missed import KNOWN, Missed
+from evogs_codec.encoding.error_factors import USUAL_FACTORS, ErrorFactors
 from evogs_codec.encoding.pictures import Pictures
 from evogs_codec.model.channels import (
     N_GROUPS,
@@ -31,7 +31,7 @@ from evogs_codec.model.splats import F32, F64, SplatParams
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
 __all__ = [
-    "SEEN_OF_CIRCLE",
+    "SEEN_SHARE_OF_CIRCLE",
     "Importance",
     "Sensitivity",
     "StepWeights",
@@ -45,14 +45,14 @@ Sensitivity: TypeAlias = Callable[[SplatParams], F32]
 # What a linear estimate misses, as splats change places in depth and footprints bend. Measured by
 # noise of a step in one class: positions 2.4 and 9 times, rotations 1.2 and 2.2, scales 1.2 and 1.9
 # (a lifted scene, a trained tree); the others 1.0 to 1.9.
-MISSED = (4.0, 2.0, 2.0, 1.4, 1.0, 1.0, 1.0, 1.0)
-SEEN = 0.98  # the rest of a weight is the mean of the class: the views do not show everything
-SEEN_OF_CIRCLE = 0.9  # the same, where no view stands below or far above
-LEAST = 0.1  # part of the weight that asks for the largest step; no weight is below it
+BEYOND_LINEAR = (4.0, 2.0, 2.0, 1.4, 1.0, 1.0, 1.0, 1.0)
+SEEN_SHARE = 0.98  # the rest of a weight is the mean of the class: the views do not show everything
+SEEN_SHARE_OF_CIRCLE = 0.9  # the same, where no view stands below or far above
+MIN_WEIGHT = 0.1  # part of the weight that asks for the largest step; no weight is below it
 # Beyond this logit, or its negative, a splat is opaque in float32, or not there, and pictures show
-# no error that leaves it so. It weighs `LEAST` of the mean all the same, and stays what it is.
-OPAQUE = 17.0
-PER_BIT = 6.0 / math.log(2)  # of the price of a bit is what a squared step is worth
+# no error that leaves it so. It weighs `MIN_WEIGHT` of the mean all the same, and stays what it is.
+OPAQUE_LOGIT = 17.0
+SQUARED_STEPS_PER_BIT = 6.0 / math.log(2)  # of the price of a bit is what a squared step is worth
 CORRECTED_LATER = 0.05  # weight of an error that psi of the children may correct: that costs bits
 # Beyond these a step has nothing to do with the linear estimate; position: part of the extent.
 LARGEST_STEPS = (0.02, 0.3, 0.5, 1.0, 0.5, 0.7, 0.7, 0.7)
@@ -103,15 +103,15 @@ class Importance:
             Their means stand in `means`, after those of the classes of core.
         leaves: per tile (K, N) of the leaves of the last level, each on its own.
         seen: part of a weight that the views decide; the rest is the mean of the class.
-        missed: what these estimates miss, by the price of a bit; None: nothing.
+        factors: of these estimates, by the price of a bit; None: they are right.
     """
 
     weights: tuple[tuple[StepWeights | None, ...], ...]
     means: F64
     leaves: tuple[F32, ...]
     entries: F32 | None = None
-    seen: float = SEEN
-    missed: Missed | None = None
+    seen: float = SEEN_SHARE
+    factors: ErrorFactors | None = None
 
     @staticmethod
     def of(
@@ -120,7 +120,7 @@ class Importance:
         sensitivity: Sensitivity,
         *,
         first: int = 0,
-        seen: float = SEEN,
+        seen: float = SEEN_SHARE,
         progress: Progress = no_progress,
     ) -> Importance:
         """By the pictures of every level of arranged tiles, from the level `first` on.
@@ -136,7 +136,7 @@ class Importance:
         n_levels: int,
         cuts: Sequence[Sequence[F32]],
         *,
-        seen: float = SEEN,
+        seen: float = SEEN_SHARE,
     ) -> Importance:
         """By the cuts of the last levels (`cuts_of`)."""
         first = n_levels - len(cuts)
@@ -168,9 +168,9 @@ class Importance:
             tiles: arranged.
             pictures: of their leaves.
             extent: of the scene.
-            known: what is measured already, which is added to (`Missed`).
+            known: what is measured already, which is added to (`ErrorFactors`).
         """
-        missed = Missed(
+        factors = ErrorFactors(
             SplatParams.joined([tile.shared_leaves() for tile in tiles]),
             np.concatenate(self.leaves, axis=1),
             lambda price: self.steps_of_leaves(price, extent),
@@ -178,22 +178,22 @@ class Importance:
             tiles[0].palette is not None,
             {} if known is None else known,
         )
-        return replace(self, missed=missed)
+        return replace(self, factors=factors)
 
     def as_others(self) -> Importance:
-        """With what estimates miss in other scenes (`missed.KNOWN`), where nothing is measured."""
+        """With the factors of other scenes (`USUAL_FACTORS`), where nothing is measured."""
         factors = np.ones(self.means.shape[1], np.float32)
-        factors[: len(KNOWN)] = KNOWN
+        factors[: len(USUAL_FACTORS)] = USUAL_FACTORS
         return self.times(factors)
 
     def at(self, price: float) -> Importance:
         """With what its estimates miss at a price of a bit."""
-        if self.missed is None:
+        if self.factors is None:
             return self
         factors = np.ones(self.means.shape[1], np.float32)
-        found = self.missed.at(price)
+        found = self.factors.at(price)
         factors[: len(found)] = found
-        return replace(self.times(factors), missed=None)
+        return replace(self.times(factors), factors=None)
 
     def times(self, factors: F32) -> Importance:
         """All weights times those of their classes (K,); of entries the means alone."""
@@ -228,7 +228,7 @@ class Importance:
 
         Pictures that hardly show an error say nothing of one that is many steps large. What would
         have asked for that step is added, as far as splats that no view shows have it elsewhere,
-        and `LEAST` of it at least.
+        and `MIN_WEIGHT` of it at least.
         """
         lack = self._lack(self.means, price, extent)[1:, :, None]
         if not lack.any():
@@ -249,14 +249,14 @@ class Importance:
         return together
 
     def _steps(self, means: F64, price: float, extent: float) -> F64:
-        found = np.sqrt(PER_BIT * price / np.maximum(means, 1e-300))
+        found = np.sqrt(SQUARED_STEPS_PER_BIT * price / np.maximum(means, 1e-300))
         steps: F64 = np.minimum(found, self._largest(extent))
         return steps
 
     def _lack(self, means: F64, price: float, extent: float) -> F32:
         """What `raised` adds to weights with these means."""
-        asking = PER_BIT * price / np.square(self._largest(extent))
-        part = max(1 - self.seen, LEAST)
+        asking = SQUARED_STEPS_PER_BIT * price / np.square(self._largest(extent))
+        part = max(1 - self.seen, MIN_WEIGHT)
         lack: F32 = (part * np.maximum(asking - means, 0)).astype(np.float32)
         return lack
 
@@ -273,7 +273,7 @@ def cuts_of(
     sensitivity: Sensitivity,
     *,
     first: int = 0,
-    seen: float = SEEN,
+    seen: float = SEEN_SHARE,
     progress: Progress = no_progress,
 ) -> list[list[F32]]:
     """Per level from `first` on, tile by tile, (K, N) what errors of its leaves are worth.
@@ -290,7 +290,7 @@ def cuts_of(
 
 def steps_of_entries(means: F64, price: float) -> F64:
     """(degree,) steps of entries of a palette with these mean weights, as of `Importance.steps`."""
-    found = np.sqrt(PER_BIT * price / np.maximum(means, 1e-300))
+    found = np.sqrt(SQUARED_STEPS_PER_BIT * price / np.maximum(means, 1e-300))
     steps: F64 = np.minimum(found, LARGEST_STEPS[N_GROUPS : N_GROUPS + len(means)])
     return steps
 
@@ -331,12 +331,12 @@ def _cut(parts: Sequence[SplatParams], sensitivity: Sensitivity, seen: float) ->
     found = sensitivity(splats)
     kinds = np.array([channel_class(c) for c in range(len(found))])
     weights = np.stack(
-        [MISSED[k] * found[kinds == k].mean(0) for k in range(kinds.max() + 1)]
+        [BEYOND_LINEAR[k] * found[kinds == k].mean(0) for k in range(kinds.max() + 1)]
     ).astype(np.float32)
     means = weights.mean(1, keepdims=True)
     weights = seen * weights + (1 - seen) * means
-    is_decided = np.abs(splats.opacity_logits) >= OPAQUE
-    weights[_OPACITY] = np.maximum(weights[_OPACITY], LEAST * means[_OPACITY] * is_decided)
+    is_decided = np.abs(splats.opacity_logits) >= OPAQUE_LOGIT
+    weights[_OPACITY] = np.maximum(weights[_OPACITY], MIN_WEIGHT * means[_OPACITY] * is_decided)
     ends = np.cumsum([len(part) for part in parts])
     return np.split(weights, ends[:-1], axis=1)
 
@@ -377,7 +377,7 @@ def _pass_on(later: F32, step: Step, n: int) -> None:
     splits = step.slots[step.kinds == Kind.SPLIT]
     groups = np.minimum(np.arange(len(later)), 4)
     alpha = step.alpha[groups].astype(np.float32)
-    # Of a shift of both C1 and C2 psi mends all but its part across (alpha, 1).
+    # Of a shift of both C1 and C2 psi corrects all but its part across (alpha, 1).
     kept = np.maximum(np.square(1 + alpha) / (2 * (1 + np.square(alpha))), CORRECTED_LATER)
     later[:, splits] = kept * (later[:, splits] + later[:, n : n + len(splits)])
     later[:, step.slots[step.kinds == Kind.REFINE]] *= CORRECTED_LATER

@@ -17,7 +17,7 @@ from evogs_codec.model.splats import F64
 
 __all__ = [
     "ALPHA_BITS",
-    "MOST_PSNR",
+    "MAX_PSNR",
     "N_ALPHA",
     "PRESETS",
     "SCENE_PRESET",
@@ -35,12 +35,12 @@ __all__ = [
 # Rendered views of a stream against those of its tree, dB: a tree 35 dB from photographs loses
 # 0.1 dB.
 TREE_PSNR = 52.0
-MOST_PSNR = 120.0  # dB that may be asked for
+MAX_PSNR = 120.0  # dB that may be asked for
 # What a bit of every splat is worth by default, in mean squared error of rendered views: then
 # scenes of any number of splats have about the same PSNR.
 SCENE_PRICE = 4e-6
 N_ALPHA, ALPHA_BITS = 256, 10  # as many alphas as a table holds; which are used, their bits decide
-MOST_COARSER = 6  # levels above the last, beyond which steps stay as they are
+MAX_COARSER = 6  # levels above the last, beyond which steps stay as they are
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class FixedSteps:
         if self.relative:
             base[0] *= ranges.extent
         factor = np.array(self.coarser[:classes])
-        above = np.minimum(np.arange(n_levels - 1, -1, -1), MOST_COARSER)
+        above = np.minimum(np.arange(n_levels - 1, -1, -1), MAX_COARSER)
         parts = np.where(factor > 0, factor, 1.0) ** above[:, None]
         shared = np.where(np.arange(classes) == 0, parts.sum(0), np.sqrt(np.square(parts).sum(0)))
         psi = base * parts / np.where(factor > 0, shared, 1.0)
@@ -165,8 +165,8 @@ class Settings:
     def of_quanta(quanta: tuple[tuple[float, ...], ...]) -> Settings:
         """For a tree whose numbers are multiples of `quanta` (`EvolutionTree`).
 
-        The multiples go into the stream as they are, without a loop that would change them to mend
-        what the grid rounds off products of alpha.
+        The multiples go into the stream as they are, without a loop that would change them to
+        correct what the grid rounds off products of alpha.
         """
         return Settings(
             StepTable(quanta),

@@ -34,12 +34,12 @@ from evogs_codec.model.tree import EvolutionTree, Kind
 
 __all__ = ["Sketch", "entropy_bytes", "families", "part_of"]
 
-CHUNK = 16  # neighbouring families that are in a sketch together
-SHARE, LEAST, MOST = 1 / 6, 6_000, 16_000  # leaves of a sketch, about
+FAMILIES_OF_CHUNK = 16  # neighbouring families that are in a sketch together
+SHARE, MIN_LEAVES, MAX_LEAVES = 1 / 6, 6_000, 16_000  # leaves of a sketch, about
 # Bytes of a stream are so many times those that the entropy of each list of integers takes, and so
 # many for each list, about.
-REAL, LIST_BYTES = 1.14, 12
-MOST_PSNR = 150.0  # dB
+TIMES_ENTROPY, LIST_BYTES = 1.14, 12
+MAX_PSNR = 150.0  # dB
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class Sketch:
         importance = whole.importance
         assert importance is not None, "a sketch is by views"
         n_leaves = whole.task.tree.n_leaves
-        share = min(max(SHARE * n_leaves, LEAST), MOST) / max(n_leaves, 1)
+        share = min(max(SHARE * n_leaves, MIN_LEAVES), MAX_LEAVES) / max(n_leaves, 1)
         tiles: list[EvolutionTree] = []
         weights: list[tuple[StepWeights | None, ...]] = []
         leaves: list[F32] = []
@@ -91,7 +91,7 @@ class Sketch:
         tree, importance = self.prepared.task.tree, self.prepared.importance
         if tree.palette is not None and importance is not None:
             found += stored_bits(tree, importance, price) / 8
-        return math.log(REAL * found + LIST_BYTES * self.n_lists + 1)
+        return math.log(TIMES_ENTROPY * found + LIST_BYTES * self.n_lists + 1)
 
     def psnr(self, price: float) -> float:
         """PSNR of the leaves of that stream over the views, dB, about."""
@@ -105,7 +105,7 @@ class Sketch:
             off = found[:, n : n + right.shape[1]] - right
             error += float((weights[kinds] * np.square(off)).sum(dtype=np.float64))
             n += right.shape[1]
-        return min(-10 * math.log10(max(error / self.share, 1e-300)), MOST_PSNR)
+        return min(-10 * math.log10(max(error / self.share, 1e-300)), MAX_PSNR)
 
 
 def entropy_bytes(tree: CodedTree) -> float:
@@ -133,7 +133,7 @@ def families(tiles: Sequence[EvolutionTree], share: float) -> list[npt.NDArray[n
         adds = [step.adds[0:3] for step in tile.steps if step.n_adds]
         if adds:
             roots = np.flatnonzero(born_from < 0)[morton_order(np.concatenate(adds, axis=1))]
-            chunk[roots] = n + np.arange(len(roots)) // CHUNK
+            chunk[roots] = n + np.arange(len(roots)) // FAMILIES_OF_CHUNK
             n = int(chunk[roots[-1]]) + 1
         chunks.append(chunk[first_ancestors(born_from)])
     numbers = np.arange(n)

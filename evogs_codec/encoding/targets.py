@@ -38,7 +38,15 @@ from evogs_codec.encoding.out_of_reach import (
 from evogs_codec.encoding.pictures import Divisible
 from evogs_codec.encoding.prepared import EncodeTask, Prepared
 from evogs_codec.encoding.replayed import leaves_of
-from evogs_codec.encoding.search import MOST_TRIES, NARROW, ONE_SIDED, Found, Goal, Start, nearest
+from evogs_codec.encoding.search import (
+    MAX_TRIES,
+    MIN_BRACKET,
+    TRIES_ON_ONE_SIDE,
+    Found,
+    Goal,
+    Start,
+    nearest,
+)
 from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.encoding.settings import NearLossless, StepTable
 from evogs_codec.encoding.sketch import Sketch
@@ -51,13 +59,14 @@ from evogs_codec.model.splats import F64, SplatParams
 __all__ = ["TargetEncoder"]
 
 FIRST_PRICE = 1e-11  # mean squared error that a bit is worth: about 45 dB
-FACTORS = (1e-4, 1e4)
+STEP_FACTORS = (1e-4, 1e4)
 # Prices that are tried around a jump of the PSNR, of few splats, which a rounding moves; and splats
 # of all tries together.
-PROBES, TRIED = 46, 200_000
-JUMP = 0.09  # of the logarithm of a price: an end of it is within 0.2 dB, where no PSNR jumps
-POLISH_GAIN = 2.0  # dB, about
-FAR_PSNR, FAR_BYTES = 15.0, math.log(8.0)  # from the first try: the end of the range is tried next
+MAX_PROBES, MAX_PROBED = 46, 200_000
+JUMP_WIDTH = 0.09  # of the logarithm of a price: an end of it is within 0.2 dB, where no PSNR jumps
+POLISH_GAIN_DB = 2.0  # dB, about
+# A first try that is so far from the target has the end of the range tried next.
+FAR_DB, FAR_LOG_BYTES = 15.0, math.log(8.0)
 
 
 @dataclass(frozen=True)
@@ -99,14 +108,14 @@ class TargetEncoder(EncodeTask):
         if self.guess:
             goal = replace(goal, slack=max(goal.slack, self.guess.jump))
         missed_by = goal.slack if missed_by is None else max(missed_by, goal.slack)
-        probes = max(0, min(PROBES, TRIED // max(self.tree.n_leaves, 1) - MOST_TRIES))
+        probes = max(0, min(MAX_PROBES, MAX_PROBED // max(self.tree.n_leaves, 1) - MAX_TRIES))
 
         def search(
             code: Callable[[float], CodedTree],
             goal: Goal,
             start: float,
             probes: int = 0,
-            narrow: float = NARROW,
+            narrow: float = MIN_BRACKET,
         ) -> Found[CodedTree]:
             views = self.views
             psnr = FewViews(views, goal).psnr if isinstance(views, Divisible) else self._psnr
@@ -121,19 +130,19 @@ class TargetEncoder(EncodeTask):
                 replace(self.guess, at=start) if self.guess else Start(start, PSNR_SLOPE),
                 PRICES,
                 probes=probes,
-                far=FAR_PSNR,
+                far=FAR_DB,
                 narrow=narrow,
             )
             return found if goal.is_met(found.value) else self._with_psnr(found)
 
         first = near or FIRST_PRICE
-        plain = search(prepared.coded, goal, first, probes, JUMP)
-        room = missed_by + (2 * POLISH_GAIN if prepared.polishes else 0)
+        plain = search(prepared.coded, goal, first, probes, JUMP_WIDTH)
+        room = missed_by + (2 * POLISH_GAIN_DB if prepared.polishes else 0)
         if plain.is_end and abs(plain.value - decibels) > room:
             raise self._psnr_missed(decibels, plain)
         found = [plain]
         if prepared.polishes:
-            lower = Goal(decibels - POLISH_GAIN, POLISH_GAIN / 4)
+            lower = Goal(decibels - POLISH_GAIN_DB, POLISH_GAIN_DB / 4)
             below = search(prepared.coded, lower, first)
             found.append(search(prepared.polished, goal, below.at))
         met = [one for one in found if abs(one.value - decibels) <= missed_by]
@@ -190,7 +199,7 @@ class TargetEncoder(EncodeTask):
                 goal_of_bytes(n_bytes),
                 replace(self.guess, at=start) if self.guess else Start(start, slope),
                 self._bounds,
-                far=FAR_BYTES,
+                far=FAR_LOG_BYTES,
             )
 
         plain = search(prepared.coded, near or (FIRST_PRICE if self.views else 1.0))
@@ -250,7 +259,7 @@ class TargetEncoder(EncodeTask):
     @property
     def _bounds(self) -> tuple[float, float]:
         """Of what is searched for."""
-        return PRICES if self.views else FACTORS
+        return PRICES if self.views else STEP_FACTORS
 
     def at_prices(self, prices: Iterable[float]) -> Iterator[bytes]:
         """A stream for each price of a bit, a mean squared error of the views; not polished.
@@ -346,14 +355,14 @@ class TargetEncoder(EncodeTask):
         table = prepared.wanted_steps()
         groups = np.minimum(np.arange(table.shape[1]), 4)
         table = np.where(np.isinf(asked[groups]), table, 2 * asked[groups])
-        for attempt in range(MOST_TRIES):
-            is_last = attempt == MOST_TRIES - 1
+        for attempt in range(MAX_TRIES):
+            is_last = attempt == MAX_TRIES - 1
             settings = finest if is_last else replace(self.settings, accuracy=StepTable.of(table))
             data = self._stream(prepared.quantised(settings))
             found = self._errors_of(prepared, data)
             if np.all(found <= asked):
                 return data
-            if attempt == ONE_SIDED - 1 or (not attempt and np.any(found > 2 * asked)):
+            if attempt == TRIES_ON_ONE_SIDE - 1 or (not attempt and np.any(found > 2 * asked)):
                 least = self._errors_of(prepared, write(prepared.quantised(finest), zstd_level=1))
                 if np.any(least > 2 * asked):  # what is finest is a unit off; steps half of one
                     raise errors_missed(asked, least, own)

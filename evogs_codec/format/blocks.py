@@ -16,20 +16,20 @@ from types import ModuleType
 
 import numpy as np
 
-from evogs_codec.format.grouping import SYMBOL
+from evogs_codec.format.grouping import SYMBOL_BYTES
 from evogs_codec.format.planes import huffman_bits
 from evogs_codec.model.splats import I64, U8
 
 __all__ = ["block_ends"]
 
-BLOCK = 16.0  # bytes: of the headers of a block
-MOST = 128 << 10  # bytes of a part that is divided; R-5.10-5
-LEAST = 64  # bytes of a block that is made here
-DEPTH = 12  # divisions of divisions
+BLOCK_BYTES = 16.0  # bytes: of the headers of a block
+MAX_PART = 128 << 10  # bytes of a part that is divided; R-5.10-5
+MIN_BLOCK = 64  # bytes of a block that is made here
+MAX_DEPTH = 12  # divisions of divisions
 UNIT = 256  # of a bit: entropies are whole numbers, the same for numpy and compiled code
 MAY_COMPILE = True  # False: as without numba
 
-_COUNTS = np.arange(1, MOST + 1)
+_COUNTS = np.arange(1, MAX_PART + 1)
 # n log2 n of every n, and what a count more adds.
 _ENTROPY = np.append(0, np.rint(UNIT * _COUNTS * np.log2(_COUNTS))).astype(np.int64)
 _STEP = np.diff(_ENTROPY)
@@ -39,8 +39,8 @@ def block_ends(content: bytes) -> list[int]:
     """Ends of all blocks but the last, in order; none if one code serves all bytes best."""
     found: list[int] = []
     symbols = np.frombuffer(content, np.uint8)
-    for begin in range(0, len(symbols), MOST):
-        _, ends = _divided(symbols[begin : begin + MOST], DEPTH)
+    for begin in range(0, len(symbols), MAX_PART):
+        _, ends = _divided(symbols[begin : begin + MAX_PART], MAX_DEPTH)
         found += [begin + end for end in ends]
     return found
 
@@ -48,8 +48,8 @@ def block_ends(content: bytes) -> list[int]:
 def _divided(part: U8, depth: int) -> tuple[float, list[int]]:
     """Bits of a part (n,) with its codes, and where it is divided."""
     bits, kinds = _bits_and_kinds(part)
-    whole = bits + 8 * (BLOCK + SYMBOL * kinds)
-    end = _best_end(part) if depth and len(part) >= 2 * LEAST else 0
+    whole = bits + 8 * (BLOCK_BYTES + SYMBOL_BYTES * kinds)
+    end = _best_end(part) if depth and len(part) >= 2 * MIN_BLOCK else 0
     if not end:
         return whole, []
     (first, before), (second, after) = (_divided(p, depth - 1) for p in (part[:end], part[end:]))
@@ -78,10 +78,10 @@ def _bits_and_kinds(part: U8) -> tuple[float, int]:
 
 def _best_end(part: U8) -> int:
     """Bytes of the first of two blocks by their entropies; 0 if one is better, by this estimate."""
-    each, fixed = round(8 * UNIT * SYMBOL), round(8 * UNIT * BLOCK)
+    each, fixed = round(8 * UNIT * SYMBOL_BYTES), round(8 * UNIT * BLOCK_BYTES)
     compiled = _compiled()
     if compiled is not None:
-        return int(compiled.best_end(part, _ENTROPY, each, fixed, LEAST))
+        return int(compiled.best_end(part, _ENTROPY, each, fixed, MIN_BLOCK))
     return _best_end_by_numpy(part, each, fixed)
 
 
@@ -96,10 +96,10 @@ def _best_end_by_numpy(part: U8, each: int, fixed: int) -> int:
     bits = _ENTROPY[lengths] - first + _ENTROPY[n - lengths] - second
     kinds = np.cumsum(before == 0)[:-1] + np.count_nonzero(counts) - np.cumsum(after == 0)[:-1]
     costs = bits + each * kinds + fixed
-    some = costs[LEAST - 1 : n - LEAST]
+    some = costs[MIN_BLOCK - 1 : n - MIN_BLOCK]
     whole = _ENTROPY[n] - _ENTROPY[counts].sum() + each * np.count_nonzero(counts)
     best = int(np.argmin(some))
-    return best + LEAST if some[best] < whole else 0
+    return best + MIN_BLOCK if some[best] < whole else 0
 
 
 def _occurrences(part: U8, counts: I64) -> I64:

@@ -20,9 +20,9 @@ from evogs_codec.format import literals
 from evogs_codec.model.splats import I64, U8
 
 __all__ = [
+    "FIRST_WEIGHING_LEVEL",
     "MAX_BLOCK",
     "MAX_CONTENT",
-    "WEIGHING",
     "compress",
     "decompress",
     "decompress_all",
@@ -34,8 +34,8 @@ MAX_CONTENT = 16 << 20  # R-5.10-4
 MAX_BLOCK = 128 << 10  # R-5.10-5
 # Planes are noise that a Huffman code serves best: matches that are found in it cost more than they
 # save, and most of the time. So levels that weigh matches look for few of them in larger planes.
-WEIGHING, LARGE = 16, 4096  # the first such level, and bytes of a plane
-FOUND = 0.95  # of the bytes: where a quick search takes less, there is more to be found
+FIRST_WEIGHING_LEVEL, LARGE_PLANE = 16, 4096  # the first such level, and bytes of a plane
+MATCHES_FOUND = 0.95  # of the bytes: where a quick search takes less, there is more to be found
 NARROW = {"hash_log": 6, "chain_log": 6, "search_log": 1, "min_match": 7}
 MAY_COMPILE = True  # False: frames are read as without numba
 _local = threading.local()
@@ -53,13 +53,13 @@ def compress(data: bytes, zstd_level: int, ends: Sequence[int] = ()) -> bytes:
         ValueError: more than `MAX_CONTENT` bytes.
     """
     frames = [store(data)]
-    if zstd_level < WEIGHING or len(data) < LARGE:
+    if zstd_level < FIRST_WEIGHING_LEVEL or len(data) < LARGE_PLANE:
         frames.append(_frame(data, zstd_level))
         if ends:
             frames.append(_frame(data, zstd_level, ends=ends))
     else:
         frames += [_frame(data, zstd_level, ends=ends, is_narrow=True), _frame(data, 1)]
-        if len(frames[-1]) < FOUND * len(frames[-2]):
+        if len(frames[-1]) < MATCHES_FOUND * len(frames[-2]):
             frames.append(_frame(data, zstd_level))
     return min(frames, key=len)
 

@@ -17,8 +17,8 @@ from evogs_codec.model.splats import F64
 
 __all__ = ["grouped"]
 
-FRAME, SYMBOL = 24.0, 0.7  # bytes: of the headers of a frame, of a symbol in its code table
-MOST = 64  # planes of a frame
+FRAME_BYTES, SYMBOL_BYTES = 24.0, 0.7  # of the headers of a frame, of a symbol in its code table
+MAX_PLANES = 64  # planes of a frame
 
 
 def grouped(planes: Sequence[bytes]) -> list[tuple[int, int]]:
@@ -34,7 +34,7 @@ def grouped(planes: Sequence[bytes]) -> list[tuple[int, int]]:
         counts[k + 1] = counts[k] + np.bincount(np.frombuffer(plane, np.uint8), minlength=256)
     least, begins = np.zeros(n + 1), np.zeros(n + 1, np.int64)
     for end in range(1, n + 1):
-        first = max(int(np.searchsorted(sizes, sizes[end] - MAX_BLOCK)), end - MOST, 0)
+        first = max(int(np.searchsorted(sizes, sizes[end] - MAX_BLOCK)), end - MAX_PLANES, 0)
         first = min(first, end - 1)
         of_runs = counts[end] - counts[first:end]
         costs = least[first:end] + _bytes(of_runs)
@@ -51,5 +51,5 @@ def _bytes(counts: F64) -> F64:
     """(n,) estimated bytes of frames whose contents have these counts (n, 256) of each byte."""
     total = counts.sum(1)
     bits = total * np.log2(np.maximum(total, 1)) - (counts * np.log2(np.maximum(counts, 1))).sum(1)
-    found: F64 = bits / 8 + FRAME + SYMBOL * (counts > 0).sum(1)
+    found: F64 = bits / 8 + FRAME_BYTES + SYMBOL_BYTES * (counts > 0).sum(1)
     return found

@@ -189,7 +189,7 @@ def _join(flags: int, parts: Sequence[Coded], zstd_level: int) -> bytes:
     joined = []
     for begin, end in grouped(planes):
         content = b"".join(planes[begin:end])
-        ends = block_ends(content) if zstd_level >= frames.WEIGHING else []
+        ends = block_ends(content) if zstd_level >= frames.FIRST_WEIGHING_LEVEL else []
         joined.append((end - begin, frames.compress(content, zstd_level, ends)))
     return _assemble(flags, codings, joined)
 

@@ -12,7 +12,7 @@ from evogs_codec.io.plain_files import is_there
 __all__ = ["kind_of_picture", "picture_size"]
 
 ENDINGS = {".png": PICTURE, ".jpg": JPEG, ".jpeg": JPEG}
-MOST = 1 << 20  # bytes from the start of a file; a photograph may begin with a large preview
+MAX_BEGIN = 1 << 20  # bytes from the start of a file; a photograph may begin with a large preview
 SIZES = (*range(0xC0, 0xC4), *range(0xC5, 0xC8), *range(0xC9, 0xCC), *range(0xCD, 0xD0))
 
 
@@ -40,7 +40,7 @@ def picture_size(path: Path) -> tuple[int, int] | None:
         return None
     try:
         with path.open("rb") as file:
-            start = file.read(MOST)
+            start = file.read(MAX_BEGIN)
     except OSError:
         return None
     if start[:8] == b"\x89PNG\r\n\x1a\n" and len(start) >= 24:

@@ -15,12 +15,12 @@ import numpy as np
 
 from evogs_codec.io.files import write_atomic
 from evogs_codec.jobs.scratch_files import arrays_of
-from evogs_codec.lifting.shared_sh import MOST, keys_of
+from evogs_codec.lifting.shared_sh import MAX_DISTINCT, keys_of
 from evogs_codec.model.splats import F32, I64, SplatParams
 
-__all__ = ["MOST_VECTORS", "Distinct", "Vectors"]
+__all__ = ["MAX_VECTORS", "Distinct", "Vectors"]
 
-MOST_VECTORS = 1 << 18  # of a palette: 47 MB of SH degree 3
+MAX_VECTORS = 1 << 18  # of a palette: 47 MB of SH degree 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,8 @@ class Distinct:
         is_known[is_known] = self._keys[place[is_known]] == keys[is_known]
         is_new = ~is_known
         self.is_over = bool(
-            len(self._keys) + np.count_nonzero(is_new) > min(MOST_VECTORS, MOST * self.n_declared)
+            len(self._keys) + np.count_nonzero(is_new)
+            > min(MAX_VECTORS, MAX_DISTINCT * self.n_declared)
             or not np.array_equal(rows[inverse.ravel()], rest)
             or not np.array_equal(self._rows[place[is_known]], rows[is_known])
         )
@@ -95,7 +96,7 @@ class Distinct:
 
     def found(self) -> Vectors | None:
         """What the splats share; None if too few of them share it, or if none has any."""
-        if self.is_over or len(self._keys) > MOST * self.n_splats:
+        if self.is_over or len(self._keys) > MAX_DISTINCT * self.n_splats:
             return None
         some = self._rows.any(axis=1)
         return Vectors(self._keys[some], self._rows[some]) if some.any() else None

@@ -25,7 +25,7 @@ from evogs_codec.model.splats import F32, F64, I64
 
 __all__ = [
     "PER_TILE",
-    "STAND_IN",
+    "SPLATS_OF_STAND_IN",
     "Partition",
     "Split",
     "Tree",
@@ -38,15 +38,17 @@ __all__ = [
 ]
 
 PER_TILE = 1 << 17  # splats: a job takes some 300 MiB
-SAMPLE = 1 << 19  # positions
-BLOCK = 8  # tiles of a neighbourhood at most
-STAND_IN = 16  # splats of a tile for which one stands in the views of its neighbours
-STEPS = 1 << 23  # across a tile at most: a stream stores up to 2**23 of an add, either way
-OF_SIZE = 0.1  # of the size of the smallest splats is a step of positions
-LEAST = 64  # a tile is halved for its width only while it has 1/64 of `per_tile` splats or more
-MOST_LOG = 700.0  # of a size: its exponential is a number
-MOST = 4  # times the splats that a tile was to have: more are refused
-SIZES = (-40.0, 40.0, 0.25)  # of logarithms of the size of a splat: lowest, highest, width of a bin
+N_SAMPLED = 1 << 19  # positions
+MAX_BLOCK = 8  # tiles of a neighbourhood at most
+SPLATS_OF_STAND_IN = 16  # splats of a tile for which one stands in the views of its neighbours
+MAX_STEPS = 1 << 23  # across a tile at most: a stream stores up to 2**23 of an add, either way
+STEP_OF_SIZE = 0.1  # of the size of the smallest splats is a step of positions
+# A tile is halved for its width only while it has this part of `per_tile` splats, one in so many.
+MIN_OF_HALVED = 64
+MAX_LOG_SIZE = 700.0  # of a size: its exponential is a number
+MAX_CROWDED = 4  # times the splats that a tile was to have: more are refused
+# Of the logarithms of the sizes of splats: lowest, highest, width of a bin.
+SIZE_BINS = (-40.0, 40.0, 0.25)
 
 
 # Of a tree: the number of a tile; or an axis, the value below which positions are in the first of
@@ -90,8 +92,8 @@ class Tree:
         todo = [(0, sample, n_tiles, False)]
         while todo:
             node, points, n, is_inside = todo.pop()
-            n_blocks += n <= BLOCK and not is_inside
-            is_inside = n <= BLOCK
+            n_blocks += n <= MAX_BLOCK and not is_inside
+            is_inside = n <= MAX_BLOCK
             split = _split(points, n) if n > 1 else _halves(points, reach, least)
             if split is None:
                 child[node] = len(middles)
@@ -197,7 +199,7 @@ class Partition:
     def size(self, tile: int) -> float:
         """The median size of the splats of a tile, scene units: the mean of their log-scales."""
         half = np.searchsorted(np.cumsum(self.sizes[tile]), (self.counts[tile] + 1) // 2)
-        return float(np.exp(SIZES[0] + SIZES[2] * (half + 0.5)))
+        return float(np.exp(SIZE_BINS[0] + SIZE_BINS[2] * (half + 0.5)))
 
 
 @dataclass
@@ -212,7 +214,7 @@ class _Tally:
     def __post_init__(self) -> None:
         self.counts = np.zeros(self.n_tiles, np.int64)
         self.largest = np.zeros(N_GROUPS)
-        n_bins = int((SIZES[1] - SIZES[0]) / SIZES[2])
+        n_bins = int((SIZE_BINS[1] - SIZE_BINS[0]) / SIZE_BINS[2])
         self.sizes = np.zeros((self.n_tiles, n_bins), np.int64)
 
     def take(self, tiles: I64, rows: F32) -> None:
@@ -220,8 +222,9 @@ class _Tally:
         for group, part in enumerate(GROUP_CHANNELS):
             most = np.abs(rows[:, part]).max(initial=0)
             self.largest[group] = max(self.largest[group], float(most))
-        means = np.clip(rows[:, 7:10].mean(axis=1), SIZES[0], SIZES[1])  # of sizes of any kind
-        bins = ((means - SIZES[0]) / SIZES[2]).astype(np.int64)
+        low, high, width = SIZE_BINS  # sizes of any kind are in them
+        means = np.clip(rows[:, 7:10].mean(axis=1), low, high)
+        bins = ((means - low) / width).astype(np.int64)
         bins = np.clip(bins, 0, self.sizes.shape[1] - 1)
         np.add.at(self.sizes, (tiles, bins), 1)
 
@@ -251,7 +254,7 @@ def partition(
     n_tiles = max(1, -(-n // per_tile))
     tree = Tree.of(sample, n_tiles)
     reach = _reach(tree, sample, sizes)
-    tree = Tree.of(sample, n_tiles, reach, len(sample) * per_tile // (LEAST * max(n, 1)))
+    tree = Tree.of(sample, n_tiles, reach, len(sample) * per_tile // (MIN_OF_HALVED * max(n, 1)))
     tally = _Tally(tree.n_tiles)
     done = 0
     for tile in range(tree.n_tiles):
@@ -269,14 +272,14 @@ def partition(
             start = 0 if tile == 0 else int(ends[tile - 1])
             own = order[start : ends[tile]]
             _append(rows_of(folder, tile), rows[own])
-            stands_in = _hash(block.means[own]) % np.uint64(STAND_IN) == 0
+            stands_in = _hash(block.means[own]) % np.uint64(SPLATS_OF_STAND_IN) == 0
             _append(stand_ins_of(folder, tile), rows[own[stands_in]])
         done += len(tiles)
         report("partition", 0.5 + 0.5 * done / max(n, 1))
     if not done:
         raise InputError("a scene without splats has no tiles")
     crowded = int(np.argmax(tally.counts))
-    if tally.counts[crowded] > MOST * per_tile:
+    if tally.counts[crowded] > MAX_CROWDED * per_tile:
         raise InputError(
             f"{tally.counts[crowded]:,} splats are in one place, near"
             f" {tree.origins[crowded].round(3).tolist()}: more than a tile can have"
@@ -296,7 +299,7 @@ def rows_of(folder: Path, tile: int) -> Path:
 
 
 def stand_ins_of(folder: Path, tile: int) -> Path:
-    """The file of the rows of those splats of a tile that stand for all, one of `STAND_IN`."""
+    """The file of the rows of those splats of a tile that stand for `SPLATS_OF_STAND_IN` each."""
     return folder / f"{tile:06d}.stand-ins"
 
 
@@ -325,7 +328,7 @@ def _append(path: Path, rows: F32) -> None:
 
 def _sample(files: SplatFiles, n: int, report: Progress) -> tuple[F64, F32]:
     """(S, 3) positions, those whose hash says so, and (S,) mean log-scales of these splats."""
-    every = max(1, n // SAMPLE)
+    every = max(1, n // N_SAMPLED)
     means, sizes, done = [np.empty((0, 3))], [np.empty(0, np.float32)], 0
     for block in files.blocks():
         some = _hash(block.means) % np.uint64(every) == 0
@@ -344,7 +347,7 @@ def _reach(tree: Tree, sample: F64, sizes: F32) -> float:
     tiles = tree.tile_of(sample)
     medians = [np.median(sizes[tiles == tile]) for tile in np.unique(tiles)]
     smallest = min(map(float, medians), default=0.0)
-    return STEPS * OF_SIZE * math.exp(min(smallest, MOST_LOG))
+    return MAX_STEPS * STEP_OF_SIZE * math.exp(min(smallest, MAX_LOG_SIZE))
 
 
 def _hash(means: F64) -> npt.NDArray[np.uint64]:

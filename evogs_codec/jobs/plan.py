@@ -34,12 +34,13 @@ from evogs_codec.model.splats import F32, F64, I64
 
 __all__ = ["Needs", "Plan", "Sharing", "Survey", "surveyed", "worth_of_entries"]
 
-SURVEYED, OF_FEW = 8, 4  # tiles at most; of few, one in so many
-ENOUGH = 1 / 8  # of the splats of the largest tile: fewer do not decide the steps of all
-ALIKE = 2.0  # times the size of splats in another tile: hardly larger
-ROOM = 2.0  # times the largest number of a splat: parents and errors of coarse levels
-MOST_SHIFT = 20
-OF_SIZE = 0.2  # of the size of its splats is the step of the positions of a tile: moved by a tenth
+MAX_SURVEYED, SURVEYED_EVERY = 8, 4  # tiles at most; of few, one in so many
+MIN_SHARE = 1 / 8  # of the splats of the largest tile: fewer do not decide the steps of all
+TIMES_ALIKE = 2.0  # times the size of splats in another tile: hardly larger
+RANGE_ROOM = 2.0  # times the largest number of a splat: parents and errors of coarse levels
+MAX_SHIFT = 20
+# Of the size of its splats is the step of the positions of a tile: moved by a tenth.
+STEP_OF_SIZE = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +189,7 @@ class Plan:
         needs = late if is_late else [survey.plain for survey in surveys]
         steps = _shared_steps(np.stack([need.steps for need in needs]), n_coarse - is_late)
         finest = min(partition.size(tile) for tile in range(len(partition.counts)))
-        steps[-1, 0] = min(steps[-1, 0], max(OF_SIZE * finest, 1e-12))
+        steps[-1, 0] = min(steps[-1, 0], max(STEP_OF_SIZE * finest, 1e-12))
         sharings = [survey.sharing for survey in surveys if survey.sharing is not None]
         if has_palette:
             worth = worth_of_entries(partition, sharings)
@@ -197,7 +198,7 @@ class Plan:
         settings = Settings.by_views(steps)
         ranges = Ranges(
             extent=1.0,
-            largest=tuple((ROOM * partition.largest).tolist()),
+            largest=tuple((RANGE_ROOM * partition.largest).tolist()),
             furthest=float(np.abs(partition.tree.origins).max()),
             psi=(),
         )
@@ -237,7 +238,7 @@ class Plan:
             for kind, q in enumerate(self.quantisers[-1])
         ]
         last[: len(units)] -= np.maximum(np.log2(units / self.steps[-1, : len(units)]), 0)
-        found = np.clip(np.rint(np.minimum(middle, last)), 0, MOST_SHIFT)
+        found = np.clip(np.rint(np.minimum(middle, last)), 0, MAX_SHIFT)
         if self.coarse is not None:
             found[N_GROUPS:] = 0  # of entries, which are of all tiles
         return tuple(int(shift) for shift in found)
@@ -292,13 +293,13 @@ def surveyed(partition: Partition) -> I64:
     """
     n = len(partition.counts)
     order = np.array(sorted(range(n), key=lambda tile: (partition.size(tile), tile)))
-    some: I64 = order[partition.counts[order] >= max(1, ENOUGH * partition.counts.max())]
-    n_surveyed = min(SURVEYED, -(-len(some) // OF_FEW))
+    some: I64 = order[partition.counts[order] >= max(1, MIN_SHARE * partition.counts.max())]
+    n_surveyed = min(MAX_SURVEYED, -(-len(some) // SURVEYED_EVERY))
     if not len(some):
         return some
     parts = np.arange(n_surveyed) / n_surveyed
     places = parts * (len(some) - 1)
-    if partition.size(some[-1]) <= ALIKE * partition.size(some[0]):
+    if partition.size(some[-1]) <= TIMES_ALIKE * partition.size(some[0]):
         places = (parts + 0.5 / n_surveyed) * len(some)
     return np.unique(some[places.astype(int)])
 

@@ -36,7 +36,7 @@ from evogs_codec.scene.prefixes import TreePrefixes
 
 __all__ = ["code_tile", "draw_tile", "survey_tile"]
 
-ALPHAS = 4096  # of a level and group that a survey keeps
+MAX_ALPHAS = 4096  # of a level and group that a survey keeps
 
 
 def draw_tile(job: TileJob, out: str) -> None:
@@ -127,7 +127,7 @@ def _needs(
     """What the tile would have on its own, in these layers; `tiles` has its alphas."""
     kept = {}
     for place, (alphas, weights) in weighted_alphas(tiles).items():
-        every = max(1, len(alphas) // ALPHAS)
+        every = max(1, len(alphas) // MAX_ALPHAS)
         kept[place] = alphas[::every], weights[::every]
     source = layered or _importance(prepared)
     return Needs(source.steps(price, prepared.ranges.extent), kept)

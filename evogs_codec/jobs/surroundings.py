@@ -38,7 +38,7 @@ __all__ = [
 ]
 
 BULK = (20, 80)  # percentiles of the positions
-FAR = 8.0  # times the size of a tile: a neighbourhood that is larger does not show it
+MAX_OF_TILE = 8.0  # times the size of a tile: a neighbourhood that is larger does not show it
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,7 +245,7 @@ class NearAndWide:
 
 def is_apart(splats: SplatParams, stand_ins: SplatParams) -> bool:
     """Whether a neighbourhood, with these stand-ins, is too large to show a tile."""
-    return not len(stand_ins) or _bulk(stand_ins)[1] > FAR * _bulk(splats)[1]
+    return not len(stand_ins) or _bulk(stand_ins)[1] > MAX_OF_TILE * _bulk(splats)[1]
 
 
 def near_middle(splats: SplatParams) -> SplatParams:

@@ -12,7 +12,7 @@ from typing import TypeAlias
 import numpy as np
 
 from evogs_codec.io.finite import bounded_opacities
-from evogs_codec.jobs.partition import STAND_IN, Split
+from evogs_codec.jobs.partition import SPLATS_OF_STAND_IN, Split
 from evogs_codec.jobs.surroundings import Standing, enlarged
 from evogs_codec.model.channels import n_channels
 from evogs_codec.model.splats import F32, SplatParams
@@ -20,7 +20,7 @@ from evogs_codec.scene.effort import Effort
 
 __all__ = ["TileJob", "sorted_rows"]
 
-VIEWS = 12  # of a tile, by which its numbers are weighed
+MAX_VIEWS = 12  # of a tile, by which its numbers are weighed
 
 Part: TypeAlias = "tuple[int, str, tuple[float, float, float]]"
 
@@ -85,7 +85,7 @@ class TileJob:
         return Standing.around(
             splats,
             up=self.up,
-            n_views=min(VIEWS, effort.n_views),
+            n_views=min(MAX_VIEWS, effort.n_views),
             all_round=effort.all_round,
             pixels=effort.pixels,
         )
@@ -103,7 +103,7 @@ class TileJob:
             rows = sorted_rows(path, self.sh_degree)
             rows[:, 0:3] += (offsets[tile] - offsets[origin]).astype(np.float32)
             found.append(rows)
-        return enlarged(SplatParams.from_channels(np.concatenate(found).T), STAND_IN)
+        return enlarged(SplatParams.from_channels(np.concatenate(found).T), SPLATS_OF_STAND_IN)
 
 
 def sorted_rows(path: str, sh_degree: int) -> F32:

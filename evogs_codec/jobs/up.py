@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from evogs_codec.jobs.partition import STAND_IN, Partition, rows_of, stand_ins_of
+from evogs_codec.jobs.partition import SPLATS_OF_STAND_IN, Partition, rows_of, stand_ins_of
 from evogs_codec.jobs.tile_job import sorted_rows
 from evogs_codec.model.channels import n_channels
 from evogs_codec.model.scene_info import SceneInfo
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 __all__ = ["up_of_tiles"]
 
-LOOKED_AT = 1 << 16  # splats, about
-FEW = 1 << 19  # of no more splats some are looked at themselves, of more the stand-ins
+N_SAMPLED = 1 << 16  # splats, about
+SAMPLED_UP_TO = 1 << 19  # of no more splats some are looked at themselves, of more the stand-ins
 
 
 def up_of_tiles(partition: Partition, asked: Direction | None, info: SceneInfo) -> Up:
@@ -47,8 +47,8 @@ def _some(partition: Partition) -> SplatParams:
     degree, tree = partition.sh_degree, partition.tree
     tiles = np.flatnonzero(partition.counts).tolist()
     n = int(partition.counts.sum())
-    file_of = rows_of if n <= FEW else stand_ins_of
-    every = max(1, -(-n // (LOOKED_AT if n <= FEW else LOOKED_AT * STAND_IN)))
+    file_of = rows_of if n <= SAMPLED_UP_TO else stand_ins_of
+    every = max(1, -(-n // (N_SAMPLED if n <= SAMPLED_UP_TO else N_SAMPLED * SPLATS_OF_STAND_IN)))
     parts = [np.empty((0, n_channels(degree)), np.float32)]
     for tile in tiles:
         rows = sorted_rows(str(file_of(partition.folder, tile)), degree)[::every]

@@ -9,10 +9,10 @@ import numpy as np
 
 from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.drawn import Drawn
-from evogs_codec.encoding.missed import MEASURING
+from evogs_codec.encoding.error_factors import N_MEASURING_VIEWS
 from evogs_codec.encoding.palette_worth import bits_of_picks, bits_of_psi
 from evogs_codec.encoding.prepared import Prepared
-from evogs_codec.encoding.sensitivity import SEEN_OF_CIRCLE, Importance
+from evogs_codec.encoding.sensitivity import SEEN_SHARE_OF_CIRCLE, Importance
 from evogs_codec.encoding.settings import Settings
 from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.io.files import write_atomic
@@ -28,12 +28,13 @@ from evogs_codec.model.splats import F32, SplatParams
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.effort import Effort
 
-__all__ = ["KEEP", "Weighed", "in_prices"]
+__all__ = ["MOVE_PRICE", "Weighed", "in_prices"]
 
 # What it costs to move a splat by its own size, in prices of a bit before the factor of an effort:
 # few are moved by a third of it.
-KEEP = 10.0
-SEEN = 0.99  # as of `sensitivity`, which has less: positions that no view shows have `KEEP`, too
+MOVE_PRICE = 10.0
+# As of `sensitivity`, which has less: positions that no view shows have `MOVE_PRICE`, too.
+SEEN_SHARE = 0.99
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,9 +138,9 @@ def _prepared(
         views,
         layers=job.n_layers,
         ordering=views.fewer(effort.n_ordering_views),
-        measuring=None if effort.by_leaves else views.fewer(MEASURING),
+        measuring=None if effort.by_leaves else views.fewer(N_MEASURING_VIEWS),
         by_leaves=effort.by_leaves,
-        seen=SEEN if effort.all_round else SEEN_OF_CIRCLE,
+        seen=SEEN_SHARE if effort.all_round else SEEN_SHARE_OF_CIRCLE,
         drawn=drawn,
         n_tiles=1,
         n_levels=job.n_levels,
@@ -154,7 +155,7 @@ def _views(job: TileJob, splats: SplatParams) -> Neighbourhood | NearAndWide:
     if wide is not None and not is_apart(splats, of_block):
         return wide
     standing = job.around(near_middle(splats))
-    near = Neighbourhood.of(splats, standing, len(splats), keep=KEEP, around=job.of_others())
+    near = Neighbourhood.of(splats, standing, len(splats), keep=MOVE_PRICE, around=job.of_others())
     return near if wide is None else NearAndWide(near, wide)
 
 
@@ -164,4 +165,4 @@ def _wide_views(job: TileJob, splats: SplatParams, of_block: SplatParams) -> Nei
     eyes = np.array([camera.position for camera in standing.cameras]) + job.origin
     panes = {tile: Path(path) for tile, path in job.panes}
     around = between(job.tile, job.split, panes, standing.cameras, eyes, standing.background)
-    return Neighbourhood.of(splats, standing, job.n_around, keep=KEEP, between=around)
+    return Neighbourhood.of(splats, standing, job.n_around, keep=MOVE_PRICE, between=around)

@@ -18,12 +18,12 @@ import numpy as np
 
 from evogs_codec.model.splats import F32, F64, I32
 
-__all__ = ["SAMPLE", "CoarseEntries"]
+__all__ = ["N_SAMPLED", "CoarseEntries"]
 
-MOST = 256  # entries
-SAMPLE, ROUNDS = 32_768, 10  # splats, by which entries are found
-PRICE = 0.1  # of a bit of a pick: this part of the mean square of the SH of a splat
-LOUD = 0.99  # of splats; squares of the rest count no more, so that one splat sets no price
+MAX_ENTRIES = 256  # entries
+N_SAMPLED, N_ROUNDS = 32_768, 10  # splats, by which entries are found
+BIT_PRICE = 0.1  # of a bit of a pick: this part of the mean square of the SH of a splat
+LOUD_SHARE = 0.99  # of splats; squares of the rest count no more, so that one splat sets no price
 BLOCK = 40  # splats compared with entries at a time: of more, BLAS starts threads, which spin
 
 
@@ -44,18 +44,18 @@ class CoarseEntries:
         """For coarse splats like some.
 
         Args:
-            x: (C, N) SH of some coarse splats. About `SAMPLE` of them are looked at, evenly.
+            x: (C, N) SH of some coarse splats. About `N_SAMPLED` of them are looked at, evenly.
             most: entries at most.
         """
         if not x.shape[1]:  # all splats are leaves
             return CoarseEntries(x, np.zeros(1))
-        x = x[:, :: max(1, x.shape[1] // SAMPLE)]
-        first = x[:, :: max(1, -(-x.shape[1] // max(min(MOST, most), 1)))]
+        x = x[:, :: max(1, x.shape[1] // N_SAMPLED)]
+        first = x[:, :: max(1, -(-x.shape[1] // max(min(MAX_ENTRIES, most), 1)))]
         squares = np.square(x, dtype=np.float64).sum(axis=0)
-        square = float(np.minimum(squares, np.quantile(squares, LOUD)).mean())
+        square = float(np.minimum(squares, np.quantile(squares, LOUD_SHARE)).mean())
         found = CoarseEntries(first, np.zeros(1 + first.shape[1]))
-        for _ in range(ROUNDS):
-            found = found._moved(x, PRICE * square)
+        for _ in range(N_ROUNDS):
+            found = found._moved(x, BIT_PRICE * square)
         return found
 
     def cheapest(self, x: F32 | F64) -> I32:

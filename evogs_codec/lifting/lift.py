@@ -50,7 +50,7 @@ from evogs_codec.model.splats import F32, F64, I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree, Step
 
 __all__ = [
-    "ALL_LEVELS",
+    "ALL_LEVELS_FROM",
     "N_LEVELS",
     "N_NEIGHBOURS",
     "Lifted",
@@ -62,9 +62,9 @@ __all__ = [
 
 N_LEVELS = 5  # of a tree, if nothing else is asked for
 # Streams of fewer splats have fewer levels, likewise, with so many splats in level 0 at least.
-ALL_LEVELS, FIRST_LEVEL = 20_000, 2_000
+ALL_LEVELS_FROM, MIN_FIRST_LEVEL = 20_000, 2_000
 N_PRICED = 14  # channels that decide who pairs: all but the higher SH bands
-PART = 1 << 19  # splats that are lifted together at most
+MAX_PART = 1 << 19  # splats that are lifted together at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,9 +85,9 @@ def default_levels(n_splats: int) -> int:
 
     Coarse levels of few splats cost more bytes than they show.
     """
-    if n_splats >= ALL_LEVELS:
+    if n_splats >= ALL_LEVELS_FROM:
         return N_LEVELS
-    return min(N_LEVELS, max(n_splats // FIRST_LEVEL, 1).bit_length())
+    return min(N_LEVELS, max(n_splats // MIN_FIRST_LEVEL, 1).bit_length())
 
 
 def lift(
@@ -160,10 +160,10 @@ def lift_with_order(
     if n_bad:
         raise ValueError(f"{n_bad} of {len(splats)} splats have a number that is not finite")
     report = partial(progress or no_progress, "lift")
-    if len(splats) <= PART:
+    if len(splats) <= MAX_PART:
         return _lift(splats, n_levels, n_neighbours, report)
     order = morton_order(splats.means.T)
-    parts = np.array_split(order, -(-len(splats) // PART))
+    parts = np.array_split(order, -(-len(splats) // MAX_PART))
     lifted = []
 
     def lift_part(rows: I64) -> Lifted:

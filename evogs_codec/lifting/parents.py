@@ -4,7 +4,7 @@ A parent lies on the line through its children in every group: P = C1 - psi = C2
 psi = (C1 - C2) / (1 + alpha). Position and SH take the midpoint, alpha = 1: a constant alpha is
 free, the midpoint's psi is the shortest, and mass-weighted positions won 0.1 dB for 0.2 bytes per
 splat. Rotation takes that of C2, alpha = 0: a mean of two rotations fits neither child, and C1 then
-mends the error of its parent instead of inheriting it.
+corrects the error of its parent instead of inheriting it.
 Scale and opacity choose from a small table, since a parent should cover both children, which often
 lies beyond the larger child: alpha < 0. C2 is the larger of the two, so that alpha stays in
 (-1, 1], and an error of psi is nowhere amplified.
@@ -52,14 +52,14 @@ ALPHAS_OPACITY = (-0.75, -0.25, 0.0, 0.25, 1.0)
 TOO_LARGE = 2.0
 # Squared error of a log-scale that is worth a bit where the mass is that of the median splat; and
 # what one of an opacity logit counts beside it.
-PRICE = 0.03
+ALPHA_PRICE = 0.03
 OPACITY_WEIGHT = 0.01
-PRICE_ROUNDS = 3  # an alpha is cheap if many take it, and many take it if it is cheap
+N_PRICE_ROUNDS = 3  # an alpha is cheap if many take it, and many take it if it is cheap
 MAX_WEIGHT = 1e6  # in masses of the median splat
 # Alpha of the scale, and of the opacity, where children are on no line with their parent: a refine
 # follows, and until then one child is the parent. And the misfit from which on it pays.
 OFF_LINE = -1.0
-MEND_COST = 1000.0
+CORRECTION_COST = 1000.0
 MAX_OPACITY = 0.99
 N_SHAPE = 10  # channels: position, rotation, log-scale
 # A psi above this is no extrapolation but an odd file: such children take the midpoint.
@@ -202,7 +202,7 @@ def line_parents(c1: F64, c2: F64, target: Moments, unit_mass: float) -> tuple[F
     alpha[2], cost = _best_alpha(c1[_SCALE], c2[_SCALE], wanted, ALPHAS_SCALE, weight)
     parent[_SCALE] = _on_line(c1[_SCALE], c2[_SCALE], alpha[2])
 
-    rows = np.flatnonzero(cost > MEND_COST)
+    rows = np.flatnonzero(cost > CORRECTION_COST)
     shapes = _shapes(target.take(rows), c2[:, rows])
     near = np.abs(shapes - c1[:N_SHAPE, rows]).max(axis=0, initial=0) < MAX_PSI
     alpha[2, rows[near]] = OFF_LINE
@@ -242,7 +242,7 @@ def _best_alpha(
     """(n,) alphas of the table, by how near the parent is to `wanted` (C, n) and by their bits.
 
     Returns:
-        The alphas, and (n,) what they cost: misfit times `weight` (n,), and bits times `PRICE`.
+        The alphas, and (n,) what they cost: misfit times `weight` (n,), bits times `ALPHA_PRICE`.
     """
     n = c1.shape[1]
     bits = np.zeros(len(alphas))
@@ -252,10 +252,10 @@ def _best_alpha(
     misfits_of = _misfits if loops is None else loops.raising.misfits
     misfits = np.empty((len(alphas), n))
     misfits_of(c1, c2, wanted, table, weight, TOO_LARGE, MAX_PSI, misfits)
-    for _ in range(PRICE_ROUNDS):
+    for _ in range(N_PRICE_ROUNDS):
         best, index = np.empty(n), np.empty(n, np.int64)
         found = np.zeros(len(alphas) + 1, np.int64)
-        choose(misfits, PRICE * (bits - len(c1) * np.log2(1 + table)), index, best, found)
+        choose(misfits, ALPHA_PRICE * (bits - len(c1) * np.log2(1 + table)), index, best, found)
         counts = found[: len(alphas)] + 0.5
         bits = np.log2(counts.sum() / counts)
     return np.append(table, 1.0)[index], best

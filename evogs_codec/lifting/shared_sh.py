@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from evogs_codec.lifting.coarse_entries import SAMPLE, CoarseEntries
+from evogs_codec.lifting.coarse_entries import N_SAMPLED, CoarseEntries
 from evogs_codec.lifting.lift import Lifted
 from evogs_codec.model.channels import N_CORE
 from evogs_codec.model.palette import Palette
@@ -20,7 +20,7 @@ from evogs_codec.model.splats import F32, I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
 __all__ = [
-    "MOST",
+    "MAX_DISTINCT",
     "SH",
     "SharedSh",
     "coarse_sh",
@@ -30,7 +30,7 @@ __all__ = [
     "with_palette",
 ]
 
-MOST = 0.25  # of the splats, as many different vectors at most: else psi take fewer bytes
+MAX_DISTINCT = 0.25  # of the splats, as many different vectors at most: else psi take fewer bytes
 SH = slice(N_CORE, None)  # channels above band 0
 
 
@@ -73,7 +73,7 @@ def shared_sh(splats: SplatParams) -> tuple[Palette, I64] | None:
     if found is None:
         return None
     n = len(found.keys) + bool((found.vector_of == 0).any())
-    if n > MOST * len(splats):
+    if n > MAX_DISTINCT * len(splats):
         return None
     return found.palette(splats.sh_degree), found.vector_of
 
@@ -149,7 +149,7 @@ def _last_written(tree: EvolutionTree) -> I64:
 
 
 def coarse_sh(tree: EvolutionTree) -> F32:
-    """(C, up to about `SAMPLE`) SH of splats of a lifted tree that are not leaves."""
+    """(C, up to about `N_SAMPLED`) SH of splats of a lifted tree that are not leaves."""
     is_last = _last_written(tree)
     parts = []
     for k, (step, state) in enumerate(zip(tree.steps, tree.states(SH), strict=True)):
@@ -157,4 +157,4 @@ def coarse_sh(tree: EvolutionTree) -> F32:
         written = np.concatenate([step.slots[step.kinds != Kind.DROP], new])
         parts.append(state.values[:, written[is_last[written] > k]].astype(np.float32))
     x = np.concatenate(parts, axis=1)
-    return x[:, :: max(1, x.shape[1] // SAMPLE)]
+    return x[:, :: max(1, x.shape[1] // N_SAMPLED)]

@@ -22,7 +22,7 @@ from evogs_codec.model.splats import F32, I32, I64
 __all__ = ["MAX_SIBLING", "Siblings", "parent_records"]
 
 MAX_SIBLING = 1 << 28  # R-7.1-2
-FEW = 32  # rounds that are quick one after the other
+FEW_ROUNDS = 32  # rounds that are quick one after the other
 
 
 def parent_records(slots: npt.NDArray[np.integer], born_from: npt.NDArray[np.integer]) -> I32:
@@ -110,7 +110,7 @@ class Siblings:
         Raises:
             RangeError: a number leaves its range (R-7.1-2).
         """
-        is_quick = int(self._turns.max(initial=0)) <= FEW
+        is_quick = int(self._turns.max(initial=0)) <= FEW_ROUNDS
         psi = self._round_by_round(differences) if is_quick else self._by_doubling(differences)
         # Where a number on the way is too large, so is one of the two that are made of it.
         if psi.size and max(int(psi.max()), -int(psi.min())) > MAX_SIBLING:

@@ -23,7 +23,7 @@ __all__ = [
 CAMERA, CAMERAS = "camera", "cameras"
 MAX_POSES = 256
 MAX_TEXT = (1 << 16) - 1  # bytes of a value
-MOST = 1e30  # of a coordinate
+MAX_COORDINATE = 1e30  # of a coordinate
 
 Point = tuple[float, float, float]
 
@@ -118,7 +118,7 @@ def _viewpoint(row: object) -> Viewpoint | None:
 
 
 def _number(value: object) -> float | None:
-    if type(value) not in (int, float) or not abs(value) <= MOST:  # type: ignore[arg-type]
+    if type(value) not in (int, float) or not abs(value) <= MAX_COORDINATE:  # type: ignore[arg-type]
         return None
     return float(value)  # type: ignore[arg-type]
 

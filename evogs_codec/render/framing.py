@@ -31,17 +31,17 @@ __all__ = [
 
 BULK = (20, 80)  # percentiles of the positions: what is far away does not decide the distance
 REACH = 1.5  # diagonals of the bulk; what is farther from its middle, along an axis, is an outlier
-MOST = 100_000  # splats that are weighed, evenly taken
-TURNS = 3  # each frames what is near the bulk of the one before
-LARGEST = 90  # percentile of the areas; a larger splat counts as one of this size
+MAX_WEIGHED = 100_000  # splats that are weighed, evenly taken
+N_TURNS = 3  # each frames what is near the bulk of the one before
+LARGE_PERCENTILE = 90  # percentile of the areas; a larger splat counts as one of this size
 # The bulk of what matters is taken where its middle or its size are so far from those of all
 # positions: in diagonals, and as a factor. Most scenes keep the views that they always had.
-FAR, OTHER_SIZE = 0.35, 1.5
-NEAR = 0.2  # of a small bulk, a tenth of the way of the default cameras to it
+OTHER_PLACE, OTHER_SIZE = 0.35, 1.5
+SMALL_BULK = 0.2  # of a small bulk, a tenth of the way of the default cameras to it
 WHITE, BLACK = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
 # Of the range of a colour, from which a splat is white, and of the splats, that are white at least
 # where hardly anything is seen on white.
-NEARLY, NEARLY_ALL = 0.02, 0.99
+NEARLY_WHITE, NEARLY_ALL = 0.02, 0.99
 
 
 _found: WeakKeyDictionary[SplatParams, Bulk] = WeakKeyDictionary()
@@ -77,14 +77,14 @@ def _bulk_of(scene: SplatParams) -> Bulk:
     plain = _box(*np.percentile(means, BULK, axis=0))
     if not 0 < plain.size < math.inf:
         return plain
-    found, some = plain, scene.take(slice(None, None, max(1, -(-len(scene) // MOST))))
-    for _ in range(TURNS):
+    found, some = plain, scene.take(slice(None, None, max(1, -(-len(scene) // MAX_WEIGHED))))
+    for _ in range(N_TURNS):
         found = _of_worth(some, found)
     if not found.size:
         return plain
     apart = float(np.linalg.norm(found.middle - plain.middle)) / plain.size
     ratio = found.size / plain.size
-    agree = apart <= FAR and 1 / OTHER_SIZE <= ratio <= OTHER_SIZE
+    agree = apart <= OTHER_PLACE and 1 / OTHER_SIZE <= ratio <= OTHER_SIZE
     return plain if agree else found
 
 
@@ -96,7 +96,11 @@ def options_for(scene: SplatParams) -> Options:
     if not np.isfinite(scene.means).all(axis=1).any():
         return DEFAULT
     size = bulk_of(scene).size
-    return replace(DEFAULT, near=NEAR * size) if 0 < NEAR * size < DEFAULT.near else DEFAULT
+    return (
+        replace(DEFAULT, near=SMALL_BULK * size)
+        if 0 < SMALL_BULK * size < DEFAULT.near
+        else DEFAULT
+    )
 
 
 def background_for(scene: SplatParams) -> tuple[float, float, float]:
@@ -105,7 +109,7 @@ def background_for(scene: SplatParams) -> tuple[float, float, float]:
     On white hardly anything would show how exact these have to be.
     """
     colours = 0.5 + C0 * scene.sh[:, 0].astype(np.float64)
-    n_white = np.count_nonzero((np.abs(colours - 1) <= NEARLY).all(axis=1))
+    n_white = np.count_nonzero((np.abs(colours - 1) <= NEARLY_WHITE).all(axis=1))
     return BLACK if n_white >= NEARLY_ALL * len(scene) > 0 else WHITE
 
 
@@ -141,7 +145,7 @@ def worth(scene: SplatParams, bulk: Bulk) -> F64:
         return found
     axes = np.sort(scene.log_scales[near].astype(np.float64), axis=1)
     areas = np.exp(np.clip(axes[:, 1] + axes[:, 2], -300, 300))
-    areas = np.minimum(areas, np.percentile(areas, LARGEST))
+    areas = np.minimum(areas, np.percentile(areas, LARGE_PERCENTILE))
     opacities = 1 / (1 + np.exp(-np.clip(scene.opacity_logits[near].astype(np.float64), -50, 50)))
     found[near] = opacities * areas / areas.max()
     return found

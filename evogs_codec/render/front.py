@@ -18,7 +18,7 @@ __all__ = ["most_detailed"]
 
 SIDE = 48  # pixels
 EVERY = 2  # of the cameras is tried
-MOST_SPLATS = 40_000
+MAX_SPLATS = 40_000
 
 
 def most_detailed(
@@ -46,9 +46,9 @@ def most_detailed(
 
 def _largest(scene: SplatParams) -> SplatParams:
     """Those whose opacity times area is largest, in their order."""
-    if len(scene) <= MOST_SPLATS:
+    if len(scene) <= MAX_SPLATS:
         return scene
     area = scene.log_scales.sum(1) - scene.log_scales.min(1)
     cover = area - np.logaddexp(0, -scene.opacity_logits)
-    rows = np.argpartition(-cover, MOST_SPLATS)[:MOST_SPLATS]
+    rows = np.argpartition(-cover, MAX_SPLATS)[:MAX_SPLATS]
     return scene.take(np.sort(rows))

@@ -24,18 +24,19 @@ AXES = ("x", "y", "z", "-x", "-y", "-z")
 Direction: TypeAlias = "str | Vector"  # one of `AXES`, or (3,)
 
 # The ground is the layer of flat splats facing one way that has the most of the scene.
-MOST = 60_000  # splats that are looked at
-FEWEST, FEWEST_IN_LAYER = 200, 20  # a few splats show nothing
+MAX_SPLATS = 60_000  # splats that are looked at
+MIN_SPLATS, MIN_IN_LAYER = 200, 20  # a few splats show nothing
 CONES = (math.radians(35), math.radians(20), math.radians(15))  # around a normal, more each turn
 SNAP = math.radians(8)  # a direction so near to an axis is the axis
 LAYERS = 64  # bins of the height; the ground is three of them
 ENDS = (0.02, 0.98)  # of the weights, by height, are between the lowest and the highest layer
-LEAST = 0.05  # of all weight is in the ground
-CLEAR = 1.5  # times what is in the next best layer that faces another way
-OTHER = math.radians(25)  # directions so far apart are others
+MIN_OF_GROUND = 0.05  # of all weight is in the ground
+CLEARLY_MORE = 1.5  # times what is in the next best layer that faces another way
+OTHER_DIRECTION = math.radians(25)  # directions so far apart are others
 LOPSIDED = 0.25  # of the weight beyond the ground is more on one side of it than on the other
 SPREAD = 1e-3  # variance of the right sides, below which cameras look one way
-LEVEL = 0.25  # cameras are held level if their right sides vary along up by so little of the rest
+# Cameras are held level if their right sides vary along up by so little of the rest.
+HELD_LEVEL = 0.25
 
 
 @dataclass(frozen=True)
@@ -119,7 +120,9 @@ def up_of_cameras(cameras: Sequence[Camera]) -> F64:
     mean = -np.array([camera.rotation[1] for camera in cameras]).mean(axis=0)
     values, vectors = np.linalg.eigh(rights.T @ rights / len(rights))
     level = vectors[:, 0] * (1.0 if vectors[:, 0] @ mean >= 0 else -1.0)
-    is_clear = values[1] > SPREAD and values[0] <= LEVEL * values[1] and abs(level @ mean) > 0.1
+    is_clear = (
+        values[1] > SPREAD and values[0] <= HELD_LEVEL * values[1] and abs(level @ mean) > 0.1
+    )
     if is_clear:
         return _snapped(level)
     return _snapped(mean) if np.linalg.norm(mean) > 1e-6 else direction("z")
@@ -130,22 +133,24 @@ def up_of_cameras(cameras: Sequence[Camera]) -> F64:
 
 def _ground(scene: SplatParams) -> F64 | None:
     """(3,) up from the ground of a scene; None if it shows none."""
-    scene = scene.take(slice(None, None, max(1, -(-len(scene) // MOST))))
+    scene = scene.take(slice(None, None, max(1, -(-len(scene) // MAX_SPLATS))))
     if not np.isfinite(scene.means).all(axis=1).any():
         return None
     bulk = bulk_of(scene)
     weights = worth(scene, bulk) if 0 < bulk.size < math.inf else np.zeros(len(scene))
     near = weights > 0
-    if np.count_nonzero(near) < FEWEST:
+    if np.count_nonzero(near) < MIN_SPLATS:
         return None
     scene, weights = scene.take(near), weights[near]
     normals, flat = _normals(scene)
     points = scene.means.astype(np.float64) - bulk.middle
     found = [_layer(points, weights, normals, weights * flat, start) for start in _starts()]
     best = max(found, key=lambda one: abs(one[0]))  # the first of equals: axes come first
-    others = [abs(share) for share, normal in found if abs(normal @ best[1]) < math.cos(OTHER)]
+    others = [
+        abs(share) for share, normal in found if abs(normal @ best[1]) < math.cos(OTHER_DIRECTION)
+    ]
     share, normal = best
-    if abs(share) < LEAST or abs(share) < CLEAR * max(others, default=0.0):
+    if abs(share) < MIN_OF_GROUND or abs(share) < CLEARLY_MORE * max(others, default=0.0):
         return None
     return _snapped(normal * np.sign(share))
 
@@ -202,7 +207,7 @@ def _layer(points: F64, weights: F64, normals: F64, flat: F64, start: F64) -> tu
     at = int(np.argmax(threes))
     above, below = (float(weights[side].sum()) for side in (places > at + 1, places < at - 1))
     n_in_it = np.count_nonzero((np.abs(places - at) <= 1) & (faces > 0))
-    if abs(above - below) <= LOPSIDED * (above + below) or n_in_it < FEWEST_IN_LAYER:
+    if abs(above - below) <= LOPSIDED * (above + below) or n_in_it < MIN_IN_LAYER:
         return 0.0, normal
     return float(threes[at]) / total * float(np.sign(above - below)), normal
 

@@ -9,13 +9,13 @@ from dataclasses import replace
 from functools import partial
 
 from evogs_codec.encoding.encode import encode
+from evogs_codec.encoding.error_factors import N_MEASURING_VIEWS
 from evogs_codec.encoding.guess import Guess, price_near
-from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
-from evogs_codec.encoding.missed import MEASURING
+from evogs_codec.encoding.measured_gains import N_ORDERING_VIEWS
 from evogs_codec.encoding.out_of_reach import TargetMissedError
 from evogs_codec.encoding.palette_worth import bits_of_palette, bits_of_psi
 from evogs_codec.encoding.search import Found
-from evogs_codec.encoding.sensitivity import SEEN_OF_CIRCLE
+from evogs_codec.encoding.sensitivity import SEEN_SHARE_OF_CIRCLE
 from evogs_codec.encoding.settings import SCENE_PRESET, SCENE_PRICE, TREE_PRESET, TREE_PSNR
 from evogs_codec.encoding.sketch import Sketch
 from evogs_codec.encoding.targets import TargetEncoder
@@ -24,16 +24,17 @@ from evogs_codec.model.splats import SplatParams
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.found_stream import FoundStream, Make
 from evogs_codec.scene.measure import with_room
-from evogs_codec.scene.reach import MANY, SURE_OF_SPLAT
+from evogs_codec.scene.reach import CHECKED_FROM, SURE_BYTES_OF_SPLAT
 from evogs_codec.scene.request import Request
 
 __all__ = ["at_tree_psnr", "best_stream", "palette_pays"]
 
 # One of two trees is not encoded if it takes so many times the bits of the other by an estimate: of
 # psi, and of picks, where the estimate does not know that neighbours have the same.
-SURE, SURE_OF_PICKS = 1.05, 2.0
-GUESSED = 1_000  # splats; of fewer, a target is looked for before levels are looked at
-ABOUT = 1.0  # dB from `TREE_PSNR`, at most: of a splat or two a price of a bit moves a PSNR so far
+SURE_OF_PSI, SURE_OF_PICKS = 1.05, 2.0
+MIN_GUESSED = 1_000  # splats; of fewer, a target is looked for before levels are looked at
+# From `TREE_PSNR`, at most: of a splat or two a price of a bit moves a PSNR so far.
+TREE_SLACK_DB = 1.0
 
 
 def best_stream(
@@ -86,9 +87,9 @@ def _at_default_price(
     if request.effort.by_leaves:
         encoder = replace(encoder, by_leaves=True)
     elif views is not None:
-        encoder = replace(encoder, measuring=views.fewer(MEASURING))
+        encoder = replace(encoder, measuring=views.fewer(N_MEASURING_VIEWS))
     if request.cameras is None and not request.effort.all_round:
-        encoder = replace(encoder, seen=SEEN_OF_CIRCLE)
+        encoder = replace(encoder, seen=SEEN_SHARE_OF_CIRCLE)
     price = request.effort.price * SCENE_PRICE / tree.n_leaves
     encoders = _that_pay(_each(encoder, trees), price, is_sure=not request.effort.looks)
     return _at_price(encoders, price)
@@ -99,7 +100,7 @@ def _at_steps(
 ) -> FoundStream:
     """The smallest of the trees at the fixed steps of a preset."""
     tree = encoder.tree
-    views = request.views(tree.shared_leaves(), ORDERING_VIEWS) if tree.n_leaves else None
+    views = request.views(tree.shared_leaves(), N_ORDERING_VIEWS) if tree.n_leaves else None
 
     def plainly(one: TargetEncoder) -> bytes:
         return encode(
@@ -142,7 +143,7 @@ def _aiming(encoder: TargetEncoder, request: Request, scene: SplatParams) -> Tar
         encoder,
         views=views.weighing_within(effort.pixels),
         ordering=effort.ordering_views(views),
-        measuring=of_leaves.fewer(MEASURING).within(effort.pixels),
+        measuring=of_leaves.fewer(N_MEASURING_VIEWS).within(effort.pixels),
     )
 
 
@@ -154,8 +155,8 @@ def _at_bytes(
     n_levels = max(tree.n_levels, 1) + encoder.layers - 1
     encoder = replace(encoder, info=with_room(request.info, tree, n_levels, request))
     encoders = _each(encoder, trees)
-    may_be_few = not request.is_in_reach and most < SURE_OF_SPLAT * tree.n_leaves
-    if encoder.views is not None and tree.n_leaves >= MANY and may_be_few:
+    may_be_few = not request.is_in_reach and most < SURE_BYTES_OF_SPLAT * tree.n_leaves
+    if encoder.views is not None and tree.n_leaves >= CHECKED_FROM and may_be_few:
         _expect_one(encoders, lambda one: one.expect_bytes(most))
 
     def make(one: TargetEncoder, near: float | None) -> Found[bytes]:
@@ -172,7 +173,7 @@ def _at_psnr(
 ) -> FoundStream:
     """The smallest stream of the trees that has this PSNR in views."""
     tree, encoders = encoder.tree, _each(encoder, trees)
-    if not request.polish and tree.n_leaves >= MANY and not request.is_in_reach:
+    if not request.polish and tree.n_leaves >= CHECKED_FROM and not request.is_in_reach:
         encoders[0].expect_psnr(decibels)  # the leaves of the other tree are on the same grids
 
     def make(one: TargetEncoder, near: float | None) -> Found[bytes]:
@@ -207,7 +208,7 @@ def _that_pay(
         return encoders
     bits = bits_of_palette(shared.tree, importance, price)
     instead = bits_of_psi(plain.tree, importance, price)
-    if instead > SURE * bits:
+    if instead > SURE_OF_PSI * bits:
         return [shared]
     is_psi = bits > SURE_OF_PICKS * instead
     if is_sure and not is_psi and palette_pays(bits, instead):
@@ -262,7 +263,7 @@ def _aimed(
     Of trees of many splats one, yet to be made, near a price that is guessed: of two that of which
     `sketched` gives more, of a sketch at that price, and which can meet the target.
     """
-    if near is not None and encoders[0].tree.n_leaves >= GUESSED and not encoders[0].polish:
+    if near is not None and encoders[0].tree.n_leaves >= MIN_GUESSED and not encoders[0].polish:
         found = guess(encoders[0].sketch, near=near)
         guesses = [
             (encoder, found if encoder is encoders[0] else guess(encoder.sketch, near=found.price))
@@ -356,7 +357,7 @@ def at_tree_psnr(tree: EvolutionTree, request: Request) -> FoundStream | None:
         request.settings,
         views,
         ordering=views.fewer(request.effort.n_ordering_views),
-        measuring=views.fewer(MEASURING),
+        measuring=views.fewer(N_MEASURING_VIEWS),
         layers=request.n_layers(tree.n_levels),
         n_tiles=request.n_tiles,
         info=request.info,
@@ -364,9 +365,9 @@ def at_tree_psnr(tree: EvolutionTree, request: Request) -> FoundStream | None:
     )
 
     def make(one: TargetEncoder, near: float | None) -> Found[bytes]:
-        return one.nearest_psnr(TREE_PSNR, near, ABOUT)
+        return one.nearest_psnr(TREE_PSNR, near, TREE_SLACK_DB)
 
-    if tree.n_leaves < GUESSED:
+    if tree.n_leaves < MIN_GUESSED:
         return replace(FoundStream.of(encoder, make).made(), psnr=TREE_PSNR)
     guess = Guess.of_psnr(encoder.sketch, TREE_PSNR, SCENE_PRICE / tree.n_leaves)
     return replace(FoundStream.of(encoder.guessing(guess), make, guess.price), psnr=TREE_PSNR)

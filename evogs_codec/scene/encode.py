@@ -34,7 +34,7 @@ from evogs_codec.model.splats import I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.choose import at_tree_psnr, best_stream, warn_of_preset
 from evogs_codec.scene.found_stream import FoundStream
-from evogs_codec.scene.reach import MANY, FewSplats, is_surely_in_reach
+from evogs_codec.scene.reach import CHECKED_FROM, FewSplats, is_surely_in_reach
 from evogs_codec.scene.request import MaxError, Request, SceneOptions, TreeOptions
 from evogs_codec.scene.steady import steady
 
@@ -181,7 +181,7 @@ def encode_scene_with_order(splats: SplatParams, **options: Unpack[SceneOptions]
     if request.is_by_views:
         splats = bounded_opacities(splats)
     is_sure = is_surely_in_reach(request, splats)
-    if len(splats) >= MANY and not request.is_plain and not is_sure:
+    if len(splats) >= CHECKED_FROM and not request.is_plain and not is_sure:
         few = FewSplats.of_scene(splats, levels, request, palette=palette == "auto")
         is_sure = few.expect_in_reach(request)
     request = replace(request, is_in_reach=is_sure)
@@ -279,7 +279,7 @@ def encode_tree_with_order(tree: EvolutionTree, **options: Unpack[TreeOptions]) 
         elif tree.n_leaves:
             found = _at_tree_psnr(tree, request)
     is_sure = is_surely_in_reach(request, tree.shared_leaves())
-    if tree.n_leaves >= MANY and not request.is_plain and not is_sure:
+    if tree.n_leaves >= CHECKED_FROM and not request.is_plain and not is_sure:
         is_sure = FewSplats.of_tree(tree).expect_in_reach(request)
     request = replace(request, is_in_reach=is_sure)
     if found is None:

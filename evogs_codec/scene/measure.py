@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["Gauge", "with_room", "without_room"]
 
 N_VIEWS = 4
-SMALL = 20_000  # splats; of few, errors are chance: all views look for falls
+ALL_LOOK_UP_TO = 20_000  # splats; of few, errors are chance: all views look for falls
 N_OF_PACKETS, N_OF_LARGE = 24, 8
 PIXELS = 200  # of the longer side of a view
 # Of half of the views that look for falls, two and two. Small splats are drawn larger than they
@@ -51,7 +51,7 @@ class Gauge:
 
         scene = tree.shared_leaves()
         cameras, said = _cameras(scene, request)
-        is_small = tree.n_leaves <= SMALL
+        is_small = tree.n_leaves <= ALL_LOOK_UP_TO
         all_, _ = _chosen(scene, request, N_OF_PACKETS, 0)
         chosen = all_ if is_small else all_[:: -(-len(all_) // N_OF_LARGE)]
         more = [one.within((PIXELS, MORE_PIXELS)[k // 2 % 2]) for k, one in enumerate(chosen)]

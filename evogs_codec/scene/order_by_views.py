@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 __all__ = ["ordered_by_views"]
 
 # Of the last packets, states that are drawn, and splats of all of these together.
-MOST_STATES, MOST_SPLATS = 256, 64_000
-MOST_AROUND = 16  # states around a fall that are drawn
+MAX_STATES, MAX_SPLATS = 256, 64_000
+MAX_AROUND = 16  # states around a fall that are drawn
 DIGITS = 2  # of a fall, dB: what is less is no difference
 _State: TypeAlias = tuple[int, ...]
 
@@ -66,7 +66,7 @@ def ordered_by_views(
         stretch = _Stretch.of_last(directory)
     else:
         stretch = _Stretch.of(directory, rows)
-        if math.prod(stretch.counts) > MOST_AROUND:
+        if math.prod(stretch.counts) > MAX_AROUND:
             return data, math.inf
     fall, highest = before(len(stretch.first))
     if fall >= most:
@@ -101,7 +101,7 @@ class _Stretch:
     def of_last(directory: Directory) -> _Stretch:
         """Of as many last packets as give no more states than may be drawn."""
         n, n_slots = len(directory.packets), max(int(directory.tile_slots.sum()), 1)
-        most = min(MOST_STATES, MOST_SPLATS // n_slots)
+        most = min(MAX_STATES, MAX_SPLATS // n_slots)
         best = _Stretch.of(directory, range(n, n))
         for begin in reversed(range(n)):
             stretch = _Stretch.of(directory, range(begin, n))

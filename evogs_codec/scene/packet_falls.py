@@ -30,38 +30,39 @@ from evogs_codec.model.components import CORE
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import I64
 from evogs_codec.scene.found_stream import FoundStream
-from evogs_codec.scene.measure import SMALL, Gauge
+from evogs_codec.scene.measure import ALL_LOOK_UP_TO, Gauge
 from evogs_codec.scene.order_by_views import ordered_by_views
 from evogs_codec.scene.packet_looks import (
-    DEEP,
-    VERY_FEW,
+    DEEP_DB,
+    MAX_ORDERED,
     Looks,
     may_be_ordered,
     rows_of,
     shown,
 )
 from evogs_codec.scene.request import Request
-from evogs_codec.scene.states import FALL, FEW
+from evogs_codec.scene.states import FALL_DB, N_JUDGING_FIRST
 
 if TYPE_CHECKING:
     from evogs_codec.render import Views
 
 __all__ = ["without_falls"]
 
-TRIES, TRIES_OF_MANY = 6, 3
-DEAR = 1.05  # times the bytes, which a target may ask for where a band of all splats is empty
-SLOPE = 14.0  # dB of a stream to the logarithm of its bytes, from 30 to 65 dB at least
+MAX_TRIES, MAX_TRIES_OF_MANY = 6, 3
+# Times the bytes, which a target may ask for where a band of all splats is empty.
+MAX_TIMES_BYTES = 1.05
+DB_PER_LOG_BYTES = 14.0  # dB of a stream to the logarithm of its bytes, from 30 to 65 dB at least
 # Times the price of a bit, of other streams; more of them of very few splats.
-FINER, OTHER_PRICES = (0.93, 0.86), (0.8, 0.74, 1.08, 0.69, 0.64)
+FINER_PRICES, OTHER_PRICES = (0.93, 0.86), (0.8, 0.74, 1.08, 0.69, 0.64)
 ALL_ABOVE_ROOTS = Run((1, 0), (MAX_LEVELS, 0))
 
-# Of more than `SMALL` splats, the prefixes that are looked at first: at least and at most so many,
-# by every so-many-th view, of which one is large. Less than `LOST` dB is no fall.
-LOOKS, FAR, LOST = (6, 12), 7, 0.01
+# Of more than `ALL_LOOK_UP_TO` splats, the prefixes that are looked at first: at least and at most
+# so many, by every so-many-th view, of which one is large. Less than `NO_FALL_DB` is no fall.
+N_FIRST_PREFIXES, FIRST_VIEWS_EVERY, NO_FALL_DB = (6, 12), 7, 0.01
 # Other streams of these are tried if more is lost, in dB: those at other prices, and others, which
 # take more bytes or look worse.
-OF_MANY = (FALL, 3 * FALL)
-VERY_MANY = 100_000  # of more, few views judge, since a splat is little of one
+FALLS_OF_MANY_DB = (FALL_DB, 3 * FALL_DB)
+ALL_JUDGE_UP_TO = 100_000  # of more, few views judge, since a splat is little of one
 
 
 def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundStream:
@@ -76,19 +77,19 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
     """
     if not found.is_by_views or found.tree.palette is not None:
         return found
-    views, is_many = gauge.packets, found.tree.n_leaves > SMALL
+    views, is_many = gauge.packets, found.tree.n_leaves > ALL_LOOK_UP_TO
     if is_many:
-        if found.tree.n_leaves > VERY_MANY:
-            views = views.fewer(FEW)
+        if found.tree.n_leaves > ALL_JUDGE_UP_TO:
+            views = views.fewer(N_JUDGING_FIRST)
         if not _may_fall(found, gauge.many, None if request.is_plain else views):
             return found
     best, fall = _with_least_fall(found, views)
     others = _others(found, request)
     for k, of_other in enumerate(others):
         other = of_other()
-        is_dear = k >= len(FINER) or not request.is_plain
-        least = DEEP if other.is_layered and request.is_plain else FALL
-        if fall <= least or (is_many and fall <= OF_MANY[is_dear]):
+        is_dear = k >= len(FINER_PRICES) or not request.is_plain
+        least = DEEP_DB if other.is_layered and request.is_plain else FALL_DB
+        if fall <= least or (is_many and fall <= FALLS_OF_MANY_DB[is_dear]):
             break
         request.progress("try", k / len(others))
         try:
@@ -105,7 +106,7 @@ def _others(found: FoundStream, request: Request) -> list[Callable[[], FoundStre
     """What gives streams that may be made instead, yet to be made."""
     if request.polish:
         return []
-    factors = (*FINER, *(OTHER_PRICES if found.tree.n_leaves <= VERY_FEW else ()))
+    factors = (*FINER_PRICES, *(OTHER_PRICES if found.tree.n_leaves <= MAX_ORDERED else ()))
     others: list[Callable[[], FoundStream]] = []
     if request.is_plain:
         others += [partial(found.at, factor) for factor in factors]
@@ -134,11 +135,11 @@ def _may_fall(found: FoundStream, views: Views, sure: Views | None = None) -> bo
     rows = rows_of(directory)
     is_core = directory.columns[rows] == CORE
     ends = np.flatnonzero(np.append(is_core[1:] != is_core[:-1], len(rows) > 0))
-    if len(ends) < LOOKS[0]:
-        ends = np.union1d(ends, _evenly(LOOKS[0], len(rows)))
-    elif len(ends) > LOOKS[1]:
-        ends = ends[_evenly(LOOKS[1], len(ends))]
-    two = replace(views, cameras=views.cameras[::FAR], drawn=views.drawn)
+    if len(ends) < N_FIRST_PREFIXES[0]:
+        ends = np.union1d(ends, _evenly(N_FIRST_PREFIXES[0], len(rows)))
+    elif len(ends) > N_FIRST_PREFIXES[1]:
+        ends = ends[_evenly(N_FIRST_PREFIXES[1], len(ends))]
+    two = replace(views, cameras=views.cameras[::FIRST_VIEWS_EVERY], drawn=views.drawn)
     for pair in _falls(found, directory, rows[ends], two):
         if sure is None or any(True for _ in _falls(found, directory, pair, sure)):
             return True
@@ -153,7 +154,7 @@ def _falls(found: FoundStream, directory: Directory, rows: I64, views: Views) ->
     best, of_best = -math.inf, 0
     for k, leaves in enumerate(shown(found, directory, rows)):
         decibels = views.psnr(leaves)
-        if decibels < best - LOST:
+        if decibels < best - NO_FALL_DB:
             yield rows[[of_best, k]]
         if decibels > best:
             best, of_best = decibels, k
@@ -161,7 +162,7 @@ def _falls(found: FoundStream, directory: Directory, rows: I64, views: Views) ->
 
 def _looks_worse(one: FoundStream, other: FoundStream, views: Views) -> bool:
     """Whether the whole of a stream that is made looks worse than that of another one."""
-    return _psnr_of(one, views) < _psnr_of(other, views) - OF_MANY[-1]
+    return _psnr_of(one, views) < _psnr_of(other, views) - FALLS_OF_MANY_DB[-1]
 
 
 def _psnr_of(found: FoundStream, views: Views) -> float:
@@ -178,7 +179,7 @@ def _evenly(n: int, of: int) -> I64:
 def _with_least_fall(found: FoundStream, views: Views) -> tuple[FoundStream, float]:
     """Without its worst packets, and of few packets or splats with the last in another order."""
     found, looks = _without_worst(found, views)
-    if looks.fall <= DEEP or not may_be_ordered(found):
+    if looks.fall <= DEEP_DB or not may_be_ordered(found):
         return found, looks.fall
     degree = found.tree.shown_degree
     data, fall = ordered_by_views(
@@ -196,7 +197,7 @@ def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, Looks
     assert looks is not None, "there is no bound"
     empty: frozenset[PacketId] = frozenset()
     refused: list[frozenset[PacketId]] = []
-    for _ in range(TRIES if found.tree.n_leaves <= SMALL else TRIES_OF_MANY):
+    for _ in range(MAX_TRIES if found.tree.n_leaves <= ALL_LOOK_UP_TO else MAX_TRIES_OF_MANY):
         chosen = [empty | some for some in (looks.needless, looks.worse, looks.worst)]
         some = next((some for some in chosen if some != empty and some not in refused), None)
         if some is None:
@@ -211,10 +212,13 @@ def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, Looks
         except TargetMissedError:
             refused.append(some)
             continue
-        is_larger = len(again.data) > DEAR * n_bytes
+        is_larger = len(again.data) > MAX_TIMES_BYTES * n_bytes
         then = None
         saved = max(math.log(len(found.data) / len(again.data)), 0.0)
-        if not is_larger and _psnr_of(again, views) >= looks.whole - FALL - SLOPE * saved:
+        if (
+            not is_larger
+            and _psnr_of(again, views) >= looks.whole - FALL_DB - DB_PER_LOG_BYTES * saved
+        ):
             then = Looks.of(again, views, looks.fall)
         if then is None:
             refused.append(some)
@@ -228,11 +232,11 @@ def _around_falls(
 ) -> tuple[FoundStream, Looks] | None:
     """With packets around falls in orders that do not fall, and how they look; None without any."""
     data, degree = found.data, found.tree.shown_degree
-    for fall in looks.mended:
+    for fall in looks.recovered:
         other, deepest = ordered_by_views(
             data, found.prefixes, views, degree, fall.before, fall.rows
         )
-        if deepest <= DEEP:
+        if deepest <= DEEP_DB:
             data = other
     if data is found.data:
         return None

@@ -11,22 +11,22 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from evogs_codec.decoding.cut import Cut
-from evogs_codec.encoding.few_views import EVERY, UNSURE
+from evogs_codec.encoding.few_views import EVERY, N_DEVIATIONS
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.model.components import CORE
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import F64, I64, SplatParams
 from evogs_codec.scene.found_stream import FoundStream
-from evogs_codec.scene.measure import SMALL
-from evogs_codec.scene.states import FALL
+from evogs_codec.scene.measure import ALL_LOOK_UP_TO
+from evogs_codec.scene.states import FALL_DB
 
 if TYPE_CHECKING:
     from evogs_codec.render import Views
 
-__all__ = ["DEEP", "VERY_FEW", "Fall", "Looks", "may_be_ordered", "rows_of", "shown"]
+__all__ = ["DEEP_DB", "MAX_ORDERED", "Fall", "Looks", "may_be_ordered", "rows_of", "shown"]
 
-DEEP = FALL / 2  # dB; other views may show twice of it
-VERY_FEW = 2_000  # splats, whose last packets may be put in another order
+DEEP_DB = FALL_DB / 2  # dB; other views may show twice of it
+MAX_ORDERED = 2_000  # splats, whose last packets may be put in another order
 
 
 def rows_of(directory: Directory) -> I64:
@@ -45,14 +45,14 @@ def shown(found: FoundStream, directory: Directory, rows: I64) -> Iterator[Splat
 
 def may_be_ordered(found: FoundStream) -> bool:
     """Whether its last packets may be put in another order: of few splats, or if they are few."""
-    return found.tree.n_leaves <= VERY_FEW or found.is_at_once
+    return found.tree.n_leaves <= MAX_ORDERED or found.is_at_once
 
 
 class Fall(NamedTuple):
-    """A fall that later packets mend.
+    """A fall that later packets make good.
 
     Attributes:
-        rows: of the packets from the first that looks worse to the one that mends it.
+        rows: of the packets from the first that looks worse to the one that makes it good.
         highest: PSNR before them, dB.
     """
 
@@ -76,7 +76,7 @@ class Looks:
         needless: packets of SH bands after the prefix that looks best, if the whole looks worse.
         until: per packet with bytes its row, the deepest fall until then, and the best prefix; none
             where the last packets are not put in another order.
-        mended: falls that later packets mend.
+        recovered: falls that later packets make good.
     """
 
     whole: float
@@ -84,7 +84,7 @@ class Looks:
     fall: float
     needless: frozenset[PacketId]
     until: Sequence[tuple[int, float, _Prefix]]
-    mended: Sequence[Fall] = ()
+    recovered: Sequence[Fall] = ()
 
     @property
     def worse(self) -> frozenset[PacketId]:
@@ -115,7 +115,7 @@ class Looks:
         falls: dict[PacketId, float] = {}
         since_best: set[PacketId] = set()
         until: list[tuple[int, float, _Prefix]] = []
-        mended: list[Fall] = []
+        recovered: list[Fall] = []
         begin: int | None = None  # row of the first packet that looks worse than the best prefix
         packets = zip(rows.tolist(), directory.packet_ids(rows), strict=True)
         for (row, packet), leaves in zip(packets, shown(found, directory, rows), strict=True):
@@ -124,10 +124,10 @@ class Looks:
             deepest = max(deepest, fall)
             if deepest > most:
                 return None
-            if fall > DEEP and begin is None:
+            if fall > DEEP_DB and begin is None:
                 begin = row
             elif fall <= 0 and best is not None and begin is not None:
-                mended.append(Fall(range(begin, row + 1), best.psnr))
+                recovered.append(Fall(range(begin, row + 1), best.psnr))
                 begin = None
             if best is None or fall <= 0:
                 best = prefix
@@ -136,15 +136,15 @@ class Looks:
                 found.is_layered or (packet.tile, packet.step) not in adds
             ):
                 since_best.add(packet)
-                if fall > DEEP and before is not None and prefix.psnr < before.psnr:
+                if fall > DEEP_DB and before is not None and prefix.psnr < before.psnr:
                     falls[packet] = fall
             before = prefix
             if may_be_ordered(found):
                 until.append((row, deepest, best))
         if best is None or before is None:
             return Looks(-math.inf, falls, deepest, frozenset(), until)
-        needless = frozenset(since_best if before.psnr < best.psnr - DEEP else ())
-        return Looks(before.psnr, falls, deepest, needless, until, mended)
+        needless = frozenset(since_best if before.psnr < best.psnr - DEEP_DB else ())
+        return Looks(before.psnr, falls, deepest, needless, until, recovered)
 
 
 class _Prefix:
@@ -155,7 +155,7 @@ class _Prefix:
 
     def __init__(self, leaves: SplatParams, views: Views, few: Views) -> None:
         """Of leaves; `few` are some of the views."""
-        self._leaves = leaves if len(leaves) <= SMALL else None
+        self._leaves = leaves if len(leaves) <= ALL_LOOK_UP_TO else None
         self._views, self._few = views, few
         if self._leaves is None:
             self.psnr = views.psnr(leaves)
@@ -167,10 +167,10 @@ class _Prefix:
         return self._views.psnr(self._leaves)
 
     def fall_after(self, other: _Prefix) -> float:
-        """How much worse it looks than another prefix, dB; about, if that is `DEEP` at most."""
+        """How much worse it looks than another prefix, dB; about, if that is `DEEP_DB` at most."""
         if self._leaves is not None and other._leaves is not None:
             worse = other._of_few - self._of_few
-            if worse.mean() + UNSURE * worse.std() <= DEEP:
+            if worse.mean() + N_DEVIATIONS * worse.std() <= DEEP_DB:
                 return float(worse.mean())
         return other.psnr - self.psnr
 

@@ -36,24 +36,24 @@ from evogs_codec.scene.request import Request
 if TYPE_CHECKING:
     from evogs_codec.render import Views
 
-__all__ = ["MANY", "SURE_OF_SPLAT", "FewSplats", "is_surely_in_reach"]
+__all__ = ["CHECKED_FROM", "SURE_BYTES_OF_SPLAT", "FewSplats", "is_surely_in_reach"]
 
-MANY = 8_000  # splats; with fewer each try is quick
-FEW = 6_000  # splats, whose ends stand for those of all
+CHECKED_FROM = 8_000  # splats; of fewer no target is checked first, since each try is quick
+N_SAMPLED = 6_000  # splats, whose ends stand for those of all
 CHUNK = 256  # neighbours that are among them together
 # Views of the few, and of all: so many that this many splats are drawn. If a third of the most put
 # a target well inside the range, no more are drawn.
-N_VIEWS, MOST_VIEWS, DRAWN = 4, 24, 2_000_000
+N_VIEWS, MAX_VIEWS, MAX_DRAWN = 4, 24, 2_000_000
 # Targets that can be reached for sure: dB, bytes of a splat from this on, and of each of its
 # numbers up to this.
-SURE_PSNR, SURE_OF_SPLAT, SURE_OF_NUMBER = (30.0, 60.0), 2.5, 0.75
+SURE_PSNR, SURE_BYTES_OF_SPLAT, SURE_BYTES_OF_NUMBER = (30.0, 60.0), 2.5, 0.75
 # dB, likewise, where positions can be so exact: within this part of the size of half of the splats.
 # Scenes of all kinds reach 90 dB then.
-SURE_OF_EXACT, EXACT = 80.0, 0.01
-FINEST = 2.0**-24  # of the extent: positions are no integers of more bits
+SURE_PSNR_IF_EXACT, EXACT_OF_SIZE = 80.0, 0.01
+FINEST_OF_EXTENT = 2.0**-24  # of the extent: positions are no integers of more bits
 # What a target may be beyond an end of the few and yet be tried: dB, times the bytes, times the
 # error.
-PSNR_ROOM, BYTES_ROOM, ERROR_ROOM = 6.0, 2.0, 4.0
+ROOM_DB, ROOM_TIMES_BYTES, ROOM_TIMES_ERROR = 6.0, 2.0, 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ class FewSplats:
     @staticmethod
     def of_tree(tree: EvolutionTree) -> FewSplats:
         """Of the leaves of a tree."""
-        (is_in,) = families([tree], FEW / tree.n_leaves)
+        (is_in,) = families([tree], N_SAMPLED / tree.n_leaves)
         return FewSplats(tree.shared_leaves(), [part_of(tree, is_in)])
 
     def expect_in_reach(self, request: Request) -> bool:
@@ -120,7 +120,7 @@ class FewSplats:
                 missed.append(error)
         if len(missed) == len(self.trees):
             nearest = min(missed, key=lambda error: error.by)
-            if nearest.by > ERROR_ROOM:
+            if nearest.by > ROOM_TIMES_ERROR:
                 raise nearest
 
 
@@ -145,7 +145,7 @@ class _Ends:
 
     def psnr(self, price: float, most_views: int) -> float:
         """Of the scene, dB, about."""
-        n_views = min(max(DRAWN // len(self.scene), N_VIEWS), most_views)
+        n_views = min(max(MAX_DRAWN // len(self.scene), N_VIEWS), most_views)
         views = self.request.views_of_scene(self.scene)
         assert views is not None, "there are views"
         views = views.fewer(n_views)
@@ -184,22 +184,24 @@ def is_surely_in_reach(request: Request, scene: SplatParams) -> bool:
     if request.target_psnr is not None:
         low, high = SURE_PSNR
         wanted = request.target_psnr
-        return low <= wanted <= high or (high < wanted <= SURE_OF_EXACT and _is_exact(scene))
+        return low <= wanted <= high or (high < wanted <= SURE_PSNR_IF_EXACT and _is_exact(scene))
     if request.target_bytes is not None:
-        most = SURE_OF_NUMBER * n_channels(scene.sh_degree) * n
-        return SURE_OF_SPLAT * n <= request.target_bytes <= most
+        most = SURE_BYTES_OF_NUMBER * n_channels(scene.sh_degree) * n
+        return SURE_BYTES_OF_SPLAT * n <= request.target_bytes <= most
     return False
 
 
 def _is_exact(scene: SplatParams) -> bool:
-    """Whether positions can be `EXACT`."""
+    """Whether positions can be `EXACT_OF_SIZE`."""
     if not len(scene):
         return False
     means = scene.means.astype(np.float64)
     furthest = np.float32(np.abs(means).max())
-    unit = max(float(np.spacing(furthest)), FINEST * float(np.ptp(means, axis=0).max()))
+    unit = max(float(np.spacing(furthest)), FINEST_OF_EXTENT * float(np.ptp(means, axis=0).max()))
     # Of sizes the logarithm: some have no float.
-    return math.log(unit / EXACT) <= float(np.median(scene.log_scales.mean(1, dtype=np.float64)))
+    return math.log(unit / EXACT_OF_SIZE) <= float(
+        np.median(scene.log_scales.mean(1, dtype=np.float64))
+    )
 
 
 def _expect_psnr(ends: Sequence[_Ends], wanted: float) -> bool:
@@ -214,13 +216,13 @@ def _expect_psnr(ends: Sequence[_Ends], wanted: float) -> bool:
     def off(n_views: int) -> float:
         return wanted - most(n_views) if wanted > SURE_PSNR[1] else least(n_views) - wanted
 
-    found = off(MOST_VIEWS // 3)
-    if found >= -PSNR_ROOM:
-        found = off(MOST_VIEWS)
-    if found > PSNR_ROOM:
-        reached = psnr_reached(least(MOST_VIEWS), most(MOST_VIEWS), "about ")
+    found = off(MAX_VIEWS // 3)
+    if found >= -ROOM_DB:
+        found = off(MAX_VIEWS)
+    if found > ROOM_DB:
+        reached = psnr_reached(least(MAX_VIEWS), most(MAX_VIEWS), "about ")
         raise TargetMissedError(f"{wanted:g} dB cannot be met: {reached}", found)
-    return found < -PSNR_ROOM
+    return found < -ROOM_DB
 
 
 def _expect_bytes(ends: Sequence[_Ends], wanted: int) -> bool:
@@ -234,23 +236,23 @@ def _expect_bytes(ends: Sequence[_Ends], wanted: int) -> bool:
     def least() -> float:
         return min(one.n_bytes(PRICES[1]) for one in ends)
 
-    is_low = wanted < SURE_OF_SPLAT * len(ends[0].scene)
+    is_low = wanted < SURE_BYTES_OF_SPLAT * len(ends[0].scene)
     times = least() / wanted if is_low else wanted / most()
-    if times > BYTES_ROOM:
+    if times > ROOM_TIMES_BYTES:
         reached = f"about {_rounded(least()):,} to {_rounded(most()):,} bytes can be reached"
         said = f"{wanted:,} bytes cannot be met: {reached}"
         raise TargetMissedError(said, max(least() - wanted, wanted - most()))
-    return times < 1 / BYTES_ROOM
+    return times < 1 / ROOM_TIMES_BYTES
 
 
 def _spread(splats: SplatParams) -> I64:
-    """Rows of about `FEW` splats all over a scene, and of those with the extremes of channels.
+    """Rows of about `N_SAMPLED` splats all over a scene, and of those with extremes of channels.
 
     The grids of a stream follow from the extremes.
     """
     order = morton_order(splats.means.T)
     n_chunks = -(-len(order) // CHUNK)
-    chunks = np.arange(n_chunks)[:: max(n_chunks * CHUNK // FEW, 1)]
+    chunks = np.arange(n_chunks)[:: max(n_chunks * CHUNK // N_SAMPLED, 1)]
     rows = [order[at * CHUNK : (at + 1) * CHUNK] for at in chunks]
     channels = splats.channels()
     return np.unique(np.concatenate([*rows, channels.argmin(axis=1), channels.argmax(axis=1)]))

@@ -11,21 +11,21 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from evogs_codec.common.progress import Progress, no_progress
-from evogs_codec.encoding.few_views import UNSURE
+from evogs_codec.encoding.few_views import N_DEVIATIONS
 from evogs_codec.model.splats import F64
 from evogs_codec.scene.prefixes import Prefixes
 
 if TYPE_CHECKING:
     from evogs_codec.render import Views
 
-__all__ = ["FALL", "FEW", "SAME", "Draft", "State"]
+__all__ = ["FALL_DB", "N_JUDGING_FIRST", "SAME_DB", "Draft", "State"]
 
-SAME = 0.03  # dB; two states look the same if no view differs by more
+SAME_DB = 0.03  # dB; two states look the same if no view differs by more
 # A state is a fall if its lead over one before it, in the mean over views and less DOUBT standard
 # errors of JUDGES views, is below -FALL dB.
-FALL, DOUBT, JUDGES = 0.05, 1.0, 6
-MANY = 1_000  # of more splats a few views judge first
-FEW = 5  # of them, at most; every second or fifth view, so that they are of both sizes
+FALL_DB, N_STANDARD_ERRORS, N_JUDGING = 0.05, 1.0, 6
+ALL_JUDGE_UP_TO = 1_000  # of more splats a few views judge first
+N_JUDGING_FIRST = 5  # of them, at most; every second or fifth view, so that they are of both sizes
 
 _Place: TypeAlias = tuple[int, int]  # a level, and which of its steps
 
@@ -64,21 +64,21 @@ class State:
         return not _is_like(by) and _lead(by) < 0
 
     def keeps_up_with(self, other: State) -> bool:
-        """Whether it is no fall after another one, also on `JUDGES` other views."""
+        """Whether it is no fall after another one, also on `N_JUDGING` other views."""
         by = self.few - other.few
-        if not _is_like(by) and abs(_lead(by)) <= UNSURE * by.std():
+        if not _is_like(by) and abs(_lead(by)) <= N_DEVIATIONS * by.std():
             by = self.decibels - other.decibels
         return _is_like(by) or _lead(by) >= 0
 
 
 def _is_like(by: F64) -> bool:
     """Whether a state looks the same as one that it is better than by so many dB, view by view."""
-    return bool(np.abs(by).max() <= SAME)
+    return bool(np.abs(by).max() <= SAME_DB)
 
 
 def _lead(by: F64) -> float:
     """How far a state that is better by this, view by view, is from a fall, dB; below 0 it is."""
-    return float(by.mean() + FALL - DOUBT * by.std() / math.sqrt(JUDGES))
+    return float(by.mean() + FALL_DB - N_STANDARD_ERRORS * by.std() / math.sqrt(N_JUDGING))
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,6 +156,6 @@ class Draft:
     @cached_property
     def _few(self) -> tuple[Views, Views]:
         """Views that judge first, and the others."""
-        few = self.views.fewer(FEW) if self.n_splats > MANY else self.views
+        few = self.views.fewer(N_JUDGING_FIRST) if self.n_splats > ALL_JUDGE_UP_TO else self.views
         others = [camera for camera in self.views.cameras if camera not in few.cameras]
         return few, replace(self.views, cameras=others, drawn=self.views.drawn)

@@ -26,11 +26,11 @@ from typing import TYPE_CHECKING
 
 from evogs_codec.common.progress import Progress
 from evogs_codec.editing.level_psnr import LevelPsnr, with_level_psnr
+from evogs_codec.encoding.corrections import corrections
 from evogs_codec.encoding.guess import LOW_PSNR
 from evogs_codec.encoding.held_steps import ROOTS, Run, places
 from evogs_codec.encoding.late_level import gains_little
-from evogs_codec.encoding.layers import BETWEEN, N_LAYERS, RATIO, Layering
-from evogs_codec.encoding.mends import mends
+from evogs_codec.encoding.layers import N_LAYERS, PRICE_RATIO, PRICE_RATIO_BETWEEN, Layering
 from evogs_codec.encoding.out_of_reach import TargetMissedError
 from evogs_codec.encoding.settings import SCENE_PRICE
 from evogs_codec.model.splats import SplatParams
@@ -39,7 +39,7 @@ from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.measure import Gauge, without_room
 from evogs_codec.scene.packet_falls import without_falls
 from evogs_codec.scene.request import Request
-from evogs_codec.scene.states import FALL, FEW, SAME, Draft, State
+from evogs_codec.scene.states import FALL_DB, N_JUDGING_FIRST, SAME_DB, Draft, State
 
 if TYPE_CHECKING:
     from evogs_codec.render import Camera, Views
@@ -48,17 +48,18 @@ __all__ = ["steady"]
 
 # dB; all coarse splats look better than level 0 by this at least, and worse than the best state by
 # this at most. Otherwise they are made more exact.
-GAIN = 0.5
+MIN_GAIN_DB = 0.5
 # dB; if coarse splats look worse than what is aimed at by more, a layer comes between. They are not
 # drawn where the slope of the PSNR tells that they look worse, by so many dB more.
-WIDE, UNSURE = 16.0, 3.0
-FINER, LEAST_RATIO = 4.0, 2.0  # of the price of a bit, from a layer to the next
+WIDE_DB, UNSURE_DB = 16.0, 3.0
+FINER_RATIO, MIN_RATIO = 4.0, 2.0  # of the price of a bit, from a layer to the next
 # Price of a bit of coarse splats, times the number of splats: beyond, they show hardly anything.
-COARSEST = 0.2
+MAX_COARSE_PRICE = 0.2
 # dB; a state that one view, or two, find better by this is not drawn in the others.
-BETTER_IN_ONE, BETTER = 1.0, 0.2
-NEAR = 0.1  # of the logarithm of a price of a bit: states at prices this near are not looked at
-TRIES = 8  # streams that are made again, at most
+BETTER_IN_ONE_DB, BETTER_IN_TWO_DB = 1.0, 0.2
+# Of the logarithm of a price of a bit: states at prices this near are not looked at.
+SAME_PRICE = 0.1
+MAX_TRIES = 8  # streams that are made again, at most
 
 
 def steady(found: FoundStream, request: Request) -> FoundStream:
@@ -90,16 +91,16 @@ def _warn_of_span(made: FoundStream, request: Request) -> None:
 def _steadied(found: FoundStream, views: Views, request: Request) -> FoundStream:
     """The stream without falls, made."""
     may_be_late = request.layers is None and not request.polish
-    mending = _Mending(views, request.progress, may_be_late, found.layering)
+    steadying = _Steadying(views, request.progress, may_be_late, found.layering)
     met = found  # the last that is known to meet a target, or else the first
     is_guess = found.has_target
     if is_guess:
-        found = mending.begun(found)
+        found = steadying.begun(found)
         if not _is_coarse(found):
             found, is_guess = found.nearer(), False
     try:
-        for _ in range(TRIES):
-            again = mending.mended(found)
+        for _ in range(MAX_TRIES):
+            again = steadying.steadied(found)
             if again is None and is_guess:
                 before, found, is_guess = found, found.nearer(), False
                 if not _is_near(found, before):
@@ -130,11 +131,11 @@ def _is_near(one: FoundStream, other: FoundStream) -> bool:
     """Whether their coarse levels are nearly the same."""
     assert one.price is not None, "both are by views"
     assert other.price is not None, "both are by views"
-    return abs(math.log(one.price / other.price)) <= NEAR
+    return abs(math.log(one.price / other.price)) <= SAME_PRICE
 
 
 @dataclass
-class _Mending:
+class _Steadying:
     """Streams made again because a state looks worse than one before it.
 
     Attributes:
@@ -167,19 +168,19 @@ class _Mending:
         is_wide = self._is_surely_wide(found)
         if not is_wide:
             before, coarse = self._draft(found).last_two()
-            is_wide = found.psnr is not None and found.psnr >= coarse + WIDE
+            is_wide = found.psnr is not None and found.psnr >= coarse + WIDE_DB
         if is_wide and found.tree.palette is None:
-            layering = Layering(N_LAYERS + 1, is_late=True, between=BETWEEN)
+            layering = Layering(N_LAYERS + 1, is_late=True, between=PRICE_RATIO_BETWEEN)
             other = found.holding((), layering)
-            if not _falls_late(other, self.views.fewer(FEW)):
+            if not _falls_late(other, self.views.fewer(N_JUDGING_FIRST)):
                 self.layering = layering
                 return other
         if math.isnan(coarse):
             before, coarse = self._draft(found).last_two()
         return self._late(found) if gains_little(coarse - before) else found
 
-    def mended(self, found: FoundStream) -> FoundStream | None:
-        """With finer coarse splats, or with steps held back; None if there is nothing to mend.
+    def steadied(self, found: FoundStream) -> FoundStream | None:
+        """With finer coarse splats, or with steps held back; None if it needs neither.
 
         With a target coarse splats are finer first: its price of a bit may be so high that coarse
         steps make levels fall, and to hold them back takes more bytes. They are finer still while
@@ -198,12 +199,14 @@ class _Mending:
             return self._late(found)
         states = draft.states(self.progress)
         assert found.encoder is not None, "it is by views"
-        some_mends = set() if self.before else _places_of_mends(found.encoder.prepared.tiles)
-        runs, is_coarse = _runs(states, some_mends)
-        added, ratio = _added_by_last(states), self.layering.ratio / FINER
-        if found.has_target and added <= 0 and ratio / FINER >= LEAST_RATIO:
-            ratio /= FINER
-        if is_coarse and found.is_layered and ratio >= LEAST_RATIO:
+        at_corrections = (
+            set() if self.before else _places_of_corrections(found.encoder.prepared.tiles)
+        )
+        runs, is_coarse = _runs(states, at_corrections)
+        added, ratio = _added_by_last(states), self.layering.ratio / FINER_RATIO
+        if found.has_target and added <= 0 and ratio / FINER_RATIO >= MIN_RATIO:
+            ratio /= FINER_RATIO
+        if is_coarse and found.is_layered and ratio >= MIN_RATIO:
             self.layering = replace(self.layering, ratio=ratio)
             return found.holding((), self.layering)
         falls = len(states) > 1 and not states[-1].keeps_up_with(states[0])
@@ -214,8 +217,8 @@ class _Mending:
             return self._late(found)
         if not runs or runs == self.before:  # these could not be held back
             return None
-        shows_little = self.layering.ratio == RATIO or added < GAIN
-        if found.has_target and found.is_layered and shows_little and ratio >= LEAST_RATIO:
+        shows_little = self.layering.ratio == PRICE_RATIO or added < MIN_GAIN_DB
+        if found.has_target and found.is_layered and shows_little and ratio >= MIN_RATIO:
             self.layering = replace(self.layering, ratio=ratio)
             return found.holding((), self.layering)
         self.before = runs
@@ -230,15 +233,15 @@ class _Mending:
         if found.psnr is None or found.encoder is None or found.encoder.guess is None:
             return False
         wide = -found.encoder.guess.slope * math.log(self.layering.ratio)
-        return wide >= WIDE + UNSURE and found.psnr - wide >= LOW_PSNR
+        return wide >= WIDE_DB + UNSURE_DB and found.psnr - wide >= LOW_PSNR
 
     def _with_ratio_of_use(self, found: FoundStream) -> FoundStream | None:
         """With coarse splats so fine that they show something; None if they are."""
         ratio, price = self.layering.ratio, found.price
         assert price is not None, "it is by views"
-        most = COARSEST / max(found.tree.n_leaves, 1) / price
-        while found.is_layered and ratio > most and ratio / FINER >= LEAST_RATIO:
-            ratio /= FINER
+        most = MAX_COARSE_PRICE / max(found.tree.n_leaves, 1) / price
+        while found.is_layered and ratio > most and ratio / FINER_RATIO >= MIN_RATIO:
+            ratio /= FINER_RATIO
         if ratio == self.layering.ratio:
             return None
         self.layering = replace(self.layering, ratio=ratio)
@@ -274,11 +277,11 @@ def _falls_late(found: FoundStream, views: Views) -> bool:
             best = state
             continue
         by = state.lead(best, one)
-        if by < BETTER_IN_ONE:
+        if by < BETTER_IN_ONE_DB:
             by = (by + state.lead(best, other)) / 2
-            if by < BETTER:
+            if by < BETTER_IN_TWO_DB:
                 by = state.lead(best, views)
-        if by < -FALL:
+        if by < -FALL_DB:
             return True
         if by > 0:
             best = state
@@ -311,28 +314,28 @@ def _two_of(views: Views) -> tuple[Views, Views]:
     return replace(views, cameras=[one]), replace(views, cameras=[other])
 
 
-def _places_of_mends(tiles: Sequence[EvolutionTree]) -> set[tuple[int, int]]:
-    """Levels and steps of them that are mends in some tile."""
+def _places_of_corrections(tiles: Sequence[EvolutionTree]) -> set[tuple[int, int]]:
+    """Levels and steps of them that are corrections in some tile."""
     found: set[tuple[int, int]] = set()
     for tile in tiles:
-        pairs = zip(places(tile), mends(tile), strict=True)
-        found.update(place for place, is_mend in pairs if is_mend)
+        pairs = zip(places(tile), corrections(tile), strict=True)
+        found.update(place for place, is_correction in pairs if is_correction)
     return found
 
 
-def _runs(states: Sequence[State], some_mends: set[tuple[int, int]]) -> tuple[list[Run], bool]:
+def _runs(states: Sequence[State], at_corrections: set[tuple[int, int]]) -> tuple[list[Run], bool]:
     """Which steps are to be held back, and whether coarse splats are too coarse for that to do.
 
-    Once one of these mends is, later ones are if they look worse at all: with it they would add up
-    to a fall.
+    Once one of the steps `at_corrections` is, later ones there are if they look worse at all: with
+    it they would add up to a fall.
     """
     if len(states) < 2:
         return [], False
     last = states[-1]
     good, best, is_one_held = [0], states[0], False
     for k, state in enumerate(states[1:-1], start=1):
-        if state.place in some_mends and (
-            state.mean < best.mean - SAME if is_one_held else state.seems_to_fall_after(best)
+        if state.place in at_corrections and (
+            state.mean < best.mean - SAME_DB if is_one_held else state.seems_to_fall_after(best)
         ):
             is_one_held = True
             continue
@@ -341,7 +344,7 @@ def _runs(states: Sequence[State], some_mends: set[tuple[int, int]]) -> tuple[li
             best = max(best, state, key=lambda state: state.mean)
     good.append(len(states) - 1)
     most = max(state.mean for state in states)
-    return _between(states, good), last.mean < max(states[0].mean + GAIN, most - GAIN)
+    return _between(states, good), last.mean < max(states[0].mean + MIN_GAIN_DB, most - MIN_GAIN_DB)
 
 
 def _added_by_last(states: Sequence[State]) -> float:

@@ -23,11 +23,12 @@ from evogs_codec.stores.urls import Url
 
 __all__ = ["RemoteFile"]
 
-FIRST = 1 << 15  # bytes that are always fetched: small directories are in them
-GAP = 1 << 14  # bytes between two ranges that take less time than another request
-PIECE = 8 << 20  # bytes of a request
+FIRST_BYTES = 1 << 15  # bytes that are always fetched: small directories are in them
+MAX_GAP = 1 << 14  # bytes between two ranges that take less time than another request
+PIECE_BYTES = 8 << 20  # bytes of a request
 N_REQUESTS = 8  # at a time
-TRIES = 3  # of a piece; obstore repeats requests, and the rest of a body where an ETag allows it
+# Of a piece; obstore repeats requests, and the rest of a body where an ETag allows it.
+MAX_TRIES = 3
 
 
 class RemoteFile:
@@ -111,7 +112,7 @@ class RemoteFile:
         Raises:
             OSError: they cannot be read, or the scratch file cannot hold them.
         """
-        wanted = merged(((max(begin, 0), min(end, self.size)) for begin, end in ranges), GAP)
+        wanted = merged(((max(begin, 0), min(end, self.size)) for begin, end in ranges), MAX_GAP)
         missing = without(wanted, self._have)
         if missing and self._stream is not None:
             apart(partial(self._read_on, missing[-1][1], progress))
@@ -135,7 +136,7 @@ class RemoteFile:
     def _begin(self) -> bool:
         """Get the version of the file, and first bytes with it; whether ranges are ignored."""
         try:
-            answer = self._client.get(0, FIRST)
+            answer = self._client.get(0, FIRST_BYTES)
         except RangesIgnoredError:
             self._version = self._begin_stream()
             return True
@@ -153,7 +154,7 @@ class RemoteFile:
         """These ranges, some of them at a time."""
         goal, n_come = length(missing), 0
         self._check_disk(goal)
-        for part in each_apart(self._fetch_piece, pieces(missing, PIECE), N_REQUESTS):
+        for part in each_apart(self._fetch_piece, pieces(missing, PIECE_BYTES), N_REQUESTS):
             self._have = merged([*self._have, part])
             n_come += part[1] - part[0]
             progress("fetch", n_come / goal)
@@ -175,7 +176,7 @@ class RemoteFile:
 
     def _copy_retrying(self, part: Range, answer: Answer) -> None:
         """Copy an answer; ask again where it breaks off."""
-        for n_left in reversed(range(TRIES)):
+        for n_left in reversed(range(MAX_TRIES)):
             try:
                 self._copy(part, answer)
             except _BrokenError as broken:
@@ -208,7 +209,7 @@ class RemoteFile:
 
     def _read_on(self, end: int, progress: Progress) -> None:
         """Read up to byte `end`, or a little further; from the begin again where that breaks."""
-        for n_left in reversed(range(TRIES)):
+        for n_left in reversed(range(MAX_TRIES)):
             try:
                 self._read_stream(end, progress)
             except _BrokenError as broken:

@@ -17,10 +17,10 @@ __all__ = ["Box", "covered", "size_of"]
 
 Point: TypeAlias = "tuple[float, float, float]"
 
-LEAST_OPACITY = 1 / 255  # below, a renderer draws nothing
+MIN_OPACITY = 1 / 255  # below, a renderer draws nothing
 SIGMAS = math.sqrt(2 * math.log(255))  # 3.33: beyond, an opaque splat is below the least opacity
-LARGEST = 80.0  # of a log-scale that is taken as it is
-OF_SIZES = 90  # percentile: the size of the splats that a level merges
+MAX_LOG_SCALE = 80.0  # of a log-scale that is taken as it is
+SIZE_PERCENTILE = 90  # percentile: the size of the splats that a level merges
 BLOCK = 1 << 16  # splats at a time
 ROUNDING = 2.0**-12  # of its width is a box larger, so that its numbers are short
 
@@ -94,12 +94,12 @@ def size_of(splats: SplatParams) -> float:
     shown = splats.take(_is_shown(splats))
     if not len(shown):
         return 0.0
-    largest = np.minimum(shown.log_scales.max(axis=1), LARGEST)
-    return float(np.exp(np.percentile(largest.astype(np.float64), OF_SIZES)))
+    largest = np.minimum(shown.log_scales.max(axis=1), MAX_LOG_SCALE)
+    return float(np.exp(np.percentile(largest.astype(np.float64), SIZE_PERCENTILE)))
 
 
 def _is_shown(splats: SplatParams) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    least = math.log(LEAST_OPACITY / (1 - LEAST_OPACITY))
+    least = math.log(MIN_OPACITY / (1 - MIN_OPACITY))
     found: np.ndarray[tuple[int], np.dtype[np.bool_]] = splats.opacity_logits >= least
     return found
 
@@ -115,6 +115,6 @@ def _deviations(splats: SplatParams) -> F64:
         (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
         (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
     )
-    s = np.exp(np.minimum(splats.log_scales.astype(np.float64), LARGEST)).T
+    s = np.exp(np.minimum(splats.log_scales.astype(np.float64), MAX_LOG_SCALE)).T
     out = [np.sqrt(sum(np.square(a * b) for a, b in zip(row, s, strict=True))) for row in rows]
     return np.stack(out, axis=1)

@@ -18,7 +18,7 @@ from evogs_codec.tileset.boxes import Box
 __all__ = ["Node", "nodes_of"]
 
 FANOUT = 8
-MOST = 16  # children
+MAX_CHILDREN = 16  # children
 
 
 @dataclass(eq=False)
@@ -103,7 +103,7 @@ def _node(leaves: _Leaves, at: int, name: str) -> Node:
         most *= FANOUT
     most = 1 if leaves.n_files[at] <= FANOUT else most
     found = leaves.below(at)
-    while len(found) < MOST:
+    while len(found) < MAX_CHILDREN:
         largest = max(range(len(found)), key=lambda k: (leaves.n_files[found[k]], -k))
         if leaves.n_files[found[largest]] <= most:
             break

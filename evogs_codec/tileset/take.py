@@ -26,7 +26,7 @@ from evogs_codec.tileset.read import Tile, Tileset
 
 __all__ = ["Taken", "chosen_tiles", "take"]
 
-OF_SIZE = 0.1  # of the size of its splats may float32 move one
+MOVED_OF_SIZE = 0.1  # of the size of its splats may float32 move one
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,7 +201,7 @@ def _joined(parts: list[_Part], found: list[SplatParams]) -> tuple[SplatParams, 
     sizes = [np.median(s.log_scales.mean(axis=1)) for s in found if len(s)]
     size = float(np.exp(np.clip(min(sizes, default=0.0), -80, 80)))
     middle = np.zeros(3)
-    if float(np.spacing(np.float32(min(furthest, 1e38)))) / 2 > OF_SIZE * size:
+    if float(np.spacing(np.float32(min(furthest, 1e38)))) / 2 > MOVED_OF_SIZE * size:
         middle = np.rint(origins.mean(axis=0))
     rows = []
     for splats, origin in zip(found, origins, strict=True):

@@ -47,14 +47,14 @@ from evogs_codec.tileset.nodes import Node, nodes_of
 if TYPE_CHECKING:
     from evogs_codec.render import Up
 
-__all__ = ["LEVELS", "TilesetOptions", "Written", "check_folder", "write_tileset"]
+__all__ = ["N_LEVELS", "TilesetOptions", "Written", "check_folder", "write_tileset"]
 
 PER_FILE = 1 << 19  # splats
 OVERVIEW = 1 << 17
-LEVELS = 6  # of a file: overviews are made of the coarse ones
+N_LEVELS = 6  # of a file: overviews are made of the coarse ones
 ENDING = ".evogs"
 CRS = re.compile(r"EPSG:\d{1,10}$|[A-Za-z]\w*\[")  # WKT is a word with brackets
-FALL = 1.25  # the error of a parent is at least so many times that of a child
+ERROR_RATIO = 1.25  # the error of a parent is at least so many times that of a child
 METRES = {"metre": 1.0, "centimetre": 0.01, "millimetre": 0.001, "foot": 0.3048, "inch": 0.0254}
 
 
@@ -75,7 +75,7 @@ class TilesetOptions:
 
     per_file: int = PER_FILE
     overview: int = OVERVIEW
-    job: JobOptions = field(default_factory=lambda: JobOptions(levels=LEVELS))
+    job: JobOptions = field(default_factory=lambda: JobOptions(levels=N_LEVELS))
     crs: str | None = None
     transform: tuple[float, ...] | None = None
     content: Literal["evogs", "glb"] = "evogs"
@@ -288,7 +288,7 @@ class _Run:
         boxes += [child.box.moved(child.origin - node.origin) for child in node.children]
         node.box = Box.around(boxes).rounded()
         if node.children:
-            least = max(FALL * child.error for child in node.children)
+            least = max(ERROR_RATIO * child.error for child in node.children)
             node.error = max(made.size, least, 1e-9 * node.box.diagonal)
 
     def _content(self, node: Node) -> Path:

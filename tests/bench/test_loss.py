@@ -72,7 +72,7 @@ def test_the_loss_is_what_the_dedicated_stream_has_above_the_prefix(losses, subj
 
 def test_trained_trees_aim_at_the_default_of_trees(monkeypatch):
     monkeypatch.setattr(loss, "TREE_PSNR", 40.0)
-    monkeypatch.setattr(guess, "MISSED_BY", 4.0)  # of few splats a search is long
+    monkeypatch.setattr(guess, "PSNR_SLACK", 4.0)  # of few splats a search is long
     monkeypatch.setattr(loss, "LAYERS", (1,))
     names = [stream.name for stream in loss._streams(small("trained"))]
     assert names == ["preset", "default", "--target-psnr 40 --layers 1"]
@@ -81,7 +81,7 @@ def test_trained_trees_aim_at_the_default_of_trees(monkeypatch):
 def test_a_stream_that_misses_its_target_is_left_out(monkeypatch, capsys):
     monkeypatch.setattr(loss, "TREE_PSNR", 1000.0)
     monkeypatch.setattr(loss, "LAYERS", (2,))
-    monkeypatch.setattr(search, "MOST_TRIES", 2)
+    monkeypatch.setattr(search, "MAX_TRIES", 2)
     names = [stream.name for stream in loss._streams(small("trained"))]
     assert names == ["preset", "default"]
     assert "left out: 1000 dB cannot be met" in capsys.readouterr().err

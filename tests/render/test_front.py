@@ -47,7 +47,7 @@ def test_the_shipped_scene_is_seen_from_its_front():
 def test_a_large_scene_is_judged_by_the_splats_that_cover_most(monkeypatch):
     scene = wall(1)
     plain = most_detailed(scene, cameras_around(scene, "z"))
-    monkeypatch.setattr(module, "MOST_SPLATS", 1152)
+    monkeypatch.setattr(module, "MAX_SPLATS", 1152)
     dust = wall(-1)
     small = SplatParams(
         dust.means * 0.9, dust.quats, dust.log_scales - 6, dust.opacity_logits, dust.sh

@@ -59,7 +59,7 @@ def stream(layers, decibels=40.0):
 def many(layers=3):
     """A tree whose layers have several steps each, and its stream."""
     tree = lift(make_scene(2500), N_LEVELS)
-    with patch("evogs_codec.encoding.layer_parts.LEAST_LEAVES", 512):
+    with patch("evogs_codec.encoding.layer_parts.MIN_LEAVES", 512):
         return tree, at_a_price(tree, layers)
 
 
@@ -76,7 +76,7 @@ def all_ones(splats):
 def layered(tree, n_layers, n_tiles=1):
     tiles = arrange(tree, n_tiles)
     importance = Importance.of(tiles, tree.n_levels, all_ones)
-    with patch("evogs_codec.encoding.layer_parts.LEAST_LEAVES", 512):
+    with patch("evogs_codec.encoding.layer_parts.MIN_LEAVES", 512):
         found = Layered.of(tiles, tree.n_levels, importance, Layering(n_layers))
         assert len(found.of_tiles) == len(tiles)  # made here
         return tiles, found

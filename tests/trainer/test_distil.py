@@ -67,16 +67,16 @@ def test_levels_have_as_many_splats_as_before():
         assert len(distilled().tree.leaves(level)) == len(lifted().leaves(level))
 
 
-def test_a_tenth_of_the_pairs_is_mended_that_lifting_has_not_mended():
+def test_a_tenth_of_the_pairs_is_corrected_that_lifting_has_not_corrected():
     steps = distilled().tree.steps
     splits = [step for step in steps[1:] if (step.kinds == Kind.SPLIT).all()]
     refines = [step for step in steps[1:] if (step.kinds == Kind.REFINE).all()]
     for split, refine in zip(splits, refines, strict=True):
         n = len(split.slots)
-        n_mended = np.count_nonzero(split.alpha[2] == OFF_LINE)
-        assert n / 10 - 1 < n_mended < n / 4
+        n_corrected = np.count_nonzero(split.alpha[2] == OFF_LINE)
+        assert n / 10 - 1 < n_corrected < n / 4
         n_hidden = np.count_nonzero((alpha_of(split)[2:4] == OFF_LINE).all(axis=0))
-        assert len(refine.slots) == n_mended + n_hidden  # C2, and C1 where it was hidden
+        assert len(refine.slots) == n_corrected + n_hidden  # C2, and C1 where it was hidden
         assert refine.psi[SCALE].any(axis=0).all()
         if not n_hidden:
             assert not refine.psi[10:].any()

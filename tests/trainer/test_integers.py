@@ -104,7 +104,7 @@ def test_a_base_in_integers_keeps_them():
 
 
 def test_integers_of_finished_levels_are_found_again():
-    """By the codec, when it rounds the next level: else that would mend what is not wrong."""
+    """By the codec, when it rounds the next level: else that would correct what is not wrong."""
     config = tiny.config(
         iterations=(40, 40, 40), max_splats=(30, 60, 120), integers=Integers(0.3, distortion=1e-3)
     )
@@ -164,7 +164,7 @@ def quality(splats, data):
     return float(np.mean([psnr(picture, image) for picture, image in drawn]))
 
 
-def test_training_mends_what_rounding_lost():
+def test_training_corrects_what_rounding_lost():
     tree = trained(integers=Integers())
     model, data = begun(tree, distortion=0.02)
     before, rates = model.splats(0).params(), Integers(0.5).rates(PRESETS["quick"].rates)

@@ -24,8 +24,8 @@ from evogs_codec import (
     read_tree,
     with_palette,
 )
-from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
-from evogs_codec.encoding.missed import MEASURING
+from evogs_codec.encoding.error_factors import N_MEASURING_VIEWS
+from evogs_codec.encoding.measured_gains import N_ORDERING_VIEWS
 from evogs_codec.encoding.targets import TargetEncoder
 from evogs_codec.lifting.lift import Lifted, default_levels
 from evogs_codec.render import (
@@ -125,7 +125,7 @@ class Subject:
     @cached_property
     def stream(self) -> bytes:
         """Of the preset, in the order that the command line gives it."""
-        every = -(-len(self.views.cameras) // ORDERING_VIEWS)
+        every = -(-len(self.views.cameras) // N_ORDERING_VIEWS)
         few = replace(self.views, cameras=self.views.cameras[::every])
         return encode(self.best, self.settings, views=few)
 
@@ -177,7 +177,7 @@ def aim_of(
         settings,
         views,
         ordering=ordering,
-        measuring=views.fewer(MEASURING),
+        measuring=views.fewer(N_MEASURING_VIEWS),
         layers=layers,
         polish=polish,
     )

@@ -31,11 +31,11 @@ __all__ = ["apply_compiled", "kernels_for", "loaded_kernels"]
 MIN_COMPILED = 1_000  # slots below which either takes a few ms
 # Loading it takes 0.5 s. With 8 MB of packets a process that decodes one stream saves as much; a
 # slot counts as 4 bytes, since 2 million slots may come in very few.
-LOADING = 8_000  # bytes, for each of MIN_COMPILED
+BYTES_WORTH_LOADING = 8_000  # bytes, for each of MIN_COMPILED
 # Slots after which a process may well decode more. A process that has loaded numba for something
 # else, as the renderer, takes 0.1 s.
-OFTEN, OFTEN_WITH_NUMBA = 50_000, 5_000
-SLOT = 4  # bytes
+SLOTS_OF_MANY, SLOTS_OF_MANY_WITH_NUMBA = 50_000, 5_000
+SLOT_BYTES = 4  # bytes
 KERNELS = "evogs_codec.decoding.compiled.channels"
 MAX_PLANES = 16 << 20  # bytes of planes that are decompressed at a time, if packets allow
 # Of core, each SH band and picks.
@@ -55,9 +55,9 @@ def kernels_for(n_slots: int, n_bytes: int) -> ModuleType | None:
     global _n_decoded
     if n_slots < MIN_COMPILED:
         return None
-    often = OFTEN_WITH_NUMBA if "numba" in sys.modules else OFTEN
+    often = SLOTS_OF_MANY_WITH_NUMBA if "numba" in sys.modules else SLOTS_OF_MANY
     is_first, _n_decoded = _n_decoded < often, _n_decoded + n_slots
-    is_small = n_bytes + SLOT * n_slots < LOADING * MIN_COMPILED
+    is_small = n_bytes + SLOT_BYTES * n_slots < BYTES_WORTH_LOADING * MIN_COMPILED
     if is_first and is_small and loaded_kernels(n_slots) is None:
         return None
     try:

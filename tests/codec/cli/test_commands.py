@@ -19,7 +19,7 @@ from evogs_codec import (
 )
 from evogs_codec.cli import commands
 from evogs_codec.editing.level_psnr import with_level_psnr
-from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
+from evogs_codec.encoding.measured_gains import N_ORDERING_VIEWS
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.views import Views
 from tests.support import damage
@@ -348,7 +348,7 @@ def test_a_stream_from_the_library_and_from_the_command_are_the_same(evogs, made
     tree = damage.random_tree(20, 3, 1)
     evogs("encode", made / "x.tree.npz", tmp_path / "x.evogs", "--preset", "trained")
     info = SceneInfo(text={"generator": evogs("--version")[1].strip()})
-    views = Views.of(tree.leaves(), n_views=ORDERING_VIEWS)
+    views = Views.of(tree.leaves(), n_views=N_ORDERING_VIEWS)
     plain = encode(tree, PRESETS["trained"], info=info, views=views)
     known = level_psnr(read_directory(tmp_path / "x.evogs"))
     assert known is not None

@@ -71,7 +71,7 @@ def test_a_scene_of_the_web_is_encoded_to_an_object(evogs, made, store, scratch,
 def test_a_region_of_an_object_is_decoded_by_its_ranges(
     evogs, store, scratch, tiled, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(remote_file, "GAP", 0)
+    monkeypatch.setattr(remote_file, "MAX_GAP", 0)
     store["tiled.evogs"] = tiled
     (tmp_path / "tiled.evogs").write_bytes(tiled)
     options = ["--box", -20, -20, -20, 0, 0, 20, "--level", 2]

@@ -112,7 +112,7 @@ def test_splats_of_one_place_are_told_apart_by_the_rest(scene):
 
 
 def test_of_many_splats_some_are_compared(scene, monkeypatch):
-    monkeypatch.setattr(module, "MOST", 100)
+    monkeypatch.setattr(module, "MAX_COMPARED", 100)
     errors, _ = found(scene, scene)
     assert (errors.matching, errors.n_compared) == (
         "same count and order, 100 of 500 splats",

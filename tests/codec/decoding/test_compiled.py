@@ -45,8 +45,8 @@ def test_compiled_loops_are_loaded_for_a_large_stream_or_the_second_of_a_process
     assert found((some, 0), (some - 1, 1 << 30)) == [kernels, None]  # somebody loaded them
     monkeypatch.delitem(sys.modules, dispatch.KERNELS)
     assert dispatch.loaded_kernels(some) is None
-    for n in (dispatch.OFTEN_WITH_NUMBA, dispatch.OFTEN):  # numba is loaded here
-        monkeypatch.setattr(dispatch, "OFTEN_WITH_NUMBA", n)
+    for n in (dispatch.SLOTS_OF_MANY_WITH_NUMBA, dispatch.SLOTS_OF_MANY):  # numba is loaded here
+        monkeypatch.setattr(dispatch, "SLOTS_OF_MANY_WITH_NUMBA", n)
         assert found((some - 1, 1 << 30), (n, 0), (some, 0)) == [None, None, kernels]
         assert found(*[(n // 2, 0)] * 3) == [None, None, kernels]
         assert found((n, 8 << 20)) == found((2_000_000, 0)) == [kernels]

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from evogs_codec.encoding.few_views import EVERY, SURE, FewViews
+from evogs_codec.encoding.few_views import EVERY, N_DEVIATIONS_IN_SEARCH, FewViews
 from evogs_codec.encoding.pictures import Divisible
 from evogs_codec.encoding.search import Goal
 
@@ -65,7 +65,7 @@ def test_all_views_judge_what_may_be_wanted():
     odd = np.zeros(N)
     odd[0] = 5.0
     by = np.array([5.0, 0, 0, 0, 0])
-    assert abs(2.0 + by.mean() - 3.0) < 0.2 + SURE * by.std()
+    assert abs(2.0 + by.mean() - 3.0) < 0.2 + N_DEVIATIONS_IN_SEARCH * by.std()
     assert few.psnr(splats(2.0, odd)) == pytest.approx(42 + 5 / N)
     assert views.n_drawn == [3 * N]
 

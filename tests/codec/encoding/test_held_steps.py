@@ -12,8 +12,8 @@ pytest.importorskip("numba", reason="the rasterizer is compiled")
 
 from evogs_codec import lift
 from evogs_codec.encoding.arrange import arrange
+from evogs_codec.encoding.corrections import corrections
 from evogs_codec.encoding.held_steps import ROOTS, Run, held
-from evogs_codec.encoding.mends import mends
 from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.lifting.lift import lift_with_order
 from evogs_codec.lifting.shared_sh import with_palette
@@ -117,14 +117,14 @@ def test_pictures_stay_as_they_were_until_the_last_step_of_a_run(run):
     assert weights_of_last.targets.shape[1] == len(last.slots)
 
 
-def test_of_a_run_that_begins_with_a_mend_only_what_it_mends_waits_for_the_next_level():
+def test_of_a_run_that_begins_with_a_correction_only_what_it_corrects_waits_for_the_next_level():
     tile, weights = tile_and_weights(lift(SPLATS))
-    begin = mends(tile).index(True)
+    begin = corrections(tile).index(True)
     level = tile.steps[begin].level
     place = level, sum(step.level == level for step in tile.steps[:begin])
     end = 1 + next(k for k, step in enumerate(tile.steps) if step.level > level)
     found, own = held(tile, weights, [Run(place, place)])
-    assert len(found.steps) == len(tile.steps)  # without the mend, and with a refine
+    assert len(found.steps) == len(tile.steps)  # without the correction, and with a refine
     assert all(weights_of is not None for weights_of in own)
 
     born_from, _ = tile.lineage()

@@ -182,7 +182,7 @@ def test_drops_of_a_late_level_come_with_the_room():
 def test_a_stream_far_better_than_its_coarse_splats_has_a_layer_between(monkeypatch):
     refined = {}  # splats that the last level of the tree refines
     for wide in (-np.inf, np.inf):
-        monkeypatch.setattr(steady, "WIDE", wide)
+        monkeypatch.setattr(steady, "WIDE_DB", wide)
         for layers in (None, 2):
             data = encode_tree(TREE, target_psnr=50, cameras=VIEWS.cameras, layers=layers)
             assert abs(VIEWS.psnr(decode(data).leaves(sh_degree=3)) - 50) < 0.5
@@ -228,8 +228,8 @@ def test_a_last_level_that_looks_hardly_better_is_late(monkeypatch):
 
 @pytest.mark.thorough
 def test_the_order_of_a_scene_is_that_of_a_stream_whose_last_level_is_late(monkeypatch):
-    monkeypatch.setattr("evogs_codec.encoding.late_level.LATE", np.inf)
-    monkeypatch.setattr("evogs_codec.encoding.layer_parts.LEAST_LEAVES", 150)
+    monkeypatch.setattr("evogs_codec.encoding.late_level.LATE_GAIN_DB", np.inf)
+    monkeypatch.setattr("evogs_codec.encoding.layer_parts.MIN_LEAVES", 150)
     found = encode_scene_with_order(SPLATS, levels=LAST + 1, cameras=VIEWS.cameras, effort=1)
     assert read_directory(found.data).n_levels == LAST + 1
     assert sorted(found.leaf_order) == list(range(len(SPLATS)))
@@ -245,8 +245,8 @@ def test_the_order_of_a_scene_is_that_of_a_stream_whose_last_level_is_late(monke
 
 @pytest.mark.thorough
 def test_the_order_of_a_tree_is_that_of_a_stream_whose_last_level_is_late(monkeypatch):
-    monkeypatch.setattr("evogs_codec.encoding.late_level.LATE", np.inf)
-    monkeypatch.setattr("evogs_codec.encoding.layer_parts.LEAST_LEAVES", 150)
+    monkeypatch.setattr("evogs_codec.encoding.late_level.LATE_GAIN_DB", np.inf)
+    monkeypatch.setattr("evogs_codec.encoding.layer_parts.MIN_LEAVES", 150)
     found = encode_tree_with_order(TREE, target_psnr=40, cameras=VIEWS.cameras, effort=1)
     assert found.orders is not None
     leaves = TREE.leaves()

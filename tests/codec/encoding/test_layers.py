@@ -24,10 +24,10 @@ from evogs_codec.editing.read_tree import read_coded_tree
 from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.layer_parts import parts_of_leaves
 from evogs_codec.encoding.layers import (
-    EVEN,
-    FINER,
+    EVENING_POWER,
+    FINER_SHARED,
     MAX_LAYERS,
-    RATIO,
+    PRICE_RATIO,
     Layered,
     Layering,
 )
@@ -136,7 +136,7 @@ def test_late_levels_of_streams_of_many_tiles_or_layers_have_fewer_parts(
     monkeypatch, n_elsewhere, n_layers, n_parts
 ):
     tiles, found = layered(many()[0], 2)
-    for name in ("LEAST_LEAVES", "FAMILY"):
+    for name in ("MIN_LEAVES", "MIN_FAMILY"):
         monkeypatch.setattr(f"evogs_codec.encoding.layer_parts.{name}", 16)
     layering = Layering(n_layers, is_late=True)
     late = Layered(tiles, N_LEVELS - 1, found.importance, layering, n_elsewhere)
@@ -159,7 +159,7 @@ def test_the_most_important_leaves_are_refined_first(monkeypatch, seed):
     shape = found.importance.leaves[0].shape
     weights = np.random.default_rng(seed).lognormal(sigma=3, size=shape).astype(np.float32)
     importance = replace(found.importance, leaves=[weights])
-    monkeypatch.setattr("evogs_codec.encoding.layer_parts.LEAST_LEAVES", 256)
+    monkeypatch.setattr("evogs_codec.encoding.layer_parts.MIN_LEAVES", 256)
     again = Layered.of(arrange(many()[0], 1), N_LEVELS, importance, Layering(2))
     of_leaves = (weights / weights.mean(axis=1, keepdims=True)).mean(axis=0)
     of_parts = [of_leaves[part].mean() for part in again.of_tiles[0].leaves]
@@ -178,9 +178,9 @@ def test_steps_of_layers_divide_those_of_the_tree_by_odd_numbers(price):
     np.testing.assert_allclose(ratios, np.rint(ratios))
     assert (np.rint(ratios) % 2 == 1).all()
     assert (np.diff(ratios, axis=0) >= 0).all()
-    wanted = importance.steps_of_leaves(price, 1.0) / FINER
+    wanted = importance.steps_of_leaves(price, 1.0) / FINER_SHARED
     np.testing.assert_allclose(table[-1], wanted)
-    coarse = importance.steps(price * RATIO ** (MAX_LAYERS - 1), 1.0)[N_LEVELS]
+    coarse = importance.steps(price * PRICE_RATIO ** (MAX_LAYERS - 1), 1.0)[N_LEVELS]
     assert np.all(np.abs(table[N_LEVELS] / coarse - 1) <= wanted / coarse + 1e-9)
 
 
@@ -198,7 +198,7 @@ def test_layers_between_weigh_leaves_more_alike_than_the_last_with_the_same_mean
     np.testing.assert_allclose(last.targets, weights[:, rows], rtol=1e-5)
     np.testing.assert_allclose(between.targets.mean(1), weights.mean(1) / 10, rtol=1e-3)
     spreads = [np.log(own.targets).std(axis=1) for own in (between, last)]
-    np.testing.assert_allclose(spreads[0], EVEN * spreads[1], rtol=1e-3)
+    np.testing.assert_allclose(spreads[0], EVENING_POWER * spreads[1], rtol=1e-3)
 
 
 def test_one_layer_is_as_if_there_were_none():

@@ -160,18 +160,18 @@ def errors_in_steps(tree: EvolutionTree, settings: Settings) -> list[float]:
 
 
 @pytest.mark.parametrize("kind", [Kind.REFINE, Kind.SPLIT])
-def test_errors_do_not_grow_along_a_chain_where_psi_can_mend_them(kind):
+def test_errors_do_not_grow_along_a_chain_where_psi_can_correct_them(kind):
     # Rounding each psi alone loses the same again and again. With alpha = -1 both children of a
-    # split are P + psi, so that psi can mend the error of P in both.
+    # split are P + psi, so that psi can correct the error of P in both.
     tree = chain(0, 64, kind, psi=lambda k: 0.0002, alpha=lambda k: -1.0, level=1)
     assert max(errors_in_steps(tree, TRAINED)) <= 0.501
     assert errors_in_steps(tree, replace(TRAINED, closed_loop=False))[-1] > 10
 
 
-def test_a_refine_mends_whatever_64_generations_of_splits_left():
+def test_a_refine_corrects_whatever_64_generations_of_splits_left():
     tree = chain(0, 64, Kind.SPLIT, psi=lambda k: 0.0002, alpha=lambda k: 1.0, level=1)
     d, n = n_channels(0), 65
-    mend = Step(
+    correction = Step(
         1,
         np.arange(n, dtype=np.int32),
         np.zeros(n, np.uint8),
@@ -179,8 +179,8 @@ def test_a_refine_mends_whatever_64_generations_of_splits_left():
         np.zeros((5, 0), np.float32),
         np.zeros((d, 0), np.float32),
     )
-    errors = errors_in_steps(EvolutionTree(0, (*tree.steps, mend)), TRAINED)
-    assert max(errors[:-1]) > 10  # C1 + C2 = 2 P: no psi mends the error of P in both
+    errors = errors_in_steps(EvolutionTree(0, (*tree.steps, correction)), TRAINED)
+    assert max(errors[:-1]) > 10  # C1 + C2 = 2 P: no psi corrects the error of P in both
     assert errors[-1] <= 0.501
 
 

@@ -1,4 +1,4 @@
-"""The order of records and packets: legal, the same every time, what mends most first."""
+"""The order of records and packets: legal, the same every time, what gains most first."""
 
 from dataclasses import replace
 
@@ -145,7 +145,7 @@ def distances(tile):
     return np.maximum.accumulate(found[::-1])[::-1]
 
 
-def test_mends_follow_the_splits_they_mend(lifted):
+def test_corrections_follow_the_splits_that_they_correct(lifted):
     (tile,) = arrange(lifted, 1)
     n = 0
     written = np.empty(0)

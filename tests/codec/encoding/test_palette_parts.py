@@ -13,7 +13,7 @@ from evogs_codec import PRESETS, Cut, EvolutionTree, Palette, Step, decode, enco
 from evogs_codec.encoding import palette_entries, palette_parts
 from evogs_codec.encoding.arrange import arrange
 from evogs_codec.encoding.packet_order import highest_picks, packet_order
-from evogs_codec.encoding.palette_entries import FEW, NEVER, STEPS, first_uses
+from evogs_codec.encoding.palette_entries import MAX_STEPS, MIN_OF_PART, NEVER, first_uses
 from evogs_codec.encoding.palette_parts import apart, in_parts
 from evogs_codec.encoding.quantise import quantise
 from evogs_codec.encoding.write import write
@@ -51,10 +51,10 @@ def test_a_large_packet_of_a_palette_comes_in_parts_for_hardly_more_bytes(tree, 
     assert len(rows) > 1
     assert set(rows["level"].tolist()) == {0}
     assert rows["n_adds"].sum() >= 2_990
-    monkeypatch.setattr(palette_parts, "PART", 1.0)
+    monkeypatch.setattr(palette_parts, "MAX_OF_PACKET", 1.0)
     whole = encode(tree, PRESETS["scene"])
     assert len(read_directory(whole).palette_packets) == 1
-    assert len(data) <= (1 + palette_parts.COST) * len(whole)
+    assert len(data) <= (1 + palette_parts.MAX_ADDED) * len(whole)
     decoded = decode(data, verify=True)
     assert oracle.decode(data, check_digests=True).dump() == decoded.dump()
     assert decoded.dump() == decode(whole).dump()
@@ -119,7 +119,7 @@ def test_parts_that_find_no_place_are_not_far_from_their_picks():
     found = apart(order, sizes, packets)
     n_bytes = sum(sizes.values())
     passed = sum(sizes[packet] for packet in found[found.index(PALETTES[0]) :] if packet in packets)
-    assert passed <= (palette_parts.REACH + 0.05) * n_bytes + sizes[packets[-1]]
+    assert passed <= (palette_parts.MAX_PASSED + 0.05) * n_bytes + sizes[packets[-1]]
 
 
 def in_turn(packet):
@@ -171,7 +171,7 @@ def test_the_first_use_of_an_entry_is_a_level_and_a_step():
     uses = first_uses([replace(tile, steps=(*tile.steps, later))], n)
     assert set(uses.tolist()) == {0, 1}
     assert uses.tolist() == sorted(uses.tolist()), "entries are in order of use"
-    assert set(first_uses([replace(tile, steps=(later,))], n).tolist()) == {3 * STEPS, NEVER}
+    assert set(first_uses([replace(tile, steps=(later,))], n).tolist()) == {3 * MAX_STEPS, NEVER}
 
 
 def test_entries_come_before_the_first_step_that_picks_them():
@@ -203,7 +203,7 @@ def test_a_stream_has_entries_behind_picks_of_their_level(monkeypatch):
     prefix = Cut.of_rows(directory, np.arange(first + 1))
     assert prefix.palette < len(directory.palette_packets)
     assert decode(data, prefix).dump() == oracle.decode(data, cut=as_of_oracle(prefix)).dump()
-    monkeypatch.setattr(palette_entries, "FEW", 1 << 20)
+    monkeypatch.setattr(palette_entries, "MIN_OF_PART", 1 << 20)
     assert len(data) <= 1.005 * len(write(coded_steps()))
 
 
@@ -214,7 +214,7 @@ def as_of_oracle(cut):
 
 
 def test_few_entries_of_a_step_are_among_those_of_the_step_before():
-    coded = coded_steps(FEW - 500)
+    coded = coded_steps(MIN_OF_PART - 500)
     assert set(coded.entry_uses.tolist()) == {0}
-    enough = coded_steps(FEW + 500)
+    enough = coded_steps(MIN_OF_PART + 500)
     assert set(enough.entry_uses.tolist()) == {0, 1}

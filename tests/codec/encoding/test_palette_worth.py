@@ -83,7 +83,7 @@ def test_only_one_tree_is_encoded_where_the_estimate_is_sure(splats, right, monk
     both = encoders(splats)
     (found,) = choose._that_pay(both, PRICE)
     assert found.tree is both[right].tree
-    monkeypatch.setattr(choose, "SURE", 1e9)
+    monkeypatch.setattr(choose, "SURE_OF_PSI", 1e9)
     monkeypatch.setattr(choose, "SURE_OF_PICKS", 1e9)
     found, other = choose._that_pay(both, PRICE)
     assert (found.tree, other.tree) == tuple(one.tree for one in both)

@@ -27,7 +27,7 @@ GAPS, KINDS, ALPHAS, PSI, ADDS = 0, 1, range(2, 7), range(7, 21), range(21, 35)
 
 
 def splats(n, degree=0, seed=0):
-    """(D, n) float32, multiples of 2**-12: they are on the grids, so that nothing is mended."""
+    """(D, n) float32, multiples of 2**-12: they are on the grids, so that nothing is corrected."""
     rng = np.random.default_rng(seed)
     return (rng.integers(-4096, 4096, (n_channels(degree), n)) / 4096).astype(np.float32)
 

@@ -52,7 +52,7 @@ def test_a_small_share_of_small_tiles_has_a_family(n_tiles, share):
 
 @pytest.mark.parametrize("layers", [1, 2])
 def test_a_sketch_guesses_bytes_and_psnr(monkeypatch, layers):
-    monkeypatch.setattr(sketch, "LEAST", N // 2)
+    monkeypatch.setattr(sketch, "MIN_LEAVES", N // 2)
     aim = aim_of(layers=layers)
     found = Sketch.of(aim.prepared)
     assert 0.4 < found.share < 0.6
@@ -64,13 +64,13 @@ def test_a_sketch_guesses_bytes_and_psnr(monkeypatch, layers):
 
 
 def test_a_sketch_of_a_tree_with_steps_held_back_has_its_families(monkeypatch):
-    monkeypatch.setattr(sketch, "LEAST", N // 2)
+    monkeypatch.setattr(sketch, "MIN_LEAVES", N // 2)
     held = aim_of(layers=2).holding([Run((1, 0), (2, 0))], Layering(2))
     assert Sketch.of(held.prepared).log_bytes(PRICE) > 0
 
 
 def test_what_meets_a_target_is_not_coded_again(monkeypatch):
-    monkeypatch.setattr(sketch, "LEAST", N // 2)
+    monkeypatch.setattr(sketch, "MIN_LEAVES", N // 2)
     aim = aim_of(layers=2)
     coded = aim.prepared.coded(PRICE)
     target = aim.psnr(aim.written(coded)) + 0.1
@@ -122,7 +122,7 @@ def test_a_sketch_is_made_again_where_its_price_has_moved_far(monkeypatch, targe
 
 @pytest.mark.thorough
 def test_a_search_begins_near_its_target(monkeypatch):
-    monkeypatch.setattr(sketch, "LEAST", N // 2)
+    monkeypatch.setattr(sketch, "MIN_LEAVES", N // 2)
     # In fewer pixels the PSNR of the streams themselves is rough: 0.5 dB between prices 3 % apart.
     aim = aim_of(width=100, n_views=12, layers=2)
     for target in (38.0, 40.0, 42.0):

@@ -1,4 +1,4 @@
-"""Scenes that are wide for the steps asked for: roots are coarser, and refines mend that."""
+"""Scenes that are wide for the steps asked for: roots are coarser, and refines correct that."""
 
 import warnings
 from dataclasses import replace
@@ -49,7 +49,7 @@ def encoded(*steps: Step) -> tuple[bytes, float]:
     return data, float(off.min(0)[near].max()) / STEP
 
 
-def test_refines_mend_what_coarse_roots_are_off():
+def test_refines_correct_what_coarse_roots_are_off():
     data, off = encoded(roots(), Step.of_refines(1, SLOTS, psi()))
     directory = decode(data).directory
     unit = 2.0 ** -directory.grid_exponents[0]

@@ -32,7 +32,7 @@ from evogs_codec.jobs.partition import _append
 from evogs_codec.jobs.weighed import Weighed
 from evogs_codec.render import Views
 from evogs_codec.render.demo_scene import make_scene
-from evogs_codec.scene.measure import SMALL as FEW
+from evogs_codec.scene.measure import ALL_LOOK_UP_TO as FEW
 from tests.support.dying_jobs import dies_always, dies_at_first, doubled, process_of
 from tests.support.view_sizes import FULL, SMALL, views_of
 
@@ -116,7 +116,7 @@ def test_tiles_look_as_the_same_tiles_of_a_scene_encoded_whole(tmp_path, full_vi
 def test_the_last_level_may_come_late_unless_layers_were_asked_for(
     folder, tmp_path, monkeypatch, layers, more
 ):
-    monkeypatch.setattr("evogs_codec.encoding.late_level.LATE", math.inf)
+    monkeypatch.setattr("evogs_codec.encoding.late_level.LATE_GAIN_DB", math.inf)
     options = replace(OPTIONS, layers=layers, effort=1)
     encode_files([folder / "whole.ply"], tmp_path / "x.evogs", options, engine=SERIAL)
     assert read_directory(tmp_path / "x.evogs").n_levels == OPTIONS.levels + more

@@ -217,7 +217,7 @@ def test_a_palette_that_does_not_pay_is_left_out(folder, plain, tmp_path, monkey
 
 @pytest.mark.thorough
 def test_too_many_vectors_are_as_none(folder, plain, tmp_path, monkeypatch):
-    monkeypatch.setattr("evogs_codec.jobs.distinct.MOST_VECTORS", 30)
+    monkeypatch.setattr("evogs_codec.jobs.distinct.MAX_VECTORS", 30)
     assert coded(tmp_path / "a.evogs", [folder / "whole.ply"]) == plain
     assert not read_directory(plain).has_palette
 

@@ -12,7 +12,7 @@ from evogs_codec import InputError, SplatParams, write_ply
 from evogs_codec.io.ply import read_ply
 from evogs_codec.jobs.blocks import SplatFiles
 from evogs_codec.jobs.encode import encode_files
-from evogs_codec.jobs.partition import STAND_IN, Tree, partition, rows_of, stand_ins_of
+from evogs_codec.jobs.partition import SPLATS_OF_STAND_IN, Tree, partition, rows_of, stand_ins_of
 from evogs_codec.render import demo_scene
 from evogs_codec.tileset.write import write_tileset
 from tests.support.lifted_scenes import with_channels
@@ -106,7 +106,7 @@ def test_splats_stand_in_for_each_tile(tmp_path):
     made = parted(tmp_path / "a", [make_scene(6000, 0)], per_tile=3000)
     for tile, n in enumerate(made.counts.tolist()):
         found = np.fromfile(stand_ins_of(made.folder, tile), "<f4").reshape(-1, 14)
-        assert n / (2 * STAND_IN) < len(found) < 2 * n / STAND_IN
+        assert n / (2 * SPLATS_OF_STAND_IN) < len(found) < 2 * n / SPLATS_OF_STAND_IN
 
 
 def test_more_splats_in_one_place_than_a_tile_can_have_are_refused(tmp_path):

@@ -32,7 +32,7 @@ def tiles_of(folder, scene):
 
 @pytest.mark.parametrize("few", [10_000, 0], ids=["some splats", "stand-ins"])
 def test_the_ground_of_all_tiles_shows_what_is_up(few, turned, tmp_path, monkeypatch):
-    monkeypatch.setattr(of_jobs, "FEW", few)
+    monkeypatch.setattr(of_jobs, "SAMPLED_UP_TO", few)
     found = up_of_tiles(tiles_of(tmp_path, turned), None, SceneInfo())
     assert found.name == "-y"
     assert "splats" in found.source

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from evogs_codec.lifting import coarse_entries
-from evogs_codec.lifting.coarse_entries import MOST, CoarseEntries
+from evogs_codec.lifting.coarse_entries import MAX_ENTRIES, CoarseEntries
 
 
 def some_sh(n=4000, n_channels=9, seed=0):
@@ -33,9 +33,9 @@ def test_what_is_picked_costs_least():
 
 def test_picks_take_fewer_bits_than_those_of_the_nearest_at_no_larger_error(monkeypatch):
     x = some_sh()
-    entries = CoarseEntries.of(x, MOST)
+    entries = CoarseEntries.of(x, MAX_ENTRIES)
     picks = entries.cheapest(x)
-    monkeypatch.setattr(coarse_entries, "PRICE", 0.0)
+    monkeypatch.setattr(coarse_entries, "BIT_PRICE", 0.0)
     few = CoarseEntries.of(x, 32)
     nearest = few.cheapest(x)
     assert errors_of(entries, x, picks).sum() <= errors_of(few, x, nearest).sum()
@@ -44,7 +44,7 @@ def test_picks_take_fewer_bits_than_those_of_the_nearest_at_no_larger_error(monk
 
 def test_entries_are_picked_and_those_picked_most_cost_least():
     x = some_sh()
-    entries = CoarseEntries.of(x, MOST)
+    entries = CoarseEntries.of(x, MAX_ENTRIES)
     counts = np.bincount(entries.cheapest(x), minlength=len(entries.costs))
     assert np.count_nonzero(counts) > 0.9 * len(counts)
     assert np.corrcoef(entries.costs[1:], np.log2(counts[1:] + 1))[0, 1] < -0.8
@@ -52,7 +52,7 @@ def test_entries_are_picked_and_those_picked_most_cost_least():
 
 @pytest.mark.parametrize("most", [1, 7, 1000])
 def test_there_are_no_more_entries_than_asked_for(most):
-    assert CoarseEntries.of(some_sh(50), most).values.shape[1] <= min(most, 50, MOST)
+    assert CoarseEntries.of(some_sh(50), most).values.shape[1] <= min(most, 50, MAX_ENTRIES)
 
 
 def test_of_no_coarse_splats_there_are_no_entries():
@@ -74,8 +74,8 @@ def test_numbers_at_the_ends_of_float32_overflow_nothing(scale):
 
 def test_a_loud_splat_takes_no_sh_from_others():
     x = some_sh()
-    right = errors_of(found := CoarseEntries.of(x, MOST), x, found.cheapest(x)).sum()
+    right = errors_of(found := CoarseEntries.of(x, MAX_ENTRIES), x, found.cheapest(x)).sum()
     x[:, 7] = 100
-    entries = CoarseEntries.of(x, MOST)
+    entries = CoarseEntries.of(x, MAX_ENTRIES)
     errors = errors_of(entries, x, entries.cheapest(x))
     assert np.delete(errors, 7).sum() < 1.1 * right

@@ -66,7 +66,7 @@ def test_odd_orientations():
     assert_both_lift_alike(odd_scene(400))
 
 
-def test_parents_that_are_mended():
+def test_parents_off_the_line():
     assert_both_lift_alike(faint_but_large(), 4)
 
 

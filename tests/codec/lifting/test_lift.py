@@ -75,7 +75,7 @@ def test_scattered_splats_are_paired_although_their_parents_are_too_large():
 
 
 def splits(tree: EvolutionTree) -> list[Step]:
-    """The steps that split; those that mend come after them, in the same level."""
+    """The steps that split; those that correct come after them, in the same level."""
     return [step for step in tree.steps[1:] if (step.kinds == Kind.SPLIT).all()]
 
 
@@ -90,11 +90,11 @@ def test_levels_are_splits_with_alphas_of_the_tables():
         assert set(step.alpha[3]) <= set(ALPHAS_OPACITY)
 
 
-def test_steps_that_do_not_split_refine_both_children_of_mended_splats_in_the_same_level():
+def test_steps_that_do_not_split_refine_both_children_of_corrected_splats_in_the_same_level():
     tree = lift(faint_but_large(), 4)
-    mends = [k for k, step in enumerate(tree.steps) if (step.kinds == Kind.REFINE).any()]
-    assert mends
-    for k in mends:
+    corrections = [k for k, step in enumerate(tree.steps) if (step.kinds == Kind.REFINE).any()]
+    assert corrections
+    for k in corrections:
         step, split = tree.steps[k], tree.steps[k - 1]
         assert (step.kinds == Kind.REFINE).all()
         assert step.level == split.level
@@ -105,7 +105,7 @@ def test_steps_that_do_not_split_refine_both_children_of_mended_splats_in_the_sa
         np.testing.assert_array_equal(step.slots, [*split.slots[rows], *(n_slots + rows)])
 
 
-def test_a_mended_parent_has_the_moments_of_its_leaves():
+def test_a_corrected_parent_has_the_moments_of_its_leaves():
     splats = faint_but_large()
     lifted = lift_with_order(splats, 2)
     split = lifted.tree.steps[1]
@@ -121,7 +121,7 @@ def test_a_mended_parent_has_the_moments_of_its_leaves():
     np.testing.assert_allclose(parents, wanted, atol=2e-4 * wanted.max())
 
 
-def test_a_scene_of_likes_mends_nothing():
+def test_a_scene_of_likes_corrects_nothing():
     assert len(lift(surface(3000), 4).steps) == 4
 
 
@@ -206,7 +206,7 @@ def test_roots_are_in_morton_order():
 def test_a_large_scene_is_lifted_in_parts(monkeypatch):
     splats = surface(1000)
     whole = lift(splats, 4)
-    monkeypatch.setattr(lift_module, "PART", 300)
+    monkeypatch.setattr(lift_module, "MAX_PART", 300)
     seen: list[tuple[str, float]] = []
     lifted = lift_with_order(splats, 4, progress=lambda *step: seen.append(step))
     assert seen == [("lift", part) for part in (0.25, 0.5, 0.75, 1.0)]

@@ -45,7 +45,7 @@ def one_by_one(slots, born_from, differences):
 @given(step=steps_of_refines())
 def test_whole_arrays_give_what_the_text_gives(few, step):
     slots, born_from, differences = step
-    with patch("evogs_codec.model.siblings.FEW", few):
+    with patch("evogs_codec.model.siblings.FEW_ROUNDS", few):
         found = Siblings.of(slots, born_from).sums(differences[None])
     assert found.tolist() == [one_by_one(*step)]
 

@@ -91,7 +91,7 @@ def test_fast_encodes_one_of_two_trees(monkeypatch):
     sh = splats.sh.copy()
     sh[:, 1:] = np.random.default_rng(0).normal(size=(8, 15, 3))[np.arange(N) % 8]
     written = []
-    monkeypatch.setattr(choose, "SURE", 1e9)
+    monkeypatch.setattr(choose, "SURE_OF_PSI", 1e9)
     monkeypatch.setattr(choose, "SURE_OF_PICKS", 1e9)
     made = FoundStream.made
     monkeypatch.setattr(

@@ -27,9 +27,9 @@ from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.scene import measure
 from evogs_codec.scene.measure import N_VIEWS, PIXELS, Gauge
-from evogs_codec.scene.packet_falls import FAR
+from evogs_codec.scene.packet_falls import FIRST_VIEWS_EVERY
 from evogs_codec.scene.request import Request
-from evogs_codec.scene.states import FEW
+from evogs_codec.scene.states import N_JUDGING_FIRST
 
 
 @cache
@@ -96,13 +96,17 @@ def widths(cameras):
 @pytest.mark.parametrize("is_small", [True, False])
 def test_falls_are_looked_for_in_views_of_two_sizes_also_by_few_of_them(monkeypatch, is_small):
     monkeypatch.setattr("evogs_codec.render.viewpoints.SIZE", 400)
-    monkeypatch.setattr(measure, "SMALL", 1000 if is_small else 100)
+    monkeypatch.setattr(measure, "ALL_LOOK_UP_TO", 1000 if is_small else 100)
     gauge = Gauge.of(lift(make_scene(200), 2), Request.of("scene", {}))
     assert gauge is not None
     many = widths(gauge.many.cameras)
     assert len(many) == (24 if is_small else 8)
     assert many.count(400) == many.count(200) == len(many) // 2
-    assert {*widths(gauge.many.fewer(FEW).cameras)} == {*many[::FAR]} == {200, 400}
+    assert (
+        {*widths(gauge.many.fewer(N_JUDGING_FIRST).cameras)}
+        == {*many[::FIRST_VIEWS_EVERY]}
+        == {200, 400}
+    )
     assert widths(gauge.packets.cameras) == (many if is_small else 24 * [200])
     assert widths(gauge.views.cameras) == N_VIEWS * [200]
 

@@ -22,7 +22,7 @@ from evogs_codec.model.packet_id import PacketId
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.scene import order_by_views
-from evogs_codec.scene.order_by_views import MOST_STATES, ordered_by_views
+from evogs_codec.scene.order_by_views import MAX_STATES, ordered_by_views
 from evogs_codec.scene.prefixes import StreamPrefixes
 
 N_BANDS = 3
@@ -177,7 +177,7 @@ def test_states_are_bounded(stream):
 
     judge = Counting(decode(stream).leaves(), {})
     in_order(stream, judge)
-    assert 2 ** (1 + N_BANDS) <= judge.n <= MOST_STATES
+    assert 2 ** (1 + N_BANDS) <= judge.n <= MAX_STATES
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,7 @@ def order(found):
 
 
 @pytest.mark.parametrize("layers", [1, 2])
-def test_empty_packets_have_no_bytes_and_later_ones_mend_them(layers):
+def test_empty_packets_have_no_bytes_and_later_ones_correct_them(layers):
     splats = make_scene(1500)
     views = Views(splats, cameras_around(splats, "z", 60, n=4))
     aim = TargetEncoder(lift(splats, 3), PRESETS["scene"], views, layers=layers)
@@ -59,7 +59,7 @@ def test_empty_packets_have_no_bytes_and_later_ones_mend_them(layers):
     assert all(sizes(data)[packet] == 0 for packet in chosen)
     assert sizes(plain)[PacketId(0, 3, last)] > 0
     assert sizes(data)[PacketId(0, 1, last)] == sizes(plain)[PacketId(0, 1, last)]
-    # Those of adds are 0, which later ones mend too.
+    # Those of adds are 0, which later ones correct too.
     adds = aim.leaving_empty(frozenset({PacketId(0, 2, of_band[0])})).at_price(PRICE)
     cut = Cut(np.array([[1, 0, 1, 0]]))
     assert not decode(adds, cut).leaves(sh_degree=3).sh[:, 4:9].any()
@@ -79,14 +79,14 @@ def gauge_of(found):
     ("falls", "options", "very_few", "factor", "n_layers"),
     [
         ([0.02], {}, 0, 1, 2),
-        ([1.0, 0.0], {}, 0, packet_falls.FINER[0], 2),
-        ([1.0, 0.7, 0.04], {}, 0, packet_falls.FINER[1], 2),
-        ([1.0, 0.7, 0.9, 0.8, 0.75, 0.72], {}, 0, packet_falls.FINER[0], 2),
+        ([1.0, 0.0], {}, 0, packet_falls.FINER_PRICES[0], 2),
+        ([1.0, 0.7, 0.04], {}, 0, packet_falls.FINER_PRICES[1], 2),
+        ([1.0, 0.7, 0.9, 0.8, 0.75, 0.72], {}, 0, packet_falls.FINER_PRICES[0], 2),
         ([1.0, 0.7, 0.9, 0.1, 0.2, 0.3], {}, 0, 1, 1),
         ([1.0, 0.7, 0.9, 0.8, 0.75, 0.0], {}, 0, 1, 1),
         ([1.0, 0.7, 0.9, 0.8, 0.0], {}, 0, 1, 1),
         ([1.0, 0.7, 0.9, 0.1], {"layers": 2}, 0, 1, 2),
-        ([1.0, 0.7, 0.9, 0.8], {"layers": 2}, 0, packet_falls.FINER[0], 2),
+        ([1.0, 0.7, 0.9, 0.8], {"layers": 2}, 0, packet_falls.FINER_PRICES[0], 2),
         ([1.0, 0.9, 0.0], {"target_psnr": 40.0}, 600, 1, 1),
         ([0.04], {"target_psnr": 40.0}, 600, 1, 2),
         ([1.0], {"target_psnr": 40.0, "polish": 1}, 600, 1, 2),
@@ -99,7 +99,7 @@ def test_where_pictures_stay_worse_other_streams_are_tried(
 ):
     left = iter(falls)
     monkeypatch.setattr(packet_falls, "_with_least_fall", lambda one, _: (one, next(left)))
-    monkeypatch.setattr(packet_falls, "VERY_FEW", very_few)
+    monkeypatch.setattr(packet_falls, "MAX_ORDERED", very_few)
     told = []
     said = options | {"progress": lambda stage, part: told.append((stage, part))}
     chosen = packet_falls.without_falls(layered, gauge_of(layered), Request.of("scene", said))
@@ -156,7 +156,7 @@ def test_of_many_splats_some_prefixes_are_looked_at_first(monkeypatch, layered, 
     assert packet_falls._may_fall(layered, views) == expected
     directory = read_directory(layered.data)
     every = packet_looks.rows_of(directory)
-    least, most = packet_falls.LOOKS
+    least, most = packet_falls.N_FIRST_PREFIXES
     assert least <= len(rows) <= most
     assert {every[0], every[-1]} <= {*rows} <= {*every}
     is_core = dict(zip(every.tolist(), (directory.columns[every] == 0).tolist(), strict=True))
@@ -191,7 +191,7 @@ def test_with_a_target_all_views_look_again_at_falls(monkeypatch, layered, in_al
 def test_packets_of_many_splats_are_looked_at_where_some_of_these_look_worse(monkeypatch):
     splats = dict(odd_scenes(2000, 4))["huge splats"]
     for module in (packet_falls, packet_looks):
-        monkeypatch.setattr(module, "SMALL", 100)
+        monkeypatch.setattr(module, "ALL_LOOK_UP_TO", 100)
     after, _ = deepest_fall(encode_scene(splats, levels=5), splats)
     assert after <= 0.05
     monkeypatch.setattr(packet_falls, "_may_fall", lambda *_: False)
@@ -212,8 +212,8 @@ def test_of_many_splats_other_streams_are_tried_for_a_deep_fall(
 ):
     """Those that look worse are not taken, however little they fall."""
     tried = []
-    monkeypatch.setattr(packet_falls, "SMALL", 100)
-    monkeypatch.setattr(packet_falls, "VERY_FEW", 0)
+    monkeypatch.setattr(packet_falls, "ALL_LOOK_UP_TO", 100)
+    monkeypatch.setattr(packet_falls, "MAX_ORDERED", 0)
     monkeypatch.setattr(packet_falls, "_may_fall", lambda *_: True)
 
     def with_least_fall(one, _):
@@ -270,18 +270,18 @@ def test_a_stream_that_looks_worse_for_its_bytes_or_falls_more_is_not_looked_at_
 
 
 @pytest.mark.parametrize(("deepest", "is_taken"), [(0.02, True), (0.03, False)])
-def test_packets_around_a_fall_are_put_in_order_where_empty_ones_do_not_mend_it(
+def test_packets_around_a_fall_are_put_in_order_where_empty_ones_do_not_help(
     monkeypatch, layered, deepest, is_taken
 ):
     one = PacketId(0, 3, 0)
     fall = packet_looks.Fall(range(4, 7), 39.0)
     falling = packet_looks.Looks(40.0, {one: 1.0}, 1.0, frozenset(), [], [fall])
-    mended = packet_looks.Looks(40.0, {}, 0.0, frozenset(), [])
+    recovered = packet_looks.Looks(40.0, {}, 0.0, frozenset(), [])
     found: list[Any] = []
 
     def of(stream, _views, most=np.inf):
         found.append((stream.data, most))
-        return mended if stream.data == b"in order" else falling
+        return recovered if stream.data == b"in order" else falling
 
     def ordered(data, _prefixes, _views, _degree, before, rows):
         assert (before(4), rows) == ((0.0, 39.0), range(4, 7))
@@ -292,12 +292,14 @@ def test_packets_around_a_fall_are_put_in_order_where_empty_ones_do_not_mend_it(
     monkeypatch.setattr(FoundStream, "leaving_empty", lambda stream, _: stream)
     monkeypatch.setattr(packet_falls, "ordered_by_views", ordered)
     stream, looks = packet_falls._without_worst(layered, layered.encoder.views)
-    assert (stream.data, looks) == ((b"in order", mended) if is_taken else (layered.data, falling))
+    assert (stream.data, looks) == (
+        (b"in order", recovered) if is_taken else (layered.data, falling)
+    )
     assert found == [(layered.data, np.inf), (b"in order", 1.0)][: 1 + is_taken]
 
 
 @pytest.mark.thorough
-def test_a_fall_that_only_another_order_mends_does_not_make_the_stream_larger():
+def test_a_fall_that_only_another_order_removes_does_not_make_the_stream_larger():
     """Two bands of a step look worse one by one; one layer and all at once took 3 times as many."""
     splats = dict(odd_scenes(15_000, 36))["one dense clump"]
     data = encode_scene(splats, levels=5)
@@ -334,7 +336,7 @@ def test_very_few_huge_splats_do_not_fall(monkeypatch, n, seed, n_taken, needs_o
         return
     monkeypatch.setattr(packet_falls, "_around_falls", lambda *_: None)
     for module in (packet_falls, packet_looks):
-        monkeypatch.setattr(module, "VERY_FEW", 0)
+        monkeypatch.setattr(module, "MAX_ORDERED", 0)
     monkeypatch.setattr(FoundStream, "at_once", lambda found: found)
     before, _ = deepest_fall(encode_scene(splats), splats)
     assert before > 0.05

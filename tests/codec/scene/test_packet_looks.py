@@ -1,4 +1,4 @@
-"""How views find the prefixes of a stream: what falls, and what mends it."""
+"""How views find the prefixes of a stream: what falls, and what makes it good."""
 
 from typing import Any
 
@@ -47,7 +47,7 @@ def test_of_few_splats_all_views_judge_where_a_few_leave_doubt(monkeypatch, one,
     prefix, other = (prefix_of(x, views, few) for x in (one, [30.0] * 4))
     assert prefix.fall_after(other) == pytest.approx(fall)
     assert views.n_drawn == 2 * n_drawn
-    monkeypatch.setattr(packet_looks, "SMALL", 3)
+    monkeypatch.setattr(packet_looks, "ALL_LOOK_UP_TO", 3)
     many, other = (prefix_of(x, views, few) for x in (one, [30.0] * 4))
     assert many.fall_after(other) == pytest.approx(30.0 - np.mean(one))
 
@@ -79,7 +79,7 @@ class Told(Views):
 
 
 @pytest.mark.parametrize(
-    ("decibels", "mended"),
+    ("decibels", "recovered"),
     [
         ([20.0, 21.0, 22.0], []),
         ([20.0, 21.0, 20.5], []),
@@ -88,12 +88,12 @@ class Told(Views):
         ([20.0, 19.0, 20.0, 21.0, 20.9, 21.5], [(1, 2, 20.0), (4, 5, 21.0)]),
     ],
 )
-def test_falls_that_later_packets_mend_are_known(monkeypatch, layered, decibels, mended):
+def test_falls_that_later_packets_make_good_are_known(monkeypatch, layered, decibels, recovered):
     rows = packet_looks.rows_of(read_directory(layered.data))
     shown = [*decibels, *[decibels[-1]] * (len(rows) - len(decibels))]
     monkeypatch.setattr(packet_looks, "shown", lambda *_: ([x] * 4 for x in shown))
     views = Told(layered.encoder.views.scene, layered.encoder.views.cameras)
     looks = packet_looks.Looks.of(layered, views)
     assert looks is not None
-    found = [(fall.rows[0], fall.rows[-1], fall.highest) for fall in looks.mended]
-    assert found == [(rows[begin], rows[end], highest) for begin, end, highest in mended]
+    found = [(fall.rows[0], fall.rows[-1], fall.highest) for fall in looks.recovered]
+    assert found == [(rows[begin], rows[end], highest) for begin, end, highest in recovered]

@@ -24,9 +24,9 @@ N = 1200
 
 @pytest.fixture(autouse=True)
 def _many(monkeypatch):
-    monkeypatch.setattr(choose, "MANY", 1000)
-    monkeypatch.setattr(encode, "MANY", 1000)
-    monkeypatch.setattr(reach, "FEW", 400)
+    monkeypatch.setattr(choose, "CHECKED_FROM", 1000)
+    monkeypatch.setattr(encode, "CHECKED_FROM", 1000)
+    monkeypatch.setattr(reach, "N_SAMPLED", 400)
     monkeypatch.setattr(reach, "CHUNK", 64)
 
 
@@ -68,15 +68,15 @@ def test_ends_of_a_few_splats_are_near_those_of_all(monkeypatch, target, end):
     scene = _with_far_splats(make_scene(N))
     said = []
     for many in (1000, 10_000):
-        monkeypatch.setattr(choose, "MANY", many)
-        monkeypatch.setattr(encode, "MANY", many)
+        monkeypatch.setattr(choose, "CHECKED_FROM", many)
+        monkeypatch.setattr(encode, "CHECKED_FROM", many)
         with pytest.raises(TargetMissedError) as refused:
             encode_scene(scene, up="z", effort=1, levels=2, target_psnr=target)
         found = re.search(r"([\d.]+) to ([\d.]+) dB can be", str(refused.value))
         assert found
         said.append(float(found.groups()[end]))
     assert said[0] != said[1]
-    assert abs(said[0] - said[1]) < reach.PSNR_ROOM
+    assert abs(said[0] - said[1]) < reach.ROOM_DB
 
 
 @pytest.mark.parametrize(

@@ -98,7 +98,7 @@ def test_no_packet_of_core_makes_pictures_worse(name):
 
 @pytest.mark.thorough
 def test_without_looking_some_scenes_fall(monkeypatch):
-    monkeypatch.setattr(steady, "TRIES", 0)
+    monkeypatch.setattr(steady, "MAX_TRIES", 0)
     monkeypatch.setattr(steady, "without_falls", lambda found, *_: found)
     splats = odd_scenes()["hardly there"]
     assert deepest_fall(encode_scene(splats, effort=1), splats) > 1.0
@@ -186,9 +186,9 @@ def test_a_step_that_falls_is_held_back_with_what_follows_until_pictures_are_bet
 
 
 @pytest.mark.parametrize(("fall", "is_held"), [(0.2, True), (0.0, False)])
-@pytest.mark.parametrize("is_mend", [False, True])
-def test_after_a_mend_that_falls_those_that_look_a_little_worse_are_held_too(
-    is_mend, fall, is_held
+@pytest.mark.parametrize("is_correction", [False, True])
+def test_after_a_correction_that_falls_those_that_look_a_little_worse_are_held_too(
+    is_correction, fall, is_held
 ):
     states = [
         state((0, 0), 20.0),
@@ -198,9 +198,9 @@ def test_after_a_mend_that_falls_those_that_look_a_little_worse_are_held_too(
         state((2, 1), 21.96),
         state((3, 0), 23.0),
     ]
-    runs, _ = steady._runs(states, {(1, 1), (2, 1)} if is_mend else set())
+    runs, _ = steady._runs(states, {(1, 1), (2, 1)} if is_correction else set())
     first, later = Run((1, 1), (2, 0)), Run((2, 1), (3, 0))
-    assert runs == [first] * is_held + [later] * (is_held and is_mend)
+    assert runs == [first] * is_held + [later] * (is_held and is_correction)
 
 
 def test_coarse_splats_that_look_worse_than_some_of_them_are_too_coarse():
@@ -237,9 +237,9 @@ def test_roots_of_which_some_look_worse_come_in_one_step(monkeypatch):
 def test_layers_that_were_asked_for_stay_where_coarse_splats_are_made_finer(monkeypatch):
     real, tries = steady._runs, []
 
-    def once_too_coarse(states, some_mends):
+    def once_too_coarse(states, at_corrections):
         tries.append(states)
-        return real(states, some_mends)[0], len(tries) == 1
+        return real(states, at_corrections)[0], len(tries) == 1
 
     monkeypatch.setattr(steady, "_runs", once_too_coarse)
     data = encode_scene(make_scene(N), levels=3, layers=3, up="z", effort=1)
@@ -257,10 +257,10 @@ def test_coarse_splats_that_would_show_hardly_anything_are_made_finer_unseen(
     found = replace(found_of(aim_of(lift(splats, 3), splats, layers=2)), price=price / N)
     monkeypatch.setattr(steady, "_runs", lambda *_: ([], False))
     request = Request.of("scene", {})
-    mending = steady._Mending(found.encoder.views, request.progress, False, found.layering)
-    again = mending.mended(found)
+    steadying = steady._Steadying(found.encoder.views, request.progress, False, found.layering)
+    again = steadying.steadied(found)
     assert (found if again is None else again).layering.ratio == ratio
-    assert again is None or mending.mended(again) is None
+    assert again is None or steadying.steadied(again) is None
 
 
 @pytest.mark.parametrize(
@@ -274,13 +274,13 @@ def test_with_a_target_coarse_splats_are_finer_before_steps_are_held_back(
     splats = make_scene(N)
     found = replace(found_of(aim_of(lift(splats, 3), splats, layers=2)), **target)
     request = Request.of("scene", {})
-    mending = steady._Mending(found.encoder.views, request.progress, False, found.layering)
-    again = mending.mended(found)
+    steadying = steady._Steadying(found.encoder.views, request.progress, False, found.layering)
+    again = steadying.steadied(found)
     assert again is not None
     assert again.layering.ratio == ratio
-    assert (mending.before == [run]) == is_held
-    again = mending.mended(again)  # now or already
-    assert mending.before == [run]
+    assert (steadying.before == [run]) == is_held
+    again = steadying.steadied(again)  # now or already
+    assert steadying.before == [run]
     assert (again is None) == is_held
 
 
@@ -302,12 +302,12 @@ def test_with_a_target_coarse_splats_are_finer_until_their_last_level_shows_some
     monkeypatch.setattr(Draft, "states", lambda *_: states)
     splats = make_scene(N)
     found = replace(found_of(aim_of(lift(splats, 3), splats, layers=2)), **target)
-    mending = steady._Mending(found.encoder.views, no_progress, False, found.layering)
+    steadying = steady._Steadying(found.encoder.views, no_progress, False, found.layering)
     for ratio in ratios:
-        found = mending.mended(found)
+        found = steadying.steadied(found)
         assert found is not None
         assert found.layering.ratio == ratio
-    assert bool(mending.before) == (len(set(ratios)) < len(ratios))
+    assert bool(steadying.before) == (len(set(ratios)) < len(ratios))
 
 
 def test_what_the_last_level_adds():
@@ -335,8 +335,8 @@ def test_nobody_looks_whether_coarse_splats_are_far_off_where_a_slope_tells(
     monkeypatch.setattr(Draft, "last_two", last_two)
     monkeypatch.setattr(steady, "_falls_late", lambda *_: False)
     request = Request.of("scene", {})
-    mending = steady._Mending(found.encoder.views, request.progress, True, found.layering)
-    begun = mending.begun(replace(found, encoder=encoder, psnr=decibels))
+    steadying = steady._Steadying(found.encoder.views, request.progress, True, found.layering)
+    begun = steadying.begun(replace(found, encoder=encoder, psnr=decibels))
     assert (not looks) == is_sure
     assert begun.layering.n == (3 if is_sure else 2)
 
@@ -347,8 +347,8 @@ def test_a_level_that_gains_somewhat_comes_late_where_steps_would_be_held_back(
 ):
     real = steady._runs
 
-    def runs_of(states, some_mends):
-        return [Run((1, 0), (1, 9))] if some_fall else [], real(states, some_mends)[1]
+    def runs_of(states, at_corrections):
+        return [Run((1, 0), (1, 9))] if some_fall else [], real(states, at_corrections)[1]
 
     monkeypatch.setattr(steady, "_runs", runs_of)
     splats = make_scene(N)
@@ -356,8 +356,8 @@ def test_a_level_that_gains_somewhat_comes_late_where_steps_would_be_held_back(
     draft, views = found.draft(), found.encoder.views
     cuts = [draft.of_level(level) for level in (1, 2)]
     before, last = map(views.psnr, draft.shown(cuts, 3))
-    monkeypatch.setattr(late_level, "LATE", last - before - 0.5)
-    monkeypatch.setattr(late_level, "LATE_IF_SOME_FALL", last - before + 0.5)
+    monkeypatch.setattr(late_level, "LATE_GAIN_DB", last - before - 0.5)
+    monkeypatch.setattr(late_level, "LATE_GAIN_IF_SOME_FALL_DB", last - before + 0.5)
     steadied = steady._steadied(found, views, Request.of("scene", {}))
     assert steadied.layering.is_late == some_fall
 
@@ -368,8 +368,8 @@ def test_a_target_that_held_steps_miss_is_met_without(monkeypatch):
     aim = aim_of(lift(splats, 3), splats, layers=2)
     first = FoundStream.of(aim, lambda aim, near: aim.nearest_psnr(38, near)).made()
     monkeypatch.setattr(
-        steady._Mending,
-        "mended",
+        steady._Steadying,
+        "steadied",
         lambda self, found: found.holding([], Layering(2, is_late=True)) if found.stream else None,
     )
 

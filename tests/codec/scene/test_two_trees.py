@@ -37,7 +37,7 @@ def made(monkeypatch, sure):
             trees.append(one.tree.palette is not None)
         return plainly(one)
 
-    monkeypatch.setattr(choose, "SURE", sure)
+    monkeypatch.setattr(choose, "SURE_OF_PSI", sure)
     monkeypatch.setattr(choose, "SURE_OF_PICKS", 1e9)
     monkeypatch.setattr(FoundStream, "made", counted)
     return trees
@@ -64,7 +64,7 @@ def test_both_are_tried_unless_an_estimate_is_sure(monkeypatch, target, sure, ex
 )
 def test_of_many_splats_a_sketch_chooses_and_views_are_drawn_once(monkeypatch, target, is_shared):
     trees = made(monkeypatch, 1e9)
-    monkeypatch.setattr(choose, "GUESSED", 100)
+    monkeypatch.setattr(choose, "MIN_GUESSED", 100)
     if "target_psnr" in target:
         told = {True: 0.0, False: 100.0 if is_shared else -100.0}
         monkeypatch.setattr(
@@ -85,7 +85,7 @@ def test_of_many_splats_a_sketch_chooses_and_views_are_drawn_once(monkeypatch, t
 @pytest.mark.usefixtures("any_views")
 def test_a_tree_that_cannot_meet_a_target_is_not_chosen(monkeypatch):
     trees = made(monkeypatch, 1e9)
-    monkeypatch.setattr(choose, "GUESSED", 100)
+    monkeypatch.setattr(choose, "MIN_GUESSED", 100)
     monkeypatch.setattr(
         Sketch, "psnr", lambda one, _: 0.0 if one.prepared.task.tree.palette else 99.0
     )

@@ -13,7 +13,7 @@ import pytest
 
 from evogs_codec import InputError, RemoteFile, put_object
 from evogs_codec.stores import client, remote_file
-from evogs_codec.stores.remote_file import FIRST, GAP
+from evogs_codec.stores.remote_file import FIRST_BYTES, MAX_GAP
 from tests.codec.stores.conftest import BYTES
 from tests.support.range_server import MOST, serving
 
@@ -32,15 +32,15 @@ def test_only_the_ranges_asked_for_are_fetched_and_each_once(site):
         assert remote.size == len(BYTES)
         assert same(remote.having(CORNERS))
         assert same(remote.having(CORNERS))
-        assert remote.n_fetched == FIRST + 10 + 1000 == site.n_sent
+        assert remote.n_fetched == FIRST_BYTES + 10 + 1000 == site.n_sent
     assert site.asked == ["bytes=0-32767", *site.asked[1:]]
     assert {*site.asked[1:]} == {"bytes=1000000-1000009", "bytes=2999000-2999999"}
 
 
 def test_ranges_with_small_gaps_are_one_request(site):
     with RemoteFile(f"{site.url}a.bin") as remote:
-        remote.having([(100_000, 100_001), (100_001 + GAP, 100_002 + GAP)])
-        remote.having([(200_000, 200_001), (200_002 + GAP, 200_003 + GAP)])
+        remote.having([(100_000, 100_001), (100_001 + MAX_GAP, 100_002 + MAX_GAP)])
+        remote.having([(200_000, 200_001), (200_002 + MAX_GAP, 200_003 + MAX_GAP)])
         assert remote.n_requests == 1 + 1 + 2
 
 
@@ -52,7 +52,7 @@ def test_bytes_between_are_not_fetched_again(site):
 
 
 def test_a_large_range_comes_in_pieces_with_progress(site, monkeypatch):
-    monkeypatch.setattr(remote_file, "PIECE", 100_000)
+    monkeypatch.setattr(remote_file, "PIECE_BYTES", 100_000)
     told = []
     with RemoteFile(f"{site.url}a.bin") as remote:
         path = remote.whole(lambda stage, part: told.append((stage, part)))
@@ -149,7 +149,7 @@ def test_a_server_that_always_breaks_off_is_given_up(site):
         with pytest.raises(OSError, match="cannot be read") as found:
             remote.having([(1_000_000, 1_001_000)])
         assert found.value.filename == f"{site.url}a.bin"
-    assert len(site.asked) == 1 + remote_file.TRIES
+    assert len(site.asked) == 1 + remote_file.MAX_TRIES
 
 
 def test_a_server_that_is_gone_is_given_up():
@@ -245,7 +245,7 @@ def test_no_more_is_taken_than_was_asked_for(site):
     site.manner = "too long"
     with RemoteFile(f"{site.url}a.bin") as remote:
         assert same(remote.having([(0, 1000)]), [(0, 1000)])
-        assert remote.n_fetched == FIRST
+        assert remote.n_fetched == FIRST_BYTES
         assert remote.path.stat().st_size == len(BYTES)
     assert site.n_sent < MOST // 8
 

@@ -37,8 +37,8 @@ def stream():
 def site(stream, monkeypatch):
     """A server with `scene.evogs`; few bytes are fetched beside those that are needed."""
     pytest.importorskip("obstore", reason="URLs need obstore: pip install -e '.[stores]'")
-    monkeypatch.setattr(remote_file, "FIRST", 1 << 10)
-    monkeypatch.setattr(remote_file, "GAP", 0)
+    monkeypatch.setattr(remote_file, "FIRST_BYTES", 1 << 10)
+    monkeypatch.setattr(remote_file, "MAX_GAP", 0)
     with serving({"scene.evogs": stream}) as site:
         yield site
 
@@ -46,7 +46,7 @@ def site(stream, monkeypatch):
 def test_the_directory_takes_one_range_or_a_second_if_it_is_larger(site, stream, monkeypatch):
     size = read_directory(stream).data_offset
     for first, asked in ((1024, ["0-1023", f"1024-{size - 1}"]), (1 << 15, ["0-32767"])):
-        monkeypatch.setattr(remote_file, "FIRST", first)
+        monkeypatch.setattr(remote_file, "FIRST_BYTES", first)
         site.asked.clear()
         directory = read_directory(f"{site.url}scene.evogs")
         assert directory.size == len(stream)

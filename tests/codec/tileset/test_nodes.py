@@ -8,7 +8,7 @@ import pytest
 from evogs_codec.jobs.partition import Partition, Tree
 from evogs_codec.tileset.boxes import Box
 from evogs_codec.tileset.json_files import MAX_JSON, Frame, json_files
-from evogs_codec.tileset.nodes import MOST, nodes_of
+from evogs_codec.tileset.nodes import MAX_CHILDREN, nodes_of
 from evogs_codec.tileset.write import turn_up
 
 
@@ -36,7 +36,7 @@ def test_every_file_is_a_leaf_once_and_no_node_has_many_children(n_files):
     assert sorted(leaf.tile for leaf in leaves) == list(range(n_files))  # type: ignore[type-var]
     assert root.weight == n_files * 500_000
     inner = [node for node in root.all() if node.children]
-    assert all(2 <= len(node.children) <= MOST for node in inner)
+    assert all(2 <= len(node.children) <= MAX_CHILDREN for node in inner)
     assert root.height <= np.ceil(np.log(n_files) / np.log(8)) + 1e-9 + (n_files > 1)
     assert len({node.name for node in root.all()}) == len(list(root.all()))
 

@@ -14,7 +14,7 @@ from evogs_codec import (
     extract,
     read_directory,
 )
-from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
+from evogs_codec.encoding.measured_gains import N_ORDERING_VIEWS
 from evogs_codec.encoding.settings import TREE_PSNR
 from evogs_codec.render import cameras_around
 from evogs_codec.render.viewpoints import SIZE
@@ -109,7 +109,7 @@ def aimed(bench: Bench, run: Run) -> list[dict[str, Any]]:
     tree = run.tree()
     leaves = tree.leaves()
     if tree.quanta:
-        few = Views(leaves, cameras_around(leaves, "z", SIZE, n=ORDERING_VIEWS))
+        few = Views(leaves, cameras_around(leaves, "z", SIZE, n=N_ORDERING_VIEWS))
         return _levels(bench, encode(tree, views=few))
     aim = aim_of(tree, PRESETS["trained"], Views(leaves, cameras_around(leaves, "z", SIZE)))
     try:

@@ -20,7 +20,7 @@ from evogs_codec import (
     read_directory,
 )
 from evogs_codec.encoding.arrange import arrange
-from evogs_codec.encoding.measured_gains import ORDERING_VIEWS
+from evogs_codec.encoding.measured_gains import N_ORDERING_VIEWS
 from evogs_codec.model.splats import I64
 from evogs_codec.model.tree import Slots
 from evogs_codec.render import cameras_around
@@ -199,7 +199,7 @@ def _ends(records: Records, sequence: I64) -> tuple[list[int], list[int]]:
 def _coded_cuts(tree: EvolutionTree, order: str, coding: str) -> Iterator[Cut]:
     """Bytes and leaves at each cut of a stream of a preset, first packets at least."""
     leaves = tree.leaves()
-    pictures = Views(leaves, cameras_around(leaves, "z", SIZE, n=ORDERING_VIEWS))
+    pictures = Views(leaves, cameras_around(leaves, "z", SIZE, n=N_ORDERING_VIEWS))
     if order != "packets":
         arranged, records, sequence = _in_order(tree, order)
         arranged, _ = reordered(arranged, records, sequence, _ends(records, sequence)[0])

@@ -1,7 +1,7 @@
-"""Mends: steps that only refine what steps of their level have just written.
+"""Corrections: steps that only refine what steps of their level have just written.
 
 A lifted tree has them where two children are on no line with their parent: it is split into itself
-and a splat that is not seen, and a mend makes both what they are to be.
+and a splat that is not seen, and a correction makes both what they are to be.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import numpy as np
 
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
 
-__all__ = ["mends", "only_refines"]
+__all__ = ["corrections", "only_refines"]
 
 
 def only_refines(step: Step) -> bool:
@@ -18,8 +18,8 @@ def only_refines(step: Step) -> bool:
     return not step.n_new and bool(np.all(step.kinds == Kind.REFINE))
 
 
-def mends(tree: EvolutionTree) -> list[bool]:
-    """Which steps are mends."""
+def corrections(tree: EvolutionTree) -> list[bool]:
+    """Which steps are corrections."""
     found, level, n = [], -1, 0
     written = np.zeros(sum(step.n_new for step in tree.steps), bool)
     for step in tree.steps:

@@ -1,4 +1,4 @@
-"""What an estimate of errors misses, measured: numbers are rounded and drawn.
+"""How many times their estimates real errors are, measured: numbers are rounded and drawn.
 
 An estimate is linear. Splats that change places in depth change pictures by more, however little
 they move, and SH that are rounded to 0 in most splats err all together.
@@ -19,20 +19,20 @@ from evogs_codec.encoding.pictures import Pictures
 from evogs_codec.model.channels import N_GROUPS
 from evogs_codec.model.splats import F32, F64, SplatParams
 
-__all__ = ["KNOWN", "MEASURING", "Missed"]
+__all__ = ["N_MEASURING_VIEWS", "USUAL_FACTORS", "ErrorFactors"]
 
-MEASURING = 2  # views, enough for that
-APART = math.log(192.0)  # between logarithms of the prices of a bit that are measured
+N_MEASURING_VIEWS = 2  # views, enough for that
+LOG_PRICE_SPACING = math.log(192.0)  # between logarithms of the prices of a bit that are measured
 # Of positions and of SH bands above 0 the factors are measured. Those of rotations, scales and
-# opacities are what they were of three scenes, about: `sensitivity.MISSED`, which all of these
-# multiply, is too high for them. Where nothing is measured, the factor of positions is 1.
-KNOWN = (1.0, 0.6, 0.65, 0.85)
-LEAST, MOST = 0.5, 300.0
-LEAST_ERROR = 1e-15  # mean squared error; of less, there is nothing to be measured
+# opacities are what they were of three scenes, about: `sensitivity.BEYOND_LINEAR`, which all of
+# these multiply, is too high for them. Where nothing is measured, the factor of positions is 1.
+USUAL_FACTORS = (1.0, 0.6, 0.65, 0.85)
+MIN_FACTOR, MAX_FACTOR = 0.5, 300.0
+MIN_ERROR = 1e-15  # mean squared error; of less, there is nothing to be measured
 
 
 @dataclass(frozen=True, eq=False)
-class Missed:
+class ErrorFactors:
     """How many times the estimates of an importance real errors are, by the price of a bit.
 
     Attributes:
@@ -53,7 +53,7 @@ class Missed:
 
     def at(self, price: float) -> F32:
         """(K,) factors at a price of a bit, between those that are measured."""
-        place = math.log(price) / APART
+        place = math.log(price) / LOG_PRICE_SPACING
         low = math.floor(place)
         part = place - low
         found: F64 = (1 - part) * self._at(low) + part * self._at(low + 1)
@@ -61,14 +61,14 @@ class Missed:
 
     def _at(self, place: int) -> F64:
         if place not in self.known:
-            factors = self._measured(self.steps(math.exp(APART * place)))
-            self.known[place] = np.log(np.clip(factors, LEAST, MOST))
+            factors = self._measured(self.steps(math.exp(LOG_PRICE_SPACING * place)))
+            self.known[place] = np.log(np.clip(factors, MIN_FACTOR, MAX_FACTOR))
         return self.known[place]
 
     def _measured(self, steps: F64) -> F64:
         """(K,) factors, of numbers that are rounded to these steps."""
         found = np.ones(len(self.weights))
-        found[: len(KNOWN)] = KNOWN
+        found[: len(USUAL_FACTORS)] = USUAL_FACTORS
         means, estimate = _rounded(self.leaves.means, steps[0], self.weights[0])
         factor = _times(self.pictures.psnr(replace(self.leaves, means=means)), estimate)
         # What splats that change places add rises less than the squares of steps do. Views do not
@@ -95,4 +95,4 @@ def _rounded(values: F32, step: float, weights: F32) -> tuple[F32, float]:
 def _times(psnr: float, estimate: float) -> float:
     """How many times an estimate the error of a PSNR is."""
     error = float(10 ** (-psnr / 10))
-    return error / estimate if min(error, estimate) > LEAST_ERROR else 1.0
+    return error / estimate if min(error, estimate) > MIN_ERROR else 1.0

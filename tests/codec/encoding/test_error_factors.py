@@ -9,8 +9,13 @@ pytest.importorskip("numba", reason="the rasterizer is compiled")
 
 from evogs_codec import PRESETS, TargetEncoder, decode, lift
 from evogs_codec.encoding.arrange import arrange
+from evogs_codec.encoding.error_factors import (
+    LOG_PRICE_SPACING,
+    MIN_FACTOR,
+    USUAL_FACTORS,
+    ErrorFactors,
+)
 from evogs_codec.encoding.layers import N_LAYERS, Layered, Layering
-from evogs_codec.encoding.missed import APART, KNOWN, LEAST, Missed
 from evogs_codec.encoding.prepared import Prepared
 from evogs_codec.encoding.sensitivity import Importance
 from evogs_codec.model.channels import N_GROUPS
@@ -30,9 +35,9 @@ def factors(splats, price):
     """Per class, of a scene, by all of its views."""
     views, tiles = views_of(splats), arrange(lift(splats, 2), 1)
     importance = Importance.of(tiles, 2, views.sensitivity)
-    missed = importance.measured(tiles, views, 1.0).missed
-    assert missed is not None
-    return missed.at(price)
+    factors = importance.measured(tiles, views, 1.0).factors
+    assert factors is not None
+    return factors.at(price)
 
 
 def shell():
@@ -70,9 +75,9 @@ def test_bands_weigh_more_where_they_become_0_together():
 
 def test_what_is_not_measured_is_known():
     found = factors(make_scene(N), PRICE)
-    np.testing.assert_allclose(found[1 : len(KNOWN)], KNOWN[1:], rtol=1e-6)
-    assert found[len(KNOWN)] == 1
-    assert (found >= LEAST * (1 - 1e-6)).all()
+    np.testing.assert_allclose(found[1 : len(USUAL_FACTORS)], USUAL_FACTORS[1:], rtol=1e-6)
+    assert found[len(USUAL_FACTORS)] == 1
+    assert (found >= MIN_FACTOR * (1 - 1e-6)).all()
 
 
 class Counted(Views):
@@ -98,30 +103,30 @@ def test_prices_between_two_that_are_measured_are_not(has_palette):
     splats = make_scene(N)
     pictures = counted(splats)
     weights = np.full((8, N), 1e-6, np.float32)
-    missed = Missed(splats, weights, lambda price: np.full(8, 0.1), pictures, has_palette)
-    ends = [np.exp(APART * place) for place in (-5, -4)]
-    low, high = (missed.at(price * (1 + 1e-9)) for price in ends)
+    factors = ErrorFactors(splats, weights, lambda price: np.full(8, 0.1), pictures, has_palette)
+    ends = [np.exp(LOG_PRICE_SPACING * place) for place in (-5, -4)]
+    low, high = (factors.at(price * (1 + 1e-9)) for price in ends)
     asked = pictures.n_asked
     assert asked == (3 if has_palette else 6)
-    middle = missed.at(np.sqrt(ends[0] * ends[1]))
+    middle = factors.at(np.sqrt(ends[0] * ends[1]))
     np.testing.assert_allclose(middle, np.sqrt(low * high), rtol=1e-5)
     assert pictures.n_asked == asked
     assert (middle[N_GROUPS:] == 1).all() == has_palette
 
 
-def test_layers_weigh_by_what_is_missed_at_their_own_prices():
+def test_layers_weigh_by_factors_at_their_own_prices():
     splats = make_scene(N)
     tiles = arrange(lift(splats, 3), 1)
     importance = Importance.of(tiles, 3, views_of(splats).sensitivity)
 
-    class Known(Missed):
+    class Known(ErrorFactors):
         def at(self, price):
             return np.full(8, 4.0 if price > FINE else 9.0, np.float32)
 
     known = Known(splats, importance.leaves[0], lambda price: np.ones(8), counted(splats), False)
     plain, layered = (
         Layered.of(tiles, 3, one, Layering(N_LAYERS))
-        for one in (importance, replace(importance, missed=known))
+        for one in (importance, replace(importance, factors=known))
     )
     for step, own, other in zip(
         tiles[0].steps, plain.weights(FINE, 1.0)[0], layered.weights(FINE, 1.0)[0], strict=False
@@ -161,6 +166,8 @@ def test_what_is_weighed_by_leaves_has_the_factors_of_other_scenes():
     found = aim.prepared.importance
     assert found is not None
     ratio = found.means / plain.means
-    assert ratio.shape[1] > len(KNOWN)
-    np.testing.assert_allclose(ratio[:, : len(KNOWN)], np.tile(KNOWN, (3, 1)), rtol=1e-5)
-    assert (ratio[:, len(KNOWN) :] == 1).all()
+    assert ratio.shape[1] > len(USUAL_FACTORS)
+    np.testing.assert_allclose(
+        ratio[:, : len(USUAL_FACTORS)], np.tile(USUAL_FACTORS, (3, 1)), rtol=1e-5
+    )
+    assert (ratio[:, len(USUAL_FACTORS) :] == 1).all()
