@@ -21,7 +21,7 @@ from evogs_codec.cli.common_options import add_output
 from evogs_codec.format.write_directory import MAX_LEVELS
 from evogs_codec.io.files import PICTURE, TREE, FileKind, check_target, same_file, write_atomic
 from evogs_codec.io.tree_npz import read_tree, write_tree
-from reference_trainer.config import METHODS, MOST_SHIFTED, PRESETS, Config
+from reference_trainer.config import MAX_SHIFTED, METHODS, PRESETS, Config
 
 if TYPE_CHECKING:
     from reference_trainer.data import Dataset
@@ -340,7 +340,7 @@ def finer_than(data: Dataset, args: argparse.Namespace) -> Dataset | None:
     from reference_trainer.data import load_views
 
     n_numbers = sum(view.image.size for view in data.train)
-    if args.size is None or n_numbers > MOST_SHIFTED:
+    if args.size is None or n_numbers > MAX_SHIFTED:
         return None
     with warnings.catch_warnings():  # `data` was loaded with the same
         warnings.simplefilter("ignore")

@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 __all__ = [
+    "MAX_SHIFTED",
     "METHODS",
-    "MOST_SHIFTED",
     "PRESETS",
     "CloudGrowth",
     "Config",
@@ -34,7 +34,7 @@ METHODS = (
 
 # Numbers in the photographs of a level that has shifted ones: these take 12 bytes for each of them,
 # and photographs of twice the size 16.
-MOST_SHIFTED = 1 << 26
+MAX_SHIFTED = 1 << 26
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ class Integers:
 
     Attributes:
         part: of the iterations of a level, after them; 0 for none.
-        distortion: squared error that rounding adds to the pictures before descent mends it, as a
+        distortion: squared error that rounding adds to the pictures before descent reduces it, as a
             part of the error that they have; nearly. More makes smaller streams.
         thrift: bits of the psi of a mixed tree weigh in the loss while they are still floats, by
             this times `distortion`: as a part of the loss, for each bit of a number on average.
@@ -222,7 +222,7 @@ class Config:
             of the size of the next level, for when it is drawn there; 0 for none.
         shifts: photographs are there on grids of pixels that are half a pixel apart, too, made of
             those of twice the size: held-out views gain what trained ones lose. Levels of more
-            than `MOST_SHIFTED` numbers have one grid.
+            than `MAX_SHIFTED` numbers have one grid.
         checkpoint_every: iterations.
     """
 

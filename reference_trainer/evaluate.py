@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 __all__ = ["evaluate", "leaves_drawn", "storage"]
 
-TRANSPARENT = 0.005  # opacity, as the paper has it
-BYTES = 4  # of a number, uncompressed
+MIN_OPACITY = 0.005  # opacity, as the paper has it
+BYTES_OF_NUMBER = 4  # of a number, uncompressed
 
 
 def evaluate(
@@ -48,7 +48,7 @@ def evaluate(
         images = [render(splats, v.camera, data.background).clip(0.0, 1.0) for v in views]
         pairs = list(zip(images, views, strict=True))
         opacity = 1 / (1 + np.exp(-splats.opacity_logits.astype(np.float64)))
-        clear = opacity < TRANSPARENT
+        clear = opacity < MIN_OPACITY
         rows.append(
             {
                 "level": level,
@@ -58,7 +58,7 @@ def evaluate(
                 "ssim": float(np.mean([ssim(image, v.image) for image, v in pairs])),
                 "splats": len(splats),
                 "storage_bytes": storage(tree, method, level),
-                "footprint_bytes": BYTES * n_channels(tree.sh_degree) * len(splats),
+                "footprint_bytes": BYTES_OF_NUMBER * n_channels(tree.sh_degree) * len(splats),
                 "transparent": float(clear.mean()) if len(clear) else 0.0,
                 "transparent_by_layer": _by_layer(clear, born),
             }
@@ -94,7 +94,7 @@ def storage(tree: EvolutionTree, method: str, level: int) -> int:
     if method == "mono":
         steps = [step for step in steps if step.level == level]
     learned = {step.level for step in steps if _learned(step)}
-    return BYTES * sum(_numbers(step, step.level in learned) for step in steps)
+    return BYTES_OF_NUMBER * sum(_numbers(step, step.level in learned) for step in steps)
 
 
 def _learned(step: Step) -> bool:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["at_full_size", "write_sheet"]
 
-SHOWN = 2  # views of a sheet
+N_SHOWN = 2  # views of a sheet
 
 
 def at_full_size(tree: EvolutionTree, data: Dataset, n_levels: int) -> list[float]:
@@ -36,7 +36,7 @@ def write_sheet(
 ) -> None:
     """A row for each of a few held-out views: the photograph, then each level at its size."""
     views = data.test or data.train
-    chosen = [views[i] for i in sorted({0, len(views) // 2})][:SHOWN]
+    chosen = [views[i] for i in sorted({0, len(views) // 2})][:N_SHOWN]
     rows, labels = [], []
     for view in chosen:
         drawn = [

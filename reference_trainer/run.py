@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from evogs_codec import EvolutionTree, InputError
-from reference_trainer.config import MOST_SHIFTED, Config
+from reference_trainer.config import MAX_SHIFTED, Config
 from reference_trainer.data.pyramid import on_shifted_grids
 from reference_trainer.methods import method_named
 from reference_trainer.methods.base import Done, Method, Plan, Setting
@@ -180,7 +180,7 @@ def photographs(
             not too many.
     """
     own = scales[scale].train
-    shifts = shifts and sum(view.image.size for view in own) <= MOST_SHIFTED
+    shifts = shifts and sum(view.image.size for view in own) <= MAX_SHIFTED
     finer = scales[scale + 1].train if scale + 1 < len(scales) else ()
     found = on_shifted_grids(own, finer) if shifts else own
     if not config.next_size or scale + 1 >= config.n_levels:

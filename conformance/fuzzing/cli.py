@@ -33,7 +33,7 @@ __all__ = ["main"]
 
 BATCH = 50  # random streams of a task of a worker
 MOST_MADE_SMALLER = 50_000  # bytes: only costly streams have more
-MOST_SHOWN = 20  # findings; more have the same cause, most likely
+MAX_SHOWN = 20  # findings; more have the same cause, most likely
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with multiprocessing.get_context("spawn").Pool(args.jobs) as pool:
         for k, (seen, found) in enumerate(pool.imap(partial(_task, args.seed, args.family), tasks)):
             verdicts += seen
-            for finding in found[: max(0, MOST_SHOWN - n_findings)]:
+            for finding in found[: max(0, MAX_SHOWN - n_findings)]:
                 print(_shown(finding, args.keep), flush=True)
             n_findings += len(found)
             if k % 10 == 9:

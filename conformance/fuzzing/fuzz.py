@@ -34,7 +34,7 @@ N_TO_COMPILE = 3  # streams of a kind: one may have no packet
 SHORT = 6000  # bytes of a costly stream that is decoded only to compile
 SECONDS = 20  # of processor time that a decoder may take for a stream of a few kilobytes
 COSTLY_SECONDS = 6  # the same for each result of a costly one: 2 on a machine of its own
-LARGE, TIMES = 100, 40  # of so many random streams one has so many times the splats
+LARGE_EVERY, LARGE_TIMES = 100, 40  # of so many random streams one has so many times the splats
 
 T = TypeVar("T")
 
@@ -57,8 +57,8 @@ def fuzz(
     for number in range(first, first + count):
         rng = Random(f"{seed}/{number // VARIANTS}")
         if number % VARIANTS == 0 or number == first:
-            is_large = number // VARIANTS % LARGE == LARGE - 1
-            base = random_stream(rng, TIMES if is_large else 1)
+            is_large = number // VARIANTS % LARGE_EVERY == LARGE_EVERY - 1
+            base = random_stream(rng, LARGE_TIMES if is_large else 1)
         rng = Random(f"{seed}/{number}/damage")
         if family == "costly" or (family is None and number % COSTLY == COSTLY - 1):
             data, verdict, says = costly(rng)

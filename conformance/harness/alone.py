@@ -12,7 +12,7 @@ from conformance.harness.running.scratch import scratch
 
 __all__ = ["ask_alone"]
 
-MOST = 8
+MAX_ALONE = 8
 
 
 def ask_alone(
@@ -29,7 +29,7 @@ def ask_alone(
     wrong = [one for one in results if one.failed and one.answer.trouble != "timeout"]
     if not options.batch or not wrong:
         return "", False
-    sample = random.Random(options.seed).sample(wrong, min(MOST, len(wrong)))
+    sample = random.Random(options.seed).sample(wrong, min(MAX_ALONE, len(wrong)))
 
     def right(make: Callable[[], Asker]) -> int:
         n = 0

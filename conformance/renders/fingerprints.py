@@ -20,8 +20,8 @@ __all__ = ["Fingerprint", "as_json", "likenesses", "of_results", "read_fingerpri
 
 ROUNDING = 0.7 / 255  # of errors: pictures rounded down differ by so much from those rounded
 SAME = 0.04  # of an error, besides
-LEAST_SHARE = 0.8
-MOST = 3
+MIN_SHARE = 0.8
+MAX_NAMED = 3
 
 
 @dataclass(frozen=True)
@@ -50,11 +50,11 @@ def likenesses(results: Sequence[Result], known: Sequence[Fingerprint]) -> list[
             continue
         apart = np.abs(errors[:, 0] - errors[:, 1])
         n_same = int(np.count_nonzero(apart <= ROUNDING + SAME * errors.max(1)))
-        if n_same >= LEAST_SHARE * len(either):
+        if n_same >= MIN_SHARE * len(either):
             sentence = f"this looks like a renderer in which {other.says}"
             likest = float(apart.sum() / errors.max(1).sum())
             alike.append((likest, f"{sentence} ({n_same} of {len(either)} pictures)"))
-    return [sentence for _, sentence in sorted(alike)[:MOST]]
+    return [sentence for _, sentence in sorted(alike)[:MAX_NAMED]]
 
 
 def _rms(psnr: Mapping[str, float], id_: str) -> float:

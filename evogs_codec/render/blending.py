@@ -34,7 +34,7 @@ __all__ = [
     "ALPHA_LEAST",
     "ALPHA_MOST",
     "EXPONENT_LEAST",
-    "FAR",
+    "LOG_NOTHING",
     "N_CONSTANTS",
     "blend",
     "clip_halves",
@@ -51,7 +51,7 @@ _T, _RED, _GREEN, _BLUE, _LAST, _LANE = (np.uint64(SIDE * slot) for slot in rang
 _WIDTH = SIDE * 6
 _ROW = np.uint64(_WIDTH)
 _PATIENCE = 16  # splats between two looks at whether rows are finished
-FAR = -1000.0  # log2 alpha of nothing
+LOG_NOTHING = -1000.0  # log2 alpha of nothing
 AHEAD = 8  # entries of a list from one whose record is asked for to the one that is drawn
 
 # Places in `constants_of`, after `POWERS`.
@@ -111,7 +111,7 @@ def _log_alpha(first: float, last: float, most: float) -> float:
     """The most of log2 alpha, or FAR if alpha shows for no d between the first and the last."""
     # No branch: which of the three it is cannot be predicted.
     gap = first if first > 0.0 else (last if last < 0.0 else 0.0)
-    return most if gap * gap <= most - LOG_MIN + 1e-4 else FAR
+    return most if gap * gap <= most - LOG_MIN + 1e-4 else LOG_NOTHING
 
 
 @inlined
@@ -174,7 +174,7 @@ def _blend_tile(
                 continue
             for half in range(np.uint64(2)):
                 log_opacity = lines[row + _LANES + half * _LANES]
-                if log_opacity > FAR:
+                if log_opacity > LOG_NOTHING:
                     _blend_half(
                         state, row * _ROW + half * _HALF, lines[row], weight, log_opacity,
                         red, green, blue, real(j - begin), values,

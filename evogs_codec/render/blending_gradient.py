@@ -22,7 +22,7 @@ from evogs_codec.render.blending import (
     ALPHA_LEAST,
     ALPHA_MOST,
     EXPONENT_LEAST,
-    FAR,
+    LOG_NOTHING,
     N_CONSTANTS,
     clip_halves,
 )
@@ -138,7 +138,7 @@ def _unblend_tile(
             if j - begin > row_last[row]:
                 continue
             log_opacity = max(lines[row + SIDE], lines[row + 2 * SIDE])
-            if log_opacity > FAR:
+            if log_opacity > LOG_NOTHING:
                 down = curve * (y + row + 0.5 - record[p.Y])
                 _unblend_row(
                     state, sums, np.uint64(row) * _ROW, lines[row], real(weight), log_opacity,

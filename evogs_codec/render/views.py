@@ -42,13 +42,14 @@ class Between(NamedTuple):
     behind: npt.NDArray[np.floating]
 
 
-MOST = 150.0  # dB of a view: of one without any error, for a mean that is a number
+MAX_PSNR = 150.0  # dB of a view: of one without any error, for a mean that is a number
 DRAWN = 12  # views that the sensitivity is estimated from
 COMPARED = 6  # of these, at most, compared with the scene
 # Coarse levels of many splats are drawn in pictures whose longer side is this part of the others',
 # and has this many pixels at least.
-SMALLER, LEAST_SIDE = 0.625, 200
-MANY = 10_000  # splats of a level or scene, each of which is one of many that are worth alike
+SMALLER, MIN_SIDE = 0.625, 200
+# Of a level or scene of more splats each is one of many that are worth alike.
+SMALLER_ABOVE = 10_000
 HELD_OUT = 5  # every 5th of the cameras given judges what descends on the others
 
 
@@ -191,7 +192,9 @@ class Views:
         these are smaller (`_of_coarse`).
         """
         few = self._of_coarse
-        is_coarse = 4 * len(splats) <= len(self.scene) or MANY < len(splats) < len(self.scene)
+        is_coarse = 4 * len(splats) <= len(self.scene) or SMALLER_ABOVE < len(splats) < len(
+            self.scene
+        )
         if not is_coarse:
             return self.sensitivity(splats), few.psnr(splats)
         found, images = few._sensitivity(splats, few.cameras)
@@ -225,10 +228,10 @@ class Views:
         Views that show more than the scene keep their size, which is that of `between`.
         """
         few = self._weighing.fewer(COMPARED)
-        if len(self.scene) <= MANY or self.between:
+        if len(self.scene) <= SMALLER_ABOVE or self.between:
             return few
         side = max((max(camera.width, camera.height) for camera in few.cameras), default=0)
-        return few.within(max(round(SMALLER * side), LEAST_SIDE))
+        return few.within(max(round(SMALLER * side), MIN_SIDE))
 
     @property
     def pictures(self) -> list[Picture]:
@@ -295,7 +298,7 @@ class Views:
             if not is_shown and any(shows):
                 continue
             if (digest, camera) not in known:
-                known[digest, camera] = min(psnr(of(camera), picture), MOST)
+                known[digest, camera] = min(psnr(of(camera), picture), MAX_PSNR)
             found.append(known[digest, camera])
         return np.array(found)
 

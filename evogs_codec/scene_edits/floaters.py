@@ -20,7 +20,7 @@ __all__ = ["N_NEIGHBOURS", "THRESHOLD", "floaters"]
 N_NEIGHBOURS = 16
 THRESHOLD = 3.0
 MAD_TO_DEVIATION = 1.4826
-LEAST_SPREAD = 0.1  # of logarithms: in a lattice all distances are the same
+MIN_SPREAD = 0.1  # of logarithms: in a lattice all distances are the same
 BLOCK = 1 << 16  # places whose neighbours are looked for at a time
 
 
@@ -44,7 +44,7 @@ def floaters(splats: SplatParams, threshold: float = THRESHOLD) -> npt.NDArray[n
 def _excess(logs: F64) -> F64:
     """(N,) how many spreads each is above the median."""
     above: F64 = logs - np.median(logs)
-    return above / max(MAD_TO_DEVIATION * float(np.median(np.abs(above))), LEAST_SPREAD)
+    return above / max(MAD_TO_DEVIATION * float(np.median(np.abs(above))), MIN_SPREAD)
 
 
 def _distances(places: F64) -> F64:

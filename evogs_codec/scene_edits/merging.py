@@ -15,7 +15,7 @@ from evogs_codec.model.splats import SplatParams
 
 __all__ = ["merged", "merged_info"]
 
-MOST_TEXT = 65_535  # bytes of a value of the metadata
+MAX_TEXT = 65_535  # bytes of a value of the metadata
 
 
 def merged(scenes: Sequence[Scene]) -> Scene:
@@ -38,7 +38,7 @@ def merged_info(infos: Sequence[SceneInfo]) -> SceneInfo:
     text = {key: infos[0].text[key] for key in PLACES if key in infos[0].text}
     for key in sorted({key for info in infos for key in info.text} - {PSNR, *PLACES}):
         values = dict.fromkeys(info.text[key] for info in infos if key in info.text)
-        whole = " + ".join(values).encode()[:MOST_TEXT]
+        whole = " + ".join(values).encode()[:MAX_TEXT]
         text[key] = whole.decode(errors="ignore")
     if len({info.antialiased for info in infos}) > 1:
         said = "antialiased" if infos[0].antialiased else "not antialiased"

@@ -19,7 +19,7 @@ from reference_trainer.data.view import F32, View
 __all__ = ["area_average", "at_scale", "averaged", "on_shifted_grids"]
 
 BAND = 1 << 20  # pixels of a picture that are averaged at a time
-LEAST_FINER = 1.9  # times as many pixels a side as at least; 2, less what rounding takes
+MIN_FINER = 1.9  # times as many pixels a side as at least; 2, less what rounding takes
 HALVES = ((0.5, 0.0), (0.0, 0.5), (0.5, 0.5))  # of a pixel, right and down
 
 
@@ -59,7 +59,7 @@ def on_shifted_grids(views: tuple[View, ...], finer: tuple[View, ...]) -> tuple[
 
 def _shifted(view: View, image: F32) -> list[View]:
     camera = view.camera
-    if min(image.shape[0] / camera.height, image.shape[1] / camera.width) < LEAST_FINER:
+    if min(image.shape[0] / camera.height, image.shape[1] / camera.width) < MIN_FINER:
         return []
     found = []
     for right, below in HALVES:

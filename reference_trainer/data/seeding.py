@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 __all__ = ["first_splats"]
 
 C0 = 0.28209479177387814  # of spherical harmonics, band 0
-OPACITY = 0.1
-CUBE = 1.3  # least half side of the cube that random points fill; objects of Blender scenes fit
+FIRST_OPACITY = 0.1
+MIN_HALF_SIDE = 1.3  # of the cube that random points fill; objects of Blender scenes fit
 # Part of the ball that a camera sees whole. For cameras of NeRF-synthetic this comes to the cube
 # that is usual for them; cameras that stand twice as far away see things twice as large.
-SEEN = 0.95
-NEIGHBOURS = 3
+SEEN_SHARE = 0.95
+N_NEIGHBOURS = 3
 F32 = npt.NDArray[np.float32]
 
 
@@ -51,7 +51,7 @@ def first_splats(
     quats = np.zeros((n, 4), np.float32)
     quats[:, 0] = 1
     width = np.log(_spacing(points))[:, None].repeat(3, axis=1).astype(np.float32)
-    logits = np.full(n, np.log(OPACITY / (1 - OPACITY)), np.float32)
+    logits = np.full(n, np.log(FIRST_OPACITY / (1 - FIRST_OPACITY)), np.float32)
     return SplatParams(points, quats, width, logits, sh)
 
 
@@ -62,12 +62,12 @@ def _half_side(views: tuple[View, ...]) -> float:
         camera = view.camera
         tangent = 0.5 * min(camera.width / camera.fx, camera.height / camera.fy)
         radii.append(np.linalg.norm(camera.position) * tangent / np.hypot(1, tangent))
-    return max(CUBE, SEEN * float(np.median(radii)))
+    return max(MIN_HALF_SIDE, SEEN_SHARE * float(np.median(radii)))
 
 
 def _spacing(points: F32) -> npt.NDArray[np.float64]:
     """(N,) root of the mean squared distance to the nearest neighbours."""
-    k = min(NEIGHBOURS + 1, len(points))
+    k = min(N_NEIGHBOURS + 1, len(points))
     distances = cKDTree(points).query(points, k=k)[0].reshape(len(points), k)[:, 1:]
     squares = (distances**2).mean(axis=1) if k > 1 else np.ones(len(points))
     spacing: npt.NDArray[np.float64] = np.sqrt(np.maximum(squares, 1e-7))

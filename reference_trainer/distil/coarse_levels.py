@@ -1,10 +1,10 @@
 """Distilling: coarse levels of a lifted tree, improved against pictures of the scene itself.
 
 A lifted parent lies on the line through its children, which is a poor place for its scale: it has
-to cover both, and children that are alike leave it no way to grow. Lifting mends the worst pairs: a
-refine after the split puts C2 right. Here a share of the others are mended too, those of which the
-pictures show most, and gradient descent finds the scales of all mended parents. All other numbers
-stay as lifting chose them. From the finest level up, so that all children are known.
+to cover both, and children that are alike leave it no way to grow. Lifting corrects the worst
+pairs: a refine after the split puts C2 right. Here a share of the others are corrected too, those
+of which the pictures show most. Gradient descent finds the scales of all corrected parents. All
+other numbers stay as lifting chose them. From the finest level up, so that all children are known.
 
 Letters: n splats of a level, S of them parents of splats of the next, D channels.
 """
@@ -145,7 +145,7 @@ class _Descent:
         """The coarser level (D, n) and its alpha (5, S); `target`, `unit_mass` as `line_parents`.
 
         The scales of all parents descend, to see which of them pay; then of those alone, and of
-        those that lifting mends.
+        those that lifting corrects.
         """
         parents, alpha = line_parents(*generation.children(finer), target, unit_mass)
         slots, first = generation.slots, self.iterations // 2

@@ -15,7 +15,7 @@ from reference_trainer.methods.base import Done, Plan, Setting, a_plan_per_level
 from reference_trainer.methods.plain import plain_cloud
 from reference_trainer.methods.quantised import IntegerLevel
 from reference_trainer.methods.refines_first import (
-    TRIED,
+    TRIED_LEVEL,
     better,
     growth_of,
     is_tried,
@@ -78,7 +78,7 @@ class Evogs:
         if isinstance(model, IntegerLevel):
             before = tuple(step for step in done.steps if step.level < level)
             found = replace(done, steps=(*before, *model.finished()), quanta=model.quanta)
-            if not (level == TRIED and self._is_tried(setting.config)):
+            if not (level == TRIED_LEVEL and self._is_tried(setting.config)):
                 return found
             if setting.plan.without_refines:
                 return better(setting, found)

@@ -27,8 +27,8 @@ from reference_trainer.train import Model
 
 __all__ = ["L3gs", "significance"]
 
-POWER = 0.1  # of the volume
-REFERENCE = 0.9  # the volume that this part of all splats exceed counts 1
+VOLUME_POWER = 0.1  # of the volume
+VOLUME_QUANTILE = 0.9  # the volume that this part of all splats exceed counts 1
 PRETRAINING = -1  # level of the stage that leaves nothing in the tree
 
 
@@ -87,8 +87,8 @@ def significance(splats: SplatParams, setting: Setting) -> npt.NDArray[np.float6
         found: Any = gradients(drawing, grey, np.ones_like(drawing.image))
         weights += found.sh[:, 0].sum(axis=1)
     log_volume = splats.log_scales.sum(axis=1).astype(np.float64)
-    reference = np.sort(log_volume)[::-1][int(REFERENCE * (len(splats) - 1))]
-    scores: npt.NDArray[np.float64] = weights * np.exp(POWER * (log_volume - reference))
+    reference = np.sort(log_volume)[::-1][int(VOLUME_QUANTILE * (len(splats) - 1))]
+    scores: npt.NDArray[np.float64] = weights * np.exp(VOLUME_POWER * (log_volume - reference))
     return scores
 
 

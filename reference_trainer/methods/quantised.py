@@ -238,7 +238,7 @@ def _coded(setting: Setting, done: Done) -> tuple[CodedTree, Quanta]:
         for step, found in zip(tree.steps, importance.weights[0], strict=True)
     ]
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", AccuracyWarning)  # training mends that too
+        warnings.simplefilter("ignore", AccuracyWarning)  # training corrects that too
         coded = quantise((tree,), level + 1, settings, weights=[weights], price=price)
     # As they are: where values span much, the grid is coarser than was asked for.
     own = _step_sizes(coded, 1 + level if level else 0)

@@ -19,28 +19,37 @@ from evogs_codec.render.views import Views
 from reference_trainer.config import Config, FrontierGrowth
 from reference_trainer.methods.base import Done, Plan, Setting
 
-__all__ = ["TRIED", "are_kept", "better", "growth_of", "is_tried", "saved_by", "second_attempt"]
+__all__ = [
+    "TRIED_LEVEL",
+    "are_kept",
+    "better",
+    "growth_of",
+    "is_tried",
+    "saved_by",
+    "second_attempt",
+]
 
-TRIED = 1  # level
-WORTH = 0.05  # part of the bits of level 1 that its refines have to save: finer levels lose by them
-# Finer than this, a bit is worth more than its price says, for training mends what rounding adds.
-FINEST = 0.07  # distortion
+TRIED_LEVEL = 1  # level
+# Part of the bits of level 1 that its refines have to save: finer levels lose by them.
+MIN_SAVED = 0.05
+# Finer than this, a bit is worth more than its price says: training corrects what rounding adds.
+FINEST_DISTORTION = 0.07  # distortion
 
 
 def is_tried(config: Config) -> bool:
     """Whether level 1 of a mixed tree is trained twice."""
     wanted = config.frontier.refines_first is None
-    return wanted and config.integers.part > 0 and config.n_levels > TRIED
+    return wanted and config.integers.part > 0 and config.n_levels > TRIED_LEVEL
 
 
 def second_attempt(plans: list[Plan]) -> list[Plan]:
     """Those of the stages of a tree, in floats and in integers, that are done again."""
-    return [replace(plan, without_refines=True) for plan in plans if plan.level == TRIED]
+    return [replace(plan, without_refines=True) for plan in plans if plan.level == TRIED_LEVEL]
 
 
 def are_kept(saved: float) -> bool:
     """Whether levels have refines that save this part of the bits of level 1."""
-    return saved > WORTH
+    return saved > MIN_SAVED
 
 
 def growth_of(setting: Setting, done: Done) -> FrontierGrowth:
@@ -81,17 +90,17 @@ def saved_by(setting: Setting, first: Done, second: Done) -> float:
         first: the level with refines.
         second: without.
     """
-    n, m = (sum(x.psi.size for x in of.steps if x.level == TRIED) for of in (first, second))
+    n, m = (sum(x.psi.size for x in of.steps if x.level == TRIED_LEVEL) for of in (first, second))
     if not m:
         return 1.0 if n else 0.0
     errors = [_error(setting, attempt) for attempt in (first, second)]
     integers = setting.config.integers
-    integers = replace(integers, distortion=max(integers.distortion, FINEST))
+    integers = replace(integers, distortion=max(integers.distortion, FINEST_DISTORTION))
     price = max(integers.price(errors[0], n), PRICES[0])
     roots = replace(
         first,
-        steps=tuple(step for step in first.steps if step.level < TRIED),
-        quanta=first.quanta[: 1 + TRIED],
+        steps=tuple(step for step in first.steps if step.level < TRIED_LEVEL),
+        quanta=first.quanta[: 1 + TRIED_LEVEL],
     )
     bits = [8 * len(encode(of.tree)) for of in (first, second, roots)]
     saved = bits[1] - bits[0] + (errors[1] - errors[0]) / price

@@ -15,7 +15,7 @@ __all__ = ["CameraPath"]
 
 F64 = npt.NDArray[np.float64]
 # Least extent of cameras in one place, scene units: objects of Blender scenes are so large.
-LEAST = 1.3
+MIN_EXTENT = 1.3
 ONE_PLACE = 1e-6  # of the distance from the origin: cameras nearer to each other are in one place
 
 
@@ -38,7 +38,7 @@ class CameraPath:
         places = np.stack([camera.position for camera in cameras])
         middle = places.mean(axis=0)
         furthest = np.linalg.norm(places - middle, axis=1).max()
-        away = max(LEAST, float(np.linalg.norm(middle)))
+        away = max(MIN_EXTENT, float(np.linalg.norm(middle)))
         return CameraPath(places, float(1.1 * furthest) if furthest > ONE_PLACE * away else away)
 
     def scene_size(self, means: npt.NDArray[np.floating]) -> float:

@@ -26,7 +26,7 @@ from reference_trainer.models.tensors import SplatTensors
 __all__ = ["Cloud"]
 
 OPACITY = GROUPS.index("opacity")
-RESET = 0.01
+RESET_OPACITY = 0.01
 SHRINK = 1.6  # of the scales of both halves
 
 
@@ -152,7 +152,7 @@ class Cloud:
         self.layer = tuple(variable.rows(kept) for variable in self.layer)
 
     def _reset_opacities(self) -> None:
-        ceiling = float(np.log(RESET / (1 - RESET)))
+        ceiling = float(np.log(RESET_OPACITY / (1 - RESET_OPACITY)))
         variables = [self.layer[OPACITY]] + ([self.opacities] if self.opacities else [])
         for variable in variables:
             with torch.no_grad():

@@ -18,7 +18,7 @@ __all__ = ["moment_matched", "rotations", "symmetric"]
 
 # Of position, rotation, scale, opacity, SH: both children shrink and fade, all else goes apart.
 ALPHA = (1.0, 1.0, -1.0, -1.0, 1.0)
-LEAST, MOST = 1e-4, 0.995  # opacities of children
+MIN_OPACITY, MAX_OPACITY = 1e-4, 0.995  # opacities of children
 
 
 def moment_matched(parents: SplatParams, distance: float) -> tuple[SplatParams, F32]:
@@ -29,7 +29,7 @@ def moment_matched(parents: SplatParams, distance: float) -> tuple[SplatParams, 
     scales[rows, axis] = 0.5 * np.log(1 - distance**2)
     opacity = 1 / (1 + np.exp(-parents.opacity_logits.astype(np.float64)))
     fall = np.exp(-(distance**2) / (2 * (1 - distance**2)))
-    child = np.clip((1 - np.sqrt(1 - opacity)) / fall, LEAST, MOST)
+    child = np.clip((1 - np.sqrt(1 - opacity)) / fall, MIN_OPACITY, MAX_OPACITY)
     logits = np.log(child / (1 - child)) - parents.opacity_logits
     alpha = np.tile(np.array(ALPHA, np.float32), (len(parents), 1))
     return SplatParams(psi.means, psi.quats, scales, logits.astype(np.float32), psi.sh), alpha

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 __all__ = ["LOG", "Progress"]
 
 SECONDS_OF_A_LINE = 60  # where the bar is no bar: in a log
-EVERY = 100  # iterations between two rows
-LOOKED_AT = 4  # held-out views of a row's PSNR: all of them would cost more than training
+ROW_EVERY = 100  # iterations between two rows
+N_LOOKED_AT = 4  # held-out views of a row's PSNR: all of them would cost more than training
 COLUMNS = ("stage", "level", "iteration", "loss", "splats", "psnr", "seconds")
 LOG = FileKind("log of a run", (",".join(COLUMNS).encode(),))
 
@@ -37,7 +37,7 @@ class Progress:
     """Says nothing by itself.
 
     Attributes:
-        log: CSV file that gets a row every `EVERY` iterations, or None.
+        log: CSV file that gets a row every `ROW_EVERY` iterations, or None.
         shows_bar: whether there is a bar.
         refines_save: as of `Done`, when the run is over.
     """
@@ -71,7 +71,7 @@ class Progress:
     def begin(self, stage: int, plan: Plan, data: Dataset, backend: Backend) -> None:
         """A stage begins."""
         self._stage, self._plan, self._data, self._backend = stage, plan, data, backend
-        views = (data.test or data.train)[:LOOKED_AT]
+        views = (data.test or data.train)[:N_LOOKED_AT]
         self._looked_at = [(view, backend.photograph(view.image)) for view in views]
         self._losses: list[float] = []
         if self._shows_bar:
@@ -95,7 +95,7 @@ class Progress:
             self._bar.update(training.iteration - self._bar.n)
         if self._log is None and self._bar is None:
             return
-        if training.iteration % EVERY and training.iteration != self._plan.iterations:
+        if training.iteration % ROW_EVERY and training.iteration != self._plan.iterations:
             return
         n, found = training.model.n_splats, self._psnr(training)
         if self._bar is not None:

@@ -266,7 +266,7 @@ def test_exceptions_endless_loops_and_memory_are_findings(monkeypatch: pytest.Mo
     data = build(SMALL)
     assert check(data, Run(), measures=True) == ("0", "")
     assert check(data, Run(), decode=raising)[1] == "IndexError: list index out of range"
-    large = random_stream(Random(3), fuzz.TIMES)
+    large = random_stream(Random(3), fuzz.LARGE_TIMES)
     assert check(large, Run(), measures=True) == ("0", "")
     assert "bytes of memory" in check(large, Run(), decode=greedy, measures=True)[1]
     monkeypatch.setattr(fuzz, "SECONDS", 0.05)

@@ -15,7 +15,7 @@ from conformance.harness import selftest
 from conformance.harness.bad.escapes import ALIVE
 from conformance.harness.running import process
 from conformance.harness.running.process import Bounds, clean_environment
-from conformance.harness.running.scratch import MOST_DEPTH, read_regular, scratch, written_too_much
+from conformance.harness.running.scratch import MAX_DEPTH, read_regular, scratch, written_too_much
 from tests.conformance.test_harness import run
 from tests.conformance.tiny import ROOT
 
@@ -139,7 +139,7 @@ def test_files_in_folders_below_count_and_links_are_not_followed(tmp_path):
     assert not written_too_much([tmp_path / "gone"], 0, 0)
 
 
-@pytest.mark.parametrize(("name", "depth"), [("x", MOST_DEPTH + 2), ("x" * 250, 30)])
+@pytest.mark.parametrize(("name", "depth"), [("x", MAX_DEPTH + 2), ("x" * 250, 30)])
 def test_folders_too_deep_to_be_looked_at_are_too_much_and_can_be_removed(name, depth):
     before = Path.cwd()
     with scratch() as folder:

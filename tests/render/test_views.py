@@ -64,7 +64,7 @@ def test_of_a_coarse_level_fewer_views_are_drawn(tree, views, monkeypatch):
 
 
 def test_a_coarse_level_of_many_splats_is_drawn_in_smaller_pictures(tree, monkeypatch):
-    monkeypatch.setattr(module, "MANY", 100)
+    monkeypatch.setattr(module, "SMALLER_ABOVE", 100)
     leaves = tree.leaves()
     views = Views(leaves, cameras_around(leaves, "z", 320, n=12))
     small = views.fewer(module.COMPARED).within(200)
@@ -79,7 +79,7 @@ def test_a_coarse_level_of_many_splats_is_drawn_in_smaller_pictures(tree, monkey
 
 
 def test_where_something_is_between_pictures_keep_their_size(tree, monkeypatch):
-    monkeypatch.setattr(module, "MANY", 100)
+    monkeypatch.setattr(module, "SMALLER_ABOVE", 100)
     leaves = tree.leaves()
     views = Views(leaves, cameras_around(leaves, "z", 320, n=2))
     nothing = np.ones((320, 320, 1), np.float32), np.ones((320, 320, 3), np.float32)

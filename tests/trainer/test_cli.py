@@ -126,7 +126,7 @@ def test_photographs_of_twice_the_size_are_there_if_they_have_it_and_are_not_too
     assert widths("--size", "16") == {32}
     assert widths("--size", "20") == {32}  # as large as they are
     assert widths() is None
-    monkeypatch.setattr(cli, "MOST_SHIFTED", 1000)
+    monkeypatch.setattr(cli, "MAX_SHIFTED", 1000)
     assert widths("--size", "16") is None
 
 

@@ -253,7 +253,7 @@ def test_levels_of_too_many_photographs_have_one_grid(monkeypatch):
     scales, config = tiny.pyramid(3), tiny.config(shifts=True)
     n = len(scales[0].train)
     numbers = [sum(view.image.size for view in data.train) for data in scales]
-    monkeypatch.setattr("reference_trainer.run.MOST_SHIFTED", numbers[0])
+    monkeypatch.setattr("reference_trainer.run.MAX_SHIFTED", numbers[0])
     counts = [len(photographs(scales, i, config, shifts=True)) for i in range(3)]
     assert counts == [4 * n, n, n]  # of the first level, of one too large, of one without a larger
 

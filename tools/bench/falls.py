@@ -22,7 +22,7 @@ __all__ = ["falls", "odd_scenes"]
 N_SPLATS, SEED = 6_000, 3
 OTHERS = ((2_000, 4), (1_500, 5), (25_000, 11))  # splats and seeds on which nothing was tuned
 N_VIEWS, PIXELS = 24, 300
-EVERY = 4  # of these views are the few
+FEW_EVERY = 4  # of these views are the few
 OF_WHITE = 0.5 / 0.28209479177387814  # SH of band 0
 
 
@@ -102,7 +102,7 @@ def _fallen(data: bytes, splats: SplatParams) -> dict[str, object]:
         end = int(directory.offsets[row] + directory.packets["size"][row])
         leaves = decode(data, Cut.of_prefix(directory, end)).leaves(sh_degree=splats.sh_degree)
         each = views.psnr_of_each(leaves)
-        shown = np.array([each.mean(), each[::EVERY].mean()])
+        shown = np.array([each.mean(), each[::FEW_EVERY].mean()])
         for kind in (True, False):
             if is_core[row] or not kind:
                 deepest[kind] = np.maximum(deepest[kind], best - shown)

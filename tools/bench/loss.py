@@ -33,7 +33,7 @@ DEFAULT = "default"
 LAYERS = (1, 2, 3)
 CUTS = range(5, 105, 5)  # % of the bytes
 JUDGED = np.array([30 <= cut <= 90 for cut in CUTS])
-MOST_PSNR = 70.0  # dB, beyond which nobody looks for a dedicated stream
+MAX_PSNR = 70.0  # dB, beyond which nobody looks for a dedicated stream
 PLACES = 100  # prefixes between which falls are looked for
 FALL_VIEWS = 6  # that falls are judged by
 HALF_DECADE = 10**-0.5
@@ -272,7 +272,7 @@ class _OneLayer:
         points: list[tuple[int, float]] = []
         for data in aim.at_prices(_prices()):
             points.append((len(data), subject.views.psnr(decode(data).leaves(sh_degree=degree))))
-            if len(data) > most or points[-1][1] > MOST_PSNR:
+            if len(data) > most or points[-1][1] > MAX_PSNR:
                 break
         kept: list[tuple[int, float]] = []
         for point in sorted(points):

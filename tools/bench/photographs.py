@@ -15,7 +15,7 @@ from evogs_codec.render import Camera
 __all__ = ["Photograph", "held_out"]
 
 F64 = npt.NDArray[np.float64]
-EVERY = 8  # which views are held out
+HELD_OUT_EVERY = 8  # which views are held out
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ def held_out(folder: Path) -> list[Photograph]:
             frame["transform_matrix"],
             scene["camera_angle_x"],
         )
-        for frame in scene["frames"][::EVERY]
+        for frame in scene["frames"][::HELD_OUT_EVERY]
     ]
 
 

@@ -19,7 +19,7 @@ from tools.bench.subjects import Gauge, Subject
 __all__ = ["by_level", "ends_of_packets", "prefixes", "rivals", "sizes_of_packets"]
 
 N_CUTS = 20
-MOST = 6  # views that a prefix is judged by
+MAX_VIEWS = 6  # views that a prefix is judged by
 BUDGET, METHODS = "equal", {"evogs": "EvoGS", "lapis": "LapisGS"}
 I64 = npt.NDArray[np.int64]
 F64 = npt.NDArray[np.float64]
@@ -104,7 +104,7 @@ def _curves(subject: Subject) -> dict[str, _Curve]:
 
 
 def _some_views(gauge: Gauge) -> Gauge:
-    every = -(-len(gauge.cameras) // MOST)
+    every = -(-len(gauge.cameras) // MAX_VIEWS)
     return replace(gauge, cameras=gauge.cameras[::every], targets=gauge.targets[::every])
 
 

@@ -24,7 +24,7 @@ __all__ = ["rate"]
 Rows = list[dict[str, object]]
 FEWER = "SPZ 4, SH as its reference encoder rounds"
 TARGETS = (40, 45, 50)  # dB
-MOST_POLISHED = 50_000  # splats: half a million take half an hour
+MAX_POLISHED = 50_000  # splats: half a million take half an hour
 
 
 class Point(NamedTuple):
@@ -100,7 +100,7 @@ def _ours(subject: Subject, peers: Sequence[Point]) -> Iterator[Point]:
     yield point()
     theirs = [round(subject.views.psnr(peer.splats), 2) for peer in peers]
     ways: list[Options] = [{"target_psnr": decibels} for decibels in (*TARGETS, *theirs)]
-    if subject.tree.n_leaves <= MOST_POLISHED:
+    if subject.tree.n_leaves <= MAX_POLISHED:
         ways += [{"target_psnr": decibels, "polish": DEFAULT_ITERATIONS} for decibels in theirs]
     for options in ways:
         try:

@@ -32,7 +32,7 @@ __all__ = ["refined"]
 
 Rows = list[dict[str, object]]
 N_CROP = 30_000  # splats of a named scene: those nearest to its middle
-SMALL = SIZE // 4  # pixels, of pictures from afar
+FAR_PIXELS = SIZE // 4  # pixels, of pictures from afar
 
 
 def refined(ply: Path | None, up: str) -> Rows:
@@ -53,7 +53,7 @@ def _rows(name: str, scene: SplatParams, up: str) -> Rows:
     start = time.process_time()
     better = refine(lifted, None, up, DEFAULT_ITERATIONS, lambda *_: None)
     seconds = time.process_time() - start
-    views = [Views(lifted.leaves(), cameras_around(scene, up, size)) for size in (SIZE, SMALL)]
+    views = [Views(lifted.leaves(), cameras_around(scene, up, size)) for size in (SIZE, FAR_PIXELS)]
     rows: Rows = []
     both = zip(_decoded(lifted, views), _decoded(better, views), strict=True)
     for level, ((n_bytes, large, small), (n_bytes_after, large_after, small_after)) in enumerate(
@@ -66,8 +66,8 @@ def _rows(name: str, scene: SplatParams, up: str) -> Rows:
                 "splats": len(lifted.leaves(level)),
                 "lifted, dB": f"{large:.2f}",
                 "refined, dB": f"{large_after:.2f}",
-                f"lifted, dB, {SMALL} pixels": f"{small:.2f}",
-                f"refined, dB, {SMALL} pixels": f"{small_after:.2f}",
+                f"lifted, dB, {FAR_PIXELS} pixels": f"{small:.2f}",
+                f"refined, dB, {FAR_PIXELS} pixels": f"{small_after:.2f}",
                 "lifted, bytes": n_bytes,
                 "refined, bytes": n_bytes_after,
                 "to lifted": f"{n_bytes_after / n_bytes:.3f}",

@@ -33,7 +33,7 @@ ROUNDS = 10  # of k-means of SH
 CODE_ROUNDS = 40  # of that of a codebook
 CODES = 256  # of a codebook
 BINS = 4096  # of the histogram that a codebook begins with
-MOST_ENTRIES = 1 << 16  # of a palette
+MAX_ENTRIES = 1 << 16  # of a palette
 SEED = 7
 
 
@@ -113,7 +113,7 @@ def _palette(vectors: F32) -> tuple[F32, I64]:
     power of two.
     """
     n = len(vectors)
-    most = min(MOST_ENTRIES, 1 << (n.bit_length() - 1))
+    most = min(MAX_ENTRIES, 1 << (n.bit_length() - 1))
     distinct, labels = np.unique(vectors, axis=0, return_inverse=True)
     if len(distinct) <= most:
         return distinct, labels.reshape(n).astype(np.int64)

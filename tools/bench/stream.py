@@ -33,7 +33,7 @@ F64 = npt.NDArray[np.float64]
 VIEWS = 6
 PLACES = 40  # of a stream, at which its picture is judged
 GOOD = 30.0  # dB
-MOST_OF = 0.9  # of the final PSNR
+PART_OF_FINAL = 0.9  # of the final PSNR
 STALL = 0.5  # s
 SECONDS = (0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.7, 1, 1.5, 2, 3, 4, 5, 7, 10, 15, 20, 30)
 
@@ -134,7 +134,7 @@ def _row(run: _Run) -> dict[str, object]:
         "first picture, s": cell(float(run.seconds[0])),
         "of the bytes, %": f"{100 * file.places[0] / n_bytes:.1f}",
         f"{GOOD:g} dB, s": cell(run.until(GOOD)),
-        "90 % of the final PSNR, s": cell(run.until(MOST_OF * file.decibels[-1])),
+        "90 % of the final PSNR, s": cell(run.until(PART_OF_FINAL * file.decibels[-1])),
         "all, s": cell(float(arrival.seconds(n_bytes))),
         "final, dB": f"{file.decibels[-1]:.2f}",
         "stalls, s": cell(arrival.stalls(int(file.places[0]), STALL)),

@@ -20,7 +20,7 @@ from tools.bench.scale import tiled
 __all__ = ["main", "tilesets"]
 
 REGION = (0.0, 0.0, 0.0, 2.0, 2.0, 2.0)  # in one of the copies of which the scene is made
-FEW, SOME = 20_000, 50_000  # splats of a picture
+FAR_SPLATS, NEAR_SPLATS = 20_000, 50_000  # splats of a picture
 
 
 def main() -> None:
@@ -81,7 +81,7 @@ def _of_many(folder: Path, seconds: float, n_splats: int) -> dict[str, object]:
         n_files = sum(tile.name is not None for tile in tileset.all())
         first, region, less = (
             take(tileset, box=box, max_splats=most).n_bytes
-            for box, most in ((None, FEW), (REGION, None), (REGION, SOME))
+            for box, most in ((None, FAR_SPLATS), (REGION, None), (REGION, NEAR_SPLATS))
         )
     n_bytes = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
     return {"files": n_files} | _row(n_bytes, seconds, n_splats, first, region, less)
@@ -96,7 +96,7 @@ def _row(
         "processor s": f"{seconds:.0f}",
         "first": f"{first:,}",
         "region": f"{region:,}",
-        f"region, {SOME:,}": f"{less:,}",
+        f"region, {NEAR_SPLATS:,}": f"{less:,}",
     }
 
 

@@ -27,9 +27,9 @@ __all__ = [
     "read_fingerprints",
 ]
 
-LEAST_SHARE = 0.5  # below it, to name a mutant would mislead
-LEAST_OWN = 0.75  # of the wrong runs of one among several: some are hidden by another's
-MOST, MOST_TOGETHER = 3, 5
+MIN_SHARE = 0.5  # below it, to name a mutant would mislead
+MIN_OWN = 0.75  # of the wrong runs of one among several: some are hidden by another's
+MAX_NAMED, MAX_TOGETHER = 3, 5
 
 
 @dataclass(frozen=True)
@@ -161,9 +161,9 @@ def diagnose(
     alike = [
         one.likeness(runs, one.expected | set(symptoms))
         for one in compared
-        if len(one.same) >= LEAST_SHARE * len(one.expected | set(symptoms))
+        if len(one.same) >= MIN_SHARE * len(one.expected | set(symptoms))
     ]
-    alike = sorted(alike, key=lambda likeness: (-likeness.share, likeness.name))[:MOST]
+    alike = sorted(alike, key=lambda likeness: (-likeness.share, likeness.name))[:MAX_NAMED]
     if alike and alike[0].share == 1:
         return Diagnosis(tuple(alike))
     together, explained = _together(compared)
@@ -208,9 +208,9 @@ def _together(compared: Sequence[_Compared]) -> tuple[list[_Compared], set[str]]
 
     Only mutants most of whose own wrong runs came: the others are not at work here.
     """
-    left = [one for one in compared if len(one.same) >= LEAST_OWN * len(one.expected)]
+    left = [one for one in compared if len(one.same) >= MIN_OWN * len(one.expected)]
     chosen, explained = list[_Compared](), set[str]()
-    while left and len(chosen) < MOST_TOGETHER:
+    while left and len(chosen) < MAX_TOGETHER:
         best = max(left, key=lambda one: (len(one.same - explained), -len(one.expected), one.name))
         if not best.same - explained:
             break

@@ -17,7 +17,7 @@ from conformance.harness.reporting.pieces import Piece
 __all__ = ["explain"]
 
 BYTES_PER_LINE = 12
-MOST_BYTES = 48  # of a field: the rest is counted
+MAX_BYTES = 48  # of a field: the rest is counted
 SPEC = Path(__file__).resolve().parents[3] / "spec" / "evogs.md"
 
 
@@ -98,7 +98,7 @@ def _bytes(pieces: Sequence[Piece], faults: dict[int, str]) -> Iterator[str]:
 
 
 def _piece(piece: Piece) -> Iterator[str]:
-    raw = piece.raw[:MOST_BYTES]
+    raw = piece.raw[:MAX_BYTES]
     rows = [raw[at : at + BYTES_PER_LINE] for at in range(0, len(raw), BYTES_PER_LINE)]
     text = f"{piece.name} {piece.value}".rstrip()
     text += f"   ! {piece.remark}" if piece.remark else ""
@@ -106,8 +106,8 @@ def _piece(piece: Piece) -> Iterator[str]:
     for number, row in enumerate(rows):
         line = f"{piece.at + number * BYTES_PER_LINE:6}  {row.hex(' '):{width}}"
         yield f"{line}  {text}" if number == 0 else line.rstrip()
-    if len(piece.raw) > MOST_BYTES:
-        yield f"        ... {len(piece.raw) - MOST_BYTES} more bytes"
+    if len(piece.raw) > MAX_BYTES:
+        yield f"        ... {len(piece.raw) - MAX_BYTES} more bytes"
 
 
 def _requirements() -> dict[str, str]:

@@ -12,7 +12,7 @@ from conformance.harness.trial import FAILED, INCOMPLETE, PASSED, Trial
 
 __all__ = ["print_report", "report", "requirements"]
 
-MOST_FAILURES = 20
+MAX_FAILURES = 20
 COLUMNS = ("pass", "skipped", "not asked", "wrong verdict", "wrong dump", "wrong code")
 
 
@@ -77,7 +77,7 @@ def _families(results: list[Result]) -> Iterable[str]:
 
 
 def _failures(trial: Trial) -> Iterable[str]:
-    for result in trial.failed[:MOST_FAILURES]:
+    for result in trial.failed[:MAX_FAILURES]:
         vector, run = result.case.vector, result.case.run
         yield f"{result.kind.upper()} {result.case.id} ({run.options()})"
         yield f"    {result.says}"
@@ -85,7 +85,7 @@ def _failures(trial: Trial) -> Iterable[str]:
         yield f"    requirements: {', '.join(vector.requirements)}"
         if vector.near_miss_of and result.kind == "wrong verdict":
             yield f"    legal but for the fault: {vector.near_miss_of}"
-    left = len(trial.failed) - MOST_FAILURES
+    left = len(trial.failed) - MAX_FAILURES
     if left > 0:
         yield f"... and {left} more wrong runs (--html or --json shows all)"
     if trial.failed:

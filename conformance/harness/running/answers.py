@@ -12,8 +12,8 @@ from conformance.harness.running.plain import plain, read_json
 __all__ = ["EXITS", "Answer", "AnswerError", "Parcel", "read_entry", "read_fault"]
 
 EXITS = (0, 1, 3, 4, 127)
-MOST_OFFSET = 1 << 63
-MOST_CODE = 40  # characters
+MAX_OFFSET = 1 << 63
+MAX_CODE = 40  # characters
 
 
 class AnswerError(Exception):
@@ -140,9 +140,9 @@ def _fault(entry: dict[str, Any]) -> tuple[str | None, int | None]:
         raise AnswerError(f"unknown keys {plain(', '.join(sorted(entry)))}")
     if not isinstance(code, str | None) or type(offset) not in (int, type(None)):
         raise AnswerError("code is a string and offset an integer")
-    if offset is not None and not 0 <= offset < MOST_OFFSET:
+    if offset is not None and not 0 <= offset < MAX_OFFSET:
         raise AnswerError(f"offset {_shown(offset)} is not in 0..2^63 - 1")
-    return None if code is None else plain(code, MOST_CODE), offset
+    return None if code is None else plain(code, MAX_CODE), offset
 
 
 def _shown(value: object) -> str:

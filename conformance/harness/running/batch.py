@@ -14,12 +14,12 @@ from typing import IO
 from conformance.harness.running.answers import Answer, AnswerError, Parcel, read_entry
 from conformance.harness.running.oneshot import died, last_words, over
 from conformance.harness.running.plain import plain
-from conformance.harness.running.process import MOST_SAID, Bounds, Watched, read_tail
+from conformance.harness.running.process import MAX_SAID, Bounds, Watched, read_tail
 from conformance.harness.running.scratch import read_regular, scratch
 
 __all__ = ["Batch"]
 
-LATE = 3.0  # seconds in which an answer that was kept back comes when the input ends
+LATE_SECONDS = 3.0  # seconds in which an answer that was kept back comes when the input ends
 REST = 1.0  # seconds in which a process whose input or output has ended should end too
 
 
@@ -82,7 +82,7 @@ class Batch:
         elif trouble == "timeout" and number is not None:
             detail = f"no answer within {self.bounds.seconds:g} s{process.why_late(number)}"
         elif trouble == "noise":
-            detail = f"over {MOST_SAID} bytes without a line end on standard output"
+            detail = f"over {MAX_SAID} bytes without a line end on standard output"
         elif not detail:
             trouble, detail = over(trouble, self.bounds)
         peak = process.watched.peak
@@ -133,7 +133,7 @@ class _Process:
             if select.select([self.stdout], [], [], self.watched.nap)[0]:
                 if not self._hear():
                     return "crash", b""
-                if len(self._said) > MOST_SAID:
+                if len(self._said) > MAX_SAID:
                     return "noise", b""
             if time.monotonic() - looked > self.watched.nap:
                 why = self.watched.over(started, parcel.folders)
@@ -157,8 +157,8 @@ class _Process:
             return ": the answer is there, but its line does not end"
         with suppress(OSError):
             self.stdin.close()
-        deadline = time.monotonic() + LATE
-        while (left := deadline - time.monotonic()) > 0 and len(self._said) <= MOST_SAID:
+        deadline = time.monotonic() + LATE_SECONDS
+        while (left := deadline - time.monotonic()) > 0 and len(self._said) <= MAX_SAID:
             if not select.select([self.stdout], [], [], left)[0] or not self._hear():
                 break
         if _answers(self._said.partition(b"\n")[0], number):
@@ -176,7 +176,7 @@ class _Process:
 
     def _hear(self) -> bool:
         """Take in what it says; whether it can say more."""
-        piece = os.read(self.stdout.fileno(), MOST_SAID)
+        piece = os.read(self.stdout.fileno(), MAX_SAID)
         self._said += piece
         return bool(piece)
 

@@ -16,7 +16,7 @@ __all__ = ["Capabilities", "CapabilityError", "ask_capabilities", "lacking", "no
 
 OPTIONAL = {"dump_on_fault": False}  # keys that may be left out, and what that means
 
-MOST_NAME = 80  # characters
+MAX_NAME = 80  # characters
 
 
 class CapabilityError(Exception):
@@ -110,5 +110,5 @@ def _parse(entry: object) -> Capabilities:
         raise ValueError("modes is a list of file, progressive")
     if not all(isinstance(entry[key], str) for key in ("name", "version")):
         raise TypeError("name and version are strings")
-    said = {key: plain(entry[key], MOST_NAME) for key in ("name", "version")}
+    said = {key: plain(entry[key], MAX_NAME) for key in ("name", "version")}
     return Capabilities(**{**entry, **said, "modes": tuple(modes)})

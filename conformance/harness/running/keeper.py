@@ -33,7 +33,7 @@ from typing import Any
 __all__ = ["descendants", "kill_all", "main"]
 
 PR_SET_CHILD_SUBREAPER = 36
-MOST_ORDER = 1 << 22  # bytes
+MAX_ORDER = 1 << 22  # bytes
 SLACK = 1 << 20
 NAP = 0.002  # seconds between two rounds of killing
 PATIENCE = 5.0  # seconds for killing all: what is not ours to kill stays
@@ -161,7 +161,7 @@ def _receive(channel: socket.socket) -> tuple[Message, list[int]] | None:
     """An order and the files with it; None: the harness is gone."""
     raw, files = b"", list[int]()
     while not raw.endswith(b"\n"):
-        piece, numbers, _, _ = socket.recv_fds(channel, MOST_ORDER, 3)
+        piece, numbers, _, _ = socket.recv_fds(channel, MAX_ORDER, 3)
         files += numbers
         if not piece:
             return None

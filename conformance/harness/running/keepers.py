@@ -22,8 +22,8 @@ __all__ = ["Keeper", "KeeperLostError", "free_keeper"]
 
 PYTHON = sys.executable
 PATIENCE = keeper.PATIENCE + 5.0  # seconds for the answer to an order to end
-MOST_ANSWER = 1 << 16  # bytes
-MOST_PROCESSES = 10_000  # that are looked for
+MAX_ANSWER = 1 << 16  # bytes
+MAX_PROCESSES = 10_000  # that are looked for
 ROUNDS = 5  # of killing where the keeper cannot do it
 
 Message = dict[str, Any]
@@ -94,7 +94,7 @@ class Keeper:
             if not select.select([self._channel], [], [], left)[0]:
                 return None
             try:
-                piece = self._channel.recv(MOST_ANSWER)
+                piece = self._channel.recv(MAX_ANSWER)
             except OSError:
                 piece = b""
             if not piece:
@@ -118,7 +118,7 @@ class Keeper:
             raise KeeperLostError
         return answer
 
-    def processes(self, most: int = MOST_PROCESSES) -> list[int]:
+    def processes(self, most: int = MAX_PROCESSES) -> list[int]:
         """The decoder and all that it started; of over `most` only some."""
         self._seen = keeper.descendants(self._process.pid, most)
         return self._seen

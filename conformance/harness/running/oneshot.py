@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 
 from conformance.harness.running.answers import EXITS, Answer, AnswerError, Parcel, read_fault
 from conformance.harness.running.plain import plain
-from conformance.harness.running.process import MOST_SAID, Bounds, Ended, run
-from conformance.harness.running.scratch import MOST_DEPTH, read_regular
+from conformance.harness.running.process import MAX_SAID, Bounds, Ended, run
+from conformance.harness.running.scratch import MAX_DEPTH, read_regular
 
 __all__ = ["OneShot", "died", "last_words", "over"]
 
@@ -16,7 +16,7 @@ OVER = {
     "timeout": "over the time limit of {0.seconds:g} s",
     "memory": "over the memory limit of {0.memory} bytes",
     "output": "wrote over {0.written} bytes to files,"
-    f" or over {{0.files}} files, or folders over {MOST_DEPTH} deep or that cannot be read",
+    f" or over {{0.files}} files, or folders over {MAX_DEPTH} deep or that cannot be read",
     "keeper": "it ended the process of the harness that watches it",
     "left": "it left processes that cannot be ended",
 }
@@ -94,8 +94,8 @@ def _fault(status: int, said: bytes) -> tuple[str | None, int | None, str]:
         return None, None, ""
     if status == 0:
         return None, None, f'accepted, but standard output has "{plain(said, 40)}"'
-    if len(said) > MOST_SAID:
-        return None, None, f'standard output has over {MOST_SAID} bytes: "{plain(said, 40)}"'
+    if len(said) > MAX_SAID:
+        return None, None, f'standard output has over {MAX_SAID} bytes: "{plain(said, 40)}"'
     try:
         return *read_fault(said), ""
     except AnswerError as error:

@@ -12,11 +12,11 @@ from typing import Any
 
 __all__ = ["MOST_OF_LINE", "plain", "plain_all", "plain_lines", "read_json", "say"]
 
-MOST = 200  # characters of what a decoder says
+MAX_CHARACTERS = 200  # characters of what a decoder says
 MOST_OF_LINE = 2000  # characters of a line of a report
 
 
-def plain(text: str | bytes, most: int = MOST) -> str:
+def plain(text: str | bytes, most: int = MAX_CHARACTERS) -> str:
     """`text` with all that is not printable escaped, cut to a length.
 
     What is left can be shown in a terminal and stand in XML, HTML and JSON. Bytes that are not

@@ -23,13 +23,13 @@ from typing import IO
 from conformance.harness.running.keepers import Keeper, KeeperLostError, free_keeper
 from conformance.harness.running.scratch import written_too_much
 
-__all__ = ["MOST_SAID", "Bounds", "Ended", "Watched", "clean_environment", "read_tail", "run"]
+__all__ = ["MAX_SAID", "Bounds", "Ended", "Watched", "clean_environment", "read_tail", "run"]
 
-LEAST_MEMORY = 1 << 20  # of a process: so their number is bounded too
+MIN_MEMORY = 1 << 20  # of a process: so their number is bounded too
 GLANCE = 0.02  # seconds between looks
 DUTY = 4  # a look that takes long is not taken more often than this
-MOST_SAID = 1 << 16  # bytes of standard output that are kept
-MOST_WORDS = 1 << 12  # and of standard error
+MAX_SAID = 1 << 16  # bytes of standard output that are kept
+MAX_WORDS = 1 << 12  # and of standard error
 TRIES = 3
 
 
@@ -54,7 +54,7 @@ class Ended:
             processes that cannot be killed; "": it ended by itself.
         seconds: wall time.
         peak: bytes of memory at most, of one of its processes or, as far as seen, of all together.
-        stdout: the first bytes on standard output, one more than `MOST_SAID` at most.
+        stdout: the first bytes on standard output, one more than `MAX_SAID` at most.
         stderr: the last bytes on standard error.
     """
 
@@ -114,7 +114,7 @@ class Watched:
     def look(self) -> int:
         """Bytes of memory that the process and all it started have used at most; kept in `peak`."""
         if self._keeper is not None:
-            processes = self._keeper.processes(self.bounds.memory // LEAST_MEMORY)
+            processes = self._keeper.processes(self.bounds.memory // MIN_MEMORY)
             self.peak = max(self.peak, sum(map(memory_of, processes)))
         return self.peak
 
@@ -283,14 +283,14 @@ def run(
         except BaseException:  # an interrupt
             watched.end()
             raise
-        said = os.pread(out.fileno(), MOST_SAID + 1, 0)
+        said = os.pread(out.fileno(), MAX_SAID + 1, 0)
         return replace(ended, stdout=said, stderr=read_tail(err))
 
 
 def read_tail(file: IO[bytes]) -> bytes:
     """The last bytes of a file."""
     number = file.fileno()
-    return os.pread(number, MOST_WORDS, max(0, os.fstat(number).st_size - MOST_WORDS))
+    return os.pread(number, MAX_WORDS, max(0, os.fstat(number).st_size - MAX_WORDS))
 
 
 def clean_environment(home: Path, passed: Sequence[str] = ()) -> dict[str, str]:
@@ -316,7 +316,7 @@ def memory_of(pid: int) -> int:
     if not peak:
         with suppress(OSError):  # it has ended
             peak = max(map(_peak, (process / "task").iterdir()), default=0)
-    return max(peak, LEAST_MEMORY)
+    return max(peak, MIN_MEMORY)
 
 
 def _peak(task: Path) -> int:

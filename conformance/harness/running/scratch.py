@@ -14,9 +14,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-__all__ = ["MOST_DEPTH", "read_regular", "remove", "scratch", "written_too_much"]
+__all__ = ["MAX_DEPTH", "read_regular", "remove", "scratch", "written_too_much"]
 
-MOST_DEPTH = 32
+MAX_DEPTH = 32
 
 
 @contextmanager
@@ -59,7 +59,7 @@ def written_too_much(folders: Sequence[Path], most: int, most_files: int) -> boo
                 for entry in entries:
                     n_files += 1
                     n_bytes += entry.stat(follow_symlinks=False).st_size
-                    if n_files > most_files or n_bytes > most or depth > MOST_DEPTH:
+                    if n_files > most_files or n_bytes > most or depth > MAX_DEPTH:
                         return True
                     if entry.is_dir(follow_symlinks=False):
                         waiting.append((Path(entry.path), depth + 1))

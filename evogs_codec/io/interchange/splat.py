@@ -30,14 +30,14 @@ __all__ = ["is_splat", "order_of", "read", "write"]
 ROW = np.dtype(
     [("means", "<f4", 3), ("scales", "<f4", 3), ("colour", "u1", 4), ("rotation", "u1", 4)]
 )
-SAMPLE = 4096  # rows by which a file is judged
+N_SAMPLED = 4096  # rows by which a file is judged
 FARTHEST = 1e9  # units; a position beyond is not one
 
 
 def is_splat(path: Path, start: bytes) -> bool:
     """Whether a file seems to be a `.splat`: it has no magic, so its name and numbers decide."""
     whole = os.stat(path).st_size % ROW.itemsize == 0  # noqa: PTH116 - a Path may be a device
-    rows = np.frombuffer(start[: len(start) // ROW.itemsize * ROW.itemsize], ROW)[:SAMPLE]
+    rows = np.frombuffer(start[: len(start) // ROW.itemsize * ROW.itemsize], ROW)[:N_SAMPLED]
     return path.suffix.lower() == ".splat" and whole and len(rows) > 0 and _plausible(rows)
 
 
@@ -84,7 +84,7 @@ def write(splats: SplatParams, _info: SceneInfo, _command: str) -> bytes:
     rows["colour"][:, :3] = as_bytes((splats.sh[:, 0] * C0 + 0.5) * 255)
     rows["colour"][:, 3] = as_bytes(sigmoid(splats.opacity_logits) * 255)
     rows["rotation"] = as_bytes(unit(splats.quats) * 128 + 128)
-    if not len(rows) or not _plausible(rows[:SAMPLE]):
+    if not len(rows) or not _plausible(rows[:N_SAMPLED]):
         raise InputError(
             "a .splat is told by its numbers: one without splats, or with positions or scales of"
             f" {FARTHEST:g} and more, could not be read again; name a .ply"

@@ -16,7 +16,7 @@ from reference_trainer.models.tensors import SplatTensors
 
 __all__ = ["Cuda"]
 
-NEAR = 0.2
+NEAR_PLANE = 0.2
 RADIUS, SIGMA, C1, C2 = 5, 1.5, 0.01**2, 0.03**2  # of SSIM
 
 
@@ -73,7 +73,7 @@ class Cuda:
             intrinsics,
             camera.width,
             camera.height,
-            near_plane=NEAR,
+            near_plane=NEAR_PLANE,
             sh_degree=round(splats.sh.shape[1] ** 0.5) - 1,
             backgrounds=self._background(background),
             packed=False,

@@ -15,7 +15,7 @@ from tools.bench.extremes.scenes import plain
 __all__ = ["VIEWS", "ball", "facing", "row"]
 
 Scene = tuple[SplatParams, Camera]
-NEAR = 0.2  # of the rasterizer
+NEAR_PLANE = 0.2  # of the rasterizer
 
 
 def facing(width: int = 48, height: int = 32) -> Camera:
@@ -72,7 +72,7 @@ def log_scales(n: int) -> Scene:
 def at_the_near_plane(n: int) -> Scene:
     """Depths just past the near plane, in the picture and far to its sides, some of them large."""
     rng = np.random.default_rng(2)
-    z = np.nextafter(np.float32(NEAR), np.float32(1)) * np.geomspace(1, 2, n)
+    z = np.nextafter(np.float32(NEAR_PLANE), np.float32(1)) * np.geomspace(1, 2, n)
     means = np.stack([rng.normal(0, 0.1, n), rng.normal(0, 0.1, n), z], axis=1)
     means[::5, :2] *= 1e3
     scales = rng.uniform(-6, 2, (n, 3)).astype(np.float32)
@@ -85,7 +85,7 @@ def at_the_camera(n: int) -> Scene:
     means = splats.means.copy()
     means[::4] = 0
     means[1::4, 2] *= -1
-    means[2::4, 2] = np.float32(NEAR)
+    means[2::4, 2] = np.float32(NEAR_PLANE)
     return replace(splats, means=means), camera
 
 

@@ -10,7 +10,7 @@ from tools.bench.surface.fronts import better
 __all__ = ["iterations"]
 
 Rows = list[dict[str, object]]
-EVERY = 1000
+SAVED_EVERY = 1000
 
 
 def iterations(folder: Path) -> Rows:
@@ -26,7 +26,7 @@ def iterations(folder: Path) -> Rows:
         (run, row)
         for run, rows in logs.items()
         for row in rows
-        if int(row["level"]) == last and int(row["iteration"]) % EVERY == 0
+        if int(row["level"]) == last and int(row["iteration"]) % SAVED_EVERY == 0
     ]
     points = [
         (f"{run} at {row['iteration']}", float(row["iteration"]), float(row["psnr"]))
