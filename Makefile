@@ -24,7 +24,7 @@ DEMO_SPLATS := 40000
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: dist docs help venv demo picture test test-all test-rest test-slow test-peers check generated conformance fuzz format bench web test-web clean
+.PHONY: dist docs help venv demo picture test test-all test-rest test-slow test-peers check lint generated conformance fuzz format bench web test-web clean
 
 help:
 	@echo "make demo       encode, decode, extract and draw the scene that ships with the project"
@@ -34,6 +34,7 @@ help:
 	@echo "make test-slow  tests that take minutes each; CI does not run them"
 	@echo "make test-peers  files of other programs, in and out; installs those of npm; needs Node 20"
 	@echo "make check      formatting, lint, types, the first ring, generated files"
+	@echo "make lint       formatting and lint alone, as CI runs them"
 	@echo "make conformance  the suite on the reference decoder, on the one written from the text, on itself"
 	@echo "make fuzz       100,000 streams, codec against oracle (an hour)"
 	@echo "make format     reformat and fix what ruff can fix"
@@ -110,12 +111,14 @@ test-peers: $(DEV)
 	cd $(PEERS) && npm ci --no-audit --no-fund --ignore-scripts
 	$(PYTEST) tests/codec/io/test_interchange_peers.py tests/codec/io/test_interchange_viewers.py
 
-check: $(DEV)
-	$(PY) -m ruff format --check .
-	$(PY) -m ruff check .
+check: lint
 	$(PY) -m mypy
 	$(FIRST_RING)
 	$(MAKE) generated
+
+lint: $(DEV)
+	$(PY) -m ruff format --check .
+	$(PY) -m ruff check .
 
 # That the vectors are those of their recipes is a test of `make test-all`.
 generated: $(DEV)

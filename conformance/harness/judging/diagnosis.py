@@ -150,11 +150,13 @@ def diagnose(
     compared = []
     for name, fingerprint in fingerprints.items():
         outcomes, faults = fingerprint.outcomes, fingerprint.codes if codes else {}
-        same = {
-            case
-            for case, symptom in symptoms.items()
-            if symptom == faults.get(case, outcomes.get(case))
-        }
+        # Sets of pairs, which are quick: most fingerprints have few of the runs.
+        of_faults, of_outcomes = (
+            symptoms.items() & faults.items(),
+            symptoms.items() & outcomes.items(),
+        )
+        same = {case for case, _ in of_faults}
+        same |= {case for case, _ in of_outcomes if case not in faults}
         if same:
             expected = (outcomes.keys() | faults.keys()) & runs.keys()
             compared.append(_Compared(name, fingerprint.says, same, expected))
