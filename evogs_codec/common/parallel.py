@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
-__all__ = ["MIN_THREADED", "parallel_map"]
+__all__ = ["MIN_THREADED", "parallel_blocks", "parallel_map"]
 
 MIN_THREADED = 10_000  # splats below which threads take longer to start than to work
 
@@ -28,3 +28,10 @@ def parallel_map(
         return
     with ThreadPoolExecutor(min(len(todo), os.cpu_count() or 1)) as pool:
         yield from pool.map(function, todo)
+
+
+def parallel_blocks(function: Callable[[slice], None], n_splats: int, size: int) -> None:
+    """`function` of blocks of up to `size` splats that follow each other, as `parallel_map`."""
+    blocks = [slice(at, min(at + size, n_splats)) for at in range(0, n_splats, size)]
+    for _ in parallel_map(function, blocks, n_splats=n_splats):
+        pass

@@ -22,10 +22,11 @@ from functools import partial
 import numpy as np
 
 from evogs_codec.common.morton import morton_order
-from evogs_codec.common.parallel import parallel_map
+from evogs_codec.common.parallel import parallel_blocks, parallel_map
 from evogs_codec.common.progress import Progress, no_progress
 from evogs_codec.lifting.concat import joined
 from evogs_codec.lifting.orientations import (
+    BLOCK,
     COMPOSE,
     Round,
     consistent_turns,
@@ -186,7 +187,7 @@ def _lift(
     # Of the leaves, and room for their parents: fewer than leaves.
     values = np.empty((n_channels(splats.sh_degree), 2 * len(splats)))
     x = values[:, : len(splats)]
-    splats.write_channels(x)
+    parallel_blocks(lambda part: splats.take(part).write_channels(x[:, part]), len(splats), BLOCK)
     quats = unit_quats(x[3:7])
     log_scales = x[7:10].copy()
     own_turn = largest_w(quats)

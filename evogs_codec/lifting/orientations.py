@@ -18,10 +18,12 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.common.parallel import parallel_blocks
 from evogs_codec.lifting.compiled.dispatch import compiled_for
 from evogs_codec.model.splats import F64, I64
 
 __all__ = [
+    "BLOCK",
     "COMPOSE",
     "MAX_G",
     "N_TURNS",
@@ -44,6 +46,7 @@ __all__ = [
 STEP_ROTATION = 0.003
 STEP_SCALE = 0.0624
 MAX_G = 0.85  # no turn may move |g| beyond: far from 0 the same rotation takes more steps of g
+BLOCK = 1 << 13  # Gaussians that are worked on together: fits the cache
 MIN_W = 0.8  # of a unit quaternion; below, `consistent_turns` writes a node anew
 
 
@@ -156,6 +159,18 @@ def turned(quats: F64, log_scales: F64, turn: npt.NDArray[np.uint8]) -> tuple[F6
     Returns:
         w (n,) of the unit quaternions, before they are divided by it, and g and log-scales (3, n).
     """
+    n = len(turn)
+    loops = compiled_for(n)
+    if loops is not None:
+        w, g, scales = np.empty(n), np.empty((3, n)), np.empty((3, n))
+
+        def fill(rows: slice) -> None:
+            loops.shapes.turned(
+                quats, log_scales, TURNS, PERMUTE, turn, rows.start, rows.stop, w, g, scales
+            )
+
+        parallel_blocks(fill, n, BLOCK)
+        return w, g, scales
     q = multiply(quats, TURNS[turn].T)
     w = q[0]
     with np.errstate(divide="ignore", invalid="ignore"):

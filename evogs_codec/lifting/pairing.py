@@ -19,11 +19,11 @@ from types import ModuleType
 
 import numpy as np
 
-from evogs_codec.common.parallel import parallel_map
+from evogs_codec.common.parallel import parallel_blocks, parallel_map
 from evogs_codec.lifting.compiled.dispatch import compiled_for
 from evogs_codec.lifting.neighbours import nearest
-from evogs_codec.lifting.orientations import STEP_ROTATION, STEP_SCALE
-from evogs_codec.lifting.parents import BLOCK, TINY, Moments, cross_sections, merged
+from evogs_codec.lifting.orientations import BLOCK, STEP_ROTATION, STEP_SCALE
+from evogs_codec.lifting.parents import TINY, Moments, cross_sections, merged
 from evogs_codec.model.splats import F32, F64, I64
 
 __all__ = ["N_NEIGHBOURS", "Features", "features", "match"]
@@ -71,13 +71,15 @@ def features(x: F64, moments: Moments, unit: float) -> Features:
     n, middle = x.shape[1], x[0:3].mean(axis=1, keepdims=True)
     points = np.empty((3, n))
     quats, scales, rest = (np.empty((rows, n), np.float32) for rows in (4, 3, 7))
-    for at in range(0, n, BLOCK):
-        part = slice(at, at + BLOCK)
+
+    def fill(part: slice) -> None:
         own = x[:, part]
         points[:, part] = (own[0:3] - middle) / unit
         quats[:, part] = own[3:7] / np.linalg.norm(own[3:7], axis=0)
         scales[:, part] = _float32(np.sort(own[7:10], axis=0) / (2 * STEP_SCALE))
         rest[:, part] = _float32(_rest(points[:, part], own) / 2)
+
+    parallel_blocks(fill, n, BLOCK)
     return Features(points, quats, scales, rest, moments)
 
 

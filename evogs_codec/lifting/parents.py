@@ -23,8 +23,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from evogs_codec.common.parallel import parallel_blocks, parallel_map
 from evogs_codec.lifting.compiled.dispatch import compiled_for
-from evogs_codec.lifting.orientations import matrices, nearest_turns, turned
+from evogs_codec.lifting.orientations import BLOCK, matrices, nearest_turns, turned
 from evogs_codec.model.channels import GROUP_CHANNELS
 from evogs_codec.model.splats import F64, I64
 
@@ -67,7 +68,6 @@ MAX_PSI = 1e4
 # Beyond, exp of twice a log-scale leaves float64 or means nothing.
 MAX_LOG_SCALE = 40.0
 TINY = 1e-300
-BLOCK = 1 << 13  # Gaussians that are worked on together: fits the cache
 
 _POSITION, _ROTATION, _SCALE, _OPACITY, _ = GROUP_CHANNELS
 
@@ -120,9 +120,12 @@ class Moments:
 def moments(x: F64) -> Moments:
     """Moments of the n Gaussians (D, n)."""
     found = Moments.empty(x.shape[1])
-    for at in range(0, x.shape[1], BLOCK):
-        part, own = found.part(at, at + BLOCK), _moments(x[:, at : at + BLOCK])
+
+    def fill(block: slice) -> None:
+        part, own = found.part(block.start, block.stop), _moments(x[:, block])
         part.mass[:], part.mean[:], part.cov[:] = own.mass, own.mean, own.cov
+
+    parallel_blocks(fill, x.shape[1], BLOCK)
     return found
 
 
@@ -149,7 +152,12 @@ def merge_pairs(m: Moments, a: I64, b: I64, out: Moments) -> None:
     """Write `merged` of the sets a and b of `m`."""
     loops = compiled_for(len(a))
     if loops is not None:
-        loops.raising.merge(m.mass, m.mean, m.cov, a, b, out.mass, out.mean, out.cov)
+
+        def fill(block: slice) -> None:
+            to = out.part(block.start, block.stop)
+            loops.raising.merge(m.mass, m.mean, m.cov, a[block], b[block], to.mass, to.mean, to.cov)
+
+        parallel_blocks(fill, len(a), BLOCK)
         return
     both = merged(m.take(a), m.take(b))
     out.mass[:], out.mean[:], out.cov[:] = both.mass, both.mean, both.cov
@@ -230,7 +238,13 @@ def midpoints(values: F64, c1: I64, c2: I64, parents: F64) -> None:
     """
     loops = compiled_for(len(c1))
     if loops is not None:
-        loops.raising.midpoints(values, c1, c2, parents)
+
+        def fill(channel: int) -> None:
+            rows = slice(channel, channel + 1)
+            loops.raising.midpoints(values[rows], c1, c2, parents[rows])
+
+        for _ in parallel_map(fill, range(len(values)), n_splats=len(c1)):
+            pass
         return
     for row, to in zip(values, parents, strict=True):
         to[:] = (row[c1] + row[c2]) / 2

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.common.parallel import parallel_map
 from evogs_codec.lifting.compiled.dispatch import compiled_for
 from evogs_codec.lifting.parents import OFF_LINE
 from evogs_codec.model.channels import GROUP_CHANNELS
@@ -69,8 +70,16 @@ def split_nodes(
     is_off = alpha[2] == OFF_LINE
     group_of = np.repeat(np.arange(len(GROUP_CHANNELS)), _sizes_of_groups(len(values)))
     loops = compiled_for(len(slots))
-    fill = _split if loops is None else loops.raising.split
-    fill(values, parent, c1, c2, alpha, group_of, ROUNDING, psi, is_off)
+    split_of = _split if loops is None else loops.raising.split
+
+    def fill(channel: int) -> npt.NDArray[np.bool_]:
+        rows, found = slice(channel, channel + 1), np.zeros(len(slots), bool)
+        groups = group_of[rows]
+        split_of(values[rows], parent, c1, c2, alpha, groups, ROUNDING, psi[rows], found)
+        return found
+
+    for found in parallel_map(fill, range(len(values)), n_splats=len(slots)):
+        is_off |= found
     rows = np.flatnonzero((alpha[2:4] == OFF_LINE).all(axis=0))
     psi[:, rows] = 0
     psi[_OPACITY, rows] = hiding(values[_OPACITY, parent[rows]])

@@ -10,7 +10,7 @@ import numpy as np
 from evogs_codec.common.compiled import jit
 from evogs_codec.model.splats import F32, F64, I64, U8
 
-__all__ = ["nearest_turns", "variances"]
+__all__ = ["nearest_turns", "turned", "variances"]
 
 _jit = jit(error_model="numpy")
 
@@ -51,6 +51,37 @@ def nearest_turns(
             if cost < best:
                 best, which = cost, k
         out[i] = which
+
+
+@_jit
+def turned(
+    quats: F64,
+    log_scales: F64,
+    turns: F64,
+    permute: I64,
+    turn: U8,
+    begin: int,
+    end: int,
+    w: F64,
+    g: F64,
+    scales: F64,
+) -> None:
+    """`orientations.turned` of the Gaussians from `begin` to `end`, out.
+
+    Arguments, several to a line:
+        turns, permute: (24, 4) and (24, 3) of the cube's group.
+        w, g, scales: (n,), (3, n) and (3, n), out.
+    """
+    for i in range(begin, end):
+        a, b, c, d = quats[0, i], quats[1, i], quats[2, i], quats[3, i]
+        k = turn[i]
+        p, x, y, z = turns[k, 0], turns[k, 1], turns[k, 2], turns[k, 3]
+        w[i] = a * p - b * x - c * y - d * z
+        g[0, i] = (a * x + b * p + c * z - d * y) / w[i]
+        g[1, i] = (a * y - b * z + c * p + d * x) / w[i]
+        g[2, i] = (a * z + b * y - c * x + d * p) / w[i]
+        for axis in range(3):
+            scales[axis, i] = log_scales[permute[k, axis], i]
 
 
 @_jit
