@@ -1,7 +1,7 @@
 /** The scenes of the tests, made by the project's own encoder, and pictures of them by its rasterizer. */
 
 import { execFileSync } from "node:child_process";
-import { existsSync, mkdirSync, readFileSync, readdirSync } from "node:fs";
+import { existsSync, mkdirSync, readFileSync, readdirSync, rmSync, writeFileSync } from "node:fs";
 import { fileURLToPath, pathToFileURL } from "node:url";
 
 const ROOT = fileURLToPath(new URL("../../../../", import.meta.url));
@@ -26,37 +26,73 @@ export function whyNoCodec() {
 
 const evogs = (...parameters) => python("-m", "evogs_codec.cli.commands", ...parameters);
 
-const SCENES = ["sh3", "sh1", "five", "tiles", "default", "camera"];
+/** Makes what is not there yet. Of files of tests that want it at the same time one makes it, and the others wait. */
+function once(name, make) {
+  mkdirSync(FOLDER, { recursive: true });
+  const made = `${FOLDER}/${name}.made`;
+  const lock = `${FOLDER}/${name}.lock`;
+  while (!existsSync(made)) {
+    try {
+      writeFileSync(lock, String(process.pid), { flag: "wx" });
+    } catch {
+      if (!isHeld(lock)) rmSync(lock, { force: true });
+      Atomics.wait(new Int32Array(new SharedArrayBuffer(4)), 0, 0, 100);
+      continue;
+    }
+    try {
+      if (!existsSync(made)) make();
+      writeFileSync(made, "");
+    } finally {
+      rmSync(lock);
+    }
+  }
+}
+
+/** Whether the process that took a lock runs. One that was killed left it behind. */
+function isHeld(lock) {
+  try {
+    const pid = Number(readFileSync(lock, "utf8"));
+    return pid === 0 || process.kill(pid, 0);
+  } catch {
+    return false;
+  }
+}
+
+const SCENES = ["sh3", "sh1", "small", "five", "tiles", "default", "camera"];
 
 /**
- * 8,000 splats in 7 levels at fixed steps, of SH degree 3 and 1; as the default has them; and in 8 tiles. 24,000 as
- * the default has them: 5 % of their bytes have the first splats. One with a default camera. Made once.
+ * 8,000 splats in 7 levels at fixed steps, of SH degree 3 and 1, and in 8 tiles; and as the default has them. 1,000 for
+ * tests of the page beside the picture: software draws them in a quarter of the time.
+ * 24,000 as the default has them: 5 % of their bytes have the first splats. One with a default camera. Made once.
  * So they do of 8,000 splats with 7 levels, but then the second level is no better than the first.
  */
 export function makeScenes() {
-  mkdirSync(FOLDER, { recursive: true });
   const at = (name) => `${FOLDER}/${name}`;
-  if (!SCENES.every((name) => existsSync(at(`${name}.evogs`)))) {
+  once("scenes", () => {
     makeDemo(at("scene.ply"), 8000);
     evogs("encode", at("scene.ply"), at("sh3.evogs"), "--force", "--levels", 7, "--preset", "scene");
     evogs("extract", at("sh3.evogs"), at("sh1.evogs"), "--force", "--sh-degree", 1);
     evogs("encode", at("scene.ply"), at("five.evogs"), "--force");
-    evogs("encode", at("scene.ply"), at("tiles.evogs"), "--force", "--levels", 7, "--tiles", 8);
+    const tiles = ["--levels", 7, "--preset", "scene", "--tiles", 8];
+    evogs("encode", at("scene.ply"), at("tiles.evogs"), "--force", ...tiles);
     const camera = ["--camera", at("cameras.json"), "--view", 2];
     evogs("encode", at("scene.ply"), at("camera.evogs"), "--force", "--preset", "scene", ...camera);
+    makeDemo(at("small.ply"), 1000);
+    evogs("encode", at("small.ply"), at("small.evogs"), "--force", "--levels", 4, "--preset", "scene");
     makeDemo(at("larger.ply"), 24000);
     evogs("encode", at("larger.ply"), at("default.evogs"), "--force");
-  }
+  });
   return Object.fromEntries(SCENES.map((name) => [name, readFileSync(at(`${name}.evogs`))]));
 }
 
 /** The files of a tileset, by their names: of the 8,000 splats in four, or of the 24,000 in two. */
 export function makeTileset(scene = "scene", perFile = 2500) {
   const folder = `${FOLDER}/city-${scene}`;
-  if (!existsSync(folder)) {
-    const options = ["--per-file", perFile, "--overview", 1500, "--levels", 3, "--engine", "serial"];
+  once(`city-${scene}`, () => {
+    rmSync(folder, { recursive: true, force: true });
+    const options = ["--per-file", perFile, "--overview", 1500, "--levels", 3, "--engine", "serial", "--fast"];
     evogs("tileset", `${FOLDER}/${scene}.ply`, folder, ...options);
-  }
+  });
   const names = readdirSync(folder, { recursive: true }).filter((name) => /\.(json|evogs)$/.test(name));
   return Object.fromEntries(names.map((name) => [`city/${name}`, readFileSync(`${folder}/${name}`)]));
 }
@@ -69,9 +105,12 @@ function makeDemo(path, splats) {
 
 /** Pictures of the first `sizes` bytes of a scene, and the camera that they were taken with. */
 export function references(name, sizes) {
-  const folder = `${FOLDER}/${name}`;
-  const script = fileURLToPath(new URL("reference.py", import.meta.url));
-  python(script, `${FOLDER}/${name}.evogs`, `${FOLDER}/cameras.json`, folder, ...sizes);
+  const key = `${name}-${sizes.join("-")}`;
+  const folder = `${FOLDER}/${key}`;
+  once(key, () => {
+    const script = fileURLToPath(new URL("reference.py", import.meta.url));
+    python(script, `${FOLDER}/${name}.evogs`, `${FOLDER}/cameras.json`, folder, ...sizes);
+  });
   return {
     pose: JSON.parse(readFileSync(`${folder}/camera.json`, "utf8")),
     pictures: sizes.map((size) => readFileSync(`${folder}/${size}.rgb`)),
@@ -85,6 +124,9 @@ export function exportedPage(name) {
 }
 
 export const scenePath = (name) => `${FOLDER}/${name}.evogs`;
+
+/** The three splats of Annex A, for tests that only need some scene. */
+export const exampleScene = () => readFileSync(`${ROOT}spec/example.evogs`);
 
 /** A stream of the conformance suite whose directory is hostile: it must be refused. */
 export function hostileDirectory() {

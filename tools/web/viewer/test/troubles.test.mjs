@@ -10,9 +10,9 @@ const openHere = (address) => page.evaluate((address) => window.evogsViewer.open
 
 inBrowser("a server that refuses pages of other origins is told from one that is not there", async () => {
   const other = new PageServer();
-  other.scenes.set("sh1.evogs", scenes.sh1);
+  other.scenes.set("small.evogs", scenes.small);
   await other.start();
-  const address = `http://127.0.0.1:${other.port}/sh1.evogs`;
+  const address = `http://127.0.0.1:${other.port}/small.evogs`;
   try {
     await open(encodeURIComponent(address));
     const { notice, state } = await until(page, ({ notice }) => notice !== "", "the notice", 4);
@@ -28,7 +28,7 @@ inBrowser("a server that refuses pages of other origins is told from one that is
 
 inBrowser("the status of a server that is busy is told, and that nothing is lost", async () => {
   server.status = 503;
-  await open("sh1.evogs");
+  await open("small.evogs");
   const { notice } = await until(page, ({ notice }) => notice !== "", "the notice", 4);
   assert.equal(notice, "The server answers 503: trying again.");
   server.status = 0;
@@ -37,12 +37,20 @@ inBrowser("the status of a server that is busy is told, and that nothing is lost
 
 inBrowser("that no byte comes is told after a while, until bytes come", async () => {
   server.gate = 0;
-  await open("sh1.evogs");
-  await until(page, ({ notice }) => /sent nothing for 5 seconds/.test(notice), "the notice", 15);
+  await page.clock.install();
+  await open("small.evogs");
+  // As if 5 seconds had gone by.
+  const wait = () => page.clock.fastForward(5000);
+  await until(page, ({ progress }) => progress !== null, "an open scene");
+  assert.equal((await stateOf(page)).notice, "");
+  await wait();
+  await until(page, ({ notice }) => /sent nothing for 5 seconds/.test(notice), "the notice");
   await page.keyboard.press("p");
   await until(page, ({ notice }) => notice === "", "a pause");
   await page.keyboard.press("p");
-  await until(page, ({ notice }) => /sent nothing/.test(notice), "the notice again", 15);
+  await until(page, ({ progress }) => !progress.isPaused, "no pause");
+  await wait();
+  await until(page, ({ notice }) => /sent nothing/.test(notice), "the notice again");
   server.gate = Number.POSITIVE_INFINITY;
   assert.equal((await until(page, isDone, "the end")).notice, "");
 });

@@ -42,9 +42,9 @@ inBrowser("sliders, pause and the timeline", async () => {
 inBrowser("local files: the picker, and drag and drop", async () => {
   await page.goto(`http://127.0.0.1:${server.port}/`);
   await page.waitForFunction(() => window.evogsViewer !== undefined);
-  await page.setInputFiles("#file", scenePath("sh1"));
+  await page.setInputFiles("#file", scenePath("small"));
   const { progress } = await until(page, isDone, "the file");
-  assert.equal(progress.received, scenes.sh1.length);
+  assert.equal(progress.received, scenes.small.length);
   assert.equal(await page.textContent("#verified"), "verified");
   await page.evaluate(
     (bytes) => {
@@ -63,7 +63,7 @@ inBrowser("without WebGL2 the page says so", async () => {
   await page.addInitScript(() => {
     HTMLCanvasElement.prototype.getContext = () => null;
   });
-  await page.goto(server.url("sh1.evogs"));
+  await page.goto(server.url("small.evogs"));
   await page.waitForSelector("#notice:not([hidden])");
   assert.match(await page.textContent("#notice-text"), /no WebGL2/);
 });
@@ -72,7 +72,7 @@ inBrowser("without WebGPU nothing is missing", async () => {
   await page.addInitScript(() => {
     Object.defineProperty(navigator, "gpu", { value: undefined });
   });
-  await open("sh1.evogs");
+  await open("small.evogs");
   await until(page, isDone, "the end");
   assert.ok(brightness(await picture(page)) > 5);
 });
@@ -98,7 +98,7 @@ inBrowser("the page opens with the default camera of a stream, and turns around 
 });
 
 inBrowser("evogs view serves the installed page and the scene", async () => {
-  const parameters = ["-m", "evogs_codec.cli.commands", "view", scenePath("sh1"), "--no-browser"];
+  const parameters = ["-m", "evogs_codec.cli.commands", "view", scenePath("small"), "--no-browser"];
   const root = new URL("../../../../", import.meta.url);
   const view = spawn(PYTHON, parameters, { cwd: root, stdio: ["ignore", "pipe", "inherit"] });
   try {
@@ -109,7 +109,7 @@ inBrowser("evogs view serves the installed page and the scene", async () => {
     await page.goto(address);
     await page.waitForFunction(() => window.evogsViewer !== undefined);
     const { progress } = await until(page, isDone, "the end");
-    assert.equal(progress.splats, 8000);
+    assert.equal(progress.splats, 1000);
     assert.equal(await page.textContent("#verified"), "verified");
   } finally {
     view.kill();

@@ -72,7 +72,7 @@ inBrowser("a copied link shows the same view: also its angle of view, and any up
   await follow(page.url());
   near((await look()).pose, first.pose, "the default camera");
 
-  await open("sh1.evogs");
+  await open("small.evogs");
   await until(page, isDone, "the end");
   await page.evaluate(() => window.evogsViewer.setUp([0.3, -0.5, 0.8]));
   await page.click("summary");
@@ -89,11 +89,11 @@ inBrowser("the up of an address comes before that of the scene", async () => {
 });
 
 inBrowser("the view of a link is that of its scene alone; a changed #view is taken", async () => {
-  await follow(server.url("sh1.evogs"));
+  await follow(server.url("small.evogs"));
   const plain = await look();
   await follow(`${server.url("sh3.evogs")}&up=-y#view=1,2,3,4,0.5,0.5,30`);
   assert.equal((await look()).distance, 4);
-  await openHere("sh1.evogs");
+  await openHere("small.evogs");
   near((await look()).pose, plain.pose, "the next scene");
   await page.evaluate(() => {
     location.hash = "view=0,0,0,20,1,-0.5";
@@ -102,18 +102,18 @@ inBrowser("the view of a link is that of its scene alone; a changed #view is tak
 });
 
 inBrowser("a scene that cannot be opened leaves nothing of the one before", async () => {
-  await open("sh1.evogs");
+  await open("small.evogs");
   await until(page, isDone, "the end");
   assert.ok(brightness(await picture(page)) > 5);
   await openHere("missing.evogs");
   assert.equal(await page.textContent("#name"), "missing.evogs");
   assert.equal(brightness(await picture(page)), 0);
-  await openHere("sh1.evogs");
+  await openHere("small.evogs");
   assert.ok(brightness(await picture(page)) > 5);
 });
 
 inBrowser("keys work at once, with Caps Lock, and at a checkbox", async () => {
-  await open("sh1.evogs");
+  await open("small.evogs");
   await until(page, isDone, "the end");
   const target = () => page.evaluate(() => window.evogsViewer.camera.target.join());
   const before = await target();
@@ -134,7 +134,7 @@ inBrowser("keys work at once, with Caps Lock, and at a checkbox", async () => {
 });
 
 inBrowser("a link that cannot be copied is told to be in the address bar; names have no escapes", async () => {
-  server.scenes.set("my%20scene.evogs", scenes.sh1);
+  server.scenes.set("my%20scene.evogs", scenes.small);
   await page.addInitScript(() => Object.defineProperty(navigator, "clipboard", { value: undefined }));
   await open("my%20scene.evogs");
   await until(page, isDone, "the end");
@@ -147,7 +147,7 @@ inBrowser("a link that cannot be copied is told to be in the address bar; names 
 });
 
 inBrowser("a window of another size is another view, and a lost context is told", async () => {
-  await open("sh1.evogs");
+  await open("small.evogs");
   await until(page, isDone, "the end");
   await page.waitForTimeout(500);
   await page.evaluate(() => {
