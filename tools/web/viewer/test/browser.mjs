@@ -43,6 +43,15 @@ export async function until(page, holds, what, seconds = 60) {
   }
 }
 
+/** Presses a key for a while, and waits until what it does is done: keys count with frames, which may come late. */
+export async function hold(page, key) {
+  await page.keyboard.press(key, { delay: 300 });
+  await page.waitForFunction(() => {
+    const { held, released } = window.evogsViewer.controls;
+    return held.size === 0 && released.size === 0;
+  });
+}
+
 /** The canvas as 8-bit RGB, once nothing more is to be drawn. */
 export async function picture(page) {
   for (let calm = 0; calm < 3; ) {

@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { spawn } from "node:child_process";
 import { readFile, readdir } from "node:fs/promises";
 import { test } from "node:test";
-import { picture, psnr, stateOf, until } from "./browser.mjs";
+import { hold, picture, psnr, stateOf, until } from "./browser.mjs";
 import { brightness, inBrowser, isDone, open, page, scenes, server, set, setPose } from "./page.mjs";
 import { PYTHON, exportedPage, references, scenePath } from "./scenes.mjs";
 
@@ -91,7 +91,7 @@ inBrowser("the page opens with the default camera of a stream, and turns around 
   assert.ok(Math.abs(fovY - (stored.fovY * Math.PI) / 180) < 1e-9);
   assert.ok(brightness(await picture(page)) > 5);
   await page.focus("#view");
-  await page.keyboard.press("ArrowLeft", { delay: 300 });
+  await hold(page, "ArrowLeft");
   const after = await look();
   assert.ok(apart(after.eye, eye) > 0.01);
   assert.ok(Math.abs(apart(after.eye, stored.target) - apart(eye, stored.target)) < 1e-6);

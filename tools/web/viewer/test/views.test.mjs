@@ -1,7 +1,7 @@
 /** Where the page looks from: fitted to what came, by a link, and by keys. */
 
 import assert from "node:assert/strict";
-import { picture, stateOf, until } from "./browser.mjs";
+import { hold, picture, stateOf, until } from "./browser.mjs";
 import { brightness, inBrowser, isDone, open, page, scenes, server } from "./page.mjs";
 
 const look = () =>
@@ -117,8 +117,8 @@ inBrowser("keys work at once, with Caps Lock, and at a checkbox", async () => {
   await until(page, isDone, "the end");
   const target = () => page.evaluate(() => window.evogsViewer.camera.target.join());
   const before = await target();
-  await page.keyboard.press("w", { delay: 300 });
-  await page.waitForFunction((before) => window.evogsViewer.camera.target.join() !== before, before);
+  await hold(page, "w");
+  assert.notEqual(await target(), before);
   const { up } = await look();
   await page.keyboard.press("U");
   const turned = (await look()).up;
