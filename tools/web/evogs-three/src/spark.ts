@@ -36,6 +36,7 @@ export class SparkSplats implements SplatRenderer {
   private mesh: SplatMesh | null = null;
   private source: TextureSource | null = null;
   private readonly parts = new Map<number, { mesh: SplatMesh; source: TextureSource }>();
+  private isDrawing = false;
   /** When splats began to move, and for how long. */
   private motion = { start: 0, seconds: 0 };
 
@@ -137,7 +138,12 @@ export class SparkSplats implements SplatRenderer {
     camera.near = pose.near;
     camera.far = pose.far;
     camera.updateProjectionMatrix();
-    this.renderer.render(this.scene, camera);
+    this.isDrawing = true;
+    try {
+      this.renderer.render(this.scene, camera);
+    } finally {
+      this.isDrawing = false;
+    }
   }
 
   get isMoving(): boolean {
@@ -183,7 +189,10 @@ export class SparkSplats implements SplatRenderer {
   private newSpark(): OwnSpark {
     const spark = new OwnSpark({
       renderer: this.renderer,
-      onDirty: () => this.onDirty(),
+      // What a picture finds new is in it; the order of its splats comes later.
+      onDirty: () => {
+        if (!this.isDrawing) this.onDirty();
+      },
       accumExtSplats: true,
       sortRadial: false,
       enableLod: false,

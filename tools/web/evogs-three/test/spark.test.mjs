@@ -104,12 +104,14 @@ function counts() {
 
 /** What the tests do on the page. */
 function helpers() {
-  window.wait = async (holds, what, seconds = 20) => {
-    for (const end = Date.now() + 1000 * seconds; !holds(); ) {
+  window.wait = async (holds, what, milliseconds = 0) => {
+    for (const end = Date.now() + 20000; !holds(); ) {
       if (Date.now() > end) throw new Error(`${what} did not come true`);
-      await new Promise((resolve) => setTimeout(resolve, 0));
+      await new Promise((resolve) => setTimeout(resolve, milliseconds));
     }
   };
+  /** Waits until the mean of the canvas is such; reading it takes long. */
+  window.seen = (holds, what) => wait(() => holds(brightness()), what, 50);
   /** The mean of the canvas, of 255. */
   window.brightness = (canvas = document.querySelector("canvas")) => {
     const copy = document.createElement("canvas");
@@ -157,6 +159,12 @@ function helpers() {
     };
     write();
     frame();
+    shown.draws = 0;
+    const draw = renderer.draw.bind(renderer);
+    renderer.draw = (pose) => {
+      shown.draws++;
+      draw(pose);
+    };
     shown.settled = () => wait(() => !shown.isDirty && renderer.isSettled, "a picture that is settled");
     shown.sorting = async () => {
       shown.far += 1;
@@ -168,7 +176,7 @@ function helpers() {
 }
 
 inBrowser("the example of the README shows a scene in the size of its canvas", "/readme.html", async (page) => {
-  await page.evaluate(() => wait(() => brightness() > 5, "a picture"));
+  await page.evaluate(() => seen((mean) => mean > 5, "a picture"));
   const sizeOf = () =>
     page.evaluate(() => {
       const { width, height } = document.querySelector("canvas");
@@ -179,7 +187,7 @@ inBrowser("the example of the README shows a scene in the size of its canvas", "
     document.querySelector("canvas").style.width = "300px";
   });
   await page.waitForFunction(() => document.querySelector("canvas").width === 300);
-  await page.evaluate(() => wait(() => brightness() > 5, "a picture of another size"));
+  await page.evaluate(() => seen((mean) => mean > 5, "a picture of another size"));
   // The picture comes back when the GPU lost all.
   await page.evaluate(async () => {
     const canvas = document.querySelector("canvas");
@@ -187,10 +195,10 @@ inBrowser("the example of the README shows a scene in the size of its canvas", "
     const isLost = new Promise((resolve) => canvas.addEventListener("webglcontextlost", resolve, { once: true }));
     context.loseContext();
     await isLost;
-    await wait(() => brightness() < 1, "an empty canvas");
+    await seen((mean) => mean < 1, "an empty canvas");
     await new Promise((resolve) => setTimeout(resolve, 100));
     context.restoreContext();
-    await wait(() => brightness() > 5, "the picture again");
+    await seen((mean) => mean > 5, "the picture again");
   });
   assert.deepEqual(await sizeOf(), [300, 200]);
 });
@@ -224,6 +232,18 @@ inBrowser(
   },
   { deviceScaleFactor: 2 },
 );
+
+inBrowser("a move takes two pictures: at once, and when the splats are sorted for it", "/", async (page) => {
+  const draws = await page.evaluate(async () => {
+    const shown = await show();
+    await shown.settled();
+    shown.draws = 0;
+    await shown.sorting();
+    await shown.settled();
+    return shown.draws;
+  });
+  assert.equal(draws, 2);
+});
 
 for (const isPart of [false, true]) {
   const what = isPart ? "parts" : "a scene";
