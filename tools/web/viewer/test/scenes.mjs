@@ -76,9 +76,9 @@ export function makeScenes() {
     const tiles = ["--levels", 7, "--preset", "scene", "--tiles", 8];
     evogs("encode", at("scene.ply"), at("tiles.evogs"), "--force", ...tiles);
     const camera = ["--camera", at("cameras.json"), "--view", 2];
-    evogs("encode", at("scene.ply"), at("camera.evogs"), "--force", "--preset", "scene", ...camera);
+    evogs("encode", at("scene.ply"), at("camera.evogs"), "--force", "--preset", "scene", "--fast", ...camera);
     makeDemo(at("small.ply"), 1000);
-    evogs("encode", at("small.ply"), at("small.evogs"), "--force", "--levels", 4, "--preset", "scene");
+    evogs("encode", at("small.ply"), at("small.evogs"), "--force", "--levels", 4, "--preset", "scene", "--fast");
     makeDemo(at("larger.ply"), 24000);
     evogs("encode", at("larger.ply"), at("default.evogs"), "--force");
   });

@@ -117,21 +117,21 @@ inBrowser("evogs view serves the installed page and the scene", async () => {
 });
 
 inBrowser("evogs export-html makes a page that works from a file, as the served one does", async () => {
-  const { pose } = references("five", [scenes.five.length]);
-  await open("five.evogs");
+  const { pose } = references("sh3", [scenes.sh3.length]);
+  await open("small.evogs");
   await setPose(pose);
   await until(page, isDone, "the end");
   const served = await picture(page);
-  const address = exportedPage("five");
+  const address = exportedPage("small");
   const requests = [];
   page.on("request", (request) => requests.push(request.url()));
   await page.goto(address);
   await page.waitForFunction(() => window.evogsViewer !== undefined);
   await setPose(pose);
   const { progress } = await until(page, isDone, "the end");
-  assert.equal(progress.splats, 8000);
+  assert.equal(progress.splats, 1000);
   assert.equal(await page.textContent("#verified"), "verified");
-  assert.equal(await page.textContent("#name"), "five.evogs");
+  assert.equal(await page.textContent("#name"), "small.evogs");
   assert.ok(brightness(served) > 5);
   const db = psnr(served, await picture(page));
   assert.ok(db > 60, `${db} dB`);
