@@ -5,9 +5,10 @@ import { Camera, planesOf } from "./camera.js";
 import { Controls } from "./controls.js";
 import { type Link, linkOf, upOf, upText } from "./link.js";
 import type { FromWorker, Progress, SceneInfo, ToWorker } from "./messages.js";
+import { Notices } from "./notices.js";
 import { Panel } from "./panel.js";
 import type { Vec } from "./vectors.js";
-import { failureText, nameOf, progressText, quietText } from "./words.js";
+import { GRAPHICS_TEXT, linkText, nameOf, noWebGlText } from "./words.js";
 
 const UPS: Vec[] = [
   [0, 0, 1],
@@ -27,8 +28,6 @@ declare global {
 }
 /** The page tries again by itself so often, in ms, after the connection was lost. */
 const RETRY_EVERY = 10_000;
-/** The page says that it waits after so many seconds without a byte. */
-const QUIET = 5;
 const SLOWEST_FRAME = 0.2;
 /** There the panel would hide the picture. */
 const isSmall = matchMedia("(max-width: 640px), (max-height: 480px)");
@@ -42,6 +41,7 @@ class Viewer {
   private readonly camera = new Camera();
   private readonly controls: Controls;
   private readonly panel: Panel;
+  private readonly notices = new Notices(() => this.retry());
   private bounds: { middle: Vec; radius: number } | null = null;
   /** The view was chosen, by a link, a camera, a script or by hand: it is not fitted to what comes. */
   private hasView = false;
@@ -53,16 +53,9 @@ class Viewer {
   private frames: number[] = [];
   private viewTimer: ReturnType<typeof setTimeout> | undefined;
   private retryTimer: ReturnType<typeof setTimeout> | undefined;
-  private quietTimer: ReturnType<typeof setTimeout> | undefined;
   private source: string | null = null;
   /** The scene is the one that the page itself holds. */
   private isHeld = false;
-  /** The failure is told until bytes come again. */
-  private hasFailed = false;
-  /** Bytes are waited for, and none came for a while. */
-  private isQuiet = false;
-  private isBusy = false;
-  private fetched = 0;
   /** What is up by the address, for the scene that it opens. */
   private up: Vec | null = null;
 
@@ -83,18 +76,17 @@ class Viewer {
       onFly: (isFlying) => {
         this.controls.isFlying = isFlying;
       },
-      onRetry: () => this.retry(),
     });
     renderer.onDirty = () => {
       this.needsDraw = true;
     };
     renderer.onLost = () => this.send({ kind: "rewrite" });
     renderer.canvas.addEventListener("webglcontextlost", () =>
-      this.panel.tell("The graphics processor was reset. The picture comes back by itself.", false, "graphics"),
+      this.notices.tell(GRAPHICS_TEXT, false, "graphics"),
     );
-    renderer.canvas.addEventListener("webglcontextrestored", () => this.panel.hideNotice("graphics"));
+    renderer.canvas.addEventListener("webglcontextrestored", () => this.notices.hide("graphics"));
     this.worker.addEventListener("message", ({ data }: MessageEvent<FromWorker>) => this.receive(data));
-    this.worker.addEventListener("error", ({ message }) => this.panel.tell(`The worker failed: ${message}`));
+    this.worker.addEventListener("error", ({ message }) => this.notices.tell(`The worker failed: ${message}`));
     window.addEventListener("online", () => this.retry());
     window.addEventListener("hashchange", () => {
       if (this.camera.setText(linkOf(location).view)) this.movedByHand();
@@ -115,7 +107,7 @@ class Viewer {
     }
     const url = URL.canParse(source, location.href) ? new URL(source, location.href) : null;
     if (url === null || !/^https?:$/.test(url.protocol)) {
-      this.panel.tellBriefly("Only http and https addresses can be opened.");
+      this.notices.tellBriefly("Only http and https addresses can be opened.");
       return;
     }
     this.source = url.href;
@@ -129,10 +121,6 @@ class Viewer {
     this.bounds = null;
     this.progress = null;
     this.isSceneOpen = false;
-    this.hasFailed = false;
-    this.fetched = 0;
-    this.isBusy = true;
-    this.awaitBytes();
     this.camera.reset();
     this.up = this.link?.up ?? null;
     const up = this.up ?? (this.isHeld ? upOf(window.evogsUp ?? "") : null);
@@ -142,6 +130,7 @@ class Viewer {
     // Nothing of the scene before is shown under the name of this one.
     this.renderer.openParts();
     this.panel.clear(name);
+    this.notices.open();
     if (isSmall.matches) this.panel.fold();
     const { maxTextureSize } = this.renderer;
     this.send({ kind: "open", source, wants: this.panel.wants, maxTextureSize });
@@ -239,43 +228,13 @@ class Viewer {
   private show(progress: Progress): void {
     this.progress = progress;
     this.panel.show(progress);
-    const isBusy = progress.state !== "stopped" && !progress.isPaused;
-    if (progress.fetched > this.fetched) this.hasFailed = false;
-    if (progress.fetched > this.fetched || isBusy !== this.isBusy) {
-      this.fetched = progress.fetched;
-      this.isBusy = isBusy;
-      this.awaitBytes();
-    }
-    if (this.hasFailed) return;
-    this.tellOf(progress);
-    const isStuck = progress.state === "stopped" && (progress.failedFiles?.length ?? 0) > 0;
-    document.body.dataset.state = progress.isDone ? "done" : isStuck ? "failed" : progress.state;
-  }
-
-  private tellOf(progress: Progress | null): void {
-    const text = progress === null ? "" : progressText(progress);
-    if (text !== "") this.panel.tell(text, (progress?.failedFiles?.length ?? 0) > 0);
-    else if (this.isQuiet) this.panel.tell(quietText(QUIET));
-    else this.panel.hideNotice();
-  }
-
-  /** Tells that nothing comes, if that is so for a while. */
-  private awaitBytes(): void {
-    clearTimeout(this.quietTimer);
-    this.isQuiet = false;
-    if (!this.isBusy) return;
-    this.quietTimer = setTimeout(() => {
-      this.isQuiet = true;
-      if (!this.hasFailed) this.tellOf(this.progress);
-    }, 1000 * QUIET);
+    this.notices.show(progress);
+    if (!this.notices.hasFailed) document.body.dataset.state = stateOf(progress);
   }
 
   private fail(message: Extract<FromWorker, { kind: "failed" }>): void {
-    const { text, canRetry } = failureText(message, this.info !== null);
-    this.panel.tell(text, canRetry);
-    clearTimeout(this.quietTimer);
+    this.notices.fail(message, this.info !== null);
     document.body.dataset.state = "failed";
-    this.hasFailed = true;
     if (message.failure === "lost") this.retryTimer = setTimeout(() => this.retry(), RETRY_EVERY);
   }
 
@@ -309,12 +268,8 @@ class Viewer {
     if (this.source !== null) url.searchParams.set("src", this.source);
     url.searchParams.set("up", upText(this.camera.up));
     history.replaceState(null, "", url);
-    const isCopied = await isWritten(url.href);
     const isLocal = this.source === null && !this.isHeld;
-    this.panel.tellBriefly(
-      (isCopied ? "The link is copied." : "The link is in the address bar: the page may not copy it.") +
-        (isLocal ? " It has the view, but not your local file." : ""),
-    );
+    this.notices.tellBriefly(linkText(await isWritten(url.href), isLocal));
   }
 
   private takeDrops(): void {
@@ -383,6 +338,12 @@ class Viewer {
   }
 }
 
+/** How the scene comes, for the style of the page and for scripts. */
+function stateOf({ isDone, state, failedFiles = [] }: Progress): string {
+  if (isDone) return "done";
+  return state === "stopped" && failedFiles.length > 0 ? "failed" : state;
+}
+
 /** Copies a text. False where the browser does not let the page do so. */
 async function isWritten(text: string): Promise<boolean> {
   try {
@@ -401,10 +362,7 @@ async function start(): Promise<void> {
   try {
     renderer = new SparkSplats(canvas);
   } catch (error) {
-    const notice = document.getElementById("notice") as HTMLElement;
-    (document.getElementById("notice-text") as HTMLElement).textContent =
-      `This browser offers no WebGL2, which the viewer needs (${error instanceof Error ? error.message : error}).`;
-    notice.hidden = false;
+    new Notices(() => {}).tell(noWebGlText(error));
     return;
   }
   const viewer = new Viewer(renderer, linkOf(location));

@@ -1,13 +1,8 @@
 /** The controls and figures beside the picture. */
 
+import { element } from "./elements.js";
 import type { Progress, SceneInfo, Wants } from "./messages.js";
 import { bytes, count, verified } from "./words.js";
-
-function element<T extends HTMLElement>(id: string): T {
-  const found = document.getElementById(id);
-  if (found === null) throw new Error(`the page has no element ${id}`);
-  return found as T;
-}
 
 /** Positions of the sliders for bytes per second and splats; the last one means no limit. */
 const SLIDER_END = 100;
@@ -16,12 +11,6 @@ const FASTEST = 2e7;
 const FEWEST = 500;
 /** Splats of a tileset that does not say how many it has. */
 const UNKNOWN = 3e6;
-
-/** What notices are about. Of several the last in this order is shown. */
-const TOPICS = ["scene", "graphics", "page"] as const;
-type Topic = (typeof TOPICS)[number];
-/** Notices about what was done to the page are shown so long, in ms. */
-const BRIEFLY = 4000;
 
 export interface PanelEvents {
   onWants(): void;
@@ -32,7 +21,6 @@ export interface PanelEvents {
   onUp(): void;
   onLink(): void;
   onFly(isFlying: boolean): void;
-  onRetry(): void;
 }
 
 export class Panel {
@@ -42,9 +30,6 @@ export class Panel {
   private readonly pause = element<HTMLButtonElement>("pause");
   private readonly timeline = element<HTMLInputElement>("timeline");
   private readonly bar = element("bar");
-  private readonly notice = element("notice");
-  private readonly told = new Map<Topic, { text: string; canRetry: boolean }>();
-  private briefTimer: ReturnType<typeof setTimeout> | undefined;
   private isPaused = false;
   private info: SceneInfo | null = null;
   private received = 0;
@@ -79,7 +64,6 @@ export class Panel {
     element("link").addEventListener("click", () => events.onLink());
     const fly = element<HTMLInputElement>("fly");
     fly.addEventListener("change", () => events.onFly(fly.checked));
-    element("retry").addEventListener("click", () => events.onRetry());
     this.showWants();
   }
 
@@ -134,7 +118,6 @@ export class Panel {
     element("verified").dataset.good = "false";
     element("brief").textContent = "";
     element("name").textContent = name;
-    this.hideNotice();
     this.showWants();
   }
 
@@ -182,33 +165,6 @@ export class Panel {
 
   showFrames(perSecond: number | null): void {
     element("fps").textContent = perSecond === null ? "at rest" : perSecond.toFixed(perSecond < 10 ? 1 : 0);
-  }
-
-  /** Tells something until it is over. */
-  tell(text: string, canRetry = false, topic: Topic = "scene"): void {
-    this.told.set(topic, { text, canRetry });
-    this.showNotice();
-  }
-
-  /** Tells something of the page for a while. */
-  tellBriefly(text: string): void {
-    clearTimeout(this.briefTimer);
-    this.briefTimer = setTimeout(() => this.hideNotice("page"), BRIEFLY);
-    this.tell(text, false, "page");
-  }
-
-  hideNotice(topic: Topic = "scene"): void {
-    this.told.delete(topic);
-    this.showNotice();
-  }
-
-  private showNotice(): void {
-    const topic = TOPICS.filter((topic) => this.told.has(topic)).pop();
-    const { text, canRetry } = (topic && this.told.get(topic)) ?? { text: "", canRetry: false };
-    // A text that is set again would be read aloud again.
-    if (element("notice-text").textContent !== text) element("notice-text").textContent = text;
-    element("retry").hidden = !canRetry;
-    this.notice.hidden = text === "";
   }
 
   private showWants(): void {

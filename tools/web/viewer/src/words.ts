@@ -34,6 +34,17 @@ export function decoded(text: string): string {
   }
 }
 
+/** What to tell of a browser that cannot draw. */
+export const noWebGlText = (error: unknown): string =>
+  `This browser offers no WebGL2, which the viewer needs (${error instanceof Error ? error.message : error}).`;
+
+export const GRAPHICS_TEXT = "The graphics processor was reset. The picture comes back by itself.";
+
+/** What to tell of a link with the view. A scene that is a file of this machine is not in it. */
+export const linkText = (isCopied: boolean, isLocal: boolean): string =>
+  (isCopied ? "The link is copied." : "The link is in the address bar: the page may not copy it.") +
+  (isLocal ? " It has the view, but not your local file." : "");
+
 /** What to tell while nothing comes for so long, in seconds. */
 export const quietText = (seconds: number): string =>
   `The server has sent nothing for ${seconds} seconds. The page goes on when bytes come.`;
