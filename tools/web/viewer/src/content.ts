@@ -16,6 +16,7 @@ interface Box {
 interface StandIn {
   above: Content;
   others: readonly Content[];
+  gaps: readonly Tile[];
   splats: number;
 }
 
@@ -115,12 +116,15 @@ export class Content {
       });
   }
 
-  /** Draws what a content above it has in the box of this tile and not where others are, until the file can be read. */
-  drawFrom(above: Content, others: readonly Content[]): void {
+  /**
+   * Draws what a content above it has in the box of this tile until the file can be read; but not where others are,
+   * nor in the boxes of other gaps, which are filled already.
+   */
+  drawFrom(above: Content, others: readonly Content[], gaps: readonly Tile[]): void {
     const old = this.standIn;
-    const isSame = old?.above === above && old.others.length === others.length;
-    if (this.wasDone || (isSame && others.every((other) => old.others.includes(other)))) return;
-    this.standIn = { above, others, splats: old?.splats ?? 0 };
+    const isSame = old?.above === above && areSame(old.others, others) && areSame(old.gaps, gaps);
+    if (this.wasDone || isSame) return;
+    this.standIn = { above, others, gaps, splats: old?.splats ?? 0 };
     this.rewrite();
   }
 
@@ -160,7 +164,10 @@ export class Content {
     if (scene === null) return null;
     const { origin } = standIn.above.tile;
     const own = moved(this.tile, this.tile.origin, origin);
-    const taken = standIn.others.map((other) => moved(other.centresBox(), other.tile.origin, origin));
+    const taken = [
+      ...standIn.others.map((other) => moved(other.centresBox(), other.tile.origin, origin)),
+      ...standIn.gaps.map((gap) => moved(gap, gap.origin, origin)),
+    ];
     const layout = layoutOf(scene.directory, maxTextureSize);
     const writer = new TexelWriter(scene, layout);
     const updates = writer.writeAll();
@@ -190,6 +197,10 @@ export class Content {
     this.centres = { low, high };
     return this.centres;
   }
+}
+
+function areSame<T>(some: readonly T[], others: readonly T[]): boolean {
+  return some.length === others.length && some.every((one) => others.includes(one));
 }
 
 /** A box from another origin. */

@@ -169,12 +169,25 @@ export class TilesetStream {
       this.contentOf(tile).run();
       running++;
     }
+    this.fillGaps();
+  }
+
+  /** Draws contents above files that cannot be read in their boxes. These overlap: no splat is drawn for two of them. */
+  private fillGaps(): void {
+    const gaps: { content: Content; above: Content }[] = [];
     for (const tile of this.failed()) {
       const above = this.drawnAbove(tile);
-      if (above === null) continue;
-      const others = this.wanted.filter((other) => isBelow(other, above.tile) && !this.failures.has(other));
-      const there = others.map((other) => this.contents.get(other)).filter((other) => other?.isDrawable);
-      this.contentOf(tile).drawFrom(above, there as Content[]);
+      if (above !== null) gaps.push({ content: this.contentOf(tile), above });
+    }
+    // The finest first, and then in an order that does not change with the view.
+    gaps.sort((a, b) => depthOf(b.above.tile) - depthOf(a.above.tile) || a.content.part - b.content.part);
+    const filled: Tile[] = [];
+    for (const { content, above } of gaps) {
+      const isHere = (tile: Tile) => isBelow(tile, above.tile);
+      const others = this.wanted.filter((tile) => isHere(tile) && !this.failures.has(tile));
+      const there = others.map((tile) => this.contents.get(tile)).filter((other) => other?.isDrawable);
+      content.drawFrom(above, there as Content[], filled.filter(isHere));
+      filled.push(content.tile);
     }
   }
 
@@ -381,6 +394,12 @@ function baseOf({ origin, low, high }: Tile): Point {
 function isBelow(tile: Tile, above: Tile): boolean {
   for (let at = tile.parent; at !== null; at = at.parent) if (at === above) return true;
   return false;
+}
+
+function depthOf(tile: Tile): number {
+  let depth = 0;
+  for (let at = tile.parent; at !== null; at = at.parent) depth++;
+  return depth;
 }
 
 /** Whether an address is that of a tileset. */

@@ -13,9 +13,11 @@ export function bytes(n: number): string {
 
 export const count = (n: number): string => n.toLocaleString("en");
 
-export function verified({ digests }: Progress): string {
+export function verified({ digests, failedFiles = [] }: Progress): string {
+  if (digests !== null && digests.wrong > 0) return `${digests.wrong} digests differ`;
+  if (failedFiles.length > 0)
+    return failedFiles.length === 1 ? "1 file missing" : `${failedFiles.length} files missing`;
   if (digests === null || digests.rows === 0) return "no digests";
-  if (digests.wrong > 0) return `${digests.wrong} digests differ`;
   return digests.checked === digests.rows ? "verified" : `${digests.checked} of ${digests.rows} digests`;
 }
 

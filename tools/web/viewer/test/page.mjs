@@ -42,6 +42,7 @@ beforeEach(async () => {
 });
 
 afterEach(async () => {
+  server?.held.clear();
   await page?.close();
   await server?.stop();
 });

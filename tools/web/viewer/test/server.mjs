@@ -13,6 +13,8 @@ export class PageServer {
   /** Of each scene no byte is sent from here on, until it is raised. */
   gate = Number.POSITIVE_INFINITY;
   bytesPerSecond = 0;
+  /** Names whose requests wait for their answers. */
+  held = new Set();
   /** Requests for scenes are answered with this status; 0 for the bytes. */
   status = 0;
   /** The ranges that were asked for, and the bytes of scenes that were sent. */
@@ -39,6 +41,7 @@ export class PageServer {
 
   async answer(request, response) {
     const name = new URL(request.url, "http://x").pathname.slice(1) || "index.html";
+    while (this.held.has(name)) await new Promise((resolve) => setTimeout(resolve, 20));
     const scene = this.scenes.get(name);
     if (scene !== undefined) return this.sendScene(request, response, scene);
     try {

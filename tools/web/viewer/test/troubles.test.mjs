@@ -82,12 +82,14 @@ inBrowser("of a tileset that lacks a file the others come; an overview fills the
   assert.ok(notice.includes(missing.replace("city/", "")));
   assert.equal(progress.files.length, names.length);
   assert.ok(progress.splats < 7000, `${progress.splats}`);
+  assert.equal(await page.textContent("#verified"), "1 file missing");
   const partly = psnr(await picture(page), expected);
   server.scenes.set(missing, files[missing]);
   await page.click("#retry");
   const last = await until(page, isDone, "the end");
   assert.equal(last.notice, "");
   assert.equal(last.progress.splats, 8000);
+  assert.equal(await page.textContent("#verified"), "verified");
   const whole = psnr(await picture(page), expected);
   context.diagnostic(`${partly.toFixed(1)} dB, then ${whole.toFixed(1)} dB`);
   assert.ok(partly > 18 && whole > 30, `${partly} dB, then ${whole} dB`);

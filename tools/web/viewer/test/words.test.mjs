@@ -57,6 +57,16 @@ test("a lost connection is told with what the server said last", () => {
   assert.equal(text("no answer", true), "The connection is lost. What arrived stays on screen.");
 });
 
+test("a tileset that lacks files is not verified", () => {
+  const digests = { rows: 2, checked: 2, wrong: 0 };
+  const file = { name: "tiles/1.evogs", message: "the server answers 404" };
+  assert.equal(words.verified({ digests, failedFiles: [] }), "verified");
+  assert.equal(words.verified({ digests, failedFiles: [file] }), "1 file missing");
+  assert.equal(words.verified({ digests, failedFiles: [file, file] }), "2 files missing");
+  assert.equal(words.verified({ digests: { ...digests, wrong: 1 }, failedFiles: [file] }), "1 digests differ");
+  assert.equal(words.verified({ digests: { ...digests, checked: 1 } }), "1 of 2 digests");
+});
+
 test("names of addresses have no escapes", () => {
   assert.equal(words.nameOf("http://x.example/a/my%20scene.evogs?x"), "my scene.evogs");
   assert.equal(words.nameOf("http://x.example/100%.evogs"), "100%.evogs");
