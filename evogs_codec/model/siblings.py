@@ -118,7 +118,7 @@ class Siblings:
         return psi.astype(np.int32, copy=False)
 
     def _round_by_round(self, differences: I32) -> I32:
-        """In int32: FEW differences are below 2**30 together."""
+        """In int32: `FEW_ROUNDS` differences are below 2**30 together."""
         psi = differences.copy()
         for first, second in self.rounds:
             common, d = psi[:, first], psi[:, second]

@@ -35,7 +35,7 @@ class FoundStream:
         encoder: how it is made, if not with fixed steps.
         make: the stream of an encoder, and its price of a bit; looked for from a price on.
         price: of a bit, at which it is made, or near which.
-        psnr: that it encoders at, dB; None if it does not.
+        psnr: that it aims at, dB; None if it does not.
         n_bytes: at most, likewise.
     """
 
@@ -75,7 +75,7 @@ class FoundStream:
 
     @property
     def has_target(self) -> bool:
-        """Whether it encoders at a PSNR or at bytes."""
+        """Whether it aims at a PSNR or at bytes."""
         return self.psnr is not None or self.n_bytes is not None
 
     @property
@@ -137,7 +137,7 @@ class FoundStream:
         return StreamPrefixes(self.data)
 
     def nearer(self) -> FoundStream:
-        """At a price at which it is nearer to what it encoders at, by a draft.
+        """At a price at which it is nearer to what it aims at, by a draft.
 
         Itself if its price is no guess.
         """
@@ -177,7 +177,7 @@ class FoundStream:
             self.encoder.prepared.warn_of_span(self.price, read_directory(self.data))
 
     def at(self, factor: float) -> FoundStream:
-        """At so many times its price of a bit, whatever it encoders at; yet to be made."""
+        """At so many times its price of a bit, whatever it aims at; yet to be made."""
         assert self.encoder is not None, "it is by views"
         assert self.price is not None, "it is by views"
         price = factor * self.price
