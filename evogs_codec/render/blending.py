@@ -108,7 +108,7 @@ def _row_in(row: int) -> Scalar:
 
 @inlined
 def _log_alpha(first: float, last: float, most: float) -> float:
-    """The most of log2 alpha, or `LOG_NOTHING` if alpha shows for no d between the first and the last."""
+    """The most of log2 alpha; `LOG_NOTHING` if alpha shows for no d from the first to the last."""
     # No branch: which of the three it is cannot be predicted.
     gap = first if first > 0.0 else (last if last < 0.0 else 0.0)
     return most if gap * gap <= most - LOG_MIN + 1e-4 else LOG_NOTHING
@@ -118,8 +118,8 @@ def _log_alpha(first: float, last: float, most: float) -> float:
 def clip_halves(lines: Array, record: Array, x: int, y: int) -> None:
     """For the SIDE rows of the tile at (x, y): d of the first pixel, and log2 alpha where d = 0.
 
-    The logarithm is that of left halves, then that of right halves; `LOG_NOTHING` where the splat reaches no
-    pixel of a half.
+    The logarithm is that of left halves, then that of right halves; `LOG_NOTHING` where the splat
+    reaches no pixel of a half.
     """
     center_x, center_y, weight = record[p.X], record[p.Y], record[p.WEIGHT]
     slope, curve, log_opacity = record[p.SLOPE], record[p.CURVE], record[p.LOG_OPACITY]

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 __all__ = ["FALL_DB", "N_JUDGING_FIRST", "SAME_DB", "Draft", "State"]
 
 SAME_DB = 0.03  # dB; two states look the same if no view differs by more
-# A state is a fall if its lead over one before it is below -`FALL_DB`: its mean over the views, less
-# `N_STANDARD_ERRORS` standard errors of a mean of `N_JUDGING` views.
+# A state is a fall if its lead over one before it is below -`FALL_DB`: its mean over the views,
+# less `N_STANDARD_ERRORS` standard errors of a mean of `N_JUDGING` views.
 FALL_DB, N_STANDARD_ERRORS, N_JUDGING = 0.05, 1.0, 6
 ALL_JUDGE_UP_TO = 1_000  # of more splats a few views judge first
 N_JUDGING_FIRST = 5  # of them, at most; every second or fifth view, so that they are of both sizes
