@@ -16,6 +16,7 @@ export function python(...parameters) {
 
 /** Whether the codec runs: null, or the reason why it does not. */
 export function whyNoCodec() {
+  if (existsSync(`${FOLDER}/scenes.made`)) return null;
   try {
     python("-c", "import evogs_codec, numba");
     return null;
