@@ -13,7 +13,12 @@ def test_levels_before_and_after_with_their_bytes(tmp_path, monkeypatch):
     ply = tmp_path / "other.ply"
     write_ply(ply, make_scene(150, seed=1))
     monkeypatch.setattr(refine, "make_scene", lambda: make_scene(200))
-    for name, value in (("N_CROP", 100), ("SIZE", 24), ("SMALL", 12), ("DEFAULT_ITERATIONS", 2)):
+    for name, value in (
+        ("N_CROP", 100),
+        ("SIZE", 24),
+        ("FAR_PIXELS", 12),
+        ("DEFAULT_ITERATIONS", 2),
+    ):
         monkeypatch.setattr(refine, name, value)
     monkeypatch.setattr("evogs_codec.render.viewpoints.SIZE", 24)
     rows = refine.refined(ply, "z")

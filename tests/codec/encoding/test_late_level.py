@@ -216,7 +216,7 @@ def test_which_trees_can_have_a_late_level():
 def test_a_last_level_that_looks_hardly_better_is_late(monkeypatch):
     n_levels = {}
     for by in (-np.inf, np.inf):
-        for limit in ("LATE", "LATE_IF_SOME_FALL"):
+        for limit in ("LATE_GAIN_DB", "LATE_GAIN_IF_SOME_FALL_DB"):
             monkeypatch.setattr(f"evogs_codec.encoding.late_level.{limit}", by)
         data = encode_scene(SPLATS, levels=LAST + 1, effort=1)
         n_levels[by] = read_directory(data).n_levels
