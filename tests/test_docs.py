@@ -83,7 +83,7 @@ def _run_the_readme():
             assert words[0] == "evogs"
             assert evogs(words[1:]) == 0, line
     (program,) = blocks(README, "python")
-    assert len([line for line in program.splitlines() if line]) == 6
+    assert len([line for line in program.splitlines() if line]) == 5
     exec(compile(program, "README.md", "exec"), {})
 
 
