@@ -53,7 +53,7 @@ MAX_LAYERS = 8
 N_LAYERS = 2  # by default
 PRICE_RATIO = 192.0  # of the price of a bit, from a layer to the next: about 20 dB; by default
 FINER_SHARED = 2.8  # than of psi of one leaf: steps of what siblings share, whose errors meet
-PRICE_RATIO_BETWEEN = 36.0  # the same between later layers, where `scene.steady` adds a third
+PRICE_RATIO_BETWEEN = 36.0  # the same between later layers, where `scene.falls.steady` adds a third
 EVENING_POWER = 0.5  # power of the weights of leaves in layers before the last: see `_evened`
 
 

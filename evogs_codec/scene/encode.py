@@ -33,10 +33,10 @@ from evogs_codec.model.scene_info import SceneInfo
 from evogs_codec.model.splats import I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.choose import at_tree_psnr, best_stream, warn_of_preset
+from evogs_codec.scene.falls.steady import steady
 from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.reach import CHECKED_FROM, FewSplats, is_surely_in_reach
 from evogs_codec.scene.request import MaxError, Request, SceneOptions, TreeOptions
-from evogs_codec.scene.steady import steady
 
 if TYPE_CHECKING:
     from typing import Unpack

@@ -31,7 +31,7 @@ from evogs_codec.model.channels import GROUP_CHANNELS
 from evogs_codec.model.tree import EvolutionTree, Kind, Step
 from evogs_codec.render import Views, cameras_around, psnr, render
 from evogs_codec.render.demo_scene import make_scene
-from evogs_codec.scene import steady
+from evogs_codec.scene.falls import steady
 
 SPLATS = make_scene(900)
 TREE = lift(SPLATS)

@@ -287,7 +287,7 @@ def test_a_tree_of_all_levels_has_no_room_for_a_layer(monkeypatch):
     from evogs_codec.render import cameras_around
 
     # A search among streams of so many packets would take most of the time.
-    monkeypatch.setattr("evogs_codec.scene.steady.without_falls", lambda found, *_: found)
+    monkeypatch.setattr("evogs_codec.scene.falls.steady.without_falls", lambda found, *_: found)
     splats = make_scene(20)
     few = cameras_around(splats, "z", 60, n=2)  # any views will do
     data = encode_scene(splats, levels=64, effort=1, cameras=few)

@@ -26,10 +26,10 @@ from evogs_codec.editing.level_psnr import KEY, with_level_psnr
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.scene import measure
+from evogs_codec.scene.falls.packet_falls import FIRST_VIEWS_EVERY
+from evogs_codec.scene.falls.states import N_JUDGING_FIRST
 from evogs_codec.scene.measure import N_VIEWS, PIXELS, Gauge
-from evogs_codec.scene.packet_falls import FIRST_VIEWS_EVERY
 from evogs_codec.scene.request import Request
-from evogs_codec.scene.states import N_JUDGING_FIRST
 
 
 @cache

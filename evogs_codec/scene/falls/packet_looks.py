@@ -16,9 +16,9 @@ from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.model.components import CORE
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import F64, I64, SplatParams
+from evogs_codec.scene.falls.states import FALL_DB
 from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.measure import ALL_LOOK_UP_TO
-from evogs_codec.scene.states import FALL_DB
 
 if TYPE_CHECKING:
     from evogs_codec.render import Views

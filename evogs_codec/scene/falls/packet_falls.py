@@ -29,10 +29,8 @@ from evogs_codec.format.write_directory import MAX_LEVELS
 from evogs_codec.model.components import CORE
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import I64
-from evogs_codec.scene.found_stream import FoundStream
-from evogs_codec.scene.measure import ALL_LOOK_UP_TO, Gauge
-from evogs_codec.scene.order_by_views import ordered_by_views
-from evogs_codec.scene.packet_looks import (
+from evogs_codec.scene.falls.order_by_views import ordered_by_views
+from evogs_codec.scene.falls.packet_looks import (
     DEEP_DB,
     MAX_ORDERED,
     Looks,
@@ -40,8 +38,10 @@ from evogs_codec.scene.packet_looks import (
     rows_of,
     shown,
 )
+from evogs_codec.scene.falls.states import FALL_DB, N_JUDGING_FIRST
+from evogs_codec.scene.found_stream import FoundStream
+from evogs_codec.scene.measure import ALL_LOOK_UP_TO, Gauge
 from evogs_codec.scene.request import Request
-from evogs_codec.scene.states import FALL_DB, N_JUDGING_FIRST
 
 if TYPE_CHECKING:
     from evogs_codec.render import Views
@@ -62,7 +62,7 @@ N_FIRST_PREFIXES, FIRST_VIEWS_EVERY, NO_FALL_DB = (6, 12), 7, 0.01
 # Other streams of these are tried if more is lost, in dB: those at other prices, and others, which
 # take more bytes or look worse.
 FALLS_OF_MANY_DB = (FALL_DB, 3 * FALL_DB)
-ALL_JUDGE_UP_TO = 100_000  # of more, few views judge, since a splat is little of one
+ALL_JUDGE_PACKETS_UP_TO = 100_000  # of more, few views judge, since a splat is little of one
 
 
 def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundStream:
@@ -79,7 +79,7 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
         return found
     views, is_many = gauge.packets, found.tree.n_leaves > ALL_LOOK_UP_TO
     if is_many:
-        if found.tree.n_leaves > ALL_JUDGE_UP_TO:
+        if found.tree.n_leaves > ALL_JUDGE_PACKETS_UP_TO:
             views = views.fewer(N_JUDGING_FIRST)
         if not _may_fall(found, gauge.many, None if request.is_plain else views):
             return found

@@ -24,7 +24,7 @@ SAME_DB = 0.03  # dB; two states look the same if no view differs by more
 # A state is a fall if its lead over one before it is below -`FALL_DB`: its mean over the views,
 # less `N_STANDARD_ERRORS` standard errors of a mean of `N_JUDGING` views.
 FALL_DB, N_STANDARD_ERRORS, N_JUDGING = 0.05, 1.0, 6
-ALL_JUDGE_UP_TO = 1_000  # of more splats a few views judge first
+ALL_JUDGE_STATES_UP_TO = 1_000  # of more splats a few views judge first
 N_JUDGING_FIRST = 5  # of them, at most; every second or fifth view, so that they are of both sizes
 
 _Place: TypeAlias = tuple[int, int]  # a level, and which of its steps
@@ -156,6 +156,10 @@ class Draft:
     @cached_property
     def _few(self) -> tuple[Views, Views]:
         """Views that judge first, and the others."""
-        few = self.views.fewer(N_JUDGING_FIRST) if self.n_splats > ALL_JUDGE_UP_TO else self.views
+        few = (
+            self.views.fewer(N_JUDGING_FIRST)
+            if self.n_splats > ALL_JUDGE_STATES_UP_TO
+            else self.views
+        )
         others = [camera for camera in self.views.cameras if camera not in few.cameras]
         return few, replace(self.views, cameras=others, drawn=self.views.drawn)

@@ -15,8 +15,8 @@ from evogs_codec.encoding.held_steps import Run
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
-from evogs_codec.scene import packet_falls, packet_looks, steady
 from evogs_codec.scene.encode import encode_scene_with_order
+from evogs_codec.scene.falls import packet_falls, packet_looks, steady
 from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.measure import Gauge
 from evogs_codec.scene.request import Request

@@ -21,8 +21,8 @@ from evogs_codec import (
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
-from evogs_codec.scene import order_by_views
-from evogs_codec.scene.order_by_views import MAX_STATES, ordered_by_views
+from evogs_codec.scene.falls import order_by_views
+from evogs_codec.scene.falls.order_by_views import MAX_STATES, ordered_by_views
 from evogs_codec.scene.prefixes import StreamPrefixes
 
 N_BANDS = 3

@@ -35,11 +35,11 @@ from evogs_codec.encoding.out_of_reach import TargetMissedError
 from evogs_codec.encoding.settings import SCENE_PRICE
 from evogs_codec.model.splats import SplatParams
 from evogs_codec.model.tree import EvolutionTree
+from evogs_codec.scene.falls.packet_falls import without_falls
+from evogs_codec.scene.falls.states import FALL_DB, N_JUDGING_FIRST, SAME_DB, Draft, State
 from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.measure import Gauge, without_room
-from evogs_codec.scene.packet_falls import without_falls
 from evogs_codec.scene.request import Request
-from evogs_codec.scene.states import FALL_DB, N_JUDGING_FIRST, SAME_DB, Draft, State
 
 if TYPE_CHECKING:
     from evogs_codec.render import Camera, Views

@@ -9,7 +9,7 @@ pytest.importorskip("numba", reason="the rasterizer is compiled")
 
 from evogs_codec import read_directory
 from evogs_codec.render import Views
-from evogs_codec.scene import packet_looks
+from evogs_codec.scene.falls import packet_looks
 
 
 class ByNumber:

@@ -29,11 +29,12 @@ from evogs_codec.lifting.lift import lift_with_order
 from evogs_codec.lifting.shared_sh import with_palette
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
-from evogs_codec.scene import choose, packet_falls, steady
+from evogs_codec.scene import choose
+from evogs_codec.scene.falls import packet_falls, steady
+from evogs_codec.scene.falls.states import Draft, State
 from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.prefixes import StreamPrefixes, TreePrefixes
 from evogs_codec.scene.request import Request
-from evogs_codec.scene.states import Draft, State
 
 N = 600
 WORST = 0.05  # dB
