@@ -54,10 +54,10 @@ def add_edit(commands: Commands) -> None:
     parser.description = (
         "Crop, clean, scale, rotate and move scenes or streams, or make one of several.\n\n"
         "Whatever the order of the options: inputs are joined, cropped, floaters dropped; then the"
-        " rest\nis scaled, rotated and moved. Numbers are in the units of the input. They are in the"
-        " axes of a\n.ply, to which other formats are turned, or in those of a stream. Streams keep"
-        " their packets\nwhere they can, which the line `exact:` says; otherwise the splats are"
-        " encoded again."
+        " rest\nis scaled, rotated and moved. Numbers are in the units of the input. They are in"
+        " the axes of a\n.ply, to which other formats are turned, or in those of a stream. Streams"
+        " keep their packets\nwhere they can, which the line `exact:` says; otherwise the splats"
+        " are encoded again."
     )
     several = f"a stream, or {SCENES_IN}"
     parser.add_argument("input", type=path_or_url, metavar="IN", help=several)
