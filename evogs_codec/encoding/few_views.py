@@ -11,7 +11,7 @@ from evogs_codec.encoding.pictures import Divisible
 from evogs_codec.encoding.search import Goal
 from evogs_codec.model.splats import F64, SplatParams
 
-__all__ = ["EVERY", "N_DEVIATIONS", "FewViews"]
+__all__ = ["EVERY", "MIN_VIEWS", "N_DEVIATIONS", "FewViews"]
 
 EVERY = 5  # one of so many views is one of the few; they are of both sizes
 N_DEVIATIONS = 0.8  # standard deviations that the mean of a few views is from that of all, at most

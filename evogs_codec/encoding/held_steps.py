@@ -20,7 +20,7 @@ from itertools import islice
 import numpy as np
 import numpy.typing as npt
 
-from evogs_codec.encoding.corrections import corrections
+from evogs_codec.encoding.corrections import only_refines
 from evogs_codec.encoding.sensitivity import StepWeights
 from evogs_codec.model.channels import GROUP_CHANNELS, n_classes
 from evogs_codec.model.hiding import hiding
@@ -72,8 +72,8 @@ def held(
     """A tile with these runs held back, and the weights of its steps.
 
     The state after each run is that of the tile. Steps that only make room have no weights: their
-    numbers are coded as they are. Of a run whose first step is a correction only the splats that it
-    corrects are held back, until the next level has begun: the others are as good without. Steps
+    numbers are coded as they are. Of a run whose first step only refines, only the splats that it
+    refines are held back, until the next level has begun: the others are as good without. Steps
     of a run that only add become one.
     """
     for run in sorted(runs, key=lambda run: run.first, reverse=True):  # rows of others stay
@@ -85,7 +85,7 @@ def held(
             tile, weights = _with_adds_at_once(tile, weights, begin, end)
             continue
         is_held = np.ones(sum(step.n_new for step in tile.steps), bool)
-        if corrections(tile)[begin]:
+        if only_refines(tile.steps[begin]):
             is_held[:] = False
             is_held[tile.steps[begin].slots] = True
             next_level = sum(step.level <= tile.steps[begin].level for step in tile.steps)

@@ -16,6 +16,7 @@ from evogs_codec.encoding.coarse_leaves import warn_of_coarse_leaves
 from evogs_codec.encoding.drawn import Drawn
 from evogs_codec.encoding.grids import AccuracyWarning
 from evogs_codec.encoding.held_steps import Run, held
+from evogs_codec.encoding.joined_steps import composed, joined_tiles
 from evogs_codec.encoding.layers import Layered, Layering, expect_levels
 from evogs_codec.encoding.measured_gains import MeasuredGains, nothing_of
 from evogs_codec.encoding.pictures import Pictures, Telling
@@ -85,6 +86,7 @@ class Prepared:
     def __init__(self, task: EncodeTask) -> None:
         self.task = task
         self.orders: Sequence[I64 | None] | None = None  # of slots, as of `EncodedScene`
+        self.is_at_once = False
         self.written: tuple[bytes, CodedTree] | None = None  # the last stream, and what it is of
         self.n_levels = max(task.tree.n_levels, task.n_levels)
         if (task.polish or task.layers > 1) and task.views is None:
@@ -118,20 +120,38 @@ class Prepared:
                 )
 
     def holding(self, runs: Sequence[Run], layering: Layering) -> Prepared:
-        """The same with runs of steps held back, and other layers, or one, where it has several."""
+        """The same with other layers, or one, and without prefixes that end in runs of steps.
+
+        The steps of a run are joined where that makes them fewer, and held back otherwise.
+        """
         other = copy(self)
         if self.importance is None:
             return other
-        pairs = zip(self.tiles, self.importance.weights, strict=True)
-        tiles, weights = zip(*(held(tile, own, runs) for tile, own in pairs), strict=True)
-        other.tiles, other.importance = list(tiles), replace(self.importance, weights=weights)
+        for run in sorted(runs, key=lambda run: run.first, reverse=True):  # places of others stay
+            other._end_prefixes_outside(run)
         if self.layered is not None and layering.n == 1:
             other.layered = None
         elif self.layered is not None:
+            assert other.importance is not None, "it has that of this one"
             other.layered = Layered.of(other.tiles, self.n_levels, other.importance, layering)
-        if any(tile is not own for tile, own in zip(tiles, self.tiles, strict=True)):
+        if any(tile is not own for tile, own in zip(other.tiles, self.tiles, strict=True)):
             other.ranges = Ranges.of(other.tiles, self.n_levels)
         return other
+
+    def _end_prefixes_outside(self, run: Run) -> None:
+        """Join the steps of a run, or hold them back."""
+        own = self.importance
+        assert own is not None, "views decide"
+        found = joined_tiles(self.tiles, own.weights, run)
+        if found is None:
+            pairs = zip(self.tiles, own.weights, strict=True)
+            tiles, weights = zip(*(held(*pair, [run]) for pair in pairs), strict=True)
+            self.tiles, self.importance = list(tiles), replace(own, weights=weights)
+            return
+        self.tiles = [one.tile for one in found]
+        self.orders = composed(self.orders or [None] * len(found), [one.order for one in found])
+        leaves = tuple(one.leaves(of) for one, of in zip(found, own.leaves, strict=True))
+        self.importance = replace(own, weights=tuple(one.weights for one in found), leaves=leaves)
 
     def at_once(self) -> Prepared:
         """The same with all leaves in the place of the roots at once, in one layer."""
@@ -142,7 +162,9 @@ class Prepared:
         found = list(map(at_once, self.tiles, own.weights, own.leaves))
         other.tiles = [tile for tile, _, _ in found]
         other.importance = replace(own, weights=tuple(weights for _, weights, _ in found))
-        other.orders = [order for _, _, order in found]
+        orders = [order for _, _, order in found]
+        other.orders = composed(self.orders or [None] * len(orders), orders)
+        other.is_at_once = True
         other.layered = None
         other.ranges = Ranges.of(other.tiles, self.n_levels)
         return other

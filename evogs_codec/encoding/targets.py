@@ -291,7 +291,7 @@ class TargetEncoder(EncodeTask):
         return Prepared(self)
 
     def holding(self, runs: Sequence[Run], layering: Layering) -> TargetEncoder:
-        """The same with runs of steps held back (`held_steps`); nothing is drawn again.
+        """The same with runs of steps joined or held back; nothing is drawn again.
 
         Args:
             runs: of the streams that this one makes.

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any, TypeAlias
 
 from evogs_codec.encoding.held_steps import Run
+from evogs_codec.encoding.joined_steps import composed
 from evogs_codec.encoding.late_level import can_be_late
 from evogs_codec.encoding.layers import Layered, Layering
 from evogs_codec.encoding.search import Found
@@ -103,14 +104,16 @@ class FoundStream:
     @property
     def orders(self) -> Sequence[I64 | None] | None:
         """In which other order slots are (`EncodedScene`)."""
-        if self._layered is not None:
-            return self._layered.orders
-        return None if self.encoder is None else self.encoder.prepared.orders
+        own = None if self.encoder is None else self.encoder.prepared.orders
+        if self._layered is None:
+            return own
+        of_layers = self._layered.orders
+        return of_layers if own is None else composed(own, of_layers)
 
     @property
     def is_at_once(self) -> bool:
         """Whether all leaves come in the place of the roots at once."""
-        return self.encoder is not None and self.encoder.prepared.orders is not None
+        return self.encoder is not None and self.encoder.prepared.is_at_once
 
     @property
     def can_be_late(self) -> bool:
@@ -194,7 +197,7 @@ class FoundStream:
         return replace(self, stream=None, encoder=self.encoder.leaving_empty(packets, order))
 
     def holding(self, runs: Sequence[Run], layering: Layering) -> FoundStream:
-        """That of the same tree with runs of steps held back (`TargetEncoder.holding`)."""
+        """That of the same tree without states in runs of steps (`Prepared.holding`)."""
         assert self.encoder is not None, "it is by views"
         return replace(self, stream=None, encoder=self.encoder.holding(runs, layering))
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from evogs_codec.decoding.cut import Cut
-from evogs_codec.encoding.few_views import EVERY, N_DEVIATIONS
+from evogs_codec.encoding.few_views import EVERY, MIN_VIEWS, N_DEVIATIONS
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.model.components import CORE
 from evogs_codec.model.packet_id import PacketId
@@ -109,7 +109,7 @@ class Looks:
         # Without a layer that refines all leaves, SH bands of adds would be lost.
         of_adds = directory.packet_ids(np.flatnonzero(directory.packets["n_adds"]))
         adds = {(packet.tile, packet.step) for packet in of_adds}
-        few = replace(views, cameras=views.cameras[::EVERY], drawn=views.drawn)
+        few = _few_of(views, found)
         best: _Prefix | None = None
         before, deepest = best, 0.0
         falls: dict[PacketId, float] = {}
@@ -150,25 +150,25 @@ class Looks:
 class _Prefix:
     """How good views find what a prefix shows.
 
-    Of few splats, all views judge only where some leave doubt. Many splats are not kept for that.
+    With a few views, all judge only where these leave doubt. Otherwise its leaves are not kept.
     """
 
-    def __init__(self, leaves: SplatParams, views: Views, few: Views) -> None:
+    def __init__(self, leaves: SplatParams, views: Views, few: Views | None) -> None:
         """Of leaves; `few` are some of the views."""
-        self._leaves = leaves if len(leaves) <= ALL_LOOK_UP_TO else None
         self._views, self._few = views, few
-        if self._leaves is None:
+        if few is None:
             self.psnr = views.psnr(leaves)
+        else:
+            self._leaves = leaves
 
     @cached_property
     def psnr(self) -> float:
         """Of all views, dB."""
-        assert self._leaves is not None, "it is known without"
         return self._views.psnr(self._leaves)
 
     def fall_after(self, other: _Prefix) -> float:
         """How much worse it looks than another prefix, dB; about, if that is `DEEP_DB` at most."""
-        if self._leaves is not None and other._leaves is not None:
+        if self._few is not None:
             worse = other._of_few - self._of_few
             if worse.mean() + N_DEVIATIONS * worse.std() <= DEEP_DB:
                 return float(worse.mean())
@@ -176,5 +176,17 @@ class _Prefix:
 
     @cached_property
     def _of_few(self) -> F64:
-        assert self._leaves is not None, "few splats are kept"
+        assert self._few is not None, "a few views judge first"
         return self._few.psnr_of_each(self._leaves)
+
+
+def _few_of(views: Views, found: FoundStream) -> Views | None:
+    """Those of the views that judge first; None if all do.
+
+    Of many splats few views differ too much, and not every prefix that is ordered can be kept.
+    """
+    few = replace(views, cameras=views.cameras[::EVERY], drawn=views.drawn)
+    is_small = found.tree.n_leaves <= ALL_LOOK_UP_TO
+    if is_small or (len(few.cameras) >= MIN_VIEWS and not may_be_ordered(found)):
+        return few
+    return None

@@ -1,9 +1,10 @@
 """No step back: makes streams whose prefixes do not look worse than shorter prefixes.
 
 The state after each step of the levels is rendered. If one of the roots looks worse than one before
-it, all roots come in one step. If another state looks worse than one before it, its step is held
-back until it looks better (`held_steps`); with a target, coarse splats are made finer before that,
-until their last level looks better than the one before it.
+it, all roots come in one step. If another state looks worse than one before it, its step comes with
+those after it (`joined_steps`), or is held back until it looks better (`held_steps`); with a
+target, coarse splats are made finer before that, until their last level looks better than the one
+before it.
 If all coarse splats together look worse than some of them, all are made more exact; if they look
 worse than level 0 then, there is one layer of precision.
 
@@ -143,7 +144,7 @@ class _Steadying:
         progress: called with how much was looked at.
         may_be_late: whether the last level may come late: not with `layers` or `polish`.
         layering: of the stream.
-        before: runs of steps that are held back.
+        before: runs of steps that were joined or held back last.
         looked_at_roots: whether it is known that all roots are to come in one step, or not.
     """
 
@@ -180,7 +181,7 @@ class _Steadying:
         return self._late(found) if gains_little(coarse - before) else found
 
     def steadied(self, found: FoundStream) -> FoundStream | None:
-        """With finer coarse splats, or with steps held back; None if it needs neither.
+        """With finer coarse splats, or with steps joined or held back; None if it needs neither.
 
         With a target coarse splats are finer first: its price of a bit may be so high that coarse
         steps make levels fall, and to hold them back takes more bytes. They are finer still while
@@ -215,7 +216,7 @@ class _Steadying:
             return found.holding((), self.layering)
         if runs and gains_little(gain, some_fall=True):
             return self._late(found)
-        if not runs or runs == self.before:  # these could not be held back
+        if not runs or runs == self.before:  # nothing can be done about these
             return None
         shows_little = self.layering.ratio == PRICE_RATIO or added < MIN_GAIN_DB
         if found.has_target and found.is_layered and shows_little and ratio >= MIN_RATIO:
@@ -324,7 +325,7 @@ def _places_of_corrections(tiles: Sequence[EvolutionTree]) -> set[tuple[int, int
 
 
 def _runs(states: Sequence[State], at_corrections: set[tuple[int, int]]) -> tuple[list[Run], bool]:
-    """Which steps are to be held back, and whether coarse splats are too coarse for that to do.
+    """Which steps are to be joined or held back, and whether coarse splats are too coarse for it.
 
     Once one of the steps `at_corrections` is, later ones there are if they look worse at all: with
     it they would add up to a fall.

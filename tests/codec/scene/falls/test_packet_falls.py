@@ -130,11 +130,11 @@ def deepest_fall(data, splats):
 
 @pytest.mark.thorough
 def test_bands_that_look_worse_are_left_out(monkeypatch):
-    splats = dict(odd_scenes())["one dense clump"]
-    after, _ = deepest_fall(encode_scene(splats, levels=4), splats)
+    splats = dict(odd_scenes(2000, 6))["one dense clump"]
+    after, _ = deepest_fall(encode_scene(splats, levels=5), splats)
     assert after <= 0.05
     monkeypatch.setattr(steady, "without_falls", lambda found, *_: found)
-    before, _ = deepest_fall(encode_scene(splats, levels=4), splats)
+    before, _ = deepest_fall(encode_scene(splats, levels=5), splats)
     assert before > 0.05
 
 

@@ -10,6 +10,7 @@ pytest.importorskip("numba", reason="the rasterizer is compiled")
 from evogs_codec import read_directory
 from evogs_codec.render import Views
 from evogs_codec.scene.falls import packet_looks
+from evogs_codec.scene.found_stream import FoundStream
 
 
 class ByNumber:
@@ -42,14 +43,34 @@ def prefix_of(leaves: Any, views: Any, few: Any) -> packet_looks._Prefix:
         ([30.0, 29.9, 30.0, 29.0], 0.275, 4),
     ],
 )
-def test_of_few_splats_all_views_judge_where_a_few_leave_doubt(monkeypatch, one, fall, n_drawn):
+def test_all_views_judge_where_a_few_leave_doubt(one, fall, n_drawn):
     views, few = ByNumber(range(4)), ByNumber(range(2))
     prefix, other = (prefix_of(x, views, few) for x in (one, [30.0] * 4))
     assert prefix.fall_after(other) == pytest.approx(fall)
     assert views.n_drawn == 2 * n_drawn
-    monkeypatch.setattr(packet_looks, "ALL_LOOK_UP_TO", 3)
-    many, other = (prefix_of(x, views, few) for x in (one, [30.0] * 4))
-    assert many.fall_after(other) == pytest.approx(30.0 - np.mean(one))
+    by_all, other = (prefix_of(x, views, None) for x in (one, [30.0] * 4))
+    assert by_all.fall_after(other) == pytest.approx(30.0 - np.mean(one))
+
+
+@pytest.mark.parametrize(
+    ("n_splats", "n_views", "is_at_once", "n_few"),
+    [
+        (20_000, 24, False, 5),
+        (20_000, 4, True, 1),
+        (90_000, 24, False, 5),
+        (90_000, 20, False, 0),
+        (90_000, 24, True, 0),
+    ],
+)
+def test_of_many_splats_few_views_judge_first_where_they_are_enough(
+    monkeypatch, layered, n_splats, n_views, is_at_once, n_few
+):
+    views = layered.encoder.views
+    views = Views(views.scene, [views.cameras[0]] * n_views)
+    monkeypatch.setattr(FoundStream, "is_at_once", is_at_once)
+    monkeypatch.setattr(type(layered.tree), "n_leaves", n_splats)
+    few = packet_looks._few_of(views, layered)
+    assert (0 if few is None else len(few.cameras)) == n_few
 
 
 def test_what_is_known_of_prefixes_before_a_packet():
