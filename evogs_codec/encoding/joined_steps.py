@@ -222,12 +222,7 @@ def _renumbered(tile: EvolutionTree, parts: Iterable[_Part]) -> Joined:
         n += len(part.new)
     found = replace(tile, steps=tuple(steps))
     born_from, _ = found.lineage()
-    own = [
-        one and (one if one.siblings is None else replace(one, siblings=_siblings(step, born_from)))
-        for step, one in zip(steps, weights, strict=True)
-    ]
-    return Joined(found, tuple(own), np.argsort(name).astype(np.int64))
-
-
-def _siblings(step: Step, born_from: I64) -> Siblings:
-    return Siblings.of(step.slots, born_from)
+    for k, own in enumerate(weights):
+        if own is not None and own.siblings is not None:
+            weights[k] = replace(own, siblings=Siblings.of(steps[k].slots, born_from))
+    return Joined(found, tuple(weights), np.argsort(name).astype(np.int64))
