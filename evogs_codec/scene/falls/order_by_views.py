@@ -2,8 +2,8 @@
 
 Packets are put in order by estimates. An SH band alone may make pictures worse until another one is
 there, whatever estimates say. So all states between two prefixes are looked at, and the way through
-them is taken that falls least: from a fall until pictures are better than before it, or, of few
-splats, through the last packets.
+them is taken that falls least: from a fall until pictures are better than before it, or to the
+end, or, of few splats, through the last packets.
 
 A state is how many packets of each component are there. Letters: B components.
 """
@@ -32,6 +32,8 @@ __all__ = ["ordered_by_views"]
 # Of the last packets, states that are drawn, and splats of all of these together.
 MAX_STATES, MAX_SPLATS = 256, 64_000
 MAX_AROUND = 16  # states around a fall that are drawn
+# The same from a fall to the end, where nothing else helps, and splats of all of these together.
+MAX_AFTER, MAX_SPLATS_AFTER = 256, 1_500_000
 DIGITS = 2  # of a fall, dB: what is less is no difference
 _State: TypeAlias = tuple[int, ...]
 
@@ -56,7 +58,7 @@ def ordered_by_views(
         views: that judge.
         sh_degree: of the splats that are looked at.
         before: the deepest fall of the prefixes that end before a row, and their highest PSNR, dB.
-        rows: of the packets; None: as many of the last as may be.
+        rows: of the packets, to the end or not; None: as many of the last as may be.
         most: what is wanted is a fall of less dB.
     """
     directory = read_directory(data)
@@ -66,7 +68,10 @@ def ordered_by_views(
         stretch = _Stretch.of_last(directory)
     else:
         stretch = _Stretch.of(directory, rows)
-        if math.prod(stretch.counts) > MAX_AROUND:
+        n_slots = max(int(directory.tile_slots.sum()), 1)
+        after = min(MAX_AFTER, MAX_SPLATS_AFTER // n_slots)
+        is_to_end = rows.stop == len(directory.packets)
+        if math.prod(stretch.counts) > (max(after, MAX_AROUND) if is_to_end else MAX_AROUND):
             return data, math.inf
     fall, highest = before(len(stretch.first))
     if fall >= most:

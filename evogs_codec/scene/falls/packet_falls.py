@@ -2,11 +2,11 @@
 
 What an error is worth is estimated number by number. Errors of one packet may make up for those of
 another, so that pictures are worse without these. Packets of SH bands with which they are worse are
-left empty. If that is not enough, packets around a fall are put in another order, and so are the
-last packets of very few splats; other prices of a bit and one layer are tried. Then all levels that
-split are held back until the last of them. At last all leaves come at once in the place of the
-roots: where splats have the same depth, even steps that show nothing new change the order in which
-they are drawn.
+left empty. If that is not enough, packets around a fall are put in another order, or all from it
+on, and so are the last packets of very few splats; other prices of a bit and one layer are tried.
+Then all levels that split are held back until the last of them. At last all leaves come at once in
+the place of the roots: where splats have the same depth, even steps that show nothing new change
+the order in which they are drawn.
 
 Of many splats, a few prefixes are looked at first, and all only if one of these falls.
 """
@@ -83,7 +83,7 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
             views = views.fewer(N_JUDGING_FIRST)
         if not _may_fall(found, gauge.many, None if request.is_plain else views):
             return found
-    best, fall = _with_least_fall(found, views)
+    best, fall = _with_least_fall(found, views, to_end=True)
     others = _others(found, request)
     for k, of_other in enumerate(others):
         other = of_other()
@@ -176,15 +176,24 @@ def _evenly(n: int, of: int) -> I64:
     return np.unique(np.linspace(0, of - 1, min(n, of)).astype(np.int64))
 
 
-def _with_least_fall(found: FoundStream, views: Views) -> tuple[FoundStream, float]:
-    """Without its worst packets, and of few packets or splats with the last in another order."""
+def _with_least_fall(
+    found: FoundStream, views: Views, *, to_end: bool = False
+) -> tuple[FoundStream, float]:
+    """Without its worst packets, and of few packets or splats with the last in another order.
+
+    `to_end`: of any number, all packets from the first fall on, if their orders are not too many.
+    """
     found, looks = _without_worst(found, views)
-    if looks.fall <= DEEP_DB or not may_be_ordered(found):
+    if looks.fall <= DEEP_DB:
         return found, looks.fall
-    degree = found.tree.shown_degree
-    data, fall = ordered_by_views(
-        found.data, found.prefixes, views, degree, looks.before, most=looks.fall
-    )
+    data, fall, degree = found.data, looks.fall, found.tree.shown_degree
+    if may_be_ordered(found):
+        data, fall = ordered_by_views(
+            data, found.prefixes, views, degree, looks.before, most=looks.fall
+        )
+    elif to_end and looks.first is not None:
+        first = looks.first
+        data, fall = ordered_by_views(data, found.prefixes, views, degree, first.before, first.rows)
     return (replace(found, stream=data), fall) if fall < looks.fall else (found, looks.fall)
 
 

@@ -77,6 +77,7 @@ class Looks:
         until: per packet with bytes its row, the deepest fall until then, and the best prefix; none
             where the last packets are not put in another order.
         recovered: falls that later packets make good.
+        first: from the first packet that looks worse to the last of all; None if none does.
     """
 
     whole: float
@@ -85,6 +86,7 @@ class Looks:
     needless: frozenset[PacketId]
     until: Sequence[tuple[int, float, _Prefix]]
     recovered: Sequence[Fall] = ()
+    first: Fall | None = None
 
     @property
     def worse(self) -> frozenset[PacketId]:
@@ -116,6 +118,7 @@ class Looks:
         since_best: set[PacketId] = set()
         until: list[tuple[int, float, _Prefix]] = []
         recovered: list[Fall] = []
+        first: Fall | None = None
         begin: int | None = None  # row of the first packet that looks worse than the best prefix
         packets = zip(rows.tolist(), directory.packet_ids(rows), strict=True)
         for (row, packet), leaves in zip(packets, shown(found, directory, rows), strict=True):
@@ -126,6 +129,8 @@ class Looks:
                 return None
             if fall > DEEP_DB and begin is None:
                 begin = row
+                assert best is not None, "it looks worse than another one"
+                first = first or Fall(range(row, len(directory.packets)), best.psnr)
             elif fall <= 0 and best is not None and begin is not None:
                 recovered.append(Fall(range(begin, row + 1), best.psnr))
                 begin = None
@@ -144,7 +149,7 @@ class Looks:
         if best is None or before is None:
             return Looks(-math.inf, falls, deepest, frozenset(), until)
         needless = frozenset(since_best if before.psnr < best.psnr - DEEP_DB else ())
-        return Looks(before.psnr, falls, deepest, needless, until, recovered)
+        return Looks(before.psnr, falls, deepest, needless, until, recovered, first)
 
 
 class _Prefix:

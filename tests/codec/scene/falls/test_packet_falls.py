@@ -98,7 +98,7 @@ def test_where_pictures_stay_worse_other_streams_are_tried(
     monkeypatch, layered, falls, options, very_few, factor, n_layers
 ):
     left = iter(falls)
-    monkeypatch.setattr(packet_falls, "_with_least_fall", lambda one, _: (one, next(left)))
+    monkeypatch.setattr(packet_falls, "_with_least_fall", lambda one, _, **__: (one, next(left)))
     monkeypatch.setattr(packet_falls, "MAX_ORDERED", very_few)
     told = []
     said = options | {"progress": lambda stage, part: told.append((stage, part))}
@@ -216,7 +216,7 @@ def test_of_many_splats_other_streams_are_tried_for_a_deep_fall(
     monkeypatch.setattr(packet_falls, "MAX_ORDERED", 0)
     monkeypatch.setattr(packet_falls, "_may_fall", lambda *_: True)
 
-    def with_least_fall(one, _):
+    def with_least_fall(one, _, **__):
         tried.append(one)
         return one, 0.0 if len(tried) == 5 else fall - 0.01 * (len(tried) - 1)
 
@@ -321,6 +321,43 @@ def test_another_order_that_falls_more_is_not_taken(monkeypatch, layered):
     assert (other.data, fall) == (b"in another order", 0.2)
 
 
+@pytest.mark.parametrize(("to_end", "first"), [(True, True), (True, False), (False, True)])
+def test_of_more_splats_packets_from_the_first_fall_on_are_put_in_order_once(
+    monkeypatch, layered, to_end, first
+):
+    fall = packet_looks.Fall(range(3, 9), 30.0)
+    looks = SimpleNamespace(fall=0.25, before=None, first=fall if first else None)
+    monkeypatch.setattr(packet_falls, "_without_worst", lambda one, _: (one, looks))
+    monkeypatch.setattr(packet_falls, "MAX_ORDERED", 0)
+    monkeypatch.setattr(packet_falls, "may_be_ordered", lambda _: False)
+    asked = []
+
+    def ordered(data, prefixes, views, degree, before, rows):
+        asked.append((before(3), rows))
+        return b"in another order", 0.01
+
+    monkeypatch.setattr(packet_falls, "ordered_by_views", ordered)
+    views = layered.encoder.views
+    found = packet_falls._with_least_fall(layered, views, to_end=to_end)
+    if to_end and first:
+        assert asked == [((0.0, 30.0), range(3, 9))]
+        assert (found[0].data, found[1]) == (b"in another order", 0.01)
+    else:
+        assert not asked
+        assert found == (layered, 0.25)
+
+
+@pytest.mark.thorough
+def test_a_fall_that_goes_in_an_order_of_all_packets_after_it_takes_no_bytes():
+    """Bands of one step come after the core of the next; all leaves at once took 204,197 bytes."""
+    splats = dict(odd_scenes(7_500, 18))["one dense clump"]
+    data = encode_scene(splats)
+    fall, decibels = deepest_fall(data, splats)
+    assert fall <= 0.05
+    assert decibels > 42
+    assert len(data) < 70_000
+
+
 @pytest.mark.parametrize(
     ("n", "seed", "n_taken", "needs_order"),
     [(500, 5, 8, True), (1000, 8, 8, True), (1000, 1, 16, False)],
@@ -334,7 +371,8 @@ def test_very_few_huge_splats_do_not_fall(monkeypatch, n, seed, n_taken, needs_o
     assert reached > 37
     if not needs_order:  # zeros in SH bands of adds are enough
         return
-    monkeypatch.setattr(packet_falls, "_around_falls", lambda *_: None)
+    as_it_is = lambda data, *_, **__: (data, np.inf)  # noqa: E731
+    monkeypatch.setattr(packet_falls, "ordered_by_views", as_it_is)
     for module in (packet_falls, packet_looks):
         monkeypatch.setattr(module, "MAX_ORDERED", 0)
     monkeypatch.setattr(FoundStream, "at_once", lambda found: found)

@@ -118,3 +118,12 @@ def test_falls_that_later_packets_make_good_are_known(monkeypatch, layered, deci
     assert looks is not None
     found = [(fall.rows[0], fall.rows[-1], fall.highest) for fall in looks.recovered]
     assert found == [(rows[begin], rows[end], highest) for begin, end, highest in recovered]
+    # From the first packet that looks worse to the last of all.
+    worse = [k for k, value in enumerate(decibels) if k and max(decibels[:k]) - value > 0.025]
+    if not worse:
+        assert looks.first is None
+    else:
+        n_packets = len(read_directory(layered.data).packets)
+        assert looks.first is not None
+        assert looks.first.rows == range(rows[worse[0]], n_packets)
+        assert looks.first.highest == max(decibels[: worse[0]])
