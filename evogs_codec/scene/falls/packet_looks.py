@@ -49,10 +49,11 @@ def may_be_ordered(found: FoundStream) -> bool:
 
 
 class Fall(NamedTuple):
-    """A fall that later packets make good.
+    """A fall, and the packets from there on.
 
     Attributes:
-        rows: of the packets from the first that looks worse to the one that makes it good.
+        rows: of the packets from the first that looks worse to the one that makes it good, or to
+            the last of all.
         highest: PSNR before them, dB.
     """
 
@@ -188,7 +189,8 @@ class _Prefix:
 def _few_of(views: Views, found: FoundStream) -> Views | None:
     """Those of the views that judge first; None if all do.
 
-    Of many splats few views differ too much, and not every prefix that is ordered can be kept.
+    Of many splats too few views tell too little. Where their packets may be put in order, leaves of
+    too many prefixes would be kept.
     """
     few = replace(views, cameras=views.cameras[::EVERY], drawn=views.drawn)
     is_small = found.tree.n_leaves <= ALL_LOOK_UP_TO
