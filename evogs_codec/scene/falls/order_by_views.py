@@ -1,9 +1,12 @@
 """Some packets of a stream in the order in which its pictures fall least.
 
 Packets are put in order by estimates. An SH band alone may make pictures worse until another one is
-there, whatever estimates say. So all states between two prefixes are looked at, and the way through
+there, whatever estimates say. So states between two prefixes are looked at, and the way through
 them is taken that falls least: from a fall until pictures are better than before it, or to the
 end, or, of few splats, through the last packets.
+
+All states are looked at if they are few. Otherwise packets keep their order until one falls, and
+those after it are tried in its place.
 
 A state is how many packets of each component are there. Letters: B components.
 """
@@ -11,8 +14,9 @@ A state is how many packets of each component are there. Letters: B components.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from heapq import heappop, heappush
 from itertools import product
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -22,18 +26,20 @@ from evogs_codec.decoding.cut import Cut
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.format.write_directory import rebuild_directory
 from evogs_codec.model.splats import I64, SplatParams
+from evogs_codec.scene.falls.packet_looks import DEEP_DB
 from evogs_codec.scene.prefixes import Prefixes
 
 if TYPE_CHECKING:
     from evogs_codec.render import Views
 
-__all__ = ["ordered_by_views"]
+__all__ = ["MAX_AROUND", "ordered_by_views"]
 
 # Of the last packets, states that are drawn, and splats of all of these together.
 MAX_STATES, MAX_SPLATS = 256, 64_000
-MAX_AROUND = 16  # states around a fall that are drawn
-# The same from a fall to the end, where nothing else helps, and splats of all of these together.
-MAX_AFTER, MAX_SPLATS_AFTER = 256, 1_500_000
+# Of packets around a fall, or from it on: states that are drawn, or so many for each packet if that
+# is more. Ways that do not fall were found with 4.
+MAX_AROUND, MAX_STATES_OF_TURN = 16, 4
+SMALL_PART = 1 / 32  # of the bytes of a component in a stretch; a packet that has less is small
 DIGITS = 2  # of a fall, dB: what is less is no difference
 _State: TypeAlias = tuple[int, ...]
 
@@ -45,12 +51,13 @@ def ordered_by_views(
     sh_degree: int,
     before: Callable[[int], tuple[float, float]],
     rows: range | None = None,
+    max_states: int = MAX_STATES,
     most: float = math.inf,
 ) -> tuple[bytes, float]:
     """The stream with some packets in another order, and the deepest fall until these end, dB.
 
-    Itself, with an infinite fall, with several tiles or a palette, if there are too many orders, or
-    if it falls too much before.
+    Itself, with an infinite fall, with several tiles or a palette, if no way to the end is found,
+    or if it falls too much before. With rows, what small packets look like may not be drawn.
 
     Args:
         data: a stream.
@@ -59,28 +66,28 @@ def ordered_by_views(
         sh_degree: of the splats that are looked at.
         before: the deepest fall of the prefixes that end before a row, and their highest PSNR, dB.
         rows: of the packets, to the end or not; None: as many of the last as may be.
+        max_states: that are drawn, at most; fewer where there are rows and these are few.
         most: what is wanted is a fall of less dB.
     """
     directory = read_directory(data)
     if len(directory.tiles) != 1 or directory.has_palette:
         return data, math.inf
-    if rows is None:
-        stretch = _Stretch.of_last(directory)
-    else:
-        stretch = _Stretch.of(directory, rows)
-        n_slots = max(int(directory.tile_slots.sum()), 1)
-        after = min(MAX_AFTER, MAX_SPLATS_AFTER // n_slots)
-        is_to_end = rows.stop == len(directory.packets)
-        if math.prod(stretch.counts) > (max(after, MAX_AROUND) if is_to_end else MAX_AROUND):
-            return data, math.inf
+    stretch = _Stretch.of_last(directory) if rows is None else _Stretch.of(directory, rows)
     fall, highest = before(len(stretch.first))
     if fall >= most:
         return data, math.inf
     drawn = _Drawn(prefixes, views, len(directory.components.of_tiles), sh_degree)
-    states = product(*map(range, stretch.counts))
-    cuts = {state: cut for state in states if (cut := stretch.cut(state)) is not None}
-    looks = {state: drawn.psnr(cut) for state, cut in cuts.items()}
-    way = _best_way(stretch, looks, highest, directory.packets["size"].astype(np.int64))
+    sizes = directory.packets["size"].astype(np.int64)
+    if rows is None or math.prod(stretch.counts) <= min(max_states, stretch.max_drawn):
+        looks = {state: drawn.psnr(stretch.cut(state)) for state in stretch.states()}
+    else:
+        stretch = stretch.joined(sizes)
+        looks = _looks_of_some(
+            stretch, drawn.psnr, highest, min(max_states, stretch.max_drawn), most
+        )
+        if not looks:
+            return data, math.inf
+    way = _best_way(stretch, looks, highest, sizes)
     return _reordered(data, directory, stretch.rows(way.columns)), max(fall, way.fall)
 
 
@@ -131,22 +138,124 @@ class _Stretch:
         empty = np.sort(np.concatenate(last))
         return _Stretch(first, tuple(chains), steps, np.concatenate([empty, after]))
 
+    def joined(self, sizes: I64) -> _Stretch:
+        """Where packets that have a small part of the bytes of their component come with others.
+
+        `sizes`: (n,) bytes of all packets.
+        """
+        chains: list[tuple[I64, ...]] = []
+        for chain in self.chains:
+            groups: list[I64] = []
+            n_small = SMALL_PART * sum(int(sizes[group].sum()) for group in chain)
+            for group in chain:
+                if groups and sizes[group].sum() < n_small:
+                    groups[-1] = np.concatenate([groups[-1], group])
+                else:
+                    groups.append(group)
+            chains.append(tuple(groups))
+        return replace(self, chains=tuple(chains))
+
+    @property
+    def max_drawn(self) -> int:
+        """So many states may be drawn."""
+        return max(MAX_AROUND, MAX_STATES_OF_TURN * sum(self.end))
+
     @property
     def counts(self) -> list[int]:
         """(B,) states of each component."""
         return [1 + len(chain) for chain in self.chains]
 
-    def cut(self, state: _State) -> Cut | None:
-        """What a state has; None if a band would have a step that core does not."""
+    @property
+    def begin(self) -> _State:
+        """(B,) the state that has none of the packets."""
+        return (0,) * len(self.chains)
+
+    @property
+    def end(self) -> _State:
+        """(B,) the state that has all packets."""
+        return tuple(map(len, self.chains))
+
+    def states(self) -> Iterator[_State]:
+        """All there are."""
+        return filter(self._is_there, product(*map(range, self.counts)))
+
+    def after(self, state: _State) -> Iterator[tuple[int, _State]]:
+        """States with one group more, and its row."""
+        for column, chain in enumerate(self.chains):
+            then = (*state[:column], state[column] + 1, *state[column + 1 :])
+            if state[column] < len(chain) and self._is_there(then):
+                yield int(chain[state[column]][-1]), then
+
+    def cut(self, state: _State) -> Cut:
+        """What a state has."""
+        return Cut(self._steps(state)[None])
+
+    def _is_there(self, state: _State) -> bool:
+        """Whether no band has a step that core does not."""
+        steps = self._steps(state)
+        return bool((steps <= steps[0]).all())
+
+    def _steps(self, state: _State) -> I64:
+        """(B,) of each component."""
         steps = self.steps.copy()
         for column, n in enumerate(state):
             steps[column] += sum(len(group) for group in self.chains[column][:n])
-        return None if (steps > steps[0]).any() else Cut(steps[None])
+        return steps
 
     def rows(self, way: _State) -> I64:
         """All rows, those of the stretch in the order in which components take their turns."""
         turns = [iter(chain) for chain in self.chains]
         return np.concatenate([self.first, *(next(turns[column]) for column in way), self.last])
+
+
+def _looks_of_some(
+    stretch: _Stretch,
+    psnr: Callable[[Cut], float],
+    before: float,
+    max_states: int,
+    most: float,
+) -> dict[_State, float]:
+    """PSNR of states: of those on a way to the end that falls least, and on others that were tried.
+
+    Of all ways so far the one that falls least goes on, of these the longest, with the packet that
+    comes first in the stream. A fall of up to `DEEP_DB` is none.
+
+    Args:
+        stretch: the packets that are put in order.
+        psnr: of what a state has, dB.
+        before: the highest PSNR of the prefixes of packets that stay where they are, dB.
+        max_states: that are drawn; none are returned if the end is not reached.
+        most: dB that a way falls, or the end is not reached.
+    """
+    if sum(stretch.end) >= max_states:
+        return {}
+    looks: dict[_State, float] = {}
+    done: dict[
+        _State, float
+    ] = {}  # states that were gone on from, and the highest PSNR until there
+    # Of ways the deepest fall, less the length, the row of the last packet, the state where they
+    # end, and the highest PSNR before it.
+    ways = [(0.0, 0, 0, stretch.begin, before)]
+    while ways:
+        fall, less, row, state, highest = heappop(ways)
+        if fall > most:
+            break
+        if state not in looks:
+            if len(looks) == max_states:
+                break
+            looks[state] = psnr(stretch.cut(state))
+        own = highest - looks[state]
+        if own > max(fall, DEEP_DB) and state != stretch.begin:
+            heappush(ways, (own, less, row, state, highest))
+            continue
+        if state == stretch.end:
+            return looks
+        highest = max(highest, looks[state])
+        if highest < done.get(state, math.inf):
+            done[state] = highest
+            for row, then in stretch.after(state):
+                heappush(ways, (fall, less - 1, row, then, highest))
+    return {}
 
 
 def _best_way(stretch: _Stretch, looks: Mapping[_State, float], before: float, sizes: I64) -> _Way:
@@ -160,8 +269,7 @@ def _best_way(stretch: _Stretch, looks: Mapping[_State, float], before: float, s
         before: the highest PSNR of the prefixes of packets that stay where they are, dB.
         sizes: bytes of each packet.
     """
-    start = (0,) * len(stretch.chains)
-    ways = {start: [_Way((), 0.0, max(before, looks[start]), 0.0)]}
+    ways = {stretch.begin: [_Way((), 0.0, max(before, looks[stretch.begin]), 0.0)]}
     for state in sorted(looks, key=sum)[1:]:
         found: list[_Way] = []
         for column, n in enumerate(state):

@@ -1,12 +1,12 @@
 """No step back from packet to packet: all are looked at, and other streams made where one falls.
 
 What an error is worth is estimated number by number. Errors of one packet may make up for those of
-another, so that pictures are worse without these. Packets of SH bands with which they are worse are
-left empty. If that is not enough, packets around a fall are put in another order, or all from it
-on, and so are the last packets of very few splats; other prices of a bit and one layer are tried.
-Then all levels that split are held back until the last of them. At last all leaves come at once in
-the place of the roots: where splats have the same depth, even steps that show nothing new change
-the order in which they are drawn.
+another, so that pictures are worse without these. Packets of SH bands with which the whole is worse
+are left empty. Where a prefix falls all the same, packets from there on are put in another order,
+or those that fall are left empty. If that is not enough, other streams are tried: at other prices
+of a bit, with one layer, with all levels that split held back until the last of them, and at last
+with all leaves at once in the place of the roots: where splats have the same depth, even steps that
+show nothing new change the order in which they are drawn.
 
 Of many splats, a few prefixes are looked at first, and all only if one of these falls.
 """
@@ -29,7 +29,7 @@ from evogs_codec.format.write_directory import MAX_LEVELS
 from evogs_codec.model.components import CORE
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import I64
-from evogs_codec.scene.falls.order_by_views import ordered_by_views
+from evogs_codec.scene.falls.order_by_views import MAX_AROUND, ordered_by_views
 from evogs_codec.scene.falls.packet_looks import (
     DEEP_DB,
     MAX_ORDERED,
@@ -60,8 +60,12 @@ ALL_ABOVE_ROOTS = Run((1, 0), (MAX_LEVELS, 0))
 # so many, by every so-many-th view, of which one is large. Less than `NO_FALL_DB` is no fall.
 N_FIRST_PREFIXES, FIRST_VIEWS_EVERY, NO_FALL_DB = (6, 12), 7, 0.01
 # Other streams of these are tried if more is lost, in dB: those at other prices, and others, which
-# take more bytes or look worse.
+# take more bytes or look worse. With a target, all are such.
 FALLS_OF_MANY_DB = (FALL_DB, 3 * FALL_DB)
+MAX_COST_DB = 3.0  # that the whole of another stream with a target looks worse for its bytes
+# Splats of all states together that are drawn in search of an order, of few splats.
+MAX_SPLATS = 1_000_000
+MAX_ORDERS = 2  # that are looked for
 ALL_JUDGE_PACKETS_UP_TO = 100_000  # of more, few views judge, since a splat is little of one
 
 
@@ -73,7 +77,8 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
 
     A packet that makes pictures worse stays where the whole would look worse for its bytes without
     it, or miss its target. Other prices are not tried with a target, nor one layer where layers
-    were asked for, and nothing else where a stream is polished.
+    were asked for, and nothing else where a stream is polished. With a target, another stream is
+    tried only for a deep fall, and not taken where it costs too much.
     """
     if not found.is_by_views or found.tree.palette is not None:
         return found
@@ -83,18 +88,22 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
             views = views.fewer(N_JUDGING_FIRST)
         if not _may_fall(found, gauge.many, None if request.is_plain else views):
             return found
-    best, fall = _with_least_fall(found, views, to_end=True)
+    best, fall = _with_least_fall(found, views)
     others = _others(found, request)
     for k, of_other in enumerate(others):
         other = of_other()
         is_dear = k >= len(FINER_PRICES) or not request.is_plain
         least = DEEP_DB if other.is_layered and request.is_plain else FALL_DB
-        if fall <= least or (is_many and fall <= FALLS_OF_MANY_DB[is_dear]):
+        if is_many or not request.is_plain:
+            least = FALLS_OF_MANY_DB[is_dear]
+        if fall <= least:
             break
         request.progress("try", k / len(others))
         try:
             other = other.made()
         except TargetMissedError:
+            continue
+        if not request.is_plain and _cost(other, best, views) > MAX_COST_DB:
             continue
         one, of_one = _with_least_fall(other, views)
         if of_one < fall and not (is_many and _looks_worse(one, best, views)):
@@ -165,6 +174,12 @@ def _looks_worse(one: FoundStream, other: FoundStream, views: Views) -> bool:
     return _psnr_of(one, views) < _psnr_of(other, views) - FALLS_OF_MANY_DB[-1]
 
 
+def _cost(one: FoundStream, other: FoundStream, views: Views) -> float:
+    """By how many dB the whole of a stream that is made looks worse than another for its bytes."""
+    of_bytes = DB_PER_LOG_BYTES * math.log(len(one.data) / len(other.data))
+    return of_bytes + _psnr_of(other, views) - _psnr_of(one, views)
+
+
 def _psnr_of(found: FoundStream, views: Views) -> float:
     """Of the whole of a stream that is made, dB."""
     directory = read_directory(found.data)
@@ -176,46 +191,47 @@ def _evenly(n: int, of: int) -> I64:
     return np.unique(np.linspace(0, of - 1, min(n, of)).astype(np.int64))
 
 
-def _with_least_fall(
-    found: FoundStream, views: Views, *, to_end: bool = False
-) -> tuple[FoundStream, float]:
-    """Without its worst packets, and of few packets or splats with the last in another order.
-
-    `to_end`: of any number, all packets from the first fall on, if their orders are not too many.
-    """
+def _with_least_fall(found: FoundStream, views: Views) -> tuple[FoundStream, float]:
+    """Without its worst packets, and of few packets or splats with the last in another order."""
     found, looks = _without_worst(found, views)
-    if looks.fall <= DEEP_DB:
-        return found, looks.fall
-    data, fall, degree = found.data, looks.fall, found.tree.shown_degree
-    if may_be_ordered(found):
+    if looks.fall > DEEP_DB and may_be_ordered(found):
         data, fall = ordered_by_views(
-            data, found.prefixes, views, degree, looks.before, most=looks.fall
+            found.data,
+            found.prefixes,
+            views,
+            found.tree.shown_degree,
+            looks.before,
+            most=looks.fall,
         )
-    elif to_end and looks.first is not None:
-        first = looks.first
-        data, fall = ordered_by_views(data, found.prefixes, views, degree, first.before, first.rows)
-    return (replace(found, stream=data), fall) if fall < looks.fall else (found, looks.fall)
+        if fall < looks.fall:
+            return replace(found, stream=data), fall
+    return found, looks.fall
 
 
 def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, Looks]:
-    """Without the packets that look worse, as many at once as may be, and how the others look.
+    """With packets in another order, or without those that look worse, and how the others look.
 
-    What falls all the same comes in another order, if one does not fall.
+    Those without which the whole looks better go first, then another order is looked for. What
+    falls in that, too, is left empty, as many packets at once as may be.
     """
     looks, n_bytes = Looks.of(found, views), len(found.data)
     assert looks is not None, "there is no bound"
     empty: frozenset[PacketId] = frozenset()
     refused: list[frozenset[PacketId]] = []
+    n_orders = 0
     for _ in range(MAX_TRIES if found.tree.n_leaves <= ALL_LOOK_UP_TO else MAX_TRIES_OF_MANY):
+        if looks.fall <= DEEP_DB:
+            break
+        if not looks.needless and n_orders < MAX_ORDERS:
+            n_orders += 1
+            ordered = _in_order(found, looks, views)
+            if ordered is not None:
+                found, looks = ordered
+                continue
         chosen = [empty | some for some in (looks.needless, looks.worse, looks.worst)]
         some = next((some for some in chosen if some != empty and some not in refused), None)
         if some is None:
-            ordered = _around_falls(found, looks, views)
-            if ordered is None:
-                break
-            found, looks = ordered
-            refused.clear()
-            continue
+            break
         try:
             again = found.leaving_empty(some).made()
         except TargetMissedError:
@@ -236,19 +252,30 @@ def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, Looks
     return found, looks
 
 
-def _around_falls(
-    found: FoundStream, looks: Looks, views: Views
-) -> tuple[FoundStream, Looks] | None:
-    """With packets around falls in orders that do not fall, and how they look; None without any."""
-    data, degree = found.data, found.tree.shown_degree
-    for fall in looks.recovered:
-        other, deepest = ordered_by_views(
-            data, found.prefixes, views, degree, fall.before, fall.rows
+def _in_order(found: FoundStream, looks: Looks, views: Views) -> tuple[FoundStream, Looks] | None:
+    """With packets in an order that falls less, and how they look; None without any.
+
+    Of few splats all packets from the first fall on, of which many states were drawn before; of
+    many, those from each fall until it is made good.
+    """
+    falls, max_states, most = looks.recovered, MAX_AROUND, DEEP_DB
+    if found.tree.n_leaves <= ALL_LOOK_UP_TO:
+        assert looks.first is not None, "something falls"
+        falls, most = [looks.first], FALL_DB
+        max_states = max(max_states, MAX_SPLATS // max(found.tree.n_leaves, 1))
+    then = found
+    for fall in falls:
+        data, deepest = ordered_by_views(
+            then.data,
+            then.prefixes,
+            views,
+            found.tree.shown_degree,
+            fall.before,
+            fall.rows,
+            max_states,
+            most,
         )
-        if deepest <= DEEP_DB:
-            data = other
-    if data is found.data:
-        return None
-    again = replace(found, stream=data)
-    then = Looks.of(again, views, looks.fall)
-    return None if then is None else (again, then)
+        if deepest <= most:
+            then = replace(found, stream=data)
+    of_then = None if then is found else Looks.of(then, views, looks.fall)
+    return None if of_then is None else (then, of_then)
