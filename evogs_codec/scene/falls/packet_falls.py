@@ -77,8 +77,8 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
 
     A packet that makes pictures worse stays where the whole would look worse for its bytes without
     it, or miss its target. Other prices are not tried with a target, nor one layer where layers
-    were asked for, and nothing else where a stream is polished. With a target, another stream is
-    tried only for a deep fall, and not taken where it costs too much.
+    were asked for, and nothing else where a stream is polished. With a target, a small fall of few
+    splats may stay, another stream is tried only for a deep one, and not taken where it costs much.
     """
     if not found.is_by_views or found.tree.palette is not None:
         return found
@@ -88,15 +88,16 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
             views = views.fewer(N_JUDGING_FIRST)
         if not _may_fall(found, gauge.many, None if request.is_plain else views):
             return found
-    best, fall = _with_least_fall(found, views)
+    least = DEEP_DB if request.is_plain or is_many else FALL_DB
+    best, fall = _with_least_fall(found, views, least)
     others = _others(found, request)
     for k, of_other in enumerate(others):
         other = of_other()
         is_dear = k >= len(FINER_PRICES) or not request.is_plain
-        least = DEEP_DB if other.is_layered and request.is_plain else FALL_DB
+        enough = DEEP_DB if other.is_layered else FALL_DB
         if is_many or not request.is_plain:
-            least = FALLS_OF_MANY_DB[is_dear]
-        if fall <= least:
+            enough = FALLS_OF_MANY_DB[is_dear]
+        if fall <= enough:
             break
         request.progress("try", k / len(others))
         try:
@@ -105,7 +106,7 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
             continue
         if not request.is_plain and _cost(other, best, views) > MAX_COST_DB:
             continue
-        one, of_one = _with_least_fall(other, views)
+        one, of_one = _with_least_fall(other, views, least)
         if of_one < fall and not (is_many and _looks_worse(one, best, views)):
             best, fall = one, of_one
     return best
@@ -191,10 +192,15 @@ def _evenly(n: int, of: int) -> I64:
     return np.unique(np.linspace(0, of - 1, min(n, of)).astype(np.int64))
 
 
-def _with_least_fall(found: FoundStream, views: Views) -> tuple[FoundStream, float]:
-    """Without its worst packets, and of few packets or splats with the last in another order."""
-    found, looks = _without_worst(found, views)
-    if looks.fall > DEEP_DB and may_be_ordered(found):
+def _with_least_fall(
+    found: FoundStream, views: Views, least: float = DEEP_DB
+) -> tuple[FoundStream, float]:
+    """Without its worst packets, and of few packets or splats with the last in another order.
+
+    `least`: dB; a fall of no more may stay.
+    """
+    found, looks = _without_worst(found, views, least)
+    if looks.fall > least and may_be_ordered(found):
         data, fall = ordered_by_views(
             found.data,
             found.prefixes,
@@ -208,7 +214,9 @@ def _with_least_fall(found: FoundStream, views: Views) -> tuple[FoundStream, flo
     return found, looks.fall
 
 
-def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, Looks]:
+def _without_worst(
+    found: FoundStream, views: Views, least: float = DEEP_DB
+) -> tuple[FoundStream, Looks]:
     """With packets in another order, or without those that look worse, and how the others look.
 
     Those without which the whole looks better go first, then another order is looked for. What
@@ -220,7 +228,7 @@ def _without_worst(found: FoundStream, views: Views) -> tuple[FoundStream, Looks
     refused: list[frozenset[PacketId]] = []
     n_orders = 0
     for _ in range(MAX_TRIES if found.tree.n_leaves <= ALL_LOOK_UP_TO else MAX_TRIES_OF_MANY):
-        if looks.fall <= DEEP_DB:
+        if looks.fall <= least:
             break
         if not looks.needless and n_orders < MAX_ORDERS:
             n_orders += 1

@@ -99,7 +99,7 @@ def test_where_pictures_stay_worse_other_streams_are_tried(
     monkeypatch, layered, falls, options, very_few, factor, n_layers
 ):
     left = iter(falls)
-    monkeypatch.setattr(packet_falls, "_with_least_fall", lambda one, _: (one, next(left)))
+    monkeypatch.setattr(packet_falls, "_with_least_fall", lambda one, *_: (one, next(left)))
     monkeypatch.setattr(packet_falls, "_cost", lambda *_: packet_falls.MAX_COST_DB)
     monkeypatch.setattr(packet_falls, "MAX_ORDERED", very_few)
     told = []
@@ -218,7 +218,7 @@ def test_of_many_splats_other_streams_are_tried_for_a_deep_fall(
     monkeypatch.setattr(packet_falls, "MAX_ORDERED", 0)
     monkeypatch.setattr(packet_falls, "_may_fall", lambda *_: True)
 
-    def with_least_fall(one, _, **__):
+    def with_least_fall(one, *_):
         tried.append(one)
         return one, 0.0 if len(tried) == 5 else fall - 0.01 * (len(tried) - 1)
 
@@ -319,10 +319,24 @@ def test_a_fall_that_only_another_order_removes_does_not_make_the_stream_larger(
     assert len(data) < 140_000
 
 
+def test_a_small_fall_of_few_splats_may_stay_with_a_target(monkeypatch, layered):
+    first = packet_looks.Fall(range(4, 9), 39.0)
+    falling = packet_looks.Looks(40.0, {}, 0.04, frozenset(), [], [], first)
+    tried: list[float] = []
+    monkeypatch.setattr(packet_looks.Looks, "of", lambda *_: falling)
+    monkeypatch.setattr(packet_falls, "_others", lambda *_: [])
+    monkeypatch.setattr(packet_falls, "_in_order", lambda *_: tried.append(0.04))
+    request = Request.of("scene", {"target_psnr": 40.0})
+    packet_falls.without_falls(layered, gauge_of(layered), request)
+    assert not tried
+    packet_falls.without_falls(layered, gauge_of(layered), Request.of("scene", {}))
+    assert tried
+
+
 def test_another_order_that_falls_more_is_not_taken(monkeypatch, layered):
     falls = iter([0.3, 0.2])
     looks = SimpleNamespace(fall=0.25, before=None)
-    monkeypatch.setattr(packet_falls, "_without_worst", lambda one, _: (one, looks))
+    monkeypatch.setattr(packet_falls, "_without_worst", lambda one, *_: (one, looks))
     ordered = lambda *_, most: (b"in another order", next(falls))  # noqa: E731
     monkeypatch.setattr(packet_falls, "ordered_by_views", ordered)
     views = layered.encoder.views
@@ -338,7 +352,7 @@ def test_with_a_target_no_stream_of_many_more_bytes_is_taken(
     n_bytes = int(times_bytes * len(layered.data))
     larger = replace(layered, stream=layered.data.ljust(n_bytes, b"0"))
     falls = {layered.data: 0.5, larger.data: 0.0}
-    monkeypatch.setattr(packet_falls, "_with_least_fall", lambda one, _: (one, falls[one.data]))
+    monkeypatch.setattr(packet_falls, "_with_least_fall", lambda one, *_: (one, falls[one.data]))
     monkeypatch.setattr(packet_falls, "_others", lambda *_: [lambda: larger])
     monkeypatch.setattr(packet_falls, "_psnr_of", lambda *_: 40.0)
     for request, taken in (
