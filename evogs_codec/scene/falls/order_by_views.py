@@ -230,9 +230,8 @@ def _looks_of_some(
     if sum(stretch.end) >= max_states:
         return {}
     looks: dict[_State, float] = {}
-    done: dict[
-        _State, float
-    ] = {}  # states that were gone on from, and the highest PSNR until there
+    # States that were gone on from, and the highest PSNR until there.
+    done: dict[_State, float] = {}
     # Of ways the deepest fall, less the length, the row of the last packet, the state where they
     # end, and the highest PSNR before it.
     ways = [(0.0, 0, 0, stretch.begin, before)]
