@@ -62,7 +62,7 @@ FIRST_PRICE = 1e-11  # mean squared error that a bit is worth: about 45 dB
 STEP_FACTORS = (1e-4, 1e4)
 # Prices that are tried around a jump of the PSNR, of few splats, which a rounding moves; and splats
 # of all tries together.
-MAX_PROBES, MAX_PROBED = 8, 200_000
+MAX_PROBES, MAX_PROBED = 24, 200_000
 JUMP_WIDTH = 0.09  # of the logarithm of a price: an end of it is within 0.2 dB, where no PSNR jumps
 POLISH_GAIN_DB = 2.0  # dB, about
 # A first try that is so far from the target has the end of the range tried next.
