@@ -59,12 +59,12 @@ ALL_ABOVE_ROOTS = Run((1, 0), (MAX_LEVELS, 0))
 # Of more than `ALL_LOOK_UP_TO` splats, the prefixes that are looked at first: at least and at most
 # so many, by every so-many-th view, of which one is large. Less than `NO_FALL_DB` is no fall.
 N_FIRST_PREFIXES, FIRST_VIEWS_EVERY, NO_FALL_DB = (6, 12), 7, 0.01
-# Other streams of these are tried if more is lost, in dB: those at other prices, and others, which
-# take more bytes or look worse. With a target, all are such.
-FALLS_OF_MANY_DB = (FALL_DB, 3 * FALL_DB)
+# Of these, and with a target, other streams are tried if more is lost, in dB: those at other prices
+# without a target, and all others, which take more bytes or look worse.
+FALLS_OF_OTHERS_DB = (FALL_DB, 3 * FALL_DB)
 MAX_COST_DB = 3.0  # that the whole of another stream with a target looks worse for its bytes
 # Splats of all states together that are drawn in search of an order, of few splats.
-MAX_SPLATS = 1_000_000
+MAX_SPLATS_DRAWN = 1_000_000
 MAX_ORDERS = 2  # that are looked for
 ALL_JUDGE_PACKETS_UP_TO = 100_000  # of more, few views judge, since a splat is little of one
 
@@ -89,14 +89,14 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
         if not _may_fall(found, gauge.many, None if request.is_plain else views):
             return found
     least = DEEP_DB if request.is_plain or is_many else FALL_DB
-    best, fall = _with_least_fall(found, views, least)
-    others = _others(found, request)
+    first, fall = _with_least_fall(found, views, least)
+    best, others = first, _others(found, request)
     for k, of_other in enumerate(others):
         other = of_other()
         is_dear = k >= len(FINER_PRICES) or not request.is_plain
         enough = DEEP_DB if other.is_layered else FALL_DB
         if is_many or not request.is_plain:
-            enough = FALLS_OF_MANY_DB[is_dear]
+            enough = FALLS_OF_OTHERS_DB[is_dear]
         if fall <= enough:
             break
         request.progress("try", k / len(others))
@@ -104,7 +104,7 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
             other = other.made()
         except TargetMissedError:
             continue
-        if not request.is_plain and _cost(other, best, views) > MAX_COST_DB:
+        if not request.is_plain and _cost(other, first, views) > MAX_COST_DB:
             continue
         one, of_one = _with_least_fall(other, views, least)
         if of_one < fall and not (is_many and _looks_worse(one, best, views)):
@@ -172,7 +172,7 @@ def _falls(found: FoundStream, directory: Directory, rows: I64, views: Views) ->
 
 def _looks_worse(one: FoundStream, other: FoundStream, views: Views) -> bool:
     """Whether the whole of a stream that is made looks worse than that of another one."""
-    return _psnr_of(one, views) < _psnr_of(other, views) - FALLS_OF_MANY_DB[-1]
+    return _psnr_of(one, views) < _psnr_of(other, views) - FALLS_OF_OTHERS_DB[-1]
 
 
 def _cost(one: FoundStream, other: FoundStream, views: Views) -> float:
@@ -270,7 +270,7 @@ def _in_order(found: FoundStream, looks: Looks, views: Views) -> tuple[FoundStre
     if found.tree.n_leaves <= ALL_LOOK_UP_TO:
         assert looks.first is not None, "something falls"
         falls, most = [looks.first], FALL_DB
-        max_states = max(max_states, MAX_SPLATS // max(found.tree.n_leaves, 1))
+        max_states = max(max_states, MAX_SPLATS_DRAWN // max(found.tree.n_leaves, 1))
     then = found
     for fall in falls:
         data, deepest = ordered_by_views(

@@ -363,6 +363,21 @@ def test_with_a_target_no_stream_of_many_more_bytes_is_taken(
         assert found is (larger if taken else layered)
 
 
+def test_what_several_streams_cost_does_not_add_up(monkeypatch, layered):
+    """Each is 2.6 dB worse for its bytes than the one before, the second 5.1 than the first."""
+    sizes = [int(1.2**k * len(layered.data)) for k in range(3)]
+    streams = [replace(layered, stream=layered.data.ljust(n, b"0")) for n in sizes]
+    falls = {one.data: fall for one, fall in zip(streams, (0.9, 0.5, 0.0), strict=True)}
+    monkeypatch.setattr(packet_falls, "_with_least_fall", lambda one, *_: (one, falls[one.data]))
+    monkeypatch.setattr(
+        packet_falls, "_others", lambda *_: [lambda k=k: streams[k] for k in (1, 2)]
+    )
+    monkeypatch.setattr(packet_falls, "_psnr_of", lambda *_: 40.0)
+    request = Request.of("scene", {"target_psnr": 40.0})
+    found = packet_falls.without_falls(streams[0], gauge_of(layered), request)
+    assert found is streams[1]
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize(("decibels", "n_bytes"), [(46, 85_000), (58, 165_000)])
 def test_a_target_does_not_take_twice_the_bytes_against_a_fall(decibels, n_bytes):
