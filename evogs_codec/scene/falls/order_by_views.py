@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from heapq import heappop, heappush
 from itertools import product
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from evogs_codec.decoding.cut import Cut
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.format.write_directory import rebuild_directory
 from evogs_codec.model.splats import I64, SplatParams
-from evogs_codec.scene.falls.packet_looks import DEEP_DB
+from evogs_codec.scene.falls.judges import DEEP_DB, Prefix
 from evogs_codec.scene.prefixes import Prefixes
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def ordered_by_views(
     prefixes: Prefixes[Any],
     views: Views,
     sh_degree: int,
-    before: Callable[[int], tuple[float, float]],
+    before: Callable[[int], tuple[float, Prefix | None]],
     rows: range | None = None,
     max_states: int = MAX_STATES,
     most: float = math.inf,
@@ -64,7 +64,7 @@ def ordered_by_views(
         prefixes: of it.
         views: that judge.
         sh_degree: of the splats that are looked at.
-        before: the deepest fall of the prefixes that end before a row, and their highest PSNR, dB.
+        before: the deepest fall of the prefixes that end before a row, dB, and the best of them.
         rows: of the packets, to the end or not; None: as many of the last as may be.
         max_states: that are drawn, at most; fewer where there are rows and these are few.
         most: what is wanted is a fall of less dB.
@@ -73,21 +73,21 @@ def ordered_by_views(
     if len(directory.tiles) != 1 or directory.has_palette:
         return data, math.inf
     stretch = _Stretch.of_last(directory) if rows is None else _Stretch.of(directory, rows)
-    fall, highest = before(len(stretch.first))
+    fall, best = before(len(stretch.first))
     if fall >= most:
         return data, math.inf
-    drawn = _Drawn(prefixes, views, len(directory.components.of_tiles), sh_degree)
+    cuts = _Cuts(prefixes, len(directory.components.of_tiles), sh_degree)
     sizes = directory.packets["size"].astype(np.int64)
-    if rows is None or math.prod(stretch.counts) <= min(max_states, stretch.max_drawn):
-        looks = {state: drawn.psnr(stretch.cut(state)) for state in stretch.states()}
+    max_states = min(max_states, stretch.max_drawn)
+    if best is None or rows is None or math.prod(stretch.counts) <= max_states:
+        looks = {state: views.psnr(cuts.leaves(stretch.cut(state))) for state in stretch.states()}
+        way: _Way | _Begun | None
+        way = _best_way(stretch, looks, -math.inf if best is None else best.psnr, sizes)
     else:
         stretch = stretch.joined(sizes)
-        looks = _looks_of_some(
-            stretch, drawn.psnr, highest, min(max_states, stretch.max_drawn), most
-        )
-        if not looks:
+        way = _some_way(stretch, lambda cut: best.like(cuts.leaves(cut)), best, max_states, most)
+        if way is None:
             return data, math.inf
-    way = _best_way(stretch, looks, highest, sizes)
     return _reordered(data, directory, stretch.rows(way.columns)), max(fall, way.fall)
 
 
@@ -179,12 +179,12 @@ class _Stretch:
         """All there are."""
         return filter(self._is_there, product(*map(range, self.counts)))
 
-    def after(self, state: _State) -> Iterator[tuple[int, _State]]:
-        """States with one group more, and its row."""
+    def after(self, state: _State) -> Iterator[tuple[int, int, _State]]:
+        """A row and a component more, and the state with these."""
         for column, chain in enumerate(self.chains):
             then = (*state[:column], state[column] + 1, *state[column + 1 :])
             if state[column] < len(chain) and self._is_there(then):
-                yield int(chain[state[column]][-1]), then
+                yield int(chain[state[column]][-1]), column, then
 
     def cut(self, state: _State) -> Cut:
         """What a state has."""
@@ -208,53 +208,73 @@ class _Stretch:
         return np.concatenate([self.first, *(next(turns[column]) for column in way), self.last])
 
 
-def _looks_of_some(
+def _some_way(
     stretch: _Stretch,
-    psnr: Callable[[Cut], float],
-    before: float,
+    look: Callable[[Cut], Prefix],
+    before: Prefix,
     max_states: int,
     most: float,
-) -> dict[_State, float]:
-    """PSNR of states: of those on a way to the end that falls least, and on others that were tried.
+) -> _Begun | None:
+    """The way to the end that falls least; a fall of up to `DEEP_DB` is none.
 
     Of all ways so far the one that falls least goes on, of these the longest, with the packet that
-    comes first in the stream. A fall of up to `DEEP_DB` is none.
+    comes first in the stream.
 
     Args:
         stretch: the packets that are put in order.
-        psnr: of what a state has, dB.
-        before: the highest PSNR of the prefixes of packets that stay where they are, dB.
-        max_states: that are drawn; none are returned if the end is not reached.
-        most: dB that a way falls, or the end is not reached.
+        look: at what a state has.
+        before: the best of the prefixes of packets that stay where they are.
+        max_states: that are looked at; there is no way if the end is not reached.
+        most: dB that a way falls, or there is none.
     """
     if sum(stretch.end) >= max_states:
-        return {}
-    looks: dict[_State, float] = {}
-    # States that were gone on from, and the highest PSNR until there.
-    done: dict[_State, float] = {}
-    # Of ways the deepest fall, less the length, the row of the last packet, the state where they
-    # end, and the highest PSNR before it.
-    ways = [(0.0, 0, 0, stretch.begin, before)]
+        return None
+    looks: dict[_State, Prefix] = {}
+    # States that were gone on from, and the best prefix until there.
+    done: dict[_State, Prefix] = {}
+    ways = [_Begun(0.0, 0, 0, (), stretch.begin, before)]
     while ways:
-        fall, less, row, state, highest = heappop(ways)
-        if fall > most:
+        way = heappop(ways)
+        if way.fall > most:
             break
+        state, best = way.state, way.best
         if state not in looks:
             if len(looks) == max_states:
                 break
-            looks[state] = psnr(stretch.cut(state))
-        own = highest - looks[state]
-        if own > max(fall, DEEP_DB) and state != stretch.begin:
-            heappush(ways, (own, less, row, state, highest))
+            looks[state] = look(stretch.cut(state))
+        own = looks[state].fall_after(best, most)
+        if own > max(way.fall, DEEP_DB) and way.columns:
+            heappush(ways, way._replace(fall=own))
             continue
         if state == stretch.end:
-            return looks
-        highest = max(highest, looks[state])
-        if highest < done.get(state, math.inf):
-            done[state] = highest
-            for row, then in stretch.after(state):
-                heappush(ways, (fall, less - 1, row, then, highest))
-    return {}
+            return way
+        best = looks[state] if own < 0 else best
+        if state not in done or best.fall_after(done[state]) > 0:
+            done[state] = best
+            for row, column, then in stretch.after(state):
+                columns = (*way.columns, column)
+                heappush(ways, _Begun(way.fall, -len(columns), row, columns, then, best))
+    return None
+
+
+class _Begun(NamedTuple):
+    """A way to a state, of which nothing that is behind it is known yet; the least goes on.
+
+    Attributes:
+        fall: the deepest on it, dB.
+        less: less the longer it is.
+        row: of its last packet.
+        columns: of the components, in the order of their turns.
+        state: where it ends.
+        best: the best prefix before that.
+    """
+
+    fall: float
+    less: int
+    row: int
+    columns: tuple[int, ...]
+    state: _State
+    best: Prefix
 
 
 def _best_way(stretch: _Stretch, looks: Mapping[_State, float], before: float, sizes: I64) -> _Way:
@@ -316,32 +336,30 @@ class _Way:
 
 
 @dataclass(frozen=True)
-class _Drawn:
-    """What cuts of a stream of one tile look like.
+class _Cuts:
+    """What cuts of a stream of one tile show.
 
     Attributes:
         prefixes: of the stream.
-        views: that judge.
         n_components: of the tile.
         sh_degree: of the splats.
         bands: by steps of core, a band and its steps, the leaves of what has these alone.
     """
 
     prefixes: Prefixes[Any]
-    views: Views
     n_components: int
     sh_degree: int
     bands: dict[tuple[int, int, int], SplatParams] = field(default_factory=dict)
 
-    def psnr(self, cut: Cut) -> float:
-        """Of a cut, dB. Bands do not depend on each other, so each is decoded once."""
+    def leaves(self, cut: Cut) -> SplatParams:
+        """Of a cut. Bands do not depend on each other, so each is decoded once."""
         core, *others = cut.steps[0].tolist()
         leaves = self._with_band(core, 0, 0)
         sh = leaves.sh.copy()
         for band, n_steps in enumerate(others[: self.sh_degree], 1):
             part = slice(band**2, (band + 1) ** 2)
             sh[:, part] = self._with_band(core, band, n_steps).sh[:, part]
-        return self.views.psnr(replace(leaves, sh=sh))
+        return replace(leaves, sh=sh)
 
     def _with_band(self, core: int, band: int, n_steps: int) -> SplatParams:
         key = (core, band, n_steps)

@@ -2,11 +2,12 @@
 
 What an error is worth is estimated number by number. Errors of one packet may make up for those of
 another, so that pictures are worse without these. Packets of SH bands with which the whole is worse
-are left empty. Where a prefix falls all the same, packets from there on are put in another order,
-or those that fall are left empty. If that is not enough, other streams are tried: at other prices
-of a bit, with one layer, with all levels that split held back until the last of them, and at last
-with all leaves at once in the place of the roots: where splats have the same depth, even steps that
-show nothing new change the order in which they are drawn.
+are left empty, and where a prefix falls all the same, those of it that have few bytes. If that is
+not enough, packets from there on are put in another order, or those that fall are left empty. At
+last other streams are tried: at other prices of a bit, with one layer, with all levels that split
+held back until the last of them, and with all leaves at once in the place of the roots: where
+splats have the same depth, even steps that show nothing new change the order in which they are
+drawn.
 
 Of many splats, a few prefixes are looked at first, and all only if one of these falls.
 """
@@ -14,7 +15,7 @@ Of many splats, a few prefixes are looked at first, and all only if one of these
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -29,9 +30,9 @@ from evogs_codec.format.write_directory import MAX_LEVELS
 from evogs_codec.model.components import CORE
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import I64
+from evogs_codec.scene.falls.judges import DEEP_DB
 from evogs_codec.scene.falls.order_by_views import MAX_AROUND, ordered_by_views
 from evogs_codec.scene.falls.packet_looks import (
-    DEEP_DB,
     MAX_ORDERED,
     Looks,
     may_be_ordered,
@@ -105,7 +106,7 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
         except TargetMissedError:
             continue
         if not request.is_plain and _cost(other, first, views) > MAX_COST_DB:
-            continue
+            break  # those after it cost more
         one, of_one = _with_least_fall(other, views, least)
         if of_one < fall and not (is_many and _looks_worse(one, best, views)):
             best, fall = one, of_one
@@ -219,25 +220,27 @@ def _without_worst(
 ) -> tuple[FoundStream, Looks]:
     """With packets in another order, or without those that look worse, and how the others look.
 
-    Those without which the whole looks better go first, then another order is looked for. What
-    falls in that, too, is left empty, as many packets at once as may be.
+    Those without which the whole looks better go first; of few splats, then those of few bytes. Then
+    another order is looked for. What falls in that, too, is left empty, as many packets at once as
+    may be.
     """
     looks, n_bytes = Looks.of(found, views), len(found.data)
     assert looks is not None, "there is no bound"
     empty: frozenset[PacketId] = frozenset()
     refused: list[frozenset[PacketId]] = []
-    n_orders = 0
-    for _ in range(MAX_TRIES if found.tree.n_leaves <= ALL_LOOK_UP_TO else MAX_TRIES_OF_MANY):
+    n_orders, is_many = 0, found.tree.n_leaves > ALL_LOOK_UP_TO
+    for _ in range(MAX_TRIES_OF_MANY if is_many else MAX_TRIES):
         if looks.fall <= least:
             break
-        if not looks.needless and n_orders < MAX_ORDERS:
+        small = () if is_many else (looks.small_worse, looks.small_made_good)
+        some = _untried((looks.needless, *small), empty, refused)
+        if some is None and n_orders < MAX_ORDERS:
             n_orders += 1
             ordered = _in_order(found, looks, views)
             if ordered is not None:
                 found, looks = ordered
                 continue
-        chosen = [empty | some for some in (looks.needless, looks.worse, looks.worst)]
-        some = next((some for some in chosen if some != empty and some not in refused), None)
+        some = some or _untried((looks.worse, looks.worst), empty, refused)
         if some is None:
             break
         try:
@@ -258,6 +261,16 @@ def _without_worst(
         else:
             found, looks, empty = again, then, some
     return found, looks
+
+
+def _untried(
+    chosen: Iterable[frozenset[PacketId]],
+    empty: frozenset[PacketId],
+    refused: Collection[frozenset[PacketId]],
+) -> frozenset[PacketId] | None:
+    """The first of some sets of packets that was not refused, with those that are empty."""
+    with_empty = (empty | some for some in chosen)
+    return next((some for some in with_empty if some != empty and some not in refused), None)
 
 
 def _in_order(found: FoundStream, looks: Looks, views: Views) -> tuple[FoundStream, Looks] | None:

@@ -1,5 +1,6 @@
 """A stream that is by views, for tests of what is done with it."""
 
+import numpy as np
 import pytest
 
 from evogs_codec import PRESETS, TargetEncoder, lift
@@ -19,3 +20,11 @@ def layered():
     views = Views(splats, cameras_around(splats, "z", 60, n=4))
     aim = TargetEncoder(lift(splats, 3), PRESETS["scene"], views, layers=2)
     return choose._at_price([aim], PRICE).made()
+
+
+class Shown(list[float]):
+    """PSNR of each view; `where` stands for the splats without their SH."""
+
+    def __init__(self, psnr, where=0.0):
+        super().__init__(psnr)
+        self.means = self.quats = self.log_scales = self.opacity_logits = np.array([where])

@@ -22,8 +22,8 @@ from evogs_codec.model.packet_id import PacketId
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.scene.falls import order_by_views
+from evogs_codec.scene.falls.judges import DEEP_DB, Judges, Prefix
 from evogs_codec.scene.falls.order_by_views import MAX_STATES, ordered_by_views
-from evogs_codec.scene.falls.packet_looks import DEEP_DB
 from evogs_codec.scene.prefixes import StreamPrefixes
 
 N_BANDS = 3
@@ -57,9 +57,16 @@ class Judge(Views):
         return self.decibels.get(is_there, 0.0) if len(leaves) == len(self.whole) else -1.0
 
 
+class Known(Prefix):
+    """A prefix of which the PSNR is known, and what others look like."""
+
+    def __init__(self, psnr, views=None):
+        self.psnr, self._judges = psnr, Judges(views)
+
+
 def in_order(data, judge, sh_degree=N_BANDS, fall=0.0):
     """After prefixes that fall by so much and show nothing."""
-    before = (fall, -1.0)
+    before = (fall, Known(-1.0))
     return ordered_by_views(data, StreamPrefixes(data), judge, sh_degree, lambda _: before)
 
 
@@ -199,7 +206,7 @@ def test_packets_before_and_after_some_stay_where_they_are(stream, looks, is_tur
     assert before[at].component > before[at + 1].component > 0
     some = range(rows[at], rows[at + 1] + 1)
     judge = Told(decode(stream).leaves(), list(looks))
-    highest = lambda row: (0.0, 10.0) if row == some.start else (9.0, 0.0)  # noqa: E731
+    highest = lambda row: (0.0, Known(10.0)) if row == some.start else (9.0, None)  # noqa: E731
     data, found = ordered_by_views(stream, StreamPrefixes(stream), judge, N_BANDS, highest, some)
     assert found == fall
     after = packets(data)
@@ -211,8 +218,9 @@ def test_packets_before_and_after_some_stay_where_they_are(stream, looks, is_tur
 def test_a_stretch_of_too_many_states_stays_as_it_is(stream):
     rows = range(len(read_directory(stream).packets))
     judge = Judge(decode(stream).leaves(), {})
+    before, prefixes = (0.0, Known(0.0, judge)), StreamPrefixes(stream)
     found, fall = ordered_by_views(
-        stream, StreamPrefixes(stream), judge, N_BANDS, lambda _: (0.0, 0.0), rows, len(rows) // 2
+        stream, prefixes, judge, N_BANDS, lambda _: before, rows, len(rows) // 2
     )
     assert found is stream
     assert fall == math.inf
@@ -228,11 +236,12 @@ def test_of_many_states_only_those_of_some_ways_are_looked_at(stream):
 
     counts: dict[str, int] = {}
     rows = range(len(read_directory(stream).packets))
-    before, prefixes = lambda _: (0.0, -1.0), StreamPrefixes(stream)
+    prefixes = StreamPrefixes(stream)
     for name, some in (("all", None), ("some", rows)):
         # Bands 3, 1, 2, in this order, do not fall.
         judge = Counting(decode(stream).leaves(), {1: -5, 2: -5, 3: 5, 4: 1, 5: 2, 6: -5, 7: 3})
-        data, fall = ordered_by_views(stream, prefixes, judge, N_BANDS, before, some)
+        before = dict.fromkeys(range(len(rows)), (0.0, Known(-1.0, judge)))
+        data, fall = ordered_by_views(stream, prefixes, judge, N_BANDS, before.__getitem__, some)
         ends = {packet.component: k for k, packet in enumerate(packets(data))}
         assert sorted(range(1, 1 + N_BANDS), key=lambda band: ends[band]) == [3, 1, 2]
         assert fall == 0
@@ -242,9 +251,19 @@ def test_of_many_states_only_those_of_some_ways_are_looked_at(stream):
     assert n_packets // 2 < counts["some"] <= order_by_views.MAX_STATES_OF_TURN * n_packets
 
 
-def told(looks):
-    """What states look like, by steps of each component."""
-    return lambda cut: looks[tuple(cut.steps[0].tolist())]
+class Told:
+    """What states look like, by steps of each component; those that were looked at are known."""
+
+    def __init__(self, looks):
+        self.looks, self.seen = looks, []
+
+    def __call__(self, cut):
+        self.seen.append(tuple(cut.steps[0].tolist()))
+        return Known(self.looks[self.seen[-1]])
+
+
+def some_way(stretch, look, before, max_states=1000, most=math.inf):
+    return order_by_views._some_way(stretch, look, Known(before), max_states, most)
 
 
 def rows_of_chains(counts):
@@ -267,22 +286,25 @@ def test_the_way_that_is_found_falls_as_little_as_any(counts):
     for _ in range(200):
         looks = {state: float(rng.normal(30, 0.3) + 0.2 * sum(state)) for state in states}
         least = order_by_views._best_way(stretch, looks, 30.0, sizes).fall
-        some = order_by_views._looks_of_some(stretch, told(looks), 30.0, 1000, math.inf)
-        found = order_by_views._best_way(stretch, some, 30.0, sizes).fall
+        look = Told(looks)
+        way = some_way(stretch, look, 30.0)
+        found = deepest(way.columns, looks, 30.0, len(counts))
+        assert way.fall == (found if found > DEEP_DB else 0)
         assert found <= max(least, DEEP_DB) + 10**-order_by_views.DIGITS
-        n_less += len(some) < len(states)
-        assert all(some[state] == looks[state] for state in some)
+        assert len(look.seen) == len(set(look.seen))
+        n_less += len(look.seen) < len(states)
         if least > 2 * DEEP_DB:
-            assert not order_by_views._looks_of_some(stretch, told(looks), 30.0, 1000, least / 2)
+            assert some_way(stretch, look, 30.0, most=least / 2) is None
     assert n_less > 100
 
 
 def test_packets_keep_their_order_where_none_falls():
     stretch = rows_of_chains((3, 2))
     looks = {state: float(sum(state)) for state in stretch.states()}
-    some = order_by_views._looks_of_some(stretch, told(looks), 0.0, 100, math.inf)
-    assert list(some) == [(0, 0), (1, 0), (2, 0), (3, 0), (3, 1), (3, 2)]
-    assert not order_by_views._looks_of_some(stretch, told(looks), 0.0, 5, math.inf)
+    look = Told(looks)
+    assert some_way(stretch, look, 0.0).columns == (0, 0, 0, 1, 1)
+    assert look.seen == [(0, 0), (1, 0), (2, 0), (3, 0), (3, 1), (3, 2)]
+    assert some_way(stretch, look, 0.0, 5) is None
 
 
 def test_small_packets_come_with_those_before_them():
@@ -296,14 +318,14 @@ def test_small_packets_come_with_those_before_them():
     assert joined.end == (3, 2)
     assert joined.cut((3, 1)).steps.tolist() == [[3, 3]]
     assert (2, 1) not in joined.states()
-    assert list(joined.after((2, 0))) == [(2, (3, 0))]
+    assert list(joined.after((2, 0))) == [(2, 0, (3, 0))]
     assert joined.rows((0, 0, 0, 1, 1)).tolist() == list(range(7))
 
 
 @pytest.mark.parametrize(("most", "is_looked_at"), [(0.5, False), (0.6, True)])
 def test_nothing_is_looked_at_where_what_comes_before_falls_too_much(stream, most, is_looked_at):
     judge = Judge(decode(stream).leaves(), {4: 1, 6: 2, 7: 3})
-    prefixes, before = StreamPrefixes(stream), lambda _: (0.5, -1.0)
+    prefixes, before = StreamPrefixes(stream), lambda _: (0.5, None)
     if not is_looked_at:
         judge.decibels = None  # which is asked for once something is drawn
     data, fall = ordered_by_views(stream, prefixes, judge, N_BANDS, before, most=most)
@@ -312,21 +334,14 @@ def test_nothing_is_looked_at_where_what_comes_before_falls_too_much(stream, mos
 
 
 def test_bands_that_are_decoded_one_by_one_are_those_of_the_cut(stream):
-    class Seen(Judge):
-        def psnr(self, leaves):
-            self.leaves = leaves
-            return 0.0
-
     directory = read_directory(stream)
-    views = Seen(decode(stream).leaves(), {})
-    drawn = order_by_views._Drawn(StreamPrefixes(stream), views, 1 + N_BANDS, N_BANDS)
+    apart = order_by_views._Cuts(StreamPrefixes(stream), 1 + N_BANDS, N_BANDS)
     ends = order_by_views._Stretch.of_last(directory)
     cuts = [ends.cut(state) for state in ends.states()]
     for cut in cuts[:: max(len(cuts) // 20, 1)]:
-        drawn.psnr(cut)
-        expected = decode(stream, cut).leaves(sh_degree=N_BANDS)
+        found, expected = apart.leaves(cut), decode(stream, cut).leaves(sh_degree=N_BANDS)
         for name in ("means", "quats", "log_scales", "opacity_logits", "sh"):
-            assert np.array_equal(getattr(views.leaves, name), getattr(expected, name))
+            assert np.array_equal(getattr(found, name), getattr(expected, name))
 
 
 def test_several_tiles_stay_as_they_are():

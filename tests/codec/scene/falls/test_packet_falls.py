@@ -23,6 +23,8 @@ from evogs_codec.scene.request import Request
 from tests.codec.scene.conftest import PRICE
 from tools.bench.falls import odd_scenes
 
+A_PREFIX: Any = object()
+
 
 def clump(n):
     """All splats among each other."""
@@ -255,8 +257,8 @@ def test_a_stream_that_looks_worse_for_its_bytes_or_falls_more_is_not_looked_at_
     monkeypatch, layered, whole, n_bytes, bounds
 ):
     one = PacketId(0, 3, 0)
-    first = packet_looks.Fall(range(4, 9), 39.0)
-    looks = packet_looks.Looks(40.0, {one: 1.0}, 1.0, frozenset(), [], [], first)
+    first = packet_looks.Fall(range(4, 9), A_PREFIX)
+    looks = packet_looks.Looks(40.0, {one: 1.0}, 1.0, frozenset(), [], first=first)
     found: list[float] = []
 
     def of(_found, _views, most=np.inf):
@@ -281,8 +283,10 @@ def test_packets_of_a_fall_are_put_in_order_before_any_is_left_empty(
     monkeypatch, layered, is_many, deepest, is_taken
 ):
     one = PacketId(0, 3, 0)
-    fall, first = packet_looks.Fall(range(4, 7), 39.0), packet_looks.Fall(range(4, 9), 39.0)
-    falling = packet_looks.Looks(40.0, {one: 1.0}, 1.0, frozenset(), [], [fall], first)
+    fall, first = packet_looks.Fall(range(4, 7), A_PREFIX), packet_looks.Fall(range(4, 9), A_PREFIX)
+    falling = packet_looks.Looks(
+        40.0, {one: 1.0}, 1.0, frozenset(), [], recovered=[fall], first=first
+    )
     recovered = packet_looks.Looks(40.0, {}, 0.0, frozenset(), [])
     found: list[Any] = []
     if is_many:
@@ -293,7 +297,7 @@ def test_packets_of_a_fall_are_put_in_order_before_any_is_left_empty(
         return recovered if stream.data == b"in order" else falling
 
     def ordered(data, _prefixes, _views, _degree, before, rows, max_states, _most):
-        assert (before(4), rows) == ((0.0, 39.0), (fall if is_many else first).rows)
+        assert (before(4), rows) == ((0.0, A_PREFIX), (fall if is_many else first).rows)
         assert (max_states == order_by_views.MAX_AROUND) == is_many
         return b"in order", deepest
 
@@ -308,6 +312,28 @@ def test_packets_of_a_fall_are_put_in_order_before_any_is_left_empty(
     assert found == [(layered.data, np.inf), (b"in order", 1.0)][: 1 + is_taken]
 
 
+def test_small_packets_of_a_fall_are_left_empty_before_another_order_is_looked_for(
+    monkeypatch, layered
+):
+    small, large = PacketId(0, 3, 1), PacketId(0, 2, 1)
+    falls, first = {small: 0.2, large: 0.3}, packet_looks.Fall(range(4, 9), A_PREFIX)
+    falling = packet_looks.Looks(
+        40.0, falls, 0.3, frozenset(), [], frozenset({small, PacketId(0, 1, 5)}), first=first
+    )
+    tried: list[Any] = []
+
+    def leaving_empty(found, packets):
+        tried.append(packets)
+        return found
+
+    monkeypatch.setattr(packet_looks.Looks, "of", lambda *_: falling)
+    monkeypatch.setattr(packet_falls, "_psnr_of", lambda *_: 40.0)
+    monkeypatch.setattr(packet_falls, "_in_order", lambda *_: tried.append("in order"))
+    monkeypatch.setattr(FoundStream, "leaving_empty", leaving_empty)
+    packet_falls._without_worst(layered, layered.encoder.views)
+    assert tried[:3] == [{small}, "in order", {small, large}]
+
+
 @pytest.mark.thorough
 def test_a_fall_that_only_another_order_removes_does_not_make_the_stream_larger():
     """Two bands of a step look worse one by one; one layer and all at once took 3 times as many."""
@@ -320,8 +346,8 @@ def test_a_fall_that_only_another_order_removes_does_not_make_the_stream_larger(
 
 
 def test_a_small_fall_of_few_splats_may_stay_with_a_target(monkeypatch, layered):
-    first = packet_looks.Fall(range(4, 9), 39.0)
-    falling = packet_looks.Looks(40.0, {}, 0.04, frozenset(), [], [], first)
+    first = packet_looks.Fall(range(4, 9), A_PREFIX)
+    falling = packet_looks.Looks(40.0, {}, 0.04, frozenset(), [], first=first)
     tried: list[float] = []
     monkeypatch.setattr(packet_looks.Looks, "of", lambda *_: falling)
     monkeypatch.setattr(packet_falls, "_others", lambda *_: [])
@@ -378,6 +404,15 @@ def test_what_several_streams_cost_does_not_add_up(monkeypatch, layered):
     assert found is streams[1]
 
 
+def test_after_a_stream_that_costs_too_much_no_other_is_made(monkeypatch, layered):
+    larger = replace(layered, stream=layered.data.ljust(2 * len(layered.data), b"0"))
+    monkeypatch.setattr(packet_falls, "_with_least_fall", lambda one, *_: (one, 0.9))
+    monkeypatch.setattr(packet_falls, "_others", lambda *_: [lambda: larger, None])
+    monkeypatch.setattr(packet_falls, "_psnr_of", lambda *_: 40.0)
+    request = Request.of("scene", {"target_psnr": 40.0})
+    assert packet_falls.without_falls(layered, gauge_of(layered), request) is layered
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize(("decibels", "n_bytes"), [(46, 85_000), (58, 165_000)])
 def test_a_target_does_not_take_twice_the_bytes_against_a_fall(decibels, n_bytes):
@@ -388,6 +423,17 @@ def test_a_target_does_not_take_twice_the_bytes_against_a_fall(decibels, n_bytes
     assert len(data) < n_bytes
     assert reached > decibels - 0.5
     assert fall < 0.5
+
+
+@pytest.mark.thorough
+def test_what_two_views_of_24_show_is_a_fall():
+    """A band of 124 bytes makes them 3.5 and 7.3 dB worse, and no other; it fell by 0.34 dB."""
+    splats = dict(odd_scenes(6_500, 24))["one dense clump"]
+    data = encode_scene(splats)
+    fall, decibels = deepest_fall(data, splats)
+    assert fall <= 0.05
+    assert decibels > 43
+    assert len(data) < 66_000  # 64,329 with the fall, 78,287 without small packets left empty
 
 
 @pytest.mark.thorough

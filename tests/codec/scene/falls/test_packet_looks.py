@@ -8,48 +8,14 @@ import pytest
 pytest.importorskip("numba", reason="the rasterizer is compiled")
 
 from evogs_codec import read_directory
+from evogs_codec.model.packet_id import PacketId
 from evogs_codec.render import Views
 from evogs_codec.scene.falls import packet_looks
 from evogs_codec.scene.found_stream import FoundStream
+from tests.codec.scene.conftest import Shown
 
-
-class ByNumber:
-    """Views that give splats the PSNR that they are."""
-
-    which: Any
-    n_drawn: int
-
-    def __init__(self, which: Any) -> None:
-        self.which, self.n_drawn = which, 0
-
-    def psnr_of_each(self, leaves):
-        self.n_drawn += len(self.which)
-        return np.array([float(leaves[k]) for k in self.which])
-
-    def psnr(self, leaves):
-        return float(self.psnr_of_each(leaves).mean())
-
-
-def prefix_of(leaves: Any, views: Any, few: Any) -> packet_looks._Prefix:
-    return packet_looks._Prefix(leaves, views, few)
-
-
-@pytest.mark.parametrize(
-    ("one", "fall", "n_drawn"),
-    [
-        ([31.0, 31.1, 31.2, 29.0], -1.05, 0),  # better in the first two: no others are asked
-        ([30.02, 29.98, 29.0, 30.0], 0.0, 0),  # the same in these, nearly
-        ([31.0, 29.5, 29.0, 29.7], 0.2, 4),  # better in one of these
-        ([30.0, 29.9, 30.0, 29.0], 0.275, 4),
-    ],
-)
-def test_all_views_judge_where_a_few_leave_doubt(one, fall, n_drawn):
-    views, few = ByNumber(range(4)), ByNumber(range(2))
-    prefix, other = (prefix_of(x, views, few) for x in (one, [30.0] * 4))
-    assert prefix.fall_after(other) == pytest.approx(fall)
-    assert views.n_drawn == 2 * n_drawn
-    by_all, other = (prefix_of(x, views, None) for x in (one, [30.0] * 4))
-    assert by_all.fall_after(other) == pytest.approx(30.0 - np.mean(one))
+A_PREFIX: Any = object()
+ANOTHER: Any = object()
 
 
 @pytest.mark.parametrize(
@@ -69,19 +35,37 @@ def test_of_many_splats_few_views_judge_first_where_they_are_enough(
     views = Views(views.scene, [views.cameras[0]] * n_views)
     monkeypatch.setattr(FoundStream, "is_at_once", is_at_once)
     monkeypatch.setattr(type(layered.tree), "n_leaves", n_splats)
-    few = packet_looks._few_of(views, layered)
-    assert (0 if few is None else len(few.cameras)) == n_few
+    judges = packet_looks.judges_of(views, layered)
+    assert (0 if judges.few is None else len(judges.few.cameras)) == n_few
+    if n_splats > 20_000:
+        assert judges.small is None
+    else:
+        assert judges.small is not None
+        assert len(judges.small.cameras) == n_views
+        assert all(camera.width <= packet_looks.SMALL_PIXELS for camera in judges.small.cameras)
 
 
 def test_what_is_known_of_prefixes_before_a_packet():
-    views = ByNumber(range(2))
-    first, second = (prefix_of(x, views, views) for x in ([20.0, 22.0], [30.0, 31.0]))
+    first, second = A_PREFIX, ANOTHER
     until = [(3, 0.0, first), (5, 0.1, first), (6, 0.1, second)]
     looks = packet_looks.Looks(0.0, {}, 0.1, frozenset(), until)
-    assert looks.before(3) == (0.0, -np.inf)
-    assert looks.before(4) == (0.0, 21.0)
-    assert looks.before(6) == (0.1, 21.0)
-    assert looks.before(7) == (0.1, 30.5)
+    assert looks.before(3) == (0.0, None)
+    assert looks.before(4) == (0.0, first)
+    assert looks.before(6) == (0.1, first)
+    assert looks.before(7) == (0.1, second)
+
+
+def test_packets_of_few_bytes_that_fall_and_those_that_make_them_good():
+    def band(component, step):
+        return PacketId(0, component, step)
+
+    falls = {band(2, 4): 0.3, band(3, 1): 0.1}
+    small = frozenset({band(2, 4), band(3, 4), band(1, 1)})
+    good = (band(2, 4), band(0, 5), band(3, 4), band(3, 1))
+    recovered = [packet_looks.Fall(range(7, 11), A_PREFIX, good)]
+    looks = packet_looks.Looks(40.0, falls, 0.3, frozenset(), [], small, recovered)
+    assert looks.small_worse == {band(2, 4)}
+    assert looks.small_made_good == {band(2, 4), band(3, 4)}
 
 
 def test_of_a_stream_that_falls_more_nothing_is_known(layered):
@@ -112,11 +96,11 @@ class Told(Views):
 def test_falls_that_later_packets_make_good_are_known(monkeypatch, layered, decibels, recovered):
     rows = packet_looks.rows_of(read_directory(layered.data))
     shown = [*decibels, *[decibels[-1]] * (len(rows) - len(decibels))]
-    monkeypatch.setattr(packet_looks, "shown", lambda *_: ([x] * 4 for x in shown))
+    monkeypatch.setattr(packet_looks, "shown", lambda *_: (Shown([x] * 4) for x in shown))
     views = Told(layered.encoder.views.scene, layered.encoder.views.cameras)
     looks = packet_looks.Looks.of(layered, views)
     assert looks is not None
-    found = [(fall.rows[0], fall.rows[-1], fall.highest) for fall in looks.recovered]
+    found = [(fall.rows[0], fall.rows[-1], fall.best.psnr) for fall in looks.recovered]
     assert found == [(rows[begin], rows[end], highest) for begin, end, highest in recovered]
     # From the first packet that looks worse to the last of all.
     worse = [k for k, value in enumerate(decibels) if k and max(decibels[:k]) - value > 0.025]
@@ -126,4 +110,4 @@ def test_falls_that_later_packets_make_good_are_known(monkeypatch, layered, deci
         n_packets = len(read_directory(layered.data).packets)
         assert looks.first is not None
         assert looks.first.rows == range(rows[worse[0]], n_packets)
-        assert looks.first.highest == max(decibels[: worse[0]])
+        assert looks.first.best.psnr == max(decibels[: worse[0]])
