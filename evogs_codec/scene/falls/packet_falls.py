@@ -220,9 +220,9 @@ def _without_worst(
 ) -> tuple[FoundStream, Looks]:
     """With packets in another order, or without those that look worse, and how the others look.
 
-    Those without which the whole looks better go first; of few splats, then those of few bytes. Then
-    another order is looked for. What falls in that, too, is left empty, as many packets at once as
-    may be.
+    Those without which the whole looks better go first, and of few splats those of few bytes after
+    them. Then another order is looked for. What falls in that, too, is left empty, as many packets
+    at once as may be.
     """
     looks, n_bytes = Looks.of(found, views), len(found.data)
     assert looks is not None, "there is no bound"

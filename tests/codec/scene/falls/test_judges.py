@@ -63,9 +63,18 @@ def test_all_views_judge_where_a_few_leave_doubt(one, fall, n_drawn):
 )
 def test_few_views_are_enough_to_tell_a_deep_fall(one, fall, n_drawn):
     views = ByNumber(range(4))
-    other = prefix_of([30.0] * 4, judging(views, ByNumber(range(2))))
-    leaves: Any = Shown(one)
-    assert other.like(leaves).fall_after(other, 0.4) == pytest.approx(fall)
+    judges = judging(views, ByNumber(range(2)))
+    prefix, other = (prefix_of(x, judges) for x in (one, [30.0] * 4))
+    assert prefix.fall_after(other, 0.4) == pytest.approx(fall)
+    assert views.n_drawn == 2 * n_drawn
+
+
+@pytest.mark.parametrize(("small", "n_drawn"), [(None, 4), (ByNumber([2]), 0)])
+def test_without_small_pictures_all_views_judge_other_orders(small, n_drawn):
+    views = ByNumber(range(4))
+    other = prefix_of([30.0] * 4, judging(views, ByNumber(range(2)), small))
+    leaves: Any = Shown([31.0, 31.0, 30.5, 30.5])
+    other.like(leaves).fall_after(other)
     assert views.n_drawn == 2 * n_drawn
 
 
