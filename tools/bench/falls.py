@@ -17,7 +17,7 @@ from evogs_codec.render.framing import background_for
 from tools.bench.measure import seconds_text
 from tools.bench.page import Rows
 
-__all__ = ["falls", "odd_scenes"]
+__all__ = ["fallen", "falls", "odd_scenes"]
 
 N_SPLATS, SEED = 6_000, 3
 OTHERS = ((2_000, 4), (1_500, 5), (25_000, 11))  # splats and seeds on which nothing was tuned
@@ -41,7 +41,7 @@ def falls() -> Rows:
             data = encode_scene(splats)
             seconds = time.process_time() - start
             row = {"scene": name, "splats": len(splats), "bytes": len(data)}
-            rows.append(row | _fallen(data, splats) | {"encode, s": seconds_text(seconds)})
+            rows.append(row | fallen(data, splats) | {"encode, s": seconds_text(seconds)})
             print(*rows[-1].values(), sep=", ", file=sys.stderr, flush=True)
     return rows
 
@@ -88,7 +88,7 @@ def _f32(values: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
     return values.astype(np.float32)
 
 
-def _fallen(data: bytes, splats: SplatParams) -> dict[str, object]:
+def fallen(data: bytes, splats: SplatParams) -> dict[str, object]:
     """Deepest falls of a stream."""
     cameras = cameras_around(splats, "z", PIXELS, n=N_VIEWS)
     views = Views(splats, cameras, background=background_for(splats))

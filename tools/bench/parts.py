@@ -4,6 +4,6 @@ __all__ = ["PARTS"]
 
 PARTS = (
     "raster", "scene", "rate", "sog", "levels", "refine", "tree", "surface", "prefix", "loss",
-    "alone", "depth", "falls", "first", "stream", "decimate", "effort", "before", "targets",
-    "refused", "inputs", "scale", "large", "worst", "extremes",
+    "alone", "depth", "falls", "small", "first", "stream", "decimate", "effort", "before",
+    "targets", "refused", "inputs", "scale", "large", "worst", "extremes",
 )  # fmt: skip

@@ -33,6 +33,7 @@ from tools.bench.prefix import prefixes, rivals
 from tools.bench.refine import refined
 from tools.bench.refused import refused
 from tools.bench.scale import scale
+from tools.bench.small_targets import small_targets
 from tools.bench.sog import published, sog
 from tools.bench.subjects import Subject, subjects
 from tools.bench.surface import tables as surface
@@ -105,6 +106,8 @@ def _measurements(args: argparse.Namespace, folder: Path) -> Iterator[Measuremen
         yield "inputs", title, partial(inputs, name, splats, folder)
     if "falls" in args.only:
         yield "falls", "Falls from prefix to prefix, of odd scenes", falls
+    if "small" in args.only:
+        yield "small", "Encodes of small, odd scenes with a target", small_targets
     if "scale" in args.only:
         yield "scale", "Time and memory as scenes grow", partial(scale, folder)
     if "large" in args.only:
