@@ -16,9 +16,9 @@ from evogs_codec.scene.falls.states import FALL_DB
 if TYPE_CHECKING:
     from evogs_codec.render import Views
 
-__all__ = ["DEEP_DB", "Judges", "Prefix"]
+__all__ = ["PACKET_FALL_DB", "Judges", "Prefix"]
 
-DEEP_DB = FALL_DB / 2  # dB; other views may show twice of it
+PACKET_FALL_DB = FALL_DB / 2  # dB; views that are not drawn may show twice as much
 SURELY_DB = 0.5  # what a few views find better by more is no fall, whatever another one shows
 
 
@@ -58,7 +58,7 @@ class Prefix:
     def like(self, leaves: SplatParams) -> Prefix:
         """Another one, in which packets of SH bands may come in another order.
 
-        All views judge where there are no small pictures: a few miss too much of these.
+        All views judge where there are no small pictures: a few miss too many falls of SH bands.
         """
         judges = self._judges
         return Prefix(leaves, judges if judges.small else Judges(judges.views))
@@ -68,19 +68,20 @@ class Prefix:
         """Of all views, dB."""
         return self._judges.views.psnr(self._leaves)
 
-    def fall_after(self, other: Prefix, deep: float = math.inf) -> float:
+    def fall_after(self, other: Prefix, enough: float = math.inf) -> float:
         """How much worse it looks than another prefix, dB.
 
-        About, where those that judge first tell that it is `DEEP_DB` at most, or more than `deep`.
+        An estimate, where those that judge first show that it is at most `PACKET_FALL_DB`, or more
+        than `enough`. Otherwise all views judge.
         """
-        if self._judges.few is not None:
+        if self._judges.few is not None and other._judges.few is not None:
             about, least, most = self._about(other)
-            if most <= DEEP_DB or least > deep:
+            if most <= PACKET_FALL_DB or least > enough:
                 return about
         return other.psnr - self.psnr
 
     def _about(self, other: Prefix) -> tuple[float, float, float]:
-        """What those that judge first say: about, at least, and at most so much worse, dB."""
+        """An estimate of how much worse it looks, and the least and the most it may be, dB."""
         worse = other._of_few - self._of_few
         mean, doubt = float(worse.mean()), N_DEVIATIONS * float(worse.std())
         if self._judges.small is None or mean + doubt <= -SURELY_DB:

@@ -26,7 +26,7 @@ from evogs_codec.decoding.cut import Cut
 from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.format.write_directory import rebuild_directory
 from evogs_codec.model.splats import I64, SplatParams
-from evogs_codec.scene.falls.judges import DEEP_DB, Prefix
+from evogs_codec.scene.falls.judges import PACKET_FALL_DB, Prefix
 from evogs_codec.scene.prefixes import Prefixes
 
 if TYPE_CHECKING:
@@ -39,7 +39,8 @@ MAX_STATES, MAX_SPLATS = 256, 64_000
 # Of packets around a fall, or from it on: states that are drawn, or so many for each packet if that
 # is more. Ways that do not fall were found with 4.
 MAX_AROUND, MAX_STATES_OF_TURN = 16, 4
-SMALL_PART = 1 / 32  # of the bytes of a component in a stretch; a packet that has less is small
+# Of the bytes of a component in a stretch; a packet that has less comes with the one before it.
+JOINED_PART = 1 / 32
 DIGITS = 2  # of a fall, dB: what is less is no difference
 _State: TypeAlias = tuple[int, ...]
 
@@ -66,8 +67,9 @@ def ordered_by_views(
         sh_degree: of the splats that are looked at.
         before: the deepest fall of the prefixes that end before a row, dB, and the best of them.
         rows: of the packets, to the end or not; None: as many of the last as may be.
-        max_states: that are drawn, at most; fewer where there are rows and these are few.
-        most: what is wanted is a fall of less dB.
+        max_states: that are drawn, at most; fewer where there are few rows. Of the last packets all
+            states are drawn.
+        most: dB; a deeper fall is of no use.
     """
     directory = read_directory(data)
     if len(directory.tiles) != 1 or directory.has_palette:
@@ -146,7 +148,7 @@ class _Stretch:
         chains: list[tuple[I64, ...]] = []
         for chain in self.chains:
             groups: list[I64] = []
-            n_small = SMALL_PART * sum(int(sizes[group].sum()) for group in chain)
+            n_small = JOINED_PART * sum(int(sizes[group].sum()) for group in chain)
             for group in chain:
                 if groups and sizes[group].sum() < n_small:
                     groups[-1] = np.concatenate([groups[-1], group])
@@ -157,7 +159,7 @@ class _Stretch:
 
     @property
     def max_drawn(self) -> int:
-        """So many states may be drawn."""
+        """How many states may be drawn at most."""
         return max(MAX_AROUND, MAX_STATES_OF_TURN * sum(self.end))
 
     @property
@@ -180,7 +182,7 @@ class _Stretch:
         return filter(self._is_there, product(*map(range, self.counts)))
 
     def after(self, state: _State) -> Iterator[tuple[int, int, _State]]:
-        """A row and a component more, and the state with these."""
+        """Of each component with a packet left: its row, the component, and the state with it."""
         for column, chain in enumerate(self.chains):
             then = (*state[:column], state[column] + 1, *state[column + 1 :])
             if state[column] < len(chain) and self._is_there(then):
@@ -215,7 +217,7 @@ def _some_way(
     max_states: int,
     most: float,
 ) -> _Begun | None:
-    """The way to the end that falls least; a fall of up to `DEEP_DB` is none.
+    """The way to the end that falls least; a fall of up to `PACKET_FALL_DB` is none.
 
     Of all ways so far the one that falls least goes on, of these the longest, with the packet that
     comes first in the stream.
@@ -243,7 +245,7 @@ def _some_way(
                 break
             looks[state] = look(stretch.cut(state))
         own = looks[state].fall_after(best, most)
-        if own > max(way.fall, DEEP_DB) and way.columns:
+        if own > max(way.fall, PACKET_FALL_DB) and way.columns:
             heappush(ways, way._replace(fall=own))
             continue
         if state == stretch.end:
@@ -258,11 +260,11 @@ def _some_way(
 
 
 class _Begun(NamedTuple):
-    """A way to a state, of which nothing that is behind it is known yet; the least goes on.
+    """A way to a state that may not have been looked at yet. The least of the ways goes on first.
 
     Attributes:
         fall: the deepest on it, dB.
-        less: less the longer it is.
+        minus_length: minus the number of its turns: of equal falls the longest way goes on.
         row: of its last packet.
         columns: of the components, in the order of their turns.
         state: where it ends.
@@ -270,7 +272,7 @@ class _Begun(NamedTuple):
     """
 
     fall: float
-    less: int
+    minus_length: int
     row: int
     columns: tuple[int, ...]
     state: _State
@@ -301,7 +303,7 @@ def _best_way(stretch: _Stretch, looks: Mapping[_State, float], before: float, s
 
 
 def _not_beaten(ways: Sequence[_Way]) -> list[_Way]:
-    """Ways to a state, those without which another one is as good in all that matters later."""
+    """Ways to a state, without those that another one equals or beats in all that matters later."""
     kept: list[_Way] = []
     for way in sorted(ways, key=lambda way: (way.fall, way.highest, way.lost)):
         if not any(one.highest <= way.highest and one.lost <= way.lost for one in kept):
@@ -311,13 +313,14 @@ def _not_beaten(ways: Sequence[_Way]) -> list[_Way]:
 
 @dataclass(frozen=True)
 class _Way:
-    """To a state.
+    """A way to a state.
 
     Attributes:
         columns: of the components, in the order of their turns.
         fall: the deepest on it, dB.
-        highest: PSNR on it, dB.
-        lost: what its prefixes lack, dB times bytes; the less, the better they look.
+        highest: the highest PSNR on it, dB.
+        lost: minus the sum over its packets of the best PSNR before each times its bytes. The less,
+            the better its prefixes look.
     """
 
     columns: tuple[int, ...]

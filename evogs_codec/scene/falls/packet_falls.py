@@ -30,7 +30,7 @@ from evogs_codec.format.write_directory import MAX_LEVELS
 from evogs_codec.model.components import CORE
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import I64
-from evogs_codec.scene.falls.judges import DEEP_DB
+from evogs_codec.scene.falls.judges import PACKET_FALL_DB
 from evogs_codec.scene.falls.order_by_views import MAX_AROUND, ordered_by_views
 from evogs_codec.scene.falls.packet_looks import (
     MAX_ORDERED,
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 __all__ = ["without_falls"]
 
 MAX_TRIES, MAX_TRIES_OF_MANY = 6, 3
-# Times the bytes, which a target may ask for where a band of all splats is empty.
+# Times the bytes that a stream with empty packets may take; to meet a target it may need more.
 MAX_TIMES_BYTES = 1.05
 DB_PER_LOG_BYTES = 14.0  # dB of a stream to the logarithm of its bytes, from 30 to 65 dB at least
 # Times the price of a bit, of other streams; more of them of very few splats.
@@ -60,14 +60,14 @@ ALL_ABOVE_ROOTS = Run((1, 0), (MAX_LEVELS, 0))
 # Of more than `ALL_LOOK_UP_TO` splats, the prefixes that are looked at first: at least and at most
 # so many, by every so-many-th view, of which one is large. Less than `NO_FALL_DB` is no fall.
 N_FIRST_PREFIXES, FIRST_VIEWS_EVERY, NO_FALL_DB = (6, 12), 7, 0.01
-# Of these, and with a target, other streams are tried if more is lost, in dB: those at other prices
-# without a target, and all others, which take more bytes or look worse.
-FALLS_OF_OTHERS_DB = (FALL_DB, 3 * FALL_DB)
+# A fall above this is worth a stream that takes more bytes or looks worse, of many splats and with
+# a target. Of many splats its whole may look worse by as much.
+DEAR_FALL_DB = 3 * FALL_DB
 MAX_COST_DB = 3.0  # that the whole of another stream with a target looks worse for its bytes
 # Splats of all states together that are drawn in search of an order, of few splats.
 MAX_SPLATS_DRAWN = 1_000_000
 MAX_ORDERS = 2  # that are looked for
-ALL_JUDGE_PACKETS_UP_TO = 100_000  # of more, few views judge, since a splat is little of one
+ALL_JUDGE_PACKETS_UP_TO = 100_000  # splats; of more a few views judge, since one changes little
 
 
 def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundStream:
@@ -78,8 +78,9 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
 
     A packet that makes pictures worse stays where the whole would look worse for its bytes without
     it, or miss its target. Other prices are not tried with a target, nor one layer where layers
-    were asked for, and nothing else where a stream is polished. With a target, a small fall of few
-    splats may stay, another stream is tried only for a deep one, and not taken where it costs much.
+    were asked for, and nothing else where a stream is polished. With a target few splats may fall
+    by `FALL_DB`. Another stream is tried only against a fall above `DEAR_FALL_DB`, and not taken if
+    it costs more than `MAX_COST_DB`.
     """
     if not found.is_by_views or found.tree.palette is not None:
         return found
@@ -89,16 +90,12 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
             views = views.fewer(N_JUDGING_FIRST)
         if not _may_fall(found, gauge.many, None if request.is_plain else views):
             return found
-    least = DEEP_DB if request.is_plain or is_many else FALL_DB
+    least = PACKET_FALL_DB if request.is_plain or is_many else FALL_DB
     first, fall = _with_least_fall(found, views, least)
     best, others = first, _others(found, request)
     for k, of_other in enumerate(others):
         other = of_other()
-        is_dear = k >= len(FINER_PRICES) or not request.is_plain
-        enough = DEEP_DB if other.is_layered else FALL_DB
-        if is_many or not request.is_plain:
-            enough = FALLS_OF_OTHERS_DB[is_dear]
-        if fall <= enough:
+        if fall <= _may_stay(k, other, request, is_many=is_many):
             break
         request.progress("try", k / len(others))
         try:
@@ -111,6 +108,15 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
         if of_one < fall and not (is_many and _looks_worse(one, best, views)):
             best, fall = one, of_one
     return best
+
+
+def _may_stay(k: int, other: FoundStream, request: Request, *, is_many: bool) -> float:
+    """The deepest fall, dB, with which the k-th of the other streams is not made."""
+    if not request.is_plain:
+        return DEAR_FALL_DB
+    if is_many:
+        return FALL_DB if k < len(FINER_PRICES) else DEAR_FALL_DB
+    return PACKET_FALL_DB if other.is_layered else FALL_DB
 
 
 def _others(found: FoundStream, request: Request) -> list[Callable[[], FoundStream]]:
@@ -173,7 +179,7 @@ def _falls(found: FoundStream, directory: Directory, rows: I64, views: Views) ->
 
 def _looks_worse(one: FoundStream, other: FoundStream, views: Views) -> bool:
     """Whether the whole of a stream that is made looks worse than that of another one."""
-    return _psnr_of(one, views) < _psnr_of(other, views) - FALLS_OF_OTHERS_DB[-1]
+    return _psnr_of(one, views) < _psnr_of(other, views) - DEAR_FALL_DB
 
 
 def _cost(one: FoundStream, other: FoundStream, views: Views) -> float:
@@ -194,7 +200,7 @@ def _evenly(n: int, of: int) -> I64:
 
 
 def _with_least_fall(
-    found: FoundStream, views: Views, least: float = DEEP_DB
+    found: FoundStream, views: Views, least: float = PACKET_FALL_DB
 ) -> tuple[FoundStream, float]:
     """Without its worst packets, and of few packets or splats with the last in another order.
 
@@ -216,7 +222,7 @@ def _with_least_fall(
 
 
 def _without_worst(
-    found: FoundStream, views: Views, least: float = DEEP_DB
+    found: FoundStream, views: Views, least: float = PACKET_FALL_DB
 ) -> tuple[FoundStream, Looks]:
     """With packets in another order, or without those that look worse, and how the others look.
 
@@ -232,7 +238,7 @@ def _without_worst(
     for _ in range(MAX_TRIES_OF_MANY if is_many else MAX_TRIES):
         if looks.fall <= least:
             break
-        small = () if is_many else (looks.small_worse, looks.small_made_good)
+        small = () if is_many else (looks.small_worse, looks.small_until_good)
         some = _untried((looks.needless, *small), empty, refused)
         if some is None and n_orders < MAX_ORDERS:
             n_orders += 1
@@ -279,7 +285,7 @@ def _in_order(found: FoundStream, looks: Looks, views: Views) -> tuple[FoundStre
     Of few splats all packets from the first fall on, of which many states were drawn before; of
     many, those from each fall until it is made good.
     """
-    falls, max_states, most = looks.recovered, MAX_AROUND, DEEP_DB
+    falls, max_states, most = looks.recovered, MAX_AROUND, PACKET_FALL_DB
     if found.tree.n_leaves <= ALL_LOOK_UP_TO:
         assert looks.first is not None, "something falls"
         falls, most = [looks.first], FALL_DB

@@ -15,7 +15,7 @@ from evogs_codec.format.directory import Directory, read_directory
 from evogs_codec.model.components import CORE
 from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import I64, SplatParams
-from evogs_codec.scene.falls.judges import DEEP_DB, Judges, Prefix
+from evogs_codec.scene.falls.judges import PACKET_FALL_DB, Judges, Prefix
 from evogs_codec.scene.found_stream import FoundStream
 from evogs_codec.scene.measure import ALL_LOOK_UP_TO
 
@@ -33,7 +33,7 @@ __all__ = [
 
 MAX_ORDERED = 2_000  # splats, whose last packets may be put in another order
 SMALL_PIXELS = 75  # of the longer side of a small picture
-SMALL_PART = 1 / 200  # of the bytes of all packets; one that has less is small
+EMPTIED_PART = 1 / 200  # of the bytes of all packets; one that has less is small
 
 
 def rows_of(directory: Directory) -> I64:
@@ -62,7 +62,7 @@ class Fall(NamedTuple):
         rows: of the packets from the first that looks worse to the one that makes it good, or to
             the last of all.
         best: the prefix before them that looks best.
-        packets: what they are.
+        packets: what they are; none in `Looks.first`.
     """
 
     rows: range
@@ -81,7 +81,8 @@ class Looks:
 
     Attributes:
         whole: PSNR of the whole, dB.
-        falls: how much worse pictures are with packets of SH bands than before, dB.
+        falls: of packets of SH bands with which a prefix looks worse than without, by how many dB
+            it looks worse than the best one.
         fall: the deepest with any packet.
         needless: packets of SH bands after the prefix that looks best, if the whole looks worse.
         until: per packet with bytes its row, the deepest fall until then, and the best prefix; none
@@ -102,22 +103,22 @@ class Looks:
 
     @property
     def worse(self) -> frozenset[PacketId]:
-        """Packets that are falls."""
+        """Packets in falls."""
         return frozenset(self.falls)
 
     @property
     def worst(self) -> frozenset[PacketId]:
-        """The one of them that is the deepest."""
+        """The packet of the deepest fall, or none."""
         return frozenset(sorted(self.falls, key=lambda packet: -self.falls[packet])[:1])
 
     @property
     def small_worse(self) -> frozenset[PacketId]:
-        """Of packets that are falls, those of few bytes."""
+        """Packets in falls that have few bytes."""
         return self.worse & self.small
 
     @property
-    def small_made_good(self) -> frozenset[PacketId]:
-        """Packets of few bytes in falls, with those that make these good."""
+    def small_until_good(self) -> frozenset[PacketId]:
+        """These, and all others of few bytes up to the packet that makes a fall good."""
         ids = [packet for fall in self.recovered for packet in fall.packets]
         return self.small_worse | self.small.intersection(ids)
 
@@ -134,7 +135,7 @@ class Looks:
         may_be_empty = _may_be_empty(directory, has_layer=found.is_layered)
         judges = judges_of(views, found)
         best: Prefix | None = None
-        before, deepest = best, 0.0
+        previous, deepest = best, 0.0
         falls: dict[PacketId, float] = {}
         since_best: set[PacketId] = set()
         until: list[tuple[int, float, Prefix]] = []
@@ -148,7 +149,7 @@ class Looks:
             deepest = max(deepest, fall)
             if deepest > most:
                 return None
-            if fall > DEEP_DB and begin is None:
+            if fall > PACKET_FALL_DB and begin is None:
                 begin = row
                 assert best is not None, "it looks worse than another one"
                 first = first or Fall(range(row, len(directory.packets)), best)
@@ -161,16 +162,17 @@ class Looks:
                 since_best.clear()
             elif packet in may_be_empty:
                 since_best.add(packet)
-                if fall > DEEP_DB and before is not None and prefix.psnr < before.psnr:
+                if fall > PACKET_FALL_DB and previous is not None and prefix.psnr < previous.psnr:
                     falls[packet] = fall
-            before = prefix
+            previous = prefix
             if may_be_ordered(found):
                 until.append((row, deepest, best))
-        if best is None or before is None:
+        if best is None or previous is None:
             return Looks(-math.inf, falls, deepest, frozenset(), until)
-        needless = frozenset(since_best if before.psnr < best.psnr - DEEP_DB else ())
+        whole = previous.psnr
+        needless = frozenset(since_best if whole < best.psnr - PACKET_FALL_DB else ())
         small = may_be_empty & _of_few_bytes(directory)
-        return Looks(before.psnr, falls, deepest, needless, until, small, recovered, first)
+        return Looks(whole, falls, deepest, needless, until, small, recovered, first)
 
 
 def _may_be_empty(directory: Directory, *, has_layer: bool) -> frozenset[PacketId]:
@@ -186,22 +188,23 @@ def _may_be_empty(directory: Directory, *, has_layer: bool) -> frozenset[PacketI
 def _of_few_bytes(directory: Directory) -> frozenset[PacketId]:
     """Packets that have a small part of the bytes of all."""
     sizes = directory.packets["size"].astype(np.int64)
-    return frozenset(directory.packet_ids(np.flatnonzero(sizes < SMALL_PART * sizes.sum())))
+    return frozenset(directory.packet_ids(np.flatnonzero(sizes < EMPTIED_PART * sizes.sum())))
 
 
 def judges_of(views: Views, found: FoundStream) -> Judges:
     """How views judge the prefixes of a stream.
 
-    Of many splats too few views tell too little, and none changes much of a view. Where their
-    packets may be put in order, leaves of too many prefixes would be kept.
+    Fewer than `MIN_VIEWS` views tell too little. Of many splats one packet changes little of a
+    view, so there are no small pictures. Where their packets may be put in another order, leaves of
+    too many prefixes would be kept.
     """
     few = _with_cameras(views, views.cameras[::EVERY])
+    if len(few.cameras) < MIN_VIEWS:
+        return Judges(views)
     if found.tree.n_leaves <= ALL_LOOK_UP_TO:
         small = [camera.within(SMALL_PIXELS) for camera in views.cameras]
         return Judges(views, few, _with_cameras(views, small))
-    if len(few.cameras) >= MIN_VIEWS and not may_be_ordered(found):
-        return Judges(views, few)
-    return Judges(views)
+    return Judges(views) if may_be_ordered(found) else Judges(views, few)
 
 
 def _with_cameras(views: Views, cameras: Sequence[Camera]) -> Views:

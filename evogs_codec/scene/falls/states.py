@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 __all__ = ["FALL_DB", "N_JUDGING_FIRST", "SAME_DB", "Draft", "State"]
 
 SAME_DB = 0.03  # dB; two states look the same if no view differs by more
-# A state is a fall if its lead over one before it is below -`FALL_DB`: its mean over the views,
-# less `N_STANDARD_ERRORS` standard errors of a mean of `N_JUDGING` views.
+# A state is a fall if its mean gain over an earlier one, less `N_STANDARD_ERRORS` standard errors
+# of a mean of `N_JUDGING` views, is below -`FALL_DB`.
 FALL_DB, N_STANDARD_ERRORS, N_JUDGING = 0.05, 1.0, 6
 ALL_JUDGE_STATES_UP_TO = 1_000  # of more splats a few views judge first
 N_JUDGING_FIRST = 5  # of them, at most; every second or fifth view, so that they are of both sizes
@@ -61,14 +61,14 @@ class State:
     def seems_to_fall_after(self, other: State) -> bool:
         """Whether it is a fall after another one, by the few views alone."""
         by = self.few - other.few
-        return not _is_like(by) and _lead(by) < 0
+        return not _is_like(by) and _margin(by) < 0
 
     def keeps_up_with(self, other: State) -> bool:
-        """Whether it is no fall after another one, also on `N_JUDGING` other views."""
+        """Whether it is no fall after another one; all views are drawn where a few leave doubt."""
         by = self.few - other.few
-        if not _is_like(by) and abs(_lead(by)) <= N_DEVIATIONS * by.std():
+        if not _is_like(by) and abs(_margin(by)) <= N_DEVIATIONS * by.std():
             by = self.decibels - other.decibels
-        return _is_like(by) or _lead(by) >= 0
+        return _is_like(by) or _margin(by) >= 0
 
 
 def _is_like(by: F64) -> bool:
@@ -76,8 +76,8 @@ def _is_like(by: F64) -> bool:
     return bool(np.abs(by).max() <= SAME_DB)
 
 
-def _lead(by: F64) -> float:
-    """How far a state that is better by this, view by view, is from a fall, dB; below 0 it is."""
+def _margin(by: F64) -> float:
+    """How far a state that is better by this, view by view, is from a fall, dB; below 0: one."""
     return float(by.mean() + FALL_DB - N_STANDARD_ERRORS * by.std() / math.sqrt(N_JUDGING))
 
 

@@ -1,12 +1,12 @@
 """No step back: makes streams whose prefixes do not look worse than shorter prefixes.
 
-The state after each step of the levels is rendered. If one of the roots looks worse than one before
-it, all roots come in one step. If another state looks worse than one before it, its step comes with
-those after it (`joined_steps`), or is held back until it looks better (`held_steps`); with a
-target, coarse splats are made finer before that, until their last level looks better than the one
-before it.
-If all coarse splats together look worse than some of them, all are made more exact; if they look
-worse than level 0 then, there is one layer of precision.
+The state after each step of the levels is rendered. If a state after some of the roots looks worse
+than an earlier one, all roots come in one step. If another state looks worse than one before it,
+its step comes with those after it (`joined_steps`), or is held back until it looks better
+(`held_steps`); with a target, coarse splats are made finer before that, until their last level
+looks better than the one before it.
+If all coarse splats together look worse than some of them, all are made finer; if they look worse
+than level 0 then, there is one layer of precision.
 
 If the last level, at coarse steps, looks hardly better than the level before it, it comes late
 (`late_level`); where steps would be held back, it does even if it looks somewhat better. It comes
@@ -97,7 +97,7 @@ def _steadied(found: FoundStream, views: Views, request: Request) -> FoundStream
     is_guess = found.has_target
     if is_guess:
         found = steadying.begun(found)
-        if not _is_coarse(found):
+        if not _has_high_price(found):
             found, is_guess = found.nearer(), False
     try:
         for _ in range(MAX_TRIES):
@@ -119,10 +119,10 @@ def _steadied(found: FoundStream, views: Views, request: Request) -> FoundStream
         return met.made()
 
 
-def _is_coarse(found: FoundStream) -> bool:
+def _has_high_price(found: FoundStream) -> bool:
     """Whether its price is higher than that of a stream without a target: levels may well fall.
 
-    Such a stream is measured once they do not: what holds them back changes it.
+    Such a stream is measured once they do not: what is done against that changes its size.
     """
     assert found.price is not None, "it is by views"
     return found.price > SCENE_PRICE / max(found.tree.n_leaves, 1)
@@ -158,9 +158,10 @@ class _Steadying:
     def begun(self, found: FoundStream) -> FoundStream:
         """With the layers that suit it by a first look, of a stream that has a target.
 
-        Its last level comes late, in three layers if coarse splats look far worse than a PSNR that
-        is aimed at and no state of the last two layers falls. With a palette one did, so three are
-        not tried.
+        It has three layers and a late last level if coarse splats look far worse than a PSNR that
+        is aimed at, no state from the last coarse level on falls, and there is no palette: in a
+        trial with a palette a state fell. Otherwise it has two, and the last level is late if it
+        gains little.
         """
         found = self._with_ratio_of_use(found) or found
         if not (self.may_be_late and found.can_be_late):
@@ -208,8 +209,7 @@ class _Steadying:
         if found.has_target and added <= 0 and ratio / FINER_RATIO >= MIN_RATIO:
             ratio /= FINER_RATIO
         if is_coarse and found.is_layered and ratio >= MIN_RATIO:
-            self.layering = replace(self.layering, ratio=ratio)
-            return found.holding((), self.layering)
+            return self._finer(found, ratio)
         falls = len(states) > 1 and not states[-1].keeps_up_with(states[0])
         if falls and found.is_layered and self.may_be_late:
             self.layering, self.before = Layering(1), []
@@ -220,8 +220,7 @@ class _Steadying:
             return None
         shows_little = self.layering.ratio == PRICE_RATIO or added < MIN_GAIN_DB
         if found.has_target and found.is_layered and shows_little and ratio >= MIN_RATIO:
-            self.layering = replace(self.layering, ratio=ratio)
-            return found.holding((), self.layering)
+            return self._finer(found, ratio)
         self.before = runs
         return found.holding(runs, self.layering)
 
@@ -245,11 +244,15 @@ class _Steadying:
             ratio /= FINER_RATIO
         if ratio == self.layering.ratio:
             return None
+        return self._finer(found, ratio)
+
+    def _finer(self, found: FoundStream, ratio: float) -> FoundStream:
+        """With coarse splats at so many times the price of a bit."""
         self.layering = replace(self.layering, ratio=ratio)
         return found.holding((), self.layering)
 
     def _gain_of_last(self, found: FoundStream, draft: Draft) -> float:
-        """By how many dB the last level, if it may come late and does not yet, looks better."""
+        """By how many dB the last level looks better; infinite if it may not come late, or does."""
         may = self.may_be_late and found.can_be_late
         if not may or found.n_coarse < 2 or self.layering.is_late:
             return math.inf
@@ -262,7 +265,7 @@ class _Steadying:
 
 
 def _falls_late(found: FoundStream, views: Views) -> bool:
-    """Whether a state after the coarse levels looks worse than one before it.
+    """Whether a state of the last coarse level, or after it, looks worse than an earlier of these.
 
     Where one or two of the views see that it looks better, the others do not judge.
     """
@@ -277,11 +280,11 @@ def _falls_late(found: FoundStream, views: Views) -> bool:
         if best is None:
             best = state
             continue
-        by = state.lead(best, one)
+        by = state.gain_over(best, one)
         if by < BETTER_IN_ONE_DB:
-            by = (by + state.lead(best, other)) / 2
+            by = (by + state.gain_over(best, other)) / 2
             if by < BETTER_IN_TWO_DB:
-                by = state.lead(best, views)
+                by = state.gain_over(best, views)
         if by < -FALL_DB:
             return True
         if by > 0:
@@ -296,7 +299,7 @@ class _Seen:
     leaves: SplatParams
     known: dict[tuple[Camera, ...], float] = field(default_factory=dict)
 
-    def lead(self, other: _Seen, views: Views) -> float:
+    def gain_over(self, other: _Seen, views: Views) -> float:
         """By how many dB views find it better than another one."""
         return self._psnr(views) - other._psnr(views)
 
@@ -327,8 +330,8 @@ def _places_of_corrections(tiles: Sequence[EvolutionTree]) -> set[tuple[int, int
 def _runs(states: Sequence[State], at_corrections: set[tuple[int, int]]) -> tuple[list[Run], bool]:
     """Which steps are to be joined or held back, and whether coarse splats are too coarse for it.
 
-    Once one of the steps `at_corrections` is, later ones there are if they look worse at all: with
-    it they would add up to a fall.
+    After one of the steps `at_corrections` is, each later one of them is too that looks worse by
+    more than `SAME_DB`: their falls would add up.
     """
     if len(states) < 2:
         return [], False

@@ -74,8 +74,10 @@ def test_without_small_pictures_all_views_judge_other_orders(small, n_drawn):
     views = ByNumber(range(4))
     other = prefix_of([30.0] * 4, judging(views, ByNumber(range(2)), small))
     leaves: Any = Shown([31.0, 31.0, 30.5, 30.5])
-    other.like(leaves).fall_after(other)
+    prefix = other.like(leaves)
+    assert prefix.fall_after(other) == pytest.approx(-0.75 if small is None else -1.0)
     assert views.n_drawn == 2 * n_drawn
+    assert other.fall_after(prefix) == pytest.approx(0.75)
 
 
 @pytest.mark.parametrize(

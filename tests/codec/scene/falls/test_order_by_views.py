@@ -22,7 +22,7 @@ from evogs_codec.model.packet_id import PacketId
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.scene.falls import order_by_views
-from evogs_codec.scene.falls.judges import DEEP_DB, Judges, Prefix
+from evogs_codec.scene.falls.judges import PACKET_FALL_DB, Judges, Prefix
 from evogs_codec.scene.falls.order_by_views import MAX_STATES, ordered_by_views
 from evogs_codec.scene.prefixes import StreamPrefixes
 
@@ -289,11 +289,11 @@ def test_the_way_that_is_found_falls_as_little_as_any(counts):
         look = Told(looks)
         way = some_way(stretch, look, 30.0)
         found = deepest(way.columns, looks, 30.0, len(counts))
-        assert way.fall == (found if found > DEEP_DB else 0)
-        assert found <= max(least, DEEP_DB) + 10**-order_by_views.DIGITS
+        assert way.fall == (found if found > PACKET_FALL_DB else 0)
+        assert found <= max(least, PACKET_FALL_DB) + 10**-order_by_views.DIGITS
         assert len(look.seen) == len(set(look.seen))
         n_less += len(look.seen) < len(states)
-        if least > 2 * DEEP_DB:
+        if least > 2 * PACKET_FALL_DB:
             assert some_way(stretch, look, 30.0, most=least / 2) is None
     assert n_less > 100
 

@@ -22,7 +22,9 @@ ANOTHER: Any = object()
     ("n_splats", "n_views", "is_at_once", "n_few"),
     [
         (20_000, 24, False, 5),
-        (20_000, 4, True, 1),
+        (20_000, 24, True, 5),
+        (20_000, 20, False, 0),
+        (20_000, 1, True, 0),
         (90_000, 24, False, 5),
         (90_000, 20, False, 0),
         (90_000, 24, True, 0),
@@ -37,7 +39,7 @@ def test_of_many_splats_few_views_judge_first_where_they_are_enough(
     monkeypatch.setattr(type(layered.tree), "n_leaves", n_splats)
     judges = packet_looks.judges_of(views, layered)
     assert (0 if judges.few is None else len(judges.few.cameras)) == n_few
-    if n_splats > 20_000:
+    if n_splats > 20_000 or not n_few:
         assert judges.small is None
     else:
         assert judges.small is not None
@@ -65,7 +67,7 @@ def test_packets_of_few_bytes_that_fall_and_those_that_make_them_good():
     recovered = [packet_looks.Fall(range(7, 11), A_PREFIX, good)]
     looks = packet_looks.Looks(40.0, falls, 0.3, frozenset(), [], small, recovered)
     assert looks.small_worse == {band(2, 4)}
-    assert looks.small_made_good == {band(2, 4), band(3, 4)}
+    assert looks.small_until_good == {band(2, 4), band(3, 4)}
 
 
 def test_of_a_stream_that_falls_more_nothing_is_known(layered):
