@@ -220,5 +220,5 @@ def add_up(offsets: Array, block_ends: Array, entries: Array, rows: Array, out: 
                 if j + _SUM_AHEAD < len(entries):
                     prefetch(out, entries[j + _SUM_AHEAD])
                     prefetch(out, entries[j + _SUM_AHEAD] + 1)
-                for c in range(WIDTH):
+                for c in range(rows.shape[1]):
                     out[splat, c] += rows[j, c]

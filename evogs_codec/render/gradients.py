@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from evogs_codec.render.blending import constants_of
 from evogs_codec.render.blending_gradient import ENTRY, add_up, blend_gradient
+from evogs_codec.render.blending_moments import WIDTH, blend_moments
 from evogs_codec.render.compiled import n_threads
 from evogs_codec.render.forward import Drawing
-from evogs_codec.render.projection_gradient import project_gradient, project_squares
+from evogs_codec.render.projection_gradient import project_gradient
+from evogs_codec.render.projection_squares import project_squares
 from evogs_codec.render.splats import Real, Splats
 
 __all__ = ["Gradients", "add_squared_gradients", "gradients"]
@@ -68,26 +70,32 @@ def gradients(drawing: Drawing, splats: Splats, image_gradient: Real) -> Gradien
 
 
 def add_squared_gradients(
-    totals: Sequence[Real], drawing: Drawing, splats: Splats, image_gradient: Real, by: float
+    totals: Sequence[Real], drawing: Drawing, splats: Splats, shown: Real | None = None
 ) -> None:
-    """Add squares of what `gradients` gives, each divided by a number, to a total of each.
+    """Add the mean squared change of a picture to the squared change of each number, to totals.
+
+    That is the sum of the squared gradients of all numbers of the picture, over their number.
 
     Args:
         totals: means, quats, log_scales, opacity_logits and sh, added to; shaped like those of
             `splats`, of the type of the picture.
         drawing: as of `gradients`.
         splats: as of `gradients`.
-        image_gradient: as of `gradients`.
-        by: what squares are divided by.
+        shown: (H, W) how much of the picture is seen at each pixel; None: all of it.
 
     Raises:
         ValueError: as `gradients`.
     """
+    _expect_drawn(drawing, splats)
+    image = drawing.image
+    seen = np.ones(image.shape[:2]) if shown is None else shown
+    moments = np.zeros((len(splats.means), WIDTH), image.dtype)
+    _back_to_front(blend_moments, drawing, np.ascontiguousarray(seen, image.dtype), moments)
     means, quats, log_scales, opacity_logits, sh = totals
     project_squares(
         splats.means, splats.quats, splats.opacity_logits, splats.sh, drawing.active,
         drawing.camera.view(drawing.options), drawing.options.antialiased,
-        drawing.tiles.records, drawing.status, _to_records(drawing, splats, image_gradient), by,
+        drawing.tiles.records, drawing.status, moments, float(image.size),
         means, quats, log_scales, opacity_logits, sh, n_threads(),
     )  # fmt: skip
 
@@ -98,26 +106,37 @@ def _to_records(drawing: Drawing, splats: Splats, image_gradient: Real) -> Real:
     Raises:
         ValueError: as `gradients`.
     """
-    dtype = drawing.image.dtype
     if image_gradient.shape != drawing.image.shape:
         raise ValueError(
             f"gradient of shape {image_gradient.shape}, {drawing.image.shape} expected"
         )
+    _expect_drawn(drawing, splats)
+    to_records = np.zeros((len(splats.means), len(ENTRY)), np.float64)
+    g = np.ascontiguousarray(image_gradient, drawing.image.dtype)
+    _back_to_front(blend_gradient, drawing, g, to_records)
+    return to_records
+
+
+def _expect_drawn(drawing: Drawing, splats: Splats) -> None:
     if len(splats.means) != len(drawing.status):
         raise ValueError(f"{len(splats.means)} splats, the drawing is of {len(drawing.status)}")
-    tiles = drawing.tiles
-    if tiles.counts.max(initial=0) > _MAX_LIST:
-        raise ValueError(f"a tile with {tiles.counts.max()} splats, over {_MAX_LIST}")
-    g = np.ascontiguousarray(image_gradient, dtype)
-    background = np.ascontiguousarray(np.broadcast_to(drawing.background, g.shape))
-    to_records = np.zeros((len(splats.means), len(ENTRY)), np.float64)
+    longest = drawing.tiles.counts.max(initial=0)
+    if longest > _MAX_LIST:
+        raise ValueError(f"a tile with {longest} splats, over {_MAX_LIST}")
+
+
+def _back_to_front(
+    kernel: Callable[..., None], drawing: Drawing, of_pixels: Real, totals: Real
+) -> None:
+    """Add what a kernel finds for the entries of all lists to the (N, ...) totals of the splats."""
+    tiles, dtype = drawing.tiles, drawing.image.dtype
+    background = np.ascontiguousarray(np.broadcast_to(drawing.background, drawing.image.shape))
     constants = constants_of(drawing.options, dtype)
     for chunk in [drawing.chunk] if drawing.chunk else tiles.chunks():
-        rows = np.empty((len(chunk.entries), len(ENTRY)), dtype)
-        blend_gradient(
+        rows = np.empty((len(chunk.entries), totals.shape[1]), dtype)
+        kernel(
             chunk.first, tiles.columns, chunk.offsets, chunk.entries, chunk.order,
             tiles.records, tiles.rows, background, constants,
-            g, drawing.transmittance, drawing.last, rows, n_threads(),
+            of_pixels, drawing.transmittance, drawing.last, rows, n_threads(),
         )  # fmt: skip
-        add_up(chunk.offsets, chunk.block_ends, chunk.entries, rows, to_records)
-    return to_records
+        add_up(chunk.offsets, chunk.block_ends, chunk.entries, rows, totals)

@@ -14,7 +14,7 @@ from evogs_codec.render.activation import SCALE, opacity_of, unit_quaternion
 from evogs_codec.render.compiled import inlined, parallel_kernel, prange
 from evogs_codec.render.harmonics import basis, basis_gradient
 
-__all__ = ["project_gradient", "project_squares"]
+__all__ = ["project_gradient"]
 
 Array = npt.NDArray[Any]
 
@@ -27,15 +27,6 @@ def _bounded(value: float) -> float:
     if value != value:
         return 0.0
     return min(max(value, -_LARGEST), _LARGEST)
-
-
-@inlined
-def _is_zero(g: Array) -> bool:
-    """Whether no number is other than 0: of a splat that is hidden everywhere."""
-    is_zero = True
-    for k in range(len(g)):
-        is_zero &= g[k] == 0.0
-    return is_zero
 
 
 @inlined
@@ -202,42 +193,3 @@ def project_gradient(
                 g_log_scales[i] = 0.0
                 g_opacity_logits[i] = 0.0
                 g_sh[i] = 0.0
-
-
-@parallel_kernel
-def project_squares(
-    means: Array, quats: Array, opacity_logits: Array, sh: Array, active: Array,
-    view: Array, antialiased: bool, records: Array, status: Array, gradients: Array, by: float,
-    s_means: Array, s_quats: Array, s_log_scales: Array, s_opacity_logits: Array, s_sh: Array,
-    n_workers: int,
-) -> None:  # fmt: skip
-    """Add squared gradients to the parameters of N splats, each divided by a number.
-
-    Arguments as of `project_gradient`, and, several to a line:
-        by: what squares are divided by.
-        s_means, s_quats, s_log_scales, s_opacity_logits, s_sh: added to.
-    """
-    n, real = len(means), s_means.dtype.type
-    divisor = real(by)
-    for worker in prange(n_workers):
-        scratch = np.empty((2, 16))
-        g_mean, g_quat = np.empty(3, s_means.dtype), np.empty(4, s_means.dtype)
-        g_scale, g_sh = np.empty(3, s_means.dtype), np.empty(sh.shape[1:], s_means.dtype)
-        for i in range(worker * n // n_workers, (worker + 1) * n // n_workers):
-            if status[i] != p.DRAWN or _is_zero(gradients[i]):
-                continue
-            g_logit = real(
-                _splat(
-                    means[i], quats[i], opacity_logits[i], sh[i], active[i], view, antialiased,
-                    records[i], gradients[i], g_mean, g_quat, g_scale, g_sh, scratch,
-                )
-            )  # fmt: skip
-            s_opacity_logits[i] += g_logit * g_logit / divisor
-            for c in range(3):
-                s_means[i, c] += g_mean[c] * g_mean[c] / divisor
-                s_log_scales[i, c] += g_scale[c] * g_scale[c] / divisor
-            for c in range(4):
-                s_quats[i, c] += g_quat[c] * g_quat[c] / divisor
-            for k in range(sh.shape[1]):
-                for c in range(3):
-                    s_sh[i, k, c] += g_sh[k, c] * g_sh[k, c] / divisor

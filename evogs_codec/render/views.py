@@ -179,8 +179,7 @@ class Views:
     def sensitivity(self, splats: SplatParams) -> F32:
         """(D, N) mean squared change of the pictures to the squared change of each number.
 
-        The gradient of a picture of random signs z, J^T z, has the squared length of a column of J
-        as the mean of its square: one backward pass per view sees every number of every splat.
+        One backward pass per view tells that of every number of every splat.
         """
         return self._sensitivity(splats, self._weighing.cameras)[0]
 
@@ -285,6 +284,10 @@ class Views:
             np.multiply(picture[..., channel], veil, out=found[..., channel])
         return found
 
+    def _shown(self, camera: Camera) -> npt.NDArray[np.floating] | None:
+        """(H, W) how much of the splats is seen at each pixel; None: all of it."""
+        return self.between[camera].veil[..., 0] if camera in self.between else None
+
     def _psnr(self, of: Callable[[Camera], Picture]) -> float:
         """Mean PSNR of these pictures of the views, as of `psnr`."""
         return float(np.mean(self._psnr_of_each(of)))
@@ -306,7 +309,6 @@ class Views:
         self, splats: SplatParams, cameras: Sequence[Camera]
     ) -> tuple[F32, dict[Camera, Picture]]:
         """By these views, and what they show."""
-        rng = np.random.default_rng(0)
         totals = [np.zeros(part.shape, np.float32) for part in _parts(splats)]
         images = {}
         ready = Activated.of(splats)
@@ -315,9 +317,7 @@ class Views:
             images[camera] = self._veiled(drawing.image, camera)
             if not len(splats):
                 continue
-            signs = rng.integers(0, 2, drawing.image.shape).astype(np.float32) * 2 - 1
-            shown = self._veiled(signs, camera)
-            add_squared_gradients(totals, drawing, ready, shown, signs.size)
+            add_squared_gradients(totals, drawing, ready, self._shown(camera))
         for total in totals:
             total /= len(cameras)
         return SplatParams(*totals).channels(), images

@@ -130,9 +130,9 @@ def test_leaves_that_were_dropped_are_not_refined(n_tiles):
 def test_a_tree_that_was_trained_in_integers():
     tree = in_quanta()
     cameras = views_of(tree.leaves()).cameras
-    data = encode_tree(tree, target_psnr=45, layers=2, effort=1, cameras=cameras)
+    data = encode_tree(tree, target_psnr=44, layers=2, effort=1, cameras=cameras)
     assert read_directory(data).n_levels == tree.n_levels + 1
-    assert psnr(data, tree) == pytest.approx(45, abs=0.2)
+    assert psnr(data, tree) == pytest.approx(44, abs=0.2)
 
 
 @pytest.mark.thorough

@@ -72,7 +72,7 @@ class Noise:
 
 
 @pytest.mark.parametrize(
-    ("price", "gain"), [pytest.param(1e-9, 0.3, marks=pytest.mark.thorough), (1e-8, 1.0)]
+    ("price", "gain"), [pytest.param(3e-8, 0.3, marks=pytest.mark.thorough), (3e-9, 1.0)]
 )
 def test_pictures_err_less_for_no_more_bytes(price, gain):
     coded = Prepared(aim()).coded(price)

@@ -111,8 +111,8 @@ def test_a_tile_may_end_before_the_last_level():
     tree = lift(make_scene(5).take(np.arange(1)), 5)
     assert tree.n_levels > arrange(tree, 1)[0].n_levels
     views = Views(tree.leaves(), cameras_around(tree.leaves(), "z", 96))
-    data = TargetEncoder(tree, PRESETS["trained"], views).at_psnr(50)
-    assert views.psnr(decode(data).leaves(sh_degree=tree.sh_degree)) == pytest.approx(50, abs=0.2)
+    data = TargetEncoder(tree, PRESETS["trained"], views).at_psnr(52)
+    assert views.psnr(decode(data).leaves(sh_degree=tree.sh_degree)) == pytest.approx(52, abs=0.2)
 
 
 @pytest.mark.thorough

@@ -186,7 +186,7 @@ def test_targets_are_met_from_a_guess():
 @pytest.mark.thorough
 @pytest.mark.usefixtures("any_views")
 def test_a_tree_is_met_from_a_guess():
-    splats = make_scene(N)
-    views = Views.of(splats, cameras_around(splats, "z"))
-    data = encode_tree(lift(splats, 3), up="z", effort=1)
+    tree = lift(make_scene(N), 3)
+    views = Views.of(tree.leaves(), cameras_around(tree.leaves(), "z"))
+    data = encode_tree(tree, up="z", effort=1)
     assert views.psnr(decode(data).leaves(sh_degree=3)) == pytest.approx(52.0, abs=0.2)

@@ -1,0 +1,242 @@
+"""From the moments of a splat to how much its parameters change the picture, squared.
+
+A parameter changes the logarithm of alpha by a polynomial of the terms 1, d, down, d^2, d down,
+down^2 (`blending_moments`); (6,) its coefficients. The squared change of the picture is a quadratic
+form of these, whose matrix has the moments. All is exact but for one thing: what a moved splat
+changes by its colour, which depends on where it is seen from, is added as if it were in other
+pixels than what it changes by its place.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from evogs_codec.render import projection as p
+from evogs_codec.render import screen as s
+from evogs_codec.render.activation import SCALE, opacity_of, unit_quaternion
+from evogs_codec.render.blending_moments import COLOUR
+from evogs_codec.render.compiled import inlined, parallel_kernel, prange
+from evogs_codec.render.harmonics import basis, basis_gradient
+
+__all__ = ["project_squares"]
+
+Array = npt.NDArray[Any]
+Numbers: TypeAlias = "tuple[float, ...]"
+
+_LN2 = math.log(2.0)
+_MAX_SQUARE = 1e36  # float32 still adds some of these up
+
+
+@inlined
+def _bounded(value: float) -> float:
+    """A square, or the nearest number from 0 on that can be added up."""
+    return min(value, _MAX_SQUARE) if value > 0.0 else 0.0
+
+
+@inlined
+def _times(m: Array, f: Numbers) -> Numbers:
+    """The matrix of the moments times the coefficients of a polynomial."""
+    return (
+        m[0] * f[0] + m[5] * f[1] + m[1] * f[2] + m[9] * f[3] + m[6] * f[4] + m[2] * f[5],
+        m[5] * f[0] + m[9] * f[1] + m[6] * f[2] + m[12] * f[3] + m[10] * f[4] + m[7] * f[5],
+        m[1] * f[0] + m[6] * f[1] + m[2] * f[2] + m[10] * f[3] + m[7] * f[4] + m[3] * f[5],
+        m[9] * f[0] + m[12] * f[1] + m[10] * f[2] + m[14] * f[3] + m[13] * f[4] + m[11] * f[5],
+        m[6] * f[0] + m[10] * f[1] + m[7] * f[2] + m[13] * f[3] + m[11] * f[4] + m[8] * f[5],
+        m[2] * f[0] + m[7] * f[1] + m[3] * f[2] + m[11] * f[3] + m[8] * f[4] + m[4] * f[5],
+    )
+
+
+@inlined
+def _dot(f: Numbers, g: Numbers) -> float:
+    return f[0] * g[0] + f[1] * g[1] + f[2] * g[2] + f[3] * g[3] + f[4] * g[4] + f[5] * g[5]
+
+
+@inlined
+def _even_times(m: Array, f: Numbers) -> Numbers:
+    """`_times` of an even polynomial, which has the terms 1, d^2, d down, down^2 alone: (4,)."""
+    return (
+        m[0] * f[0] + m[9] * f[1] + m[6] * f[2] + m[2] * f[3],
+        m[9] * f[0] + m[14] * f[1] + m[13] * f[2] + m[11] * f[3],
+        m[6] * f[0] + m[13] * f[1] + m[11] * f[2] + m[8] * f[3],
+        m[2] * f[0] + m[11] * f[1] + m[8] * f[2] + m[4] * f[3],
+    )
+
+
+@inlined
+def _even_dot(f: Numbers, g: Numbers) -> float:
+    return f[0] * g[0] + f[1] * g[1] + f[2] * g[2] + f[3] * g[3]
+
+
+@inlined
+def _of_covariance(xx: float, xy: float, yy: float, shape: Numbers) -> Numbers:
+    """The even polynomial of a change of the covariance on the screen.
+
+    `shape`: a, c and the slope of the splat, the weight of d over that of down, and of the three
+    changes what they add to the logarithm of the opacity.
+    """
+    a, c, slope, ratio, by_xx, by_xy, by_yy = shape
+    log_a = a * (2 * slope * xy - xx - slope * slope * yy)
+    log_c = -c * yy
+    turn = c * (xy - slope * yy)
+    opacity = by_xx * xx + by_xy * xy + by_yy * yy
+    return opacity, -_LN2 * log_a, 2 * _LN2 * ratio * turn, -_LN2 * log_c
+
+
+@inlined
+def _form(products: Numbers, x: float, y: float, z: float) -> float:
+    """The squared change of x f + y g + z h, by f f, g g, h h, f g, f h and g h."""
+    ff, gg, hh, fg, fh, gh = products
+    return x * x * ff + y * y * gg + z * z * hh + 2 * (x * y * fg + x * z * fh + y * z * gh)
+
+
+@inlined
+def _place_and_shape(
+    mean: Array, quat: Array, active: Array, view: Array, antialiased: bool, record: Array,
+    m: Array, out: Array,
+) -> None:  # fmt: skip
+    """Fill the squares of the position, the quaternion and the logarithms of the sizes: (10,)."""
+    x, y, z = s.to_camera(view, mean[0], mean[1], mean[2])
+    w, r = s.world_to_screen(view, x, y, z), active
+    u = s.half_axes(w, active)
+    xx, xy, yy, det, flat = s.covariance(u, view[s.DILATION])
+    a, c, slope = yy / det, 1.0 / yy, xy / yy
+    weight, curve = record[p.WEIGHT], math.sqrt(record[p.CURVE])
+    own_xx, own_yy = xx - view[s.DILATION], yy - view[s.DILATION]
+    by_xx, by_xy, by_yy = 0.0, 0.0, 0.0
+    if antialiased:  # opacity has the factor sqrt(flat / det)
+        by_xx = 0.5 * (own_yy / flat - yy / det)
+        by_xy = xy / det - xy / flat
+        by_yy = 0.5 * (own_xx / flat - xx / det)
+    shape = (a, c, slope, weight / curve, by_xx, by_xy, by_yy)
+
+    # A size k changes U U^T by 2 u_k u_k^T.
+    for k in range(3):
+        f = _of_covariance(2 * u[k] * u[k], 2 * u[k] * u[3 + k], 2 * u[3 + k] * u[3 + k], shape)
+        out[7 + k] = _bounded(_even_dot(f, _even_times(m, f)))
+
+    # A turn about axis k, with i and j the others, by (s_i^2 - s_j^2) (w_i w_j^T + w_j w_i^T), w of
+    # size 1; the quaternion turns about all three.
+    s0, s1, s2 = active[SCALE], active[SCALE + 1], active[SCALE + 2]
+    p0 = w[0] * r[0] + w[1] * r[3] + w[2] * r[6]
+    p1 = w[0] * r[1] + w[1] * r[4] + w[2] * r[7]
+    p2 = w[0] * r[2] + w[1] * r[5] + w[2] * r[8]
+    q0 = w[3] * r[0] + w[4] * r[3] + w[5] * r[6]
+    q1 = w[3] * r[1] + w[4] * r[4] + w[5] * r[7]
+    q2 = w[3] * r[2] + w[4] * r[5] + w[5] * r[8]
+    by_0, by_1, by_2 = s1 * s1 - s2 * s2, s2 * s2 - s0 * s0, s0 * s0 - s1 * s1
+    f = _of_covariance(2 * by_0 * p1 * p2, by_0 * (p1 * q2 + p2 * q1), 2 * by_0 * q1 * q2, shape)
+    g = _of_covariance(2 * by_1 * p2 * p0, by_1 * (p2 * q0 + p0 * q2), 2 * by_1 * q2 * q0, shape)
+    h = _of_covariance(2 * by_2 * p0 * p1, by_2 * (p0 * q1 + p1 * q0), 2 * by_2 * q0 * q1, shape)
+    m_f, m_g, m_h = _even_times(m, f), _even_times(m, g), _even_times(m, h)
+    turns = (
+        _even_dot(f, m_f), _even_dot(g, m_g), _even_dot(h, m_h),
+        _even_dot(f, m_g), _even_dot(f, m_h), _even_dot(g, m_h),
+    )  # fmt: skip
+    qw, qx, qy, qz, inverse = unit_quaternion(
+        np.float64(quat[0]), np.float64(quat[1]), np.float64(quat[2]), np.float64(quat[3])
+    )
+    twice = 2 * inverse
+    out[3] = _bounded(_form(turns, -qx * twice, -qy * twice, -qz * twice))
+    out[4] = _bounded(_form(turns, qw * twice, -qz * twice, qy * twice))
+    out[5] = _bounded(_form(turns, qz * twice, qw * twice, -qx * twice))
+    out[6] = _bounded(_form(turns, -qy * twice, qx * twice, qw * twice))
+
+    # Of the place in the camera: across, down, and away along the ray. The centre sees the slopes
+    # as they are, J only where they are not clamped.
+    slope_x, slope_y = x / z, y / z
+    is_x = view[s.LEFT] < slope_x < view[s.RIGHT]
+    is_y = view[s.TOP] < slope_y < view[s.BOTTOM]
+    to_x, to_y = view[s.FX] / z, view[s.FY] / z
+    in_x, in_y = (to_x / z if is_x else 0.0), (to_y / z if is_y else 0.0)
+    z0 = s0 * (view[6] * r[0] + view[7] * r[3] + view[8] * r[6])
+    z1 = s1 * (view[6] * r[1] + view[7] * r[4] + view[8] * r[7])
+    z2 = s2 * (view[6] * r[2] + view[7] * r[5] + view[8] * r[8])
+    along_x = u[0] * z0 + u[1] * z1 + u[2] * z2
+    along_y = u[3] * z0 + u[4] * z1 + u[5] * z2
+    f = _of_covariance(-2 * in_x * along_x, -in_x * along_y, 0.0, shape)
+    g = _of_covariance(0.0, -in_y * along_x, -2 * in_y * along_y, shape)
+    h = _of_covariance(-2 * own_xx / z, -2 * xy / z, -2 * own_yy / z, shape)
+    to_d, to_down = 2 * _LN2 * weight, 2 * _LN2 * curve
+    across = (f[0], to_d * to_x, 0.0, f[1], f[2], f[3])
+    down = (g[0], -to_d * slope * to_y, to_down * to_y, g[1], g[2], g[3])
+    away = (h[0], 0.0, 0.0, h[1], h[2], h[3])
+    m_across, m_down, m_away = _times(m, across), _times(m, down), _times(m, away)
+    place = (
+        _dot(across, m_across), _dot(down, m_down), _dot(away, m_away),
+        _dot(across, m_down), _dot(across, m_away), _dot(down, m_away),
+    )  # fmt: skip
+    for k in range(3):
+        depth = view[6 + k]
+        out[k] = _bounded(
+            _form(place, view[k] - slope_x * depth, view[3 + k] - slope_y * depth, depth)
+        )
+
+
+@inlined
+def _colour(
+    mean: Array, sh: Array, view: Array, record: Array, m: Array,
+    out: Array, values: Array, weights: Array,
+) -> tuple[float, float, float]:  # fmt: skip
+    """Fill the squares of the coefficients; returns those of the position."""
+    dx, dy, dz = mean[0] - view[s.EYE], mean[1] - view[s.EYE + 1], mean[2] - view[s.EYE + 2]
+    length = math.sqrt(dx * dx + dy * dy + dz * dz)
+    x, y, z = dx / length, dy / length, dz / length
+    n = sh.shape[0]
+    basis(x, y, z, values, np.uint64(0), np.uint64(1), n)
+    by_x, by_y, by_z = 0.0, 0.0, 0.0
+    for c in range(3):
+        worth = m[COLOUR] if record[p.RED + c] > 0 else 0.0
+        for k in range(n):
+            out[k, c] = values[k] * values[k] * worth
+            weights[k] = sh[k, c]
+        gx, gy, gz = basis_gradient(x, y, z, weights, n)
+        along = gx * x + gy * y + gz * z
+        per_length = worth / (length * length)
+        by_x += per_length * (gx - along * x) ** 2
+        by_y += per_length * (gy - along * y) ** 2
+        by_z += per_length * (gz - along * z) ** 2
+    return by_x, by_y, by_z
+
+
+@parallel_kernel
+def project_squares(
+    means: Array, quats: Array, opacity_logits: Array, sh: Array, active: Array,
+    view: Array, antialiased: bool, records: Array, status: Array, moments: Array, by: float,
+    s_means: Array, s_quats: Array, s_log_scales: Array, s_opacity_logits: Array, s_sh: Array,
+    n_workers: int,
+) -> None:  # fmt: skip
+    """Add the squared changes of a picture with the parameters of N splats, divided by a number.
+
+    Arguments, several to a line:
+        means, quats, opacity_logits, sh: parameters before activation.
+        active: `Activated.active`.
+        view, antialiased, records, status: as `projection.project` has them.
+        moments: (N, WIDTH) of the splats.
+        by: what squares are divided by.
+        s_means, s_quats, s_log_scales, s_opacity_logits, s_sh: added to.
+        n_workers: splats are dealt out to so many.
+    """
+    n, each = len(means), 1.0 / by
+    for worker in prange(n_workers):
+        values, weights, own = np.empty(16), np.empty(16), np.empty(10)
+        of_sh = np.empty(sh.shape[1:])
+        for i in range(worker * n // n_workers, (worker + 1) * n // n_workers):
+            m = moments[i]
+            if status[i] != p.DRAWN or not m[COLOUR] > 0.0:
+                continue
+            _place_and_shape(means[i], quats[i], active[i], view, antialiased, records[i], m, own)
+            colour = _colour(means[i], sh[i], view, records[i], m, of_sh, values, weights)
+            slope = opacity_of(-np.float64(opacity_logits[i]))
+            s_opacity_logits[i] += _bounded(m[0] * slope * slope) * each
+            for c in range(3):
+                s_means[i, c] += _bounded(own[c] + colour[c]) * each
+                s_log_scales[i, c] += own[7 + c] * each
+            for c in range(4):
+                s_quats[i, c] += own[3 + c] * each
+            for k in range(sh.shape[1]):
+                for c in range(3):
+                    s_sh[i, k, c] += of_sh[k, c] * each
