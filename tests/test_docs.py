@@ -47,7 +47,7 @@ def test_the_examples_of_the_page_on_cuts_run(tmp_path, monkeypatch):
     found = blocks((ROOT / "docs" / "choosing-a-cut.md").read_text(encoding="utf-8"), "python")
     assert len(found) == 6
     monkeypatch.chdir(tmp_path)
-    write_ply(tmp_path / "scene.ply", make_scene(3000))
+    write_ply(tmp_path / "scene.ply", make_scene(3000, 4))
     assert evogs(["encode", "scene.ply", "scene.evogs", "--tiles", "4", "--levels", "5"]) == 0
     names: dict[str, Any] = {}
     exec(compile("\n".join(found), "docs/choosing-a-cut.md", "exec"), names)

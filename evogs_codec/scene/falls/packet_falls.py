@@ -92,7 +92,7 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
             return found
     least = PACKET_FALL_DB if request.is_plain or is_many else FALL_DB
     first, fall = _with_least_fall(found, views, least)
-    best, others = first, _others(found, request)
+    best, others = first, _others(found, request) if fall > least else []
     for k, of_other in enumerate(others):
         other = of_other()
         if fall <= _may_stay(k, other, request, is_many=is_many):
