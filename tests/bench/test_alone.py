@@ -15,7 +15,7 @@ pytestmark = pytest.mark.thorough
 
 
 def test_the_splats_alone_have_the_psnr_of_the_stream():
-    scene = make_scene(5000)
+    scene = make_scene(6000)
     with views_of(SMALL):
         views = Views(scene, cameras_around(scene, "z", SMALL, n=24))
         subject = Subject.of_tree("small", lift(scene, 3), PRESETS["scene"], views)
