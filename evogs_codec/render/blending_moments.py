@@ -1,10 +1,10 @@
 """Back to front over the pixels of tiles: how much each splat changes the pixels that it is in.
 
-Where log alpha of a splat changes by a polynomial f of its own coordinates, the squared change of
-the picture is a sum over pixels of h f^2, with h that of log alpha alone. With d and down as in
-`projection`, f has the terms 1, d, down, d^2, d down, down^2 (`projection_squares`). So the moments
-of h up to the fourth degree are all that has to be known: `MOMENTS`, and the sum of the squared
-changes of one colour.
+log2 alpha of a splat at a pixel is LOG_OPACITY - d^2 - down^2 (`projection`), with
+d = WEIGHT (dx - SLOPE dy) and down = sqrt(CURVE) dy. h is the squared change of the pixel, summed
+over R G B, with the natural logarithm of alpha. A parameter changes that logarithm by a polynomial
+f(d, down) of degree 2. So the squared change of the picture with the parameter is the sum of h f^2
+over pixels. It needs the moments of h up to degree 4: the sums of h d^i down^j.
 
 As in `blending_gradient`, every entry of a list gets a row of its own.
 """
@@ -44,7 +44,7 @@ __all__ = ["COLOUR", "MOMENTS", "WIDTH", "blend_moments"]
 
 Array = npt.NDArray[Any]
 
-# Powers of d and of down; by rows of d they are filled in this order.
+# Exponents (i, j) of each moment. `_unblend_tile` fills them in this order.
 MOMENTS = (
     (0, 0), (0, 1), (0, 2), (0, 3), (0, 4),
     (1, 0), (1, 1), (1, 2), (1, 3),
@@ -52,9 +52,10 @@ MOMENTS = (
     (3, 0), (3, 1),
     (4, 0),
 )  # fmt: skip
-COLOUR = len(MOMENTS)  # the squared change of the picture with one colour
+COLOUR = len(MOMENTS)  # sum over pixels of the squared change with one of R, G, B
 WIDTH = COLOUR + 1
 DEGREE = 4
+_MAX_CHANGE = 1e24  # of a pixel, squared: sums of its moments are finite in float32
 
 _LANES = np.uint64(SIDE)
 # Groups of a row: transmittance behind the splat; the colour that lies behind it; position of the
@@ -101,8 +102,8 @@ def _unblend_row(
         state[i + _GREEN] = behind_green + part * green
         state[i + _BLUE] = behind_blue + part * blue
         shown = state[i + _SHOWN]
-        h = shown * (by_red * by_red + by_green * by_green + by_blue * by_blue)
-        h = h if reached < alpha_max else real(0)
+        h = min(by_red * by_red + by_green * by_green + by_blue * by_blue, real(_MAX_CHANGE))
+        h = shown * h if reached < alpha_max else real(0)
         h_d = h * d
         h_dd = h_d * d
         sum_0 += h

@@ -72,9 +72,10 @@ def gradients(drawing: Drawing, splats: Splats, image_gradient: Real) -> Gradien
 def add_squared_gradients(
     totals: Sequence[Real], drawing: Drawing, splats: Splats, shown: Real | None = None
 ) -> None:
-    """Add the mean squared change of a picture to the squared change of each number, to totals.
+    """Add to totals, for each number of the splats, the mean squared derivative of the picture.
 
-    That is the sum of the squared gradients of all numbers of the picture, over their number.
+    The mean is over pixels and R G B. Of a moved splat, changes by its colour and by its place are
+    squared apart.
 
     Args:
         totals: means, quats, log_scales, opacity_logits and sh, added to; shaped like those of
@@ -88,6 +89,8 @@ def add_squared_gradients(
     """
     _expect_drawn(drawing, splats)
     image = drawing.image
+    if shown is not None and shown.shape != image.shape[:2]:
+        raise ValueError(f"shown of shape {shown.shape}, {image.shape[:2]} expected")
     seen = np.ones(image.shape[:2]) if shown is None else shown
     moments = np.zeros((len(splats.means), WIDTH), image.dtype)
     _back_to_front(blend_moments, drawing, np.ascontiguousarray(seen, image.dtype), moments)

@@ -1,10 +1,11 @@
-"""From the moments of a splat to how much its parameters change the picture, squared.
+"""Squared changes of the picture with the parameters of a splat, from its moments.
 
 A parameter changes the logarithm of alpha by a polynomial of the terms 1, d, down, d^2, d down,
-down^2 (`blending_moments`); (6,) its coefficients. The squared change of the picture is a quadratic
-form of these, whose matrix has the moments. All is exact but for one thing: what a moved splat
-changes by its colour, which depends on where it is seen from, is added as if it were in other
-pixels than what it changes by its place.
+down^2 (`blending_moments`). With its coefficients f, (6,), the squared change of the picture is
+f^T M f. M[i, j] is the moment of the product of terms i and j.
+
+A moved splat also changes its colour, which depends on the direction. The two changes are squared
+apart and added; twice their product is left out. All else is exact.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ _MAX_SQUARE = 1e36  # float32 still adds some of these up
 
 @inlined
 def _bounded(value: float) -> float:
-    """A square, or the nearest number from 0 on that can be added up."""
+    """`value` within 0.._MAX_SQUARE; NaN gives 0."""
     return min(value, _MAX_SQUARE) if value > 0.0 else 0.0
 
 
@@ -75,15 +76,18 @@ def _even_dot(f: Numbers, g: Numbers) -> float:
 def _of_covariance(xx: float, xy: float, yy: float, shape: Numbers) -> Numbers:
     """The even polynomial of a change of the covariance on the screen.
 
-    `shape`: a, c and the slope of the splat, the weight of d over that of down, and of the three
-    changes what they add to the logarithm of the opacity.
+    `shape`: WEIGHT^2 and CURVE without the factor of the binary logarithm, SLOPE,
+    WEIGHT / sqrt(CURVE), and the derivatives of the logarithm of the opacity to xx, xy and yy.
+
+    Returns:
+        (4,) coefficients of 1, d^2, d down and down^2.
     """
     a, c, slope, ratio, by_xx, by_xy, by_yy = shape
     log_a = a * (2 * slope * xy - xx - slope * slope * yy)
     log_c = -c * yy
-    turn = c * (xy - slope * yy)
+    d_slope = c * (xy - slope * yy)
     opacity = by_xx * xx + by_xy * xy + by_yy * yy
-    return opacity, -_LN2 * log_a, 2 * _LN2 * ratio * turn, -_LN2 * log_c
+    return opacity, -_LN2 * log_a, 2 * _LN2 * ratio * d_slope, -_LN2 * log_c
 
 
 @inlined
@@ -98,7 +102,7 @@ def _place_and_shape(
     mean: Array, quat: Array, active: Array, view: Array, antialiased: bool, record: Array,
     m: Array, out: Array,
 ) -> None:  # fmt: skip
-    """Fill the squares of the position, the quaternion and the logarithms of the sizes: (10,)."""
+    """Fill (10,): squares of the position 0..2, the quaternion 3..6, the log sizes 7..9."""
     x, y, z = s.to_camera(view, mean[0], mean[1], mean[2])
     w, r = s.world_to_screen(view, x, y, z), active
     u = s.half_axes(w, active)
@@ -118,8 +122,8 @@ def _place_and_shape(
         f = _of_covariance(2 * u[k] * u[k], 2 * u[k] * u[3 + k], 2 * u[3 + k] * u[3 + k], shape)
         out[7 + k] = _bounded(_even_dot(f, _even_times(m, f)))
 
-    # A turn about axis k, with i and j the others, by (s_i^2 - s_j^2) (w_i w_j^T + w_j w_i^T), w of
-    # size 1; the quaternion turns about all three.
+    # Columns (p_k, q_k) of J R R(q). A turn about axis k adds (s_i^2 - s_j^2) times column i times
+    # column j transposed, and its transpose. The quaternion turns about all three axes.
     s0, s1, s2 = active[SCALE], active[SCALE + 1], active[SCALE + 2]
     p0 = w[0] * r[0] + w[1] * r[3] + w[2] * r[6]
     p1 = w[0] * r[1] + w[1] * r[4] + w[2] * r[7]
@@ -145,8 +149,8 @@ def _place_and_shape(
     out[5] = _bounded(_form(turns, qz * twice, qw * twice, -qx * twice))
     out[6] = _bounded(_form(turns, -qy * twice, qx * twice, qw * twice))
 
-    # Of the place in the camera: across, down, and away along the ray. The centre sees the slopes
-    # as they are, J only where they are not clamped.
+    # One unit across, one down, one away along the ray. The centre moves by the slopes as they are,
+    # J by the clamped ones: a clamped slope adds nothing to J.
     slope_x, slope_y = x / z, y / z
     is_x = view[s.LEFT] < slope_x < view[s.RIGHT]
     is_y = view[s.TOP] < slope_y < view[s.BOTTOM]
@@ -181,7 +185,7 @@ def _colour(
     mean: Array, sh: Array, view: Array, record: Array, m: Array,
     out: Array, values: Array, weights: Array,
 ) -> tuple[float, float, float]:  # fmt: skip
-    """Fill the squares of the coefficients; returns those of the position."""
+    """Fill the squares of the coefficients, (K, 3); returns those of the position."""
     dx, dy, dz = mean[0] - view[s.EYE], mean[1] - view[s.EYE + 1], mean[2] - view[s.EYE + 2]
     length = math.sqrt(dx * dx + dy * dy + dz * dz)
     x, y, z = dx / length, dy / length, dz / length

@@ -36,7 +36,7 @@ I16 = npt.NDArray[np.int16]
 I32 = npt.NDArray[np.int32]
 I64 = npt.NDArray[np.int64]
 
-CHUNK = 1 << 22  # entries of one chunk: 16 MB of lists, 150 MB of gradients
+CHUNK = 1 << 22  # entries of one chunk: 16 MB of lists, 150 MB of gradients, 270 MB of moments
 _AHEAD = 32  # splats of an order from one whose span is asked for to the one that is counted
 _MIN_BLOCK = 2048  # splats that are worth a thread
 _MAX_BLOCKS = 16  # each counts all tiles: 2 MB of a picture of 8192 x 8192 pixels

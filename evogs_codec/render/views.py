@@ -179,7 +179,7 @@ class Views:
     def sensitivity(self, splats: SplatParams) -> F32:
         """(D, N) mean squared change of the pictures to the squared change of each number.
 
-        One backward pass per view tells that of every number of every splat.
+        Each view takes one backward pass, whatever the number of splats.
         """
         return self._sensitivity(splats, self._weighing.cameras)[0]
 

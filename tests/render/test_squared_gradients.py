@@ -102,7 +102,7 @@ def test_those_of_an_extreme_splat_are_finite(name, antialiased):
         assert of_one.min() >= 0, name
 
 
-def test_a_splat_without_size_turns_and_changes_nothing():
+def test_a_splat_of_size_zero_is_worth_what_a_thin_one_is():
     flat = scenes.row(log_scale=(-1, -1, -1000))
     found = squares(scenes.as_float64(flat), scenes.facing())
     thin = squares(scenes.as_float64(scenes.row(log_scale=(-1, -1, -40))), scenes.facing())
@@ -116,6 +116,41 @@ def test_a_splat_that_is_not_seen_has_none():
         assert not of_one.any()
     for of_one in squares(scenes.row(), scenes.facing(), shown=np.zeros((32, 48))).values():
         assert not of_one.any()
+
+
+def test_what_is_behind_a_splat_may_be_as_bright_as_float32_goes():
+    front = scenes.row(mean=(0, 0, 2), quat=(1, 0.2, 0.3, 0.4), log_scale=(-2, -2.5, -3), logit=0.0)
+    behind = scenes.row(mean=(0, 0, 3), log_scale=(-1, -1, -1), colour=1e21)
+    both = scenes.joined(front, behind)
+    for name, found in squares(both, scenes.facing(), dtype=np.float32).items():
+        assert np.isfinite(found).all()
+        assert found[0].max() > 0, name
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_where_place_changes_nothing_positions_are_worth_what_their_colour_is(degree):
+    splats = scenes.as_float64(scenes.ball(6, 3, degree=degree))
+    splats.log_scales[:], splats.opacity_logits[:] = 12, -1.5
+    camera = scenes.camera(8, 6)
+    expected = one_by_one(splats, camera, DEFAULT, np.ones((6, 8)))["means"]
+    assert expected.max() > 0
+    np.testing.assert_allclose(squares(splats, camera)["means"], expected, 1e-9)
+
+
+def test_a_veil_of_another_shape_is_refused():
+    drawing = draw(scenes.row(), scenes.facing())
+    totals = [np.zeros(getattr(scenes.row(), name).shape, np.float32) for name in scenes.FIELDS]
+    with pytest.raises(ValueError, match=r"shown of shape \(48, 32\)"):
+        add_squared_gradients(totals, drawing, scenes.row(), np.ones((48, 32)))
+
+
+def test_they_are_added_to_totals():
+    once = squares(scenes.row(), scenes.facing(), dtype=np.float32)
+    totals = [np.ones_like(one) for one in once.values()]
+    drawing = draw(scenes.row(), scenes.facing(), BACKGROUND)
+    add_squared_gradients(totals, drawing, scenes.row())
+    for total, one in zip(totals, once.values(), strict=True):
+        np.testing.assert_allclose(total, 1 + one, 1e-6)
 
 
 def test_a_drawing_of_other_splats_is_refused():
