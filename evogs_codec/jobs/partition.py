@@ -44,7 +44,7 @@ SPLATS_OF_STAND_IN = 16  # splats of a tile for which one stands in the views of
 MAX_STEPS = 1 << 23  # across a tile at most: a stream stores up to 2**23 of an add, either way
 STEP_OF_SIZE = 0.1  # of the size of the smallest splats is a step of positions
 # A tile is halved for its width only while it has this part of `per_tile` splats, one in so many.
-MIN_OF_HALVED = 64
+MIN_OF_HALVED = 48
 MAX_LOG_SIZE = 700.0  # of a size: its exponential is a number
 MAX_CROWDED = 4  # times the splats that a tile was to have: more are refused
 # Of the logarithms of the sizes of splats: lowest, highest, width of a bin.
@@ -254,7 +254,10 @@ def partition(
     n_tiles = max(1, -(-n // per_tile))
     tree = Tree.of(sample, n_tiles)
     reach = _reach(tree, sample, sizes)
-    tree = Tree.of(sample, n_tiles, reach, len(sample) * per_tile // (MIN_OF_HALVED * max(n, 1)))
+    least = len(sample) * per_tile // (MIN_OF_HALVED * max(n, 1))
+    # All tiles share a step: none has to be narrower than one that is not halved any more.
+    reach = max(reach, _width(Tree.of(sample, n_tiles, reach, least), sample))
+    tree = Tree.of(sample, n_tiles, reach, least)
     tally = _Tally(tree.n_tiles)
     done = 0
     for tile in range(tree.n_tiles):
@@ -348,6 +351,14 @@ def _reach(tree: Tree, sample: F64, sizes: F32) -> float:
     medians = [np.median(sizes[tiles == tile]) for tile in np.unique(tiles)]
     smallest = min(map(float, medians), default=0.0)
     return MAX_STEPS * STEP_OF_SIZE * math.exp(min(smallest, MAX_LOG_SIZE))
+
+
+def _width(tree: Tree, sample: F64) -> float:
+    """Of the widest tile, by a sample (n, 3)."""
+    tiles = tree.tile_of(sample)
+    order = np.argsort(tiles, kind="stable")
+    parts = np.split(sample[order], np.flatnonzero(np.diff(tiles[order])) + 1)
+    return max((float(np.ptp(part, axis=0).max()) for part in parts if len(part)), default=0.0)
 
 
 def _hash(means: F64) -> npt.NDArray[np.uint64]:

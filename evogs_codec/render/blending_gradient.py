@@ -37,7 +37,7 @@ from evogs_codec.render.compiled import (
 )
 from evogs_codec.render.spans import SIDE
 
-__all__ = ["ENTRY", "add_up", "blend_gradient"]
+__all__ = ["ENTRY", "add_up", "begin_tile", "blend_gradient"]
 
 Array = npt.NDArray[Any]
 
@@ -47,15 +47,40 @@ _LN2 = math.log(2.0)
 _2LN2 = 2 * _LN2
 
 _LANES = np.uint64(SIDE)
-# Groups of a row: transmittance behind the splat; what lies behind it, in the direction of the
-# gradient; the gradient; position of the last splat the pixel took; number of the pixel.
-_T, _BEHIND, _GR, _GG, _GB, _LAST, _LANE = (np.uint64(SIDE * slot) for slot in range(7))
+# Groups of a row: transmittance behind the splat; position of the last splat the pixel took; number
+# of the pixel (`begin_tile`); what lies behind the splat, in the direction of the gradient; the
+# gradient.
+_T, _LAST, _LANE, _BEHIND, _GR, _GG, _GB = (np.uint64(SIDE * slot) for slot in range(7))
 _ROW = np.uint64(SIDE * 7)
 # Groups of the sums over rows, for each of the 16 columns of pixels.
 _S1, _S2, _S3, _S4, _S5, _S6, _S7, _S8 = (np.uint64(SIDE * k) for k in range(1, WIDTH))
 _STATE = SIDE * SIDE * 7
 _SUM_AHEAD = 32  # entries of a list from one whose sums are asked for to the one that is added
 _SUMS = SIDE * WIDTH
+
+
+@inlined
+def begin_tile(
+    state: Array, row_last: Array, x: int, y: int, transmittance: Array, last: Array
+) -> None:
+    """Begin behind all splats of a tile, whose first pixel is (x, y); its other groups are 0.
+
+    Arguments, several to a line:
+        state: (rows, groups, columns), out: groups 0 to 2 are transmittance, last splat and column.
+        row_last: (rows,), out: the last of the last splats of each row, -1 of none.
+        transmittance, last: (H, W) of the picture.
+    """
+    real = state.dtype.type
+    height, width = last.shape
+    state[:] = real(0)
+    row_last[:] = -1
+    for row in range(SIDE):
+        for lane in range(SIDE):
+            state[row, 1, lane], state[row, 2, lane] = real(-1), real(lane)
+            if y + row < height and x + lane < width:
+                state[row, 0, lane] = transmittance[y + row, x + lane]
+                state[row, 1, lane] = real(last[y + row, x + lane])
+                row_last[row] = max(row_last[row], last[y + row, x + lane])
 
 
 @row_kernel
@@ -184,22 +209,16 @@ def blend_gradient(
         for i in range(worker, len(order), n_workers):
             tile = first + order[i]
             x, y = tile % n_columns * SIDE, tile // n_columns * SIDE
-            state[:] = state.dtype.type(0)
-            row_last[:] = -1
-            for row in range(SIDE):
-                for lane in range(SIDE):
-                    at = row * 7 * SIDE + lane
-                    state[at + 5 * SIDE] = state.dtype.type(-1)
-                    state[at + 6 * SIDE] = state.dtype.type(lane)
-                    if y + row < height and x + lane < width:
-                        t = transmittance[y + row, x + lane]
-                        state[at] = t
-                        for c in range(3):
-                            g = gradient[y + row, x + lane, c]
-                            state[at + (2 + c) * SIDE] = g
-                            state[at + SIDE] += t * background[y + row, x + lane, c] * g
-                        state[at + 5 * SIDE] = state.dtype.type(last[y + row, x + lane])
-                        row_last[row] = max(row_last[row], last[y + row, x + lane])
+            pixels = state.reshape(SIDE, 7, SIDE)
+            begin_tile(pixels, row_last, x, y, transmittance, last)
+            for row in range(min(SIDE, height - y)):
+                for lane in range(min(SIDE, width - x)):
+                    for c in range(3):
+                        g = gradient[y + row, x + lane, c]
+                        pixels[row, 4 + c, lane] = g
+                        pixels[row, 3, lane] += (
+                            pixels[row, 0, lane] * background[y + row, x + lane, c] * g
+                        )
             _unblend_tile(
                 state, sums[worker], row_last, entries, offsets[order[i]], offsets[order[i] + 1],
                 records, rows, x, y, constants, out,

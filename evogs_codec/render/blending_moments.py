@@ -29,6 +29,7 @@ from evogs_codec.render.blending import (
     N_CONSTANTS,
     clip_halves,
 )
+from evogs_codec.render.blending_gradient import begin_tile
 from evogs_codec.render.compiled import (
     Scalar,
     exp2,
@@ -58,12 +59,12 @@ DEGREE = 4
 _MAX_CHANGE = 1e24  # of a pixel, squared: sums of its moments are finite in float32
 
 _LANES = np.uint64(SIDE)
-# Groups of a row: transmittance behind the splat; the colour that lies behind it; position of the
-# last splat the pixel took; number of the pixel; the square of how much of it is shown.
-_T, _RED, _GREEN, _BLUE, _LAST, _LANE, _SHOWN = (np.uint64(SIDE * slot) for slot in range(7))
-_WIDTH = SIDE * 7
-_ROW = np.uint64(_WIDTH)
-_STATE = SIDE * _WIDTH
+# Groups of a row: transmittance behind the splat; position of the last splat the pixel took; number
+# of the pixel (`begin_tile`); the colour that lies behind the splat; the square of how much of the
+# pixel is shown.
+_T, _LAST, _LANE, _RED, _GREEN, _BLUE, _SHOWN = (np.uint64(SIDE * slot) for slot in range(7))
+_ROW = np.uint64(SIDE * 7)
+_STATE = SIDE * SIDE * 7
 
 
 @row_kernel
@@ -182,21 +183,15 @@ def blend_moments(
         for i in range(worker, len(order), n_workers):
             tile = first + order[i]
             x, y = tile % n_columns * SIDE, tile // n_columns * SIDE
-            state[:] = state.dtype.type(0)
-            row_last[:] = -1
-            for row in range(SIDE):
-                for lane in range(SIDE):
-                    at = row * _WIDTH + lane
-                    state[at + 4 * SIDE] = state.dtype.type(-1)
-                    state[at + 5 * SIDE] = state.dtype.type(lane)
-                    if y + row < height and x + lane < width:
-                        t = transmittance[y + row, x + lane]
-                        state[at] = t
-                        for c in range(3):
-                            state[at + (1 + c) * SIDE] = t * background[y + row, x + lane, c]
-                        state[at + 4 * SIDE] = state.dtype.type(last[y + row, x + lane])
-                        state[at + 6 * SIDE] = shown[y + row, x + lane] ** 2
-                        row_last[row] = max(row_last[row], last[y + row, x + lane])
+            pixels = state.reshape(SIDE, 7, SIDE)
+            begin_tile(pixels, row_last, x, y, transmittance, last)
+            for row in range(min(SIDE, height - y)):
+                for lane in range(min(SIDE, width - x)):
+                    for c in range(3):
+                        pixels[row, 3 + c, lane] = (
+                            pixels[row, 0, lane] * background[y + row, x + lane, c]
+                        )
+                    pixels[row, 6, lane] = shown[y + row, x + lane] ** 2
             _unblend_tile(
                 state, row_last, entries, offsets[order[i]], offsets[order[i] + 1],
                 records, rows, x, y, constants, out,

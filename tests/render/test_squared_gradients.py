@@ -1,5 +1,6 @@
 """Squared changes of pictures: those of all gradients, number by number of the picture."""
 
+import numba
 import numpy as np
 import pytest
 
@@ -13,9 +14,9 @@ from tests.render.test_gradients import LOOKS
 from tests.render.test_traps import LONELY
 
 
-def squares(splats, camera, options=DEFAULT, dtype=np.float64, shown=None):
+def squares(splats, camera, options=DEFAULT, dtype=np.float64, shown=None, background=BACKGROUND):
     """By name, the mean squared change of the picture to that of each number."""
-    drawing = draw(splats, camera, BACKGROUND, options=options, dtype=dtype)
+    drawing = draw(splats, camera, background, options=options, dtype=dtype)
     totals = [np.zeros(getattr(splats, name).shape, dtype) for name in scenes.FIELDS]
     add_squared_gradients(totals, drawing, splats, shown)
     return dict(zip(scenes.FIELDS, totals, strict=True))
@@ -80,6 +81,30 @@ def test_needles_are_as_exact_as_others():
     exact = squares(scenes.as_float64(needle), camera)
     for name, found in squares(needle, camera, dtype=np.float32).items():
         np.testing.assert_allclose(found, exact[name], 1e-3, exact[name].max() * 1e-6)
+
+
+def test_they_are_the_same_for_any_number_of_threads():
+    splats, camera = scenes.ball(3000, 3), scenes.camera(150)
+    expected = squares(splats, camera, dtype=np.float32)
+    before = numba.get_num_threads()
+    try:
+        numba.set_num_threads(1)
+        single = squares(splats, camera, dtype=np.float32)
+    finally:
+        numba.set_num_threads(before)
+    for name, found in single.items():
+        np.testing.assert_array_equal(found, expected[name])
+
+
+def test_before_a_picture_they_are_those_of_its_colours():
+    splats = scenes.as_float64(scenes.ball(20, 3, size=0.15, degree=0))
+    camera = scenes.camera(14, 11)
+    grey = np.full((11, 14, 3), BACKGROUND)
+    one, other = (squares(splats, camera, background=behind) for behind in (BACKGROUND, grey))
+    for name, found in one.items():
+        np.testing.assert_allclose(found, other[name], 1e-12)
+    black = squares(splats, camera, background=(0.0, 0.0, 0.0))
+    assert not np.allclose(black["opacity_logits"], one["opacity_logits"])
 
 
 def test_in_any_number_of_chunks_they_are_the_same(monkeypatch):

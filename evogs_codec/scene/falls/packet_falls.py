@@ -234,6 +234,7 @@ def _without_worst(
     assert looks is not None, "there is no bound"
     empty: frozenset[PacketId] = frozenset()
     refused: list[frozenset[PacketId]] = []
+    without_order: Looks | None = None  # of which no better order was found
     n_orders, is_many = 0, found.tree.n_leaves > ALL_LOOK_UP_TO
     for _ in range(MAX_TRIES_OF_MANY if is_many else MAX_TRIES):
         if looks.fall <= least:
@@ -242,7 +243,8 @@ def _without_worst(
         some = _untried((looks.needless, *small), empty, refused)
         if some is None and n_orders < MAX_ORDERS:
             n_orders += 1
-            ordered = _in_order(found, looks, views)
+            ordered = None if looks is without_order else _in_order(found, looks, views)
+            without_order = looks
             if ordered is not None:
                 found, looks = ordered
                 continue
