@@ -39,37 +39,39 @@ def _bounded(value: float) -> float:
 
 
 @inlined
-def _times(m: Array, f: Numbers) -> Numbers:
-    """The matrix of the moments times the coefficients of a polynomial."""
-    return (
-        m[0] * f[0] + m[5] * f[1] + m[1] * f[2] + m[9] * f[3] + m[6] * f[4] + m[2] * f[5],
-        m[5] * f[0] + m[9] * f[1] + m[6] * f[2] + m[12] * f[3] + m[10] * f[4] + m[7] * f[5],
-        m[1] * f[0] + m[6] * f[1] + m[2] * f[2] + m[10] * f[3] + m[7] * f[4] + m[3] * f[5],
-        m[9] * f[0] + m[12] * f[1] + m[10] * f[2] + m[14] * f[3] + m[13] * f[4] + m[11] * f[5],
-        m[6] * f[0] + m[10] * f[1] + m[7] * f[2] + m[13] * f[3] + m[11] * f[4] + m[8] * f[5],
-        m[2] * f[0] + m[7] * f[1] + m[3] * f[2] + m[11] * f[3] + m[8] * f[4] + m[4] * f[5],
+def _square(m: Array, f: Numbers) -> float:
+    """f^T M f, of the coefficients (6,) of a polynomial; m (WIDTH,) are the moments."""
+    return _bounded(
+        f[0] * (m[0] * f[0] + 2 * (m[5] * f[1] + m[1] * f[2]))
+        + f[1] * (m[9] * f[1] + 2 * m[6] * f[2])
+        + f[2] * m[2] * f[2]
+        + 2 * f[3] * (m[9] * f[0] + m[12] * f[1] + m[10] * f[2] + m[13] * f[4] + m[11] * f[5])
+        + 2 * f[4] * (m[6] * f[0] + m[10] * f[1] + m[7] * f[2] + m[8] * f[5])
+        + 2 * f[5] * (m[2] * f[0] + m[7] * f[1] + m[3] * f[2])
+        + m[14] * f[3] * f[3] + m[11] * f[4] * f[4] + m[4] * f[5] * f[5]
+    )  # fmt: skip
+
+
+@inlined
+def _even_square(m: Array, f: Numbers) -> float:
+    """`_square` of an even polynomial, which has the terms 1, d^2, d down, down^2 alone: (4,)."""
+    return _bounded(
+        f[0] * (m[0] * f[0] + 2 * (m[9] * f[1] + m[6] * f[2] + m[2] * f[3]))
+        + f[1] * (m[14] * f[1] + 2 * (m[13] * f[2] + m[11] * f[3]))
+        + f[2] * (m[11] * f[2] + 2 * m[8] * f[3])
+        + m[4] * f[3] * f[3]
     )
 
 
 @inlined
-def _dot(f: Numbers, g: Numbers) -> float:
-    return f[0] * g[0] + f[1] * g[1] + f[2] * g[2] + f[3] * g[3] + f[4] * g[4] + f[5] * g[5]
-
-
-@inlined
-def _even_times(m: Array, f: Numbers) -> Numbers:
-    """`_times` of an even polynomial, which has the terms 1, d^2, d down, down^2 alone: (4,)."""
+def _sum(x: float, f: Numbers, y: float, g: Numbers, z: float, h: Numbers) -> Numbers:
+    """The sum x f + y g + z h of even polynomials."""
     return (
-        m[0] * f[0] + m[9] * f[1] + m[6] * f[2] + m[2] * f[3],
-        m[9] * f[0] + m[14] * f[1] + m[13] * f[2] + m[11] * f[3],
-        m[6] * f[0] + m[13] * f[1] + m[11] * f[2] + m[8] * f[3],
-        m[2] * f[0] + m[11] * f[1] + m[8] * f[2] + m[4] * f[3],
+        x * f[0] + y * g[0] + z * h[0],
+        x * f[1] + y * g[1] + z * h[1],
+        x * f[2] + y * g[2] + z * h[2],
+        x * f[3] + y * g[3] + z * h[3],
     )
-
-
-@inlined
-def _even_dot(f: Numbers, g: Numbers) -> float:
-    return f[0] * g[0] + f[1] * g[1] + f[2] * g[2] + f[3] * g[3]
 
 
 @inlined
@@ -91,10 +93,12 @@ def _of_covariance(xx: float, xy: float, yy: float, shape: Numbers) -> Numbers:
 
 
 @inlined
-def _form(products: Numbers, x: float, y: float, z: float) -> float:
-    """The squared change of x f + y g + z h, by f f, g g, h h, f g, f h and g h."""
-    ff, gg, hh, fg, fh, gh = products
-    return x * x * ff + y * y * gg + z * z * hh + 2 * (x * y * fg + x * z * fh + y * z * gh)
+def _turn(size_i: float, size_j: float, i: Numbers, j: Numbers, shape: Numbers) -> Numbers:
+    """The even polynomial of a turn about the third axis; i and j: columns of J R R(q), (2,)."""
+    by = size_i * size_i - size_j * size_j
+    return _of_covariance(
+        2 * by * i[0] * j[0], by * (i[0] * j[1] + j[0] * i[1]), 2 * by * i[1] * j[1], shape
+    )
 
 
 @inlined
@@ -119,65 +123,47 @@ def _place_and_shape(
 
     # A size k changes U U^T by 2 u_k u_k^T.
     for k in range(3):
-        f = _of_covariance(2 * u[k] * u[k], 2 * u[k] * u[3 + k], 2 * u[3 + k] * u[3 + k], shape)
-        out[7 + k] = _bounded(_even_dot(f, _even_times(m, f)))
+        size = _of_covariance(2 * u[k] * u[k], 2 * u[k] * u[3 + k], 2 * u[3 + k] * u[3 + k], shape)
+        out[7 + k] = _even_square(m, size)
 
-    # Columns (p_k, q_k) of J R R(q). A turn about axis k adds (s_i^2 - s_j^2) times column i times
-    # column j transposed, and its transpose. The quaternion turns about all three axes.
+    # Each number of the quaternion turns about all three axes.
     s0, s1, s2 = active[SCALE], active[SCALE + 1], active[SCALE + 2]
-    p0 = w[0] * r[0] + w[1] * r[3] + w[2] * r[6]
-    p1 = w[0] * r[1] + w[1] * r[4] + w[2] * r[7]
-    p2 = w[0] * r[2] + w[1] * r[5] + w[2] * r[8]
-    q0 = w[3] * r[0] + w[4] * r[3] + w[5] * r[6]
-    q1 = w[3] * r[1] + w[4] * r[4] + w[5] * r[7]
-    q2 = w[3] * r[2] + w[4] * r[5] + w[5] * r[8]
-    by_0, by_1, by_2 = s1 * s1 - s2 * s2, s2 * s2 - s0 * s0, s0 * s0 - s1 * s1
-    f = _of_covariance(2 * by_0 * p1 * p2, by_0 * (p1 * q2 + p2 * q1), 2 * by_0 * q1 * q2, shape)
-    g = _of_covariance(2 * by_1 * p2 * p0, by_1 * (p2 * q0 + p0 * q2), 2 * by_1 * q2 * q0, shape)
-    h = _of_covariance(2 * by_2 * p0 * p1, by_2 * (p0 * q1 + p1 * q0), 2 * by_2 * q0 * q1, shape)
-    m_f, m_g, m_h = _even_times(m, f), _even_times(m, g), _even_times(m, h)
-    turns = (
-        _even_dot(f, m_f), _even_dot(g, m_g), _even_dot(h, m_h),
-        _even_dot(f, m_g), _even_dot(f, m_h), _even_dot(g, m_h),
-    )  # fmt: skip
+    column_0 = (w[0] * r[0] + w[1] * r[3] + w[2] * r[6], w[3] * r[0] + w[4] * r[3] + w[5] * r[6])
+    column_1 = (w[0] * r[1] + w[1] * r[4] + w[2] * r[7], w[3] * r[1] + w[4] * r[4] + w[5] * r[7])
+    column_2 = (w[0] * r[2] + w[1] * r[5] + w[2] * r[8], w[3] * r[2] + w[4] * r[5] + w[5] * r[8])
+    turn_0 = _turn(s1, s2, column_1, column_2, shape)
+    turn_1 = _turn(s2, s0, column_2, column_0, shape)
+    turn_2 = _turn(s0, s1, column_0, column_1, shape)
     qw, qx, qy, qz, inverse = unit_quaternion(
         np.float64(quat[0]), np.float64(quat[1]), np.float64(quat[2]), np.float64(quat[3])
     )
-    twice = 2 * inverse
-    out[3] = _bounded(_form(turns, -qx * twice, -qy * twice, -qz * twice))
-    out[4] = _bounded(_form(turns, qw * twice, -qz * twice, qy * twice))
-    out[5] = _bounded(_form(turns, qz * twice, qw * twice, -qx * twice))
-    out[6] = _bounded(_form(turns, -qy * twice, qx * twice, qw * twice))
+    qw, qx, qy, qz = 2 * inverse * qw, 2 * inverse * qx, 2 * inverse * qy, 2 * inverse * qz
+    out[3] = _even_square(m, _sum(-qx, turn_0, -qy, turn_1, -qz, turn_2))
+    out[4] = _even_square(m, _sum(qw, turn_0, -qz, turn_1, qy, turn_2))
+    out[5] = _even_square(m, _sum(qz, turn_0, qw, turn_1, -qx, turn_2))
+    out[6] = _even_square(m, _sum(-qy, turn_0, qx, turn_1, qw, turn_2))
 
     # One unit across, one down, one away along the ray. The centre moves by the slopes as they are,
     # J by the clamped ones: a clamped slope adds nothing to J.
     slope_x, slope_y = x / z, y / z
-    is_x = view[s.LEFT] < slope_x < view[s.RIGHT]
-    is_y = view[s.TOP] < slope_y < view[s.BOTTOM]
     to_x, to_y = view[s.FX] / z, view[s.FY] / z
-    in_x, in_y = (to_x / z if is_x else 0.0), (to_y / z if is_y else 0.0)
+    in_x = to_x / z if view[s.LEFT] < slope_x < view[s.RIGHT] else 0.0
+    in_y = to_y / z if view[s.TOP] < slope_y < view[s.BOTTOM] else 0.0
     z0 = s0 * (view[6] * r[0] + view[7] * r[3] + view[8] * r[6])
     z1 = s1 * (view[6] * r[1] + view[7] * r[4] + view[8] * r[7])
     z2 = s2 * (view[6] * r[2] + view[7] * r[5] + view[8] * r[8])
     along_x = u[0] * z0 + u[1] * z1 + u[2] * z2
     along_y = u[3] * z0 + u[4] * z1 + u[5] * z2
-    f = _of_covariance(-2 * in_x * along_x, -in_x * along_y, 0.0, shape)
-    g = _of_covariance(0.0, -in_y * along_x, -2 * in_y * along_y, shape)
-    h = _of_covariance(-2 * own_xx / z, -2 * xy / z, -2 * own_yy / z, shape)
-    to_d, to_down = 2 * _LN2 * weight, 2 * _LN2 * curve
-    across = (f[0], to_d * to_x, 0.0, f[1], f[2], f[3])
-    down = (g[0], -to_d * slope * to_y, to_down * to_y, g[1], g[2], g[3])
-    away = (h[0], 0.0, 0.0, h[1], h[2], h[3])
-    m_across, m_down, m_away = _times(m, across), _times(m, down), _times(m, away)
-    place = (
-        _dot(across, m_across), _dot(down, m_down), _dot(away, m_away),
-        _dot(across, m_down), _dot(across, m_away), _dot(down, m_away),
-    )  # fmt: skip
+    across = _of_covariance(-2 * in_x * along_x, -in_x * along_y, 0.0, shape)
+    down = _of_covariance(0.0, -in_y * along_x, -2 * in_y * along_y, shape)
+    away = _of_covariance(-2 * own_xx / z, -2 * xy / z, -2 * own_yy / z, shape)
     for k in range(3):
         depth = view[6 + k]
-        out[k] = _bounded(
-            _form(place, view[k] - slope_x * depth, view[3 + k] - slope_y * depth, depth)
-        )
+        to_right, to_bottom = view[k] - slope_x * depth, view[3 + k] - slope_y * depth
+        even = _sum(to_right, across, to_bottom, down, depth, away)
+        to_d = 2 * _LN2 * weight * (to_right * to_x - slope * to_bottom * to_y)
+        to_down = 2 * _LN2 * curve * to_bottom * to_y
+        out[k] = _square(m, (even[0], to_d, to_down, even[1], even[2], even[3]))
 
 
 @inlined
