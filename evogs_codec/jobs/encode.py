@@ -24,7 +24,6 @@ from evogs_codec.jobs.merge import merge
 from evogs_codec.jobs.partition import (
     PER_TILE,
     Partition,
-    Split,
     drawn_of,
     panes_of,
     rows_of,
@@ -36,6 +35,7 @@ from evogs_codec.jobs.plan import Plan, Survey, surveyed
 from evogs_codec.jobs.scratch import do_missing, identity_of, partitioned, scratch_folder
 from evogs_codec.jobs.stages import code_tile, draw_tile, survey_tile
 from evogs_codec.jobs.tile_job import TileJob
+from evogs_codec.jobs.tile_tree import Split
 from evogs_codec.jobs.up import up_of_tiles
 from evogs_codec.jobs.weighed import Weighed
 from evogs_codec.lifting.lift import default_levels
@@ -163,8 +163,7 @@ class _Run:
         plan = Plan.of(self.partition, surveys, self._n_levels, info, has_palette=has_palette)
         tiles = np.flatnonzero(self.partition.counts).tolist()
         while True:
-            name = "_".join(map(str, plan.exponents))
-            parts = [self.folder / f"{tile:06d}.{name}.evogs" for tile in tiles]
+            parts = [self.folder / f"{tile:06d}.{plan.name}.evogs" for tile in tiles]
             calls: list[Call] = [
                 (self._job(tile), plan, str(path)) for tile, path in zip(tiles, parts, strict=True)
             ]
@@ -175,9 +174,9 @@ class _Run:
                 try:
                     entries = self._entries(plan, parts)
                 except TooFineError as error:
-                    too_fine = error.group
+                    too_fine = error
             if too_fine is None:
-                warn_if_coarser(plan.grid((0,) * plan.steps.shape[1]), plan.steps, plan.settings)
+                warn_if_coarser(plan.grid(np.zeros_like(plan.raised)), plan.steps, plan.settings)
                 return parts, entries
             plan = plan.with_less_of(too_fine)
 
@@ -224,7 +223,9 @@ class _Run:
         self._do("encode", number_picks, calls)
         return entries
 
-    def _do(self, stage: str, function: Callable[..., Any], calls: Sequence[Call]) -> int | None:
+    def _do(
+        self, stage: str, function: Callable[..., Any], calls: Sequence[Call]
+    ) -> TooFineError | None:
         workers = Workers(Engine("serial")) if self._is_alone else self.workers
         return do_missing(workers, function, calls, self.report, stage)
 

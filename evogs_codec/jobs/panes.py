@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from evogs_codec.io.files import write_atomic
-from evogs_codec.jobs.partition import Split
 from evogs_codec.jobs.scratch_files import arrays_of
+from evogs_codec.jobs.tile_tree import Split
 from evogs_codec.model.splats import F32, I64, SplatParams
 
 if TYPE_CHECKING:

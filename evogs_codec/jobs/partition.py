@@ -1,7 +1,8 @@
 """Partition: splats into tiles of about the same number, out of core and whatever their order.
 
-A k-d tree over a sample of the positions says which tile a position is in. What is in the sample is
-decided by a hash of the position, so that the tiles are the same in whatever order the splats come.
+A k-d tree (`tile_tree`) over a sample of the positions says which tile each is in. What is in the
+sample is decided by a hash of the position, so that tiles are the same in whatever order splats
+come.
 
 Letters: n points, T tiles.
 """
@@ -11,7 +12,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,7 @@ from evogs_codec.common.progress import Progress
 from evogs_codec.errors import InputError
 from evogs_codec.jobs.blocks import SplatFiles
 from evogs_codec.jobs.distinct import Distinct
+from evogs_codec.jobs.tile_tree import Tree
 from evogs_codec.model.channels import GROUP_CHANNELS, N_GROUPS
 from evogs_codec.model.splats import F32, F64, I64
 
@@ -27,8 +28,6 @@ __all__ = [
     "PER_TILE",
     "SPLATS_OF_STAND_IN",
     "Partition",
-    "Split",
-    "Tree",
     "drawn_of",
     "panes_of",
     "partition",
@@ -39,9 +38,8 @@ __all__ = [
 
 PER_TILE = 1 << 17  # splats: a job takes some 300 MiB
 N_SAMPLED = 1 << 19  # positions
-MAX_BLOCK = 8  # tiles of a neighbourhood at most
 SPLATS_OF_STAND_IN = 16  # splats of a tile for which one stands in the views of its neighbours
-MAX_STEPS = 1 << 23  # across a tile at most: a stream stores up to 2**23 of an add, either way
+MAX_STEPS = 1 << 26  # across a tile at most: in the middle of what a stream holds, 2**28
 STEP_OF_SIZE = 0.1  # of the size of the smallest splats is a step of positions
 # A tile is halved for its width only while it has this part of `per_tile` splats, one in so many.
 MIN_OF_HALVED = 48
@@ -49,127 +47,6 @@ MAX_LOG_SIZE = 700.0  # of a size: its exponential is a number
 MAX_CROWDED = 4  # times the splats that a tile was to have: more are refused
 # Of the logarithms of the sizes of splats: lowest, highest, width of a bin.
 SIZE_BINS = (-40.0, 40.0, 0.25)
-
-
-# Of a tree: the number of a tile; or an axis, the value below which positions are in the first of
-# two parts, and these.
-Split: TypeAlias = "int | tuple[int, float, Split, Split]"
-
-
-@dataclass(frozen=True, eq=False)
-class Tree:
-    """A k-d tree.
-
-    Attributes:
-        axis: (M,) of every node, -1 of a leaf.
-        value: (M,) positions below it are left.
-        child: (M,) the left child, before the right one; of a leaf the number of its tile.
-        origins: (T, 3) a point in the middle of each tile, multiples of a power of two.
-        blocks: (T,) number of the neighbourhood of each tile; those of one are next to each other.
-    """
-
-    axis: npt.NDArray[np.int8]
-    value: F64
-    child: I64
-    origins: F64
-    blocks: I64
-
-    @staticmethod
-    def of(sample: F64, n_tiles: int, reach: float = np.inf, least: int = 1) -> Tree:
-        """Over a sample (n, 3) of the points, each tile with about as many of them.
-
-        Args:
-            sample: of the points.
-            n_tiles: tiles wanted.
-            reach: a tile that is wider is halved, as long as it has more than `least` points of
-                the sample.
-            least: points.
-        """
-        axis, value, child = [-1], [0.0], [0]
-        middles: list[F64] = []
-        blocks: list[int] = []
-        n_blocks = 0
-        todo = [(0, sample, n_tiles, False)]
-        while todo:
-            node, points, n, is_inside = todo.pop()
-            n_blocks += n <= MAX_BLOCK and not is_inside
-            is_inside = n <= MAX_BLOCK
-            split = _split(points, n) if n > 1 else _halves(points, reach, least)
-            if split is None:
-                child[node] = len(middles)
-                low = points.min(axis=0) if len(points) else np.zeros(3)
-                high = points.max(axis=0) if len(points) else np.zeros(3)
-                middles.append((low + high) / 2)
-                blocks.append(n_blocks)
-                continue
-            axis[node], value[node] = split
-            child[node] = len(axis)
-            axis += [-1, -1]
-            value += [0.0, 0.0]
-            child += [0, 0]
-            is_left = points[:, axis[node]] < value[node]
-            todo.append((child[node] + 1, points[~is_left], max(n - n // 2, 1), is_inside))
-            todo.append((child[node], points[is_left], max(n // 2, 1), is_inside))
-        extent = float(np.ptp(sample, axis=0).max(initial=0.0)) if len(sample) else 0.0
-        quantum = 2.0 ** np.floor(np.log2(max(extent, 1e-30) / 2**16))
-        origins = np.rint(np.array(middles) / quantum) * quantum
-        return Tree(
-            np.array(axis, np.int8), np.array(value), np.array(child), origins, np.array(blocks)
-        )
-
-    @property
-    def n_tiles(self) -> int:
-        """T."""
-        return len(self.origins)
-
-    def neighbourhoods(self) -> dict[int, Split]:
-        """The part of the tree that each neighbourhood is, by its number."""
-        parts: dict[int, tuple[int, Split]] = {}
-        for node in reversed(range(len(self.axis))):  # children have higher numbers
-            first = int(self.child[node])
-            if self.axis[node] < 0:
-                parts[node] = int(self.blocks[first]), first
-            elif first in parts and first + 1 in parts and parts[first][0] == parts[first + 1][0]:
-                (block, left), (_, right) = parts.pop(first), parts.pop(first + 1)
-                parts[node] = block, (int(self.axis[node]), float(self.value[node]), left, right)
-        return dict(parts.values())
-
-    def tile_of(self, points: F64) -> I64:
-        """(n,) the tile of each point (n, 3)."""
-        node = np.zeros(len(points), np.int64)
-        inner = np.arange(len(points)) if self.axis[0] >= 0 else np.empty(0, np.int64)
-        while len(inner):
-            at = node[inner]
-            is_right = points[inner, self.axis[at]] >= self.value[at]
-            node[inner] = self.child[at] + is_right
-            inner = inner[self.axis[node[inner]] >= 0]
-        return self.child[node]
-
-
-def _split(points: F64, n_tiles: int) -> tuple[int, float] | None:
-    """Along the longest axis, in parts for n // 2 tiles and for the rest; None if in one place."""
-    if len(points) < 2:
-        return None
-    low, high = np.percentile(points, (2, 98), axis=0)
-    for axis in (int(np.argmax(high - low)), int(np.argmax(np.ptp(points, axis=0)))):
-        row = np.sort(points[:, axis])
-        value = float(row[len(row) * (n_tiles // 2) // n_tiles])
-        if value > row[0]:
-            return axis, value
-        above = row[row > row[0]]
-        if len(above):
-            return axis, float(above[0])
-    return None
-
-
-def _halves(points: F64, reach: float, least: int) -> tuple[int, float] | None:
-    """Along the longest axis in the middle, of points that are farther apart than they may be."""
-    if len(points) <= max(least, 1):
-        return None
-    wide = np.ptp(points, axis=0)
-    axis = int(np.argmax(wide))
-    middle = float(points[:, axis].min() + wide[axis] / 2)
-    return (axis, middle) if wide[axis] > reach and points[:, axis].min() < middle else None
 
 
 @dataclass(eq=False)
@@ -252,12 +129,12 @@ def partition(
     n = files.n_declared
     sample, sizes = _sample(files, n, report)
     n_tiles = max(1, -(-n // per_tile))
-    tree = Tree.of(sample, n_tiles)
-    reach = _reach(tree, sample, sizes)
     least = len(sample) * per_tile // (MIN_OF_HALVED * max(n, 1))
+    tree = Tree.of(sample, n_tiles, sizes, least=least)
+    reach = _reach(tree, sample, sizes)
     # All tiles share a step: none has to be narrower than one that is not halved any more.
-    reach = max(reach, _width(Tree.of(sample, n_tiles, reach, least), sample))
-    tree = Tree.of(sample, n_tiles, reach, least)
+    reach = max(reach, _width(Tree.of(sample, n_tiles, sizes, reach, least), sample))
+    tree = Tree.of(sample, n_tiles, sizes, reach, least)
     tally = _Tally(tree.n_tiles)
     done = 0
     for tile in range(tree.n_tiles):

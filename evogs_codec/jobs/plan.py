@@ -8,6 +8,7 @@ Letters: K classes (spec 3.2), L levels with those of layers, T tiles.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from evogs_codec.encoding.alpha_tables import tables_of
-from evogs_codec.encoding.grids import Grid, grid_exponents, with_fewer_units
+from evogs_codec.encoding.grids import Grid, TooFineError, grid_exponents, with_fewer_units
 from evogs_codec.encoding.late_level import gains_little
 from evogs_codec.encoding.layers import in_odd_numbers
 from evogs_codec.encoding.ranges import Ranges
@@ -39,6 +40,7 @@ MIN_SHARE = 1 / 8  # of the splats of the largest tile: fewer do not decide the 
 TIMES_ALIKE = 2.0  # times the size of splats in another tile: hardly larger
 RANGE_ROOM = 2.0  # times the largest number of a splat: parents and errors of coarse levels
 MAX_SHIFT = 20
+MAX_ADD = 0.99 * (1 << 23)  # steps of an add, which has 24 bits
 # Of the size of its splats is the step of the positions of a tile: moved by a tenth.
 STEP_OF_SIZE = 0.2
 
@@ -144,7 +146,9 @@ class Plan:
         n_levels: with those of layers.
         exponents: of the grids.
         steps: (1 + L, K) scene units.
-        quantisers: nearest to the steps.
+        quantisers: nearest to the steps, once they are raised.
+        raised: (1 + L, K) powers of two by which steps are coarser, since a tile has numbers that
+            24 bits do not hold otherwise. What they are off, later steps correct.
         alpha: tables per (level, group).
         settings: how tiles are quantised.
         is_late: the last level of the tree of a tile comes late.
@@ -157,6 +161,7 @@ class Plan:
     exponents: tuple[int, ...]
     steps: F64
     quantisers: tuple[tuple[Quantiser, ...], ...]
+    raised: I64
     alpha: dict[tuple[int, int], AlphaTable]
     settings: Settings
     is_late: bool = False
@@ -211,6 +216,7 @@ class Plan:
             exponents=grid_exponents(settings, ranges, steps),
             steps=steps,
             quantisers=(),
+            raised=_raised(steps, float(partition.largest[0])),
             alpha=tables_of(pooled, settings),
             settings=settings,
             is_late=is_late,
@@ -218,41 +224,50 @@ class Plan:
         )
         return plan._with_quantisers()
 
-    def with_less_of(self, group: int) -> Plan:
-        """The plan with a grid of half as many units for a group.
+    @property
+    def name(self) -> str:
+        """Of what may change until all tiles fit: grids, and what steps are raised by."""
+        raised = [int(power) for power in self.raised.ravel()] if self.raised.any() else []
+        return "_".join(map(str, [*self.exponents, *raised]))
+
+    def with_less_of(self, error: TooFineError) -> Plan:
+        """The plan for tiles of which one has a number that is too large.
+
+        A row of steps is raised; or the grid of a group has half as many units.
 
         Raises:
-            NotRepresentableError: there is none.
+            NotRepresentableError: there is no such grid.
         """
-        return replace(self, exponents=with_fewer_units(self.exponents, group))._with_quantisers()
+        if error.row is None:
+            exponents = with_fewer_units(self.exponents, error.group)
+            return replace(self, exponents=exponents)._with_quantisers()
+        raised = self.raised.copy()
+        for kind, times in error.times.items():
+            raised[error.row, kind] += math.ceil(math.log2(times))
+        return replace(self, raised=raised)._with_quantisers()
 
-    def coarser(self, steps: F64) -> tuple[int, ...]:
-        """Per class, the power of two by which a tile that has these steps has coarser ones.
+    def coarser(self, steps: F64) -> I64:
+        """(1 + L, K) powers of two by which a tile that has these steps has coarser ones.
 
-        The last steps decide how exact leaves are. A grid may have them coarser than the plan.
+        They are beside those of the quantisers, which a grid may have coarser than the plan.
         """
-        ratio = np.log2(np.maximum(steps, 1e-300) / self.steps)
-        middle, last = np.median(ratio, axis=0), ratio[-1]
-        units = [
-            q.step * 2.0 ** -self.exponents[group_of_class(kind)]
-            for kind, q in enumerate(self.quantisers[-1])
-        ]
-        last[: len(units)] -= np.maximum(np.log2(units / self.steps[-1, : len(units)]), 0)
-        found = np.clip(np.rint(np.minimum(middle, last)), 0, MAX_SHIFT)
+        of_plan = self.steps.copy()
+        for kind, column in enumerate(zip(*self.quantisers, strict=True)):
+            unit = 2.0 ** -self.exponents[group_of_class(kind)]
+            of_plan[:, kind] = np.maximum(of_plan[:, kind], [q.step * unit for q in column])
+        ratio = np.log2(np.maximum(steps, 1e-300) / of_plan)
+        found: I64 = np.clip(np.rint(ratio), 0, MAX_SHIFT).astype(np.int64)
         if self.coarse is not None:
-            found[N_GROUPS:] = 0  # of entries, which are of all tiles
-        return tuple(int(shift) for shift in found)
+            found[:, N_GROUPS:] = 0  # of entries, which are of all tiles
+        return found
 
-    def grid(self, shifts: Sequence[int]) -> Grid:
-        """The grid of a tile whose steps are 2**shifts of those of the plan, per class."""
-        plain = self._grid()
+    def grid(self, shifts: I64) -> Grid:
+        """The grid of a tile whose steps are 2**shifts (1 + L, K) of those of the plan."""
         quantisers = tuple(
-            tuple(
-                Quantiser(q.mantissa, q.shift + shift) for q, shift in zip(row, shifts, strict=True)
-            )
-            for row in self.quantisers
+            tuple(Quantiser(q.mantissa, q.shift + shift) for q, shift in zip(row, own, strict=True))
+            for row, own in zip(self.quantisers, shifts.tolist(), strict=True)
         )
-        return replace(plain, quantisers=quantisers)
+        return replace(self._grid(), quantisers=quantisers)
 
     def coded(self, grid: Grid, tiles: Sequence[CodedTile]) -> CodedTree:
         """Tiles on a grid as a tree; entries of a palette are not known yet."""
@@ -278,7 +293,7 @@ class Plan:
 
     def _grid(self) -> Grid:
         stored = 0 if self.coarse is not None else self.sh_degree  # of the numbers of splats
-        return Grid.of(stored, self.exponents, self.steps, self.settings)
+        return Grid.of(stored, self.exponents, self.steps * 2.0**self.raised, self.settings)
 
     def _with_quantisers(self) -> Plan:
         return replace(self, quantisers=self._grid().quantisers)
@@ -317,6 +332,13 @@ def _pooled(place: tuple[int, int], needs: Sequence[Needs]) -> tuple[F64, F64]:
     found = [need.alphas[place] for need in needs if place in need.alphas]
     alphas, weights = zip(*found, strict=True)
     return np.concatenate(alphas), np.concatenate(weights)
+
+
+def _raised(steps: F64, largest: float) -> I64:
+    """`Plan.raised` for adds whose positions are so large: the rest is found as tiles are coded."""
+    raised = np.zeros(steps.shape, np.int64)
+    raised[0, 0] = max(0, math.ceil(math.log2(max(largest, 1e-300) / (MAX_ADD * steps[0, 0]))))
+    return raised
 
 
 def _shared_steps(steps: F64, n_coarse: int) -> F64:

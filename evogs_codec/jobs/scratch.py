@@ -21,13 +21,15 @@ import numpy as np
 
 from evogs_codec.common.progress import Progress
 from evogs_codec.common.version import __version__
+from evogs_codec.encoding.grids import TooFineError
 from evogs_codec.errors import InputError
 from evogs_codec.io.files import write_atomic
 from evogs_codec.jobs.blocks import SplatFiles
 from evogs_codec.jobs.distinct import Distinct
 from evogs_codec.jobs.engines import Call, Workers
-from evogs_codec.jobs.partition import Partition, Tree, partition, rows_of, stand_ins_of
+from evogs_codec.jobs.partition import Partition, partition, rows_of, stand_ins_of
 from evogs_codec.jobs.scratch_files import arrays_of, of_scratch
+from evogs_codec.jobs.tile_tree import Tree
 
 __all__ = ["do_missing", "identity_of", "partitioned", "scratch_folder"]
 
@@ -167,17 +169,17 @@ def do_missing(
     calls: Sequence[Call],
     report: Progress,
     stage: str,
-) -> int | None:
+) -> TooFineError | None:
     """Run the jobs whose files, their last arguments, are not there.
 
     Returns:
-        The first of their results that is not None.
+        The first `TooFineError` that one returns, if one does.
     """
     todo = [call for call in calls if not Path(call[-1]).exists()]
     done = len(calls) - len(todo)
     for _, found in workers.run(function, todo):
-        if found is not None:
-            return int(found)
+        if isinstance(found, TooFineError):
+            return found
         done += 1
         report(stage, done / len(calls))
     return None

@@ -6,6 +6,7 @@ Letters: K classes (spec 3.2), L levels with those of layers.
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -28,8 +29,9 @@ from evogs_codec.jobs.plan import Needs, Plan, Survey
 from evogs_codec.jobs.surroundings import price_of
 from evogs_codec.jobs.tile_job import TileJob
 from evogs_codec.jobs.weighed import Weighed, in_prices
-from evogs_codec.model.channels import GROUP_CHANNELS, N_GROUPS, channel_class
+from evogs_codec.model.channels import N_GROUPS, channel_class, group_of_class
 from evogs_codec.model.coded_tree import CodedTile, CodedTree
+from evogs_codec.model.splats import I32, I64
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.effort import Effort
 from evogs_codec.scene.prefixes import TreePrefixes
@@ -64,7 +66,9 @@ def survey_tile(job: TileJob, out: str, *, known: Weighed | None = None) -> None
     Survey(plain, late, gain, sharing).write(Path(out))
 
 
-def code_tile(job: TileJob, plan: Plan, out: str, *, known: Weighed | None = None) -> int | None:
+def code_tile(
+    job: TileJob, plan: Plan, out: str, *, known: Weighed | None = None
+) -> TooFineError | None:
     """Write the stream of a tile to a file, and its gains beside it, which `merge` reads.
 
     With a palette the stream is of core alone, and beside it is what the tile picks (`Unnumbered`).
@@ -76,7 +80,7 @@ def code_tile(job: TileJob, plan: Plan, out: str, *, known: Weighed | None = Non
         known: the tile without a palette.
 
     Returns:
-        None; or the group whose grid is too fine for a number of the tile, and nothing is written.
+        None; or what is too fine for a number of the tile, and nothing is written.
     """
     weighed = known or Weighed.of(job, plan.coarse)
     prepared, n_shown, shared = weighed.prepared, weighed.n_shown, weighed.shared
@@ -94,7 +98,7 @@ def code_tile(job: TileJob, plan: Plan, out: str, *, known: Weighed | None = Non
         found = tiles_on(tiles, grid, plan.alpha, plan.settings, weights=weights, price=price)
         tile = _on_the_grid(found[0], own)
     except TooFineError as error:
-        return error.group
+        return error
     coded = plan.coded(grid, found)
     coded = layered.with_gains(coded) if layered else coded
     coded = prepared.gains.rescale(coded) if prepared.gains else coded
@@ -173,20 +177,31 @@ def _moved(tile: CodedTile, way: Sequence[int]) -> CodedTile:
     return replace(tile, origin=(x, y, z))
 
 
-def _on_the_grid(tile: CodedTile, shifts: tuple[int, ...]) -> CodedTile:
-    """A tile whose steps are 2**shifts of those of the stream, per class, in these."""
-    if not any(shifts):
+def _on_the_grid(tile: CodedTile, shifts: I64) -> CodedTile:
+    """A tile whose steps are 2**shifts (1 + L, K) of those of the stream, in these.
+
+    Raises:
+        TooFineError: a number has more than 24 bits then.
+    """
+    if not shifts.any():
         return tile
     steps = []
     for step in tile.steps:
-        by_channel = np.array([shifts[channel_class(c)] for c in range(len(step.psi))])[:, None]
+        classes = [channel_class(c) for c in range(len(step.psi))]
         psi, adds = (
-            step.psi.astype(np.int64) << by_channel,
-            step.adds.astype(np.int64) << by_channel,
+            _shifted(numbers, shifts[row, classes], row)
+            for numbers, row in ((step.psi, 1 + step.level), (step.adds, 0))
         )
-        for group, part in enumerate(GROUP_CHANNELS):
-            for numbers in (psi[part], adds[part]):
-                if np.abs(numbers).max(initial=0) >= 1 << 23:
-                    raise TooFineError(group)
-        steps.append(replace(step, psi=psi.astype(np.int32), adds=adds.astype(np.int32)))
+        steps.append(replace(step, psi=psi, adds=adds))
     return replace(tile, steps=tuple(steps))
+
+
+def _shifted(numbers: I32, by: I64, row: int) -> I32:
+    """Integers (D, n) times 2**by (D,), which quantisers of a row have."""
+    found = numbers.astype(np.int64) << by[:, None]
+    largest = np.abs(found).max(axis=1, initial=0)
+    for channel in np.flatnonzero(largest >= 1 << 23).tolist():
+        times = 2.0 ** math.ceil(math.log2((largest[channel] + 1) / (1 << 23)))
+        kind = channel_class(channel)
+        raise TooFineError(group_of_class(kind), row, {kind: times})
+    return found.astype(np.int32)

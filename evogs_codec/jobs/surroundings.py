@@ -34,6 +34,7 @@ __all__ = [
     "enlarged",
     "is_apart",
     "near_middle",
+    "part_shown",
     "price_of",
 ]
 
@@ -246,6 +247,17 @@ class NearAndWide:
 def is_apart(splats: SplatParams, stand_ins: SplatParams) -> bool:
     """Whether a neighbourhood, with these stand-ins, is too large to show a tile."""
     return not len(stand_ins) or _bulk(stand_ins)[1] > MAX_OF_TILE * _bulk(splats)[1]
+
+
+def part_shown(parts: Iterable[SplatParams], stand_ins: SplatParams) -> float:
+    """What part of a neighbourhood its views show: tiles that are apart are a dot there.
+
+    Args:
+        parts: those of each tile that stand for it.
+        stand_ins: of all of them, at least one.
+    """
+    shown = sum(len(part) for part in parts if len(part) and not is_apart(part, stand_ins))
+    return shown / len(stand_ins) if shown else 1.0
 
 
 def near_middle(splats: SplatParams) -> SplatParams:

@@ -12,8 +12,9 @@ from typing import TypeAlias
 import numpy as np
 
 from evogs_codec.io.finite import bounded_opacities
-from evogs_codec.jobs.partition import SPLATS_OF_STAND_IN, Split
-from evogs_codec.jobs.surroundings import Standing, enlarged
+from evogs_codec.jobs.partition import SPLATS_OF_STAND_IN
+from evogs_codec.jobs.surroundings import Standing, enlarged, part_shown
+from evogs_codec.jobs.tile_tree import Split
 from evogs_codec.model.channels import n_channels
 from evogs_codec.model.splats import F32, SplatParams
 from evogs_codec.scene.effort import Effort
@@ -74,6 +75,11 @@ class TileJob:
     def of_block(self) -> SplatParams:
         """What stands for the tiles of the neighbourhood, from the origin of the first."""
         return self._stand_ins(self.block, self.block[0][0])
+
+    def n_shown(self, of_block: SplatParams) -> int:
+        """How many splats views of all of the neighbourhood show."""
+        parts = (self._stand_ins([part], self.block[0][0]) for part in self.block)
+        return round(self.n_around * part_shown(parts, of_block))
 
     def of_others(self) -> SplatParams:
         """What stands for the other tiles, from the origin of this one."""

@@ -165,4 +165,6 @@ def _wide_views(job: TileJob, splats: SplatParams, of_block: SplatParams) -> Nei
     eyes = np.array([camera.position for camera in standing.cameras]) + job.origin
     panes = {tile: Path(path) for tile, path in job.panes}
     around = between(job.tile, job.split, panes, standing.cameras, eyes, standing.background)
-    return Neighbourhood.of(splats, standing, job.n_around, keep=MOVE_PRICE, between=around)
+    return Neighbourhood.of(
+        splats, standing, job.n_shown(of_block), keep=MOVE_PRICE, between=around
+    )

@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from evogs_codec.jobs.partition import Partition, Tree
+from evogs_codec.jobs.partition import Partition
+from evogs_codec.jobs.tile_tree import Tree
 from evogs_codec.model.splats import F64
 from evogs_codec.tileset.boxes import Box
 

@@ -20,6 +20,7 @@ from evogs_codec.render.demo_scene import make_scene
 from tools.bench import pictures, raster, trained
 from tools.bench.alone import alone
 from tools.bench.before import before
+from tools.bench.city import city
 from tools.bench.decimate import decimate
 from tools.bench.depth import depth
 from tools.bench.extremes import page as extremes
@@ -112,6 +113,8 @@ def _measurements(args: argparse.Namespace, folder: Path) -> Iterator[Measuremen
         yield "scale", "Time and memory as scenes grow", partial(scale, folder)
     if "large" in args.only:
         yield "large", "Scenes that are encoded tile by tile", partial(large, folder)
+    if "city" in args.only:
+        yield "city", "An object of 5 cm in a kilometre of city", partial(city, folder)
     if "worst" in args.only:
         title = "Worst cases of 100,000 bytes"
         yield "worst", title, partial(worst, args.before, args.tries, args.rows)

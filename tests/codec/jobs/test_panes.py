@@ -8,8 +8,8 @@ import pytest
 pytest.importorskip("numba")
 
 from evogs_codec.jobs.panes import Panes, _from_front, between
-from evogs_codec.jobs.partition import Tree
 from evogs_codec.jobs.surroundings import Standing
+from evogs_codec.jobs.tile_tree import Tree
 from evogs_codec.render import Views
 from evogs_codec.render.demo_scene import make_scene
 

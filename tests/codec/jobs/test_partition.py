@@ -12,7 +12,8 @@ from evogs_codec import InputError, SplatParams, write_ply
 from evogs_codec.io.ply import read_ply
 from evogs_codec.jobs.blocks import SplatFiles
 from evogs_codec.jobs.encode import encode_files
-from evogs_codec.jobs.partition import SPLATS_OF_STAND_IN, Tree, partition, rows_of, stand_ins_of
+from evogs_codec.jobs.partition import SPLATS_OF_STAND_IN, partition, rows_of, stand_ins_of
+from evogs_codec.jobs.tile_tree import Tree
 from evogs_codec.render import demo_scene
 from evogs_codec.tileset.write import write_tileset
 from tests.support.lifted_scenes import with_channels
@@ -141,6 +142,58 @@ def test_a_tree_of_few_or_equal_points_has_a_tile_for_each(n, n_tiles, n_values,
     assert np.all((tiles >= 0) & (tiles < tree.n_tiles))
     distinct = len(np.unique(points, axis=0))
     assert len(np.unique(tiles)) >= min(n_tiles, distinct, 2 if n else 0) or n_tiles == 1
+
+
+def city_and_object(n, seed=0):
+    """Positions and sizes of a kilometre of city and an object of 5 cm in it, so many of each."""
+    random = np.random.default_rng(seed)
+    city = random.uniform(-500, 500, (n, 3)) * [1, 1, 0.05]
+    thing = np.array([40, 20, 1.5]) + random.uniform(-0.025, 0.025, (n, 3))
+    sizes = np.repeat(np.log([1.0, 0.001]).astype(np.float32), n)
+    return np.concatenate([city, thing]), sizes + random.normal(0, 0.5, 2 * n).astype(np.float32)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_small_splats_that_are_apart_have_tiles_of_their_own(seed):
+    points, sizes = city_and_object(3000, seed)
+    tree = Tree.of(points, 6, sizes, least=20)
+    counts = np.array(
+        [np.bincount(part, minlength=tree.n_tiles) for part in np.split(tree.tile_of(points), 2)]
+    )
+    mixed = np.all(counts > 0, axis=0)
+    assert counts[0, mixed].sum() < 0.01 * 3000, "a few of the city are beside the object"
+    assert counts.sum(axis=0).max() < 1.3 * 1000
+    assert tree.n_tiles < 15
+    plain = Tree.of(points, 6)
+    counts = np.array(
+        [np.bincount(part, minlength=6) for part in np.split(plain.tile_of(points), 2)]
+    )
+    assert np.minimum(*counts).sum() > 300, "without sizes many are"
+
+
+def test_a_scene_of_one_scale_is_cut_in_halves_whatever_its_sizes():
+    scene = make_scene(4000, 0)
+    points, sizes = scene.means.astype(np.float64), scene.log_scales.mean(axis=1)
+    plain, sized = Tree.of(points, 4), Tree.of(points, 4, sizes, least=20)
+    np.testing.assert_array_equal(plain.value, sized.value)
+
+
+@pytest.mark.parametrize("low", [-1e30, -700.0, 0.0, 80.0])
+def test_sizes_as_far_apart_as_numbers_go_are_cut_apart(low):
+    points = np.arange(200.0)[:, None] * [1, 0, 0]
+    sizes = np.where(points[:, 0] < 90, low, low + 1e30).astype(np.float32)
+    tree = Tree.of(points, 1, sizes)
+    assert tree.n_tiles == 2
+    assert np.bincount(tree.tile_of(points)).tolist() == [90, 110]
+
+
+def test_neither_order_nor_equal_coordinates_change_cuts_between_sizes():
+    points, sizes = city_and_object(2000)
+    points = np.round(points, 2)  # many are on one plane
+    order = np.random.default_rng(1).permutation(len(points))
+    one, other = (Tree.of(points[k], 6, sizes[k], least=20) for k in (np.arange(4000), order))
+    np.testing.assert_array_equal(one.value, other.value)
+    np.testing.assert_array_equal(one.axis, other.axis)
 
 
 def test_splats_that_are_not_finite_are_counted_or_refused(tmp_path):

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from evogs_codec.encoding.grids import TooFineError
 from evogs_codec.encoding.settings import Settings
 from evogs_codec.jobs.plan import Plan, surveyed
 from evogs_codec.model.scene_info import SceneInfo
@@ -22,6 +23,7 @@ def plan_on(exponents):
         exponents=exponents,
         steps=steps,
         quantisers=(),
+        raised=np.zeros(steps.shape, np.int64),
         alpha={},
         settings=Settings.by_views(steps),
     )
@@ -30,21 +32,43 @@ def plan_on(exponents):
 
 def test_a_tile_has_a_power_of_two_of_the_steps_of_the_stream():
     fine = plan_on((20,) * 5)
-    assert fine.coarser(8 * fine.steps) == (3,) * 5
-    assert fine.coarser(fine.steps / 8) == (0,) * 5
+    assert np.all(fine.coarser(8 * fine.steps) == 3)
+    assert np.all(fine.coarser(fine.steps / 8) == 0)
 
 
 def test_steps_that_a_grid_made_coarser_are_not_made_so_once_more():
     coarse = plan_on((8, 20, 20, 20, 20))
     assert coarse.quantisers[-1][0].step * 2.0**-8 == 4 * STEP
-    assert coarse.coarser(8 * coarse.steps) == (1, 3, 3, 3, 3)
+    assert np.all(coarse.coarser(8 * coarse.steps) == (1, 3, 3, 3, 3))
 
 
-def test_the_steps_of_leaves_are_no_coarser_than_the_tile_asks():
+def test_steps_of_adds_and_of_each_level_are_as_coarse_as_the_tile_asks():
     fine = plan_on((20,) * 5)
-    own = 8 * fine.steps
-    own[-1] = 2 * STEP
-    assert fine.coarser(own) == (1,) * 5
+    own = fine.steps * np.array([[32], [8], [2]])
+    assert fine.coarser(own).tolist() == [[5] * 5, [3] * 5, [1] * 5]
+    grid = fine.grid(fine.coarser(own))
+    found = np.array([[q.step for q in row] for row in grid.quantisers]) * 2.0**-20
+    np.testing.assert_array_equal(found, own)
+
+
+def test_a_row_whose_numbers_are_too_large_is_raised_and_no_grid_is_coarser():
+    plain = plan_on((20,) * 5)
+    error = TooFineError(0, row=1, times={0: 4.0})
+    raised = plain.with_less_of(error)
+    assert raised.exponents == plain.exponents
+    assert [row[0].step for row in raised.quantisers] == [1 << 10, 1 << 12, 1 << 10]
+    assert raised.name != plain.name
+    # A tile that asks for coarser steps anyway has what it asks for, not four times that.
+    assert raised.coarser(8 * plain.steps)[:, 0].tolist() == [3, 1, 3]
+    assert raised.coarser(2 * plain.steps)[:, 0].tolist() == [1, 0, 1]
+
+
+def test_where_the_grid_is_too_fine_it_has_fewer_units():
+    plain = plan_on((20,) * 5)
+    less = plain.with_less_of(TooFineError(2))
+    assert less.exponents == (20, 20, 19, 20, 20)
+    assert not less.raised.any()
+    assert less.name != plain.name
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ pytest.importorskip("numba")
 
 from evogs_codec import SplatParams, decode_leaves, write_ply
 from evogs_codec.jobs import Engine, JobOptions, encode_files
-from evogs_codec.jobs.surroundings import NearAndWide, Neighbourhood, Standing
+from evogs_codec.jobs.surroundings import NearAndWide, Neighbourhood, Standing, part_shown
 from evogs_codec.render import Views, cameras_around
 from evogs_codec.render.demo_scene import make_scene
 from tests.support.view_sizes import SMALL, views_of
@@ -53,6 +53,18 @@ def test_what_wide_views_alone_show_counts_in_prices_of_a_bit():
         assert 10 ** (-each / 10) == pytest.approx(10 ** (-own / 10) + 10 * 10 ** (-wide / 10))
     assert both.fewer(2).wide.views.cameras == far.fewer(2).views.cameras
     assert both.n_shown == 60
+
+
+def test_tiles_that_are_a_dot_among_the_others_are_not_counted_with_what_views_show():
+    city = make_scene(300)
+    dot = make_scene(100)
+    dot = replace(dot, means=dot.means / np.float32(1000))
+    none = city.take(slice(0))
+    parts = [city.take(slice(0, 150)), dot, none, city.take(slice(150, None))]
+    assert part_shown(parts, SplatParams.joined(parts)) == 0.75
+    halves = [parts[0], parts[3]]
+    assert part_shown(halves, SplatParams.joined(halves)) == 1
+    assert part_shown([dot], city) == 1, "nothing else is shown"
 
 
 @pytest.mark.thorough

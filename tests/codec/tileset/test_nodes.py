@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from evogs_codec.jobs.partition import Partition, Tree
+from evogs_codec.jobs.partition import Partition
+from evogs_codec.jobs.tile_tree import Tree
 from evogs_codec.tileset.boxes import Box
 from evogs_codec.tileset.json_files import MAX_JSON, Frame, json_files
 from evogs_codec.tileset.nodes import MAX_CHILDREN, nodes_of
