@@ -41,7 +41,7 @@ from evogs_codec.scene.falls.packet_looks import (
 )
 from evogs_codec.scene.falls.states import FALL_DB, N_JUDGING_FIRST
 from evogs_codec.scene.found_stream import FoundStream
-from evogs_codec.scene.measure import ALL_LOOK_UP_TO, Gauge
+from evogs_codec.scene.measure import ALL_LOOK_UP_TO, FEW_UP_TO, Gauge
 from evogs_codec.scene.request import Request
 
 if TYPE_CHECKING:
@@ -63,7 +63,9 @@ N_FIRST_PREFIXES, FIRST_VIEWS_EVERY, NO_FALL_DB = (6, 12), 7, 0.01
 # A fall above this is worth a stream that takes more bytes or looks worse, of many splats and with
 # a target. Of many splats its whole may look worse by as much.
 DEAR_FALL_DB = 3 * FALL_DB
-MAX_COST_DB = 3.0  # that the whole of another stream with a target looks worse for its bytes
+# That the whole of another stream looks worse for its bytes, with a target or of more splats than
+# `ALL_LOOK_UP_TO`.
+MAX_COST_DB = 3.0
 # Splats of all states together that are drawn in search of an order, of few splats.
 MAX_SPLATS_DRAWN = 1_000_000
 MAX_ORDERS = 2  # that are looked for
@@ -73,19 +75,21 @@ ALL_JUDGE_PACKETS_UP_TO = 100_000  # splats; of more a few views judge, since on
 def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundStream:
     """A stream that is made, or one instead of it that falls less in the views of packets.
 
-    Of many splats, only if some prefix falls in two of the views that look for falls, and with a
-    target in all views of packets, too.
+    Of more than `ALL_LOOK_UP_TO` splats, only if some prefix falls in two of the views that look
+    for falls, and with a target in all views of packets, too.
 
     A packet that makes pictures worse stays where the whole would look worse for its bytes without
     it, or miss its target. Other prices are not tried with a target, nor one layer where layers
     were asked for, and nothing else where a stream is polished. With a target few splats may fall
-    by `FALL_DB`. Another stream is tried only against a fall above `DEAR_FALL_DB`, and not taken if
-    it costs more than `MAX_COST_DB`.
+    by `FALL_DB`, and another stream is tried only against a fall above `DEAR_FALL_DB`. With a
+    target, or of more than `ALL_LOOK_UP_TO` splats, it is not taken if it costs more than
+    `MAX_COST_DB`.
     """
     if not found.is_by_views or found.tree.palette is not None:
         return found
-    views, is_many = gauge.packets, found.tree.n_leaves > ALL_LOOK_UP_TO
-    if is_many:
+    views, is_many = gauge.packets, found.tree.n_leaves > FEW_UP_TO
+    is_few = found.tree.n_leaves <= ALL_LOOK_UP_TO
+    if not is_few:
         if found.tree.n_leaves > ALL_JUDGE_PACKETS_UP_TO:
             views = views.fewer(N_JUDGING_FIRST)
         if not _may_fall(found, gauge.many, None if request.is_plain else views):
@@ -102,7 +106,9 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
             other = other.made()
         except TargetMissedError:
             continue
-        if not request.is_plain and _cost(other, first, views) > MAX_COST_DB:
+        if not (request.is_plain and is_few) and _cost(other, first, views) > MAX_COST_DB:
+            if request.is_plain:
+                continue
             break  # those after it cost more
         one, of_one = _with_least_fall(other, views, least)
         if of_one < fall and not (is_many and _looks_worse(one, best, views)):
@@ -235,7 +241,7 @@ def _without_worst(
     empty: frozenset[PacketId] = frozenset()
     refused: list[frozenset[PacketId]] = []
     without_order: Looks | None = None  # of which no better order was found
-    n_orders, is_many = 0, found.tree.n_leaves > ALL_LOOK_UP_TO
+    n_orders, is_many = 0, found.tree.n_leaves > FEW_UP_TO
     for _ in range(MAX_TRIES_OF_MANY if is_many else MAX_TRIES):
         if looks.fall <= least:
             break
@@ -288,7 +294,7 @@ def _in_order(found: FoundStream, looks: Looks, views: Views) -> tuple[FoundStre
     many, those from each fall until it is made good.
     """
     falls, max_states, most = looks.recovered, MAX_AROUND, PACKET_FALL_DB
-    if found.tree.n_leaves <= ALL_LOOK_UP_TO:
+    if found.tree.n_leaves <= FEW_UP_TO:
         assert looks.first is not None, "something falls"
         falls, most = [looks.first], FALL_DB
         max_states = max(max_states, MAX_SPLATS_DRAWN // max(found.tree.n_leaves, 1))

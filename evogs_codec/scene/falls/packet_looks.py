@@ -17,7 +17,7 @@ from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import I64, SplatParams
 from evogs_codec.scene.falls.judges import PACKET_FALL_DB, Judges, Prefix
 from evogs_codec.scene.found_stream import FoundStream
-from evogs_codec.scene.measure import ALL_LOOK_UP_TO
+from evogs_codec.scene.measure import FEW_UP_TO
 
 if TYPE_CHECKING:
     from evogs_codec.render import Camera, Views
@@ -201,7 +201,7 @@ def judges_of(views: Views, found: FoundStream) -> Judges:
     few = _with_cameras(views, views.cameras[::EVERY])
     if len(few.cameras) < MIN_VIEWS:
         return Judges(views)
-    if found.tree.n_leaves <= ALL_LOOK_UP_TO:
+    if found.tree.n_leaves <= FEW_UP_TO:
         small = [camera.within(SMALL_PIXELS) for camera in views.cameras]
         return Judges(views, few, _with_cameras(views, small))
     return Judges(views) if may_be_ordered(found) else Judges(views, few)

@@ -191,11 +191,17 @@ def test_with_a_target_all_views_look_again_at_falls(monkeypatch, layered, in_al
     assert pairs == [shown[0][1:3].tolist(), shown[0][3:5].tolist()][: len(in_all) // 2]
 
 
+def as_many(monkeypatch):
+    """What is done for more splats than the test has."""
+    monkeypatch.setattr(packet_falls, "ALL_LOOK_UP_TO", 100)
+    for module in (packet_falls, packet_looks):
+        monkeypatch.setattr(module, "FEW_UP_TO", 100)
+
+
 @pytest.mark.thorough
 def test_packets_of_many_splats_are_looked_at_where_some_of_these_look_worse(monkeypatch):
     splats = dict(odd_scenes(2000, 4))["huge splats"]
-    for module in (packet_falls, packet_looks):
-        monkeypatch.setattr(module, "ALL_LOOK_UP_TO", 100)
+    as_many(monkeypatch)
     after, _ = deepest_fall(encode_scene(splats, levels=5), splats)
     assert after <= 0.05
     monkeypatch.setattr(packet_falls, "_may_fall", lambda *_: False)
@@ -216,7 +222,7 @@ def test_of_many_splats_other_streams_are_tried_for_a_deep_fall(
 ):
     """Those that look worse are not taken, however little they fall."""
     tried = []
-    monkeypatch.setattr(packet_falls, "ALL_LOOK_UP_TO", 100)
+    as_many(monkeypatch)
     monkeypatch.setattr(packet_falls, "MAX_ORDERED", 0)
     monkeypatch.setattr(packet_falls, "_may_fall", lambda *_: True)
 
@@ -229,6 +235,25 @@ def test_of_many_splats_other_streams_are_tried_for_a_deep_fall(
     chosen = packet_falls.without_falls(layered, gauge_of(layered), Request.of("scene", {}))
     assert len(tried) == n_tried
     assert chosen is tried[-1 if n_tried == 5 else 0]
+
+
+@pytest.mark.parametrize(("up_to", "is_taken"), [(100, False), (1000, True)])
+def test_of_more_than_few_splats_no_stream_is_taken_that_costs_much(
+    monkeypatch, layered, up_to, is_taken
+):
+    tried = []
+    monkeypatch.setattr(packet_falls, "ALL_LOOK_UP_TO", up_to)
+    monkeypatch.setattr(packet_falls, "_may_fall", lambda *_: True)
+    monkeypatch.setattr(packet_falls, "_cost", lambda *_: packet_falls.MAX_COST_DB + 0.1)
+
+    def with_least_fall(one, *_):
+        tried.append(one)
+        return one, 0.5 / len(tried)
+
+    monkeypatch.setattr(packet_falls, "_with_least_fall", with_least_fall)
+    chosen = packet_falls.without_falls(layered, gauge_of(layered), Request.of("scene", {}))
+    assert (chosen is not layered) == is_taken
+    assert (len(tried) > 1) == is_taken
 
 
 @pytest.mark.thorough
@@ -290,7 +315,7 @@ def test_packets_of_a_fall_are_put_in_order_before_any_is_left_empty(
     recovered = packet_looks.Looks(40.0, {}, 0.0, frozenset(), [])
     found: list[Any] = []
     if is_many:
-        monkeypatch.setattr(packet_falls, "ALL_LOOK_UP_TO", 0)
+        as_many(monkeypatch)
 
     def of(stream, _views, most=np.inf):
         found.append((stream.data, most))
