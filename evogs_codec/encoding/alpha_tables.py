@@ -12,8 +12,9 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from evogs_codec.encoding.grids import MAX_EXACT
 from evogs_codec.encoding.settings import Settings
-from evogs_codec.model.arithmetic import AlphaTable
+from evogs_codec.model.arithmetic import MAX_PRODUCT, AlphaTable
 from evogs_codec.model.channels import GROUP_CHANNELS, N_GROUPS
 from evogs_codec.model.coded_tree import CodedStep, CodedTree
 from evogs_codec.model.splats import F64, U8
@@ -84,7 +85,10 @@ def _alpha_table(alphas: F64, weights: F64, settings: Settings) -> AlphaTable | 
             scaled = values * (1 << shift)
             if np.all(scaled == np.rint(scaled)) and np.abs(scaled).max() < 1 << 15:
                 order = np.argsort(-counts, kind="stable")  # the frequent ones first
-                return AlphaTable(shift, tuple(int(a) for a in scaled[order]))
+                exact = [int(a) for a in scaled[order]]
+                if settings.is_near_lossless and _may_overflow(exact):
+                    exact.append(0)  # a refine corrects the second child
+                return AlphaTable(shift, tuple(exact))
     shift = settings.alpha_bits
     if len(values) <= settings.n_alpha and not settings.is_near_lossless:
         shift = max(shift, FEW_ALPHA_BITS)  # entries of their own: to be precise costs nothing
@@ -100,6 +104,12 @@ def _alpha_table(alphas: F64, weights: F64, settings: Settings) -> AlphaTable | 
     if settings.is_near_lossless:
         entries = np.unique(np.concatenate([[0], entries[:255]]))
     return AlphaTable(shift, tuple(int(a) for a in entries))
+
+
+def _may_overflow(entries: Sequence[int]) -> bool:
+    """Whether products with psi of some values are too large, and no entry is 0."""
+    has_room = 0 not in entries and len(entries) < N_INDICES
+    return has_room and max(map(abs, entries)) * 2 * MAX_EXACT > MAX_PRODUCT
 
 
 def _lloyd(values: F64, weights: F64, n: int) -> F64:

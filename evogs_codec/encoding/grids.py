@@ -28,6 +28,7 @@ from evogs_codec.model.channels import (
 from evogs_codec.model.splats import F64, I32
 
 __all__ = [
+    "MAX_EXACT",
     "AccuracyWarning",
     "Grid",
     "NotRepresentableError",

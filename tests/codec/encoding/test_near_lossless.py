@@ -122,9 +122,7 @@ def test_large_and_tiny_changes_stay_within_a_grid_unit(size):
         assert max(errors) <= 1
 
 
-@examples(15)
-@given(trees(largest=300))
-def test_the_grid_is_as_fine_as_24_bits_allow(tree):
+def expect_finest_grid(tree):
     coded = quantise([arrange(tree, 1)[0]], max(tree.n_levels, 1), NEAR_LOSSLESS)
     assert {q.step for row in coded.quantisers for q in row} == {1}
     largest = [0.0] * 5
@@ -135,6 +133,21 @@ def test_the_grid_is_as_fine_as_24_bits_allow(tree):
     for group in range(1, 5):  # positions are counted from the origin of their tile
         units = largest[group] * 2.0 ** coded.grid_exponents[group]
         assert units > (1 << 20) or coded.grid_exponents[group] == 40
+
+
+@examples(15)
+@given(trees(largest=300))
+def test_the_grid_is_as_fine_as_24_bits_allow(tree):
+    expect_finest_grid(tree)
+
+
+@pytest.mark.parametrize("alpha", [6.447021484375, 1000.5, 7.9997], ids=str)
+def test_one_large_alpha_of_many_digits_makes_no_grid_coarser(alpha):
+    """Its products with psi are beyond 2**30: the second child gets another, and a refine."""
+    tree = chain(0, 3, Kind.SPLIT, psi=lambda k: 5.0, alpha=lambda k: alpha)
+    expect_finest_grid(tree)
+    for errors in errors_by_level([tree], NEAR_LOSSLESS):
+        assert max(errors) <= 1
 
 
 # --- the closed loop --------------------------------------------------------------------------
