@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from evogs_codec.common.progress import Progress, no_progress
-from evogs_codec.encoding.grids import TooFineError, warn_if_coarser
+from evogs_codec.encoding.grids import TooFineError
 from evogs_codec.encoding.layers import N_LAYERS
 from evogs_codec.errors import InputError
 from evogs_codec.jobs.blocks import SplatFiles
@@ -176,7 +176,7 @@ class _Run:
                 except TooFineError as error:
                     too_fine = error
             if too_fine is None:
-                warn_if_coarser(plan.grid(np.zeros_like(plan.raised)), plan.steps, plan.settings)
+                plan.warn_if_coarser()
                 return parts, entries
             plan = plan.with_less_of(too_fine)
 

@@ -39,7 +39,7 @@ __all__ = [
 PER_TILE = 1 << 17  # splats: a job takes some 300 MiB
 N_SAMPLED = 1 << 19  # positions
 SPLATS_OF_STAND_IN = 16  # splats of a tile for which one stands in the views of its neighbours
-MAX_STEPS = 1 << 26  # across a tile at most: in the middle of what a stream holds, 2**28
+MAX_STEPS = 1 << 26  # across a tile at most: Delta of adds has up to 2**28 grid units (R-7.3-1)
 STEP_OF_SIZE = 0.1  # of the size of the smallest splats is a step of positions
 # A tile is halved for its width only while it has this part of `per_tile` splats, one in so many.
 MIN_OF_HALVED = 48

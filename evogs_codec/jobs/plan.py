@@ -8,7 +8,9 @@ Letters: K classes (spec 3.2), L levels with those of layers, T tiles.
 
 from __future__ import annotations
 
+import hashlib
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,7 +19,15 @@ from typing import Any
 import numpy as np
 
 from evogs_codec.encoding.alpha_tables import tables_of
-from evogs_codec.encoding.grids import Grid, TooFineError, grid_exponents, with_fewer_units
+from evogs_codec.encoding.grids import (
+    AccuracyWarning,
+    Grid,
+    TooFineError,
+    coarse_step,
+    grid_exponents,
+    warn_if_coarser,
+    with_fewer_units,
+)
 from evogs_codec.encoding.late_level import gains_little
 from evogs_codec.encoding.layers import in_odd_numbers
 from evogs_codec.encoding.ranges import Ranges
@@ -148,9 +158,10 @@ class Plan:
         steps: (1 + L, K) scene units.
         quantisers: nearest to the steps, once they are raised.
         raised: (1 + L, K) powers of two by which steps are coarser, since a tile has numbers that
-            24 bits do not hold otherwise. What they are off, later steps correct.
+            24 bits do not hold otherwise. What they are off, records of later rows correct.
         alpha: tables per (level, group).
         settings: how tiles are quantised.
+        n_free: rows of steps before those that are odd multiples of one another.
         is_late: the last level of the tree of a tile comes late.
         coarse: entries for coarse splats of a palette; None without one.
     """
@@ -164,6 +175,7 @@ class Plan:
     raised: I64
     alpha: dict[tuple[int, int], AlphaTable]
     settings: Settings
+    n_free: int = 0
     is_late: bool = False
     coarse: CoarseEntries | None = None
 
@@ -219,6 +231,7 @@ class Plan:
             raised=_raised(steps, float(partition.largest[0])),
             alpha=tables_of(pooled, settings),
             settings=settings,
+            n_free=n_coarse - is_late,
             is_late=is_late,
             coarse=CoarseEntries.of(some, partition.n_vectors) if has_palette else None,
         )
@@ -227,8 +240,10 @@ class Plan:
     @property
     def name(self) -> str:
         """Of what may change until all tiles fit: grids, and what steps are raised by."""
-        raised = [int(power) for power in self.raised.ravel()] if self.raised.any() else []
-        return "_".join(map(str, [*self.exponents, *raised]))
+        exponents = "_".join(map(str, self.exponents))
+        if not self.raised.any():
+            return exponents
+        return f"{exponents}_{hashlib.sha256(self.raised.tobytes()).hexdigest()[:12]}"
 
     def with_less_of(self, error: TooFineError) -> Plan:
         """The plan for tiles of which one has a number that is too large.
@@ -243,20 +258,23 @@ class Plan:
             return replace(self, exponents=exponents)._with_quantisers()
         raised = self.raised.copy()
         for kind, times in error.times.items():
-            raised[error.row, kind] += math.ceil(math.log2(times))
+            row = error.row
+            wanted = times * self._got(row, kind) / self.steps[row, kind]
+            raised[row, kind] = max(raised[row, kind] + 1, math.ceil(math.log2(wanted)))
         return replace(self, raised=raised)._with_quantisers()
 
     def coarser(self, steps: F64) -> I64:
         """(1 + L, K) powers of two by which a tile that has these steps has coarser ones.
 
-        They are beside those of the quantisers, which a grid may have coarser than the plan.
+        They are beside those of the quantisers, which a grid may have coarser than the plan. Steps
+        that are odd multiples of one another stay so, but where some are raised.
         """
-        of_plan = self.steps.copy()
-        for kind, column in enumerate(zip(*self.quantisers, strict=True)):
-            unit = 2.0 ** -self.exponents[group_of_class(kind)]
-            of_plan[:, kind] = np.maximum(of_plan[:, kind], [q.step * unit for q in column])
-        ratio = np.log2(np.maximum(steps, 1e-300) / of_plan)
-        found: I64 = np.clip(np.rint(ratio), 0, MAX_SHIFT).astype(np.int64)
+        of_plan = self.steps * 2.0**self.raised
+        for row, kind in np.ndindex(len(of_plan), len(self.quantisers[0])):
+            of_plan[row, kind] = max(of_plan[row, kind], self._got(row, kind))
+        ratio = np.log2(np.maximum(steps, 1e-300) / of_plan) + self.raised
+        ratio[self.n_free :] = ratio[self.n_free :].min(axis=0)
+        found: I64 = np.clip(np.rint(ratio) - self.raised, 0, MAX_SHIFT).astype(np.int64)
         if self.coarse is not None:
             found[:, N_GROUPS:] = 0  # of entries, which are of all tiles
         return found
@@ -290,6 +308,21 @@ class Plan:
         table = self.steps.copy()
         table[:, N_GROUPS:] = steps
         return replace(self, steps=table)._grid()
+
+    def warn_if_coarser(self) -> None:
+        """Warn the caller of `encode_files` where leaves are coarser than was asked for."""
+        warn_if_coarser(self._grid(), self.steps, self.settings)
+        rows = {0, self.n_levels} if self.n_levels == 1 else {self.n_levels}  # that leaves end in
+        raised = {(row, int(kind)) for row in rows for kind in np.flatnonzero(self.raised[row])}
+        for row, kind in sorted(raised):
+            text = coarse_step(
+                group_of_class(kind), self._got(row, kind), float(self.steps[row, kind])
+            )
+            warnings.warn(text, AccuracyWarning, stacklevel=4)
+
+    def _got(self, row: int, kind: int) -> float:
+        """The step that a row has on the grid, scene units."""
+        return self.quantisers[row][kind].step * 2.0 ** -self.exponents[group_of_class(kind)]
 
     def _grid(self) -> Grid:
         stored = 0 if self.coarse is not None else self.sh_degree  # of the numbers of splats

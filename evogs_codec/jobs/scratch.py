@@ -173,13 +173,17 @@ def do_missing(
     """Run the jobs whose files, their last arguments, are not there.
 
     Returns:
-        The first `TooFineError` that one returns, if one does.
+        The `TooFineError` of the first of the calls that returns one, whichever ends first.
     """
     todo = [call for call in calls if not Path(call[-1]).exists()]
     done = len(calls) - len(todo)
-    for _, found in workers.run(function, todo):
+    left, errors = set(range(len(todo))), dict[int, TooFineError]()
+    for number, found in workers.run(function, todo):
+        left.remove(number)
         if isinstance(found, TooFineError):
-            return found
+            errors[number] = found
+        if errors and min(errors) < min(left, default=len(todo)):
+            return errors[min(errors)]
         done += 1
         report(stage, done / len(calls))
     return None

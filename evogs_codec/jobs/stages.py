@@ -31,7 +31,7 @@ from evogs_codec.jobs.tile_job import TileJob
 from evogs_codec.jobs.weighed import Weighed, in_prices
 from evogs_codec.model.channels import N_GROUPS, channel_class, group_of_class
 from evogs_codec.model.coded_tree import CodedTile, CodedTree
-from evogs_codec.model.splats import I32, I64
+from evogs_codec.model.splats import I32, I64, SplatParams
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene.effort import Effort
 from evogs_codec.scene.prefixes import TreePrefixes
@@ -43,7 +43,7 @@ MAX_ALPHAS = 4096  # of a level and group that a survey keeps
 
 def draw_tile(job: TileJob, out: str) -> None:
     """Write the `Panes` of a tile to a file."""
-    standing = job.around_block(job.of_block())
+    standing = job.around_block(SplatParams.joined(job.stand_ins()))
     Panes.of(job.splats(), standing.cameras, standing.options).write(Path(out))
 
 
@@ -96,9 +96,12 @@ def code_tile(
     grid = plan.grid(own)
     try:
         found = tiles_on(tiles, grid, plan.alpha, plan.settings, weights=weights, price=price)
+    except TooFineError as error:
+        return _of_plan(error, own)
+    try:
         tile = _on_the_grid(found[0], own)
     except TooFineError as error:
-        return error
+        return error.with_traceback(None)  # which has the whole tree
     coded = plan.coded(grid, found)
     coded = layered.with_gains(coded) if layered else coded
     coded = prepared.gains.rescale(coded) if prepared.gains else coded
@@ -194,6 +197,14 @@ def _on_the_grid(tile: CodedTile, shifts: I64) -> CodedTile:
         )
         steps.append(replace(step, psi=psi, adds=adds))
     return replace(tile, steps=tuple(steps))
+
+
+def _of_plan(error: TooFineError, shifts: I64) -> TooFineError:
+    """An error of a tile on the grid with these shifts, as one of the steps of the stream."""
+    if error.row is None:
+        return TooFineError(error.group)
+    times = {kind: own * 2.0 ** int(shifts[error.row, kind]) for kind, own in error.times.items()}
+    return TooFineError(error.group, error.row, times)
 
 
 def _shifted(numbers: I32, by: I64, row: int) -> I32:

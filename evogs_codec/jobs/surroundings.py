@@ -249,15 +249,14 @@ def is_apart(splats: SplatParams, stand_ins: SplatParams) -> bool:
     return not len(stand_ins) or _bulk(stand_ins)[1] > MAX_OF_TILE * _bulk(splats)[1]
 
 
-def part_shown(parts: Iterable[SplatParams], stand_ins: SplatParams) -> float:
-    """What part of a neighbourhood its views show: tiles that are apart are a dot there.
+def part_shown(stand_ins: Sequence[SplatParams]) -> float:
+    """What part of the splats of a neighbourhood its views show: tiles that are apart are dots.
 
-    Args:
-        parts: those of each tile that stand for it.
-        stand_ins: of all of them, at least one.
+    `stand_ins` are those of each tile, at least one in all.
     """
-    shown = sum(len(part) for part in parts if len(part) and not is_apart(part, stand_ins))
-    return shown / len(stand_ins) if shown else 1.0
+    parts, of_all = stand_ins, SplatParams.joined(stand_ins)
+    shown = sum(len(part) for part in parts if len(part) and not is_apart(part, of_all))
+    return shown / len(of_all) if shown else 1.0
 
 
 def near_middle(splats: SplatParams) -> SplatParams:

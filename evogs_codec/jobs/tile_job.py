@@ -13,7 +13,7 @@ import numpy as np
 
 from evogs_codec.io.finite import bounded_opacities
 from evogs_codec.jobs.partition import SPLATS_OF_STAND_IN
-from evogs_codec.jobs.surroundings import Standing, enlarged, part_shown
+from evogs_codec.jobs.surroundings import Standing, enlarged
 from evogs_codec.jobs.tile_tree import Split
 from evogs_codec.model.channels import n_channels
 from evogs_codec.model.splats import F32, SplatParams
@@ -72,14 +72,9 @@ class TileJob:
         splats = SplatParams.from_channels(sorted_rows(self.rows, self.sh_degree).T)
         return bounded_opacities(splats)
 
-    def of_block(self) -> SplatParams:
-        """What stands for the tiles of the neighbourhood, from the origin of the first."""
-        return self._stand_ins(self.block, self.block[0][0])
-
-    def n_shown(self, of_block: SplatParams) -> int:
-        """How many splats views of all of the neighbourhood show."""
-        parts = (self._stand_ins([part], self.block[0][0]) for part in self.block)
-        return round(self.n_around * part_shown(parts, of_block))
+    def stand_ins(self) -> list[SplatParams]:
+        """What stands for each tile of the neighbourhood, from the origin of the first."""
+        return [self._stand_ins([part], self.block[0][0]) for part in self.block]
 
     def of_others(self) -> SplatParams:
         """What stands for the other tiles, from the origin of this one."""

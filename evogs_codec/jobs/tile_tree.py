@@ -64,7 +64,8 @@ class Tree:
             n_tiles: tiles wanted. There are more where splats of other sizes are apart.
             sizes: (n,) mean log-scales of their splats; None: all alike.
             reach: a tile that is wider is halved.
-            least: points of the sample that a tile has at least, to be halved or cut further.
+            least: points of the sample. A tile is halved for its width while it has more, and a
+                cut between sizes leaves at least so many in each part.
         """
         axis, value, child = [-1], [0.0], [0]
         middles: list[F64] = []

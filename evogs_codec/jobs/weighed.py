@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +20,13 @@ from evogs_codec.io.files import write_atomic
 from evogs_codec.jobs.panes import between
 from evogs_codec.jobs.plan import Sharing
 from evogs_codec.jobs.scratch_files import arrays_of
-from evogs_codec.jobs.surroundings import NearAndWide, Neighbourhood, is_apart, near_middle
+from evogs_codec.jobs.surroundings import (
+    NearAndWide,
+    Neighbourhood,
+    is_apart,
+    near_middle,
+    part_shown,
+)
 from evogs_codec.jobs.tile_job import TileJob
 from evogs_codec.lifting.coarse_entries import CoarseEntries
 from evogs_codec.lifting.lift import Lifted, lift_with_order
@@ -150,8 +157,9 @@ def _prepared(
 
 def _views(job: TileJob, splats: SplatParams) -> Neighbourhood | NearAndWide:
     """Those of its neighbourhood; of a tile that is apart, views of its own as well."""
-    of_block = job.of_block()
-    wide = _wide_views(job, splats, of_block) if len(of_block) else None
+    stand_ins = job.stand_ins()
+    of_block = SplatParams.joined(stand_ins)
+    wide = _wide_views(job, splats, stand_ins) if len(of_block) else None
     if wide is not None and not is_apart(splats, of_block):
         return wide
     standing = job.around(near_middle(splats))
@@ -159,12 +167,13 @@ def _views(job: TileJob, splats: SplatParams) -> Neighbourhood | NearAndWide:
     return near if wide is None else NearAndWide(near, wide)
 
 
-def _wide_views(job: TileJob, splats: SplatParams, of_block: SplatParams) -> Neighbourhood:
+def _wide_views(
+    job: TileJob, splats: SplatParams, stand_ins: Sequence[SplatParams]
+) -> Neighbourhood:
     """Views of the neighbourhood, with panes of the other tiles."""
-    standing = job.around_block(of_block)
+    standing = job.around_block(SplatParams.joined(stand_ins))
+    n_shown = round(job.n_around * part_shown(stand_ins))
     eyes = np.array([camera.position for camera in standing.cameras]) + job.origin
     panes = {tile: Path(path) for tile, path in job.panes}
     around = between(job.tile, job.split, panes, standing.cameras, eyes, standing.background)
-    return Neighbourhood.of(
-        splats, standing, job.n_shown(of_block), keep=MOVE_PRICE, between=around
-    )
+    return Neighbourhood.of(splats, standing, n_shown, keep=MOVE_PRICE, between=around)

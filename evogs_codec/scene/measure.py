@@ -18,7 +18,7 @@ __all__ = ["Gauge", "with_room", "without_room"]
 
 N_VIEWS = 4
 ALL_LOOK_UP_TO = 20_000  # splats; of few, errors are chance: all views look for falls
-FEW_UP_TO = 60_000  # splats: where something falls, as much is done against it as of few
+MANY_ABOVE = 60_000  # splats: of so many, less is done against falls
 N_OF_PACKETS, N_OF_LARGE = 24, 8
 PIXELS = 200  # of the longer side of a view
 # Of half of the views that look for falls, two and two. Small splats are drawn larger than they

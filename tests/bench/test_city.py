@@ -12,7 +12,9 @@ def test_a_row_says_what_both_take_beside_each_alone(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "N_SPLATS", (900,))
     monkeypatch.setattr(module, "SEEDS", (1,))
     rows = module.city(tmp_path)
-    assert [float(str(row["median splat, mm"])) for row in rows] == [1.0, pytest.approx(0.05, 0.9)]
+    large, natural = (float(str(row["median splat, mm"])) for row in rows)
+    assert large == 1.0
+    assert 0.02 < natural < 0.2, "as an object of 900 splats has them, 5 cm wide"
     for row in rows:
         alone, together = map(float, str(row["city, dB"]).split(" and "))
         assert alone > 40

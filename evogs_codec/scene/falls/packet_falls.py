@@ -41,7 +41,7 @@ from evogs_codec.scene.falls.packet_looks import (
 )
 from evogs_codec.scene.falls.states import FALL_DB, N_JUDGING_FIRST
 from evogs_codec.scene.found_stream import FoundStream
-from evogs_codec.scene.measure import ALL_LOOK_UP_TO, FEW_UP_TO, Gauge
+from evogs_codec.scene.measure import ALL_LOOK_UP_TO, MANY_ABOVE, Gauge
 from evogs_codec.scene.request import Request
 
 if TYPE_CHECKING:
@@ -60,13 +60,13 @@ ALL_ABOVE_ROOTS = Run((1, 0), (MAX_LEVELS, 0))
 # Of more than `ALL_LOOK_UP_TO` splats, the prefixes that are looked at first: at least and at most
 # so many, by every so-many-th view, of which one is large. Less than `NO_FALL_DB` is no fall.
 N_FIRST_PREFIXES, FIRST_VIEWS_EVERY, NO_FALL_DB = (6, 12), 7, 0.01
-# A fall above this is worth a stream that takes more bytes or looks worse, of many splats and with
-# a target. Of many splats its whole may look worse by as much.
+# A fall above this is worth a stream that takes more bytes or looks worse, with a target and of
+# more than `MANY_ABOVE` splats. Of these its whole may look worse by as much.
 DEAR_FALL_DB = 3 * FALL_DB
 # That the whole of another stream looks worse for its bytes, with a target or of more splats than
 # `ALL_LOOK_UP_TO`.
 MAX_COST_DB = 3.0
-# Splats of all states together that are drawn in search of an order, of few splats.
+# Splats of all states together that are drawn in search of an order, of up to `MANY_ABOVE`.
 MAX_SPLATS_DRAWN = 1_000_000
 MAX_ORDERS = 2  # that are looked for
 ALL_JUDGE_PACKETS_UP_TO = 100_000  # splats; of more a few views judge, since one changes little
@@ -80,16 +80,16 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
 
     A packet that makes pictures worse stays where the whole would look worse for its bytes without
     it, or miss its target. Other prices are not tried with a target, nor one layer where layers
-    were asked for, and nothing else where a stream is polished. With a target few splats may fall
-    by `FALL_DB`, and another stream is tried only against a fall above `DEAR_FALL_DB`. With a
-    target, or of more than `ALL_LOOK_UP_TO` splats, it is not taken if it costs more than
-    `MAX_COST_DB`.
+    were asked for, and nothing else where a stream is polished. With a target up to `MANY_ABOVE`
+    splats may fall by `FALL_DB`, and another stream is tried only against a fall above
+    `DEAR_FALL_DB`. With a target, or of more than `ALL_LOOK_UP_TO` splats, it is not taken if it
+    costs more than `MAX_COST_DB`.
     """
     if not found.is_by_views or found.tree.palette is not None:
         return found
-    views, is_many = gauge.packets, found.tree.n_leaves > FEW_UP_TO
-    is_few = found.tree.n_leaves <= ALL_LOOK_UP_TO
-    if not is_few:
+    views, is_many = gauge.packets, found.tree.n_leaves > MANY_ABOVE
+    all_look = found.tree.n_leaves <= ALL_LOOK_UP_TO
+    if not all_look:
         if found.tree.n_leaves > ALL_JUDGE_PACKETS_UP_TO:
             views = views.fewer(N_JUDGING_FIRST)
         if not _may_fall(found, gauge.many, None if request.is_plain else views):
@@ -106,7 +106,7 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
             other = other.made()
         except TargetMissedError:
             continue
-        if not (request.is_plain and is_few) and _cost(other, first, views) > MAX_COST_DB:
+        if not (request.is_plain and all_look) and _cost(other, first, views) > MAX_COST_DB:
             if request.is_plain:
                 continue
             break  # those after it cost more
@@ -232,16 +232,16 @@ def _without_worst(
 ) -> tuple[FoundStream, Looks]:
     """With packets in another order, or without those that look worse, and how the others look.
 
-    Those without which the whole looks better go first, and of few splats those of few bytes after
-    them. Then another order is looked for. What falls in that, too, is left empty, as many packets
-    at once as may be.
+    Those without which the whole looks better go first; after them, of up to `MANY_ABOVE` splats,
+    those of few bytes. Then another order is looked for. What falls in that, too, is left empty, as
+    many packets at once as may be.
     """
     looks, n_bytes = Looks.of(found, views), len(found.data)
     assert looks is not None, "there is no bound"
     empty: frozenset[PacketId] = frozenset()
     refused: list[frozenset[PacketId]] = []
     without_order: Looks | None = None  # of which no better order was found
-    n_orders, is_many = 0, found.tree.n_leaves > FEW_UP_TO
+    n_orders, is_many = 0, found.tree.n_leaves > MANY_ABOVE
     for _ in range(MAX_TRIES_OF_MANY if is_many else MAX_TRIES):
         if looks.fall <= least:
             break
@@ -290,11 +290,11 @@ def _untried(
 def _in_order(found: FoundStream, looks: Looks, views: Views) -> tuple[FoundStream, Looks] | None:
     """With packets in an order that falls less, and how they look; None without any.
 
-    Of few splats all packets from the first fall on, of which many states were drawn before; of
-    many, those from each fall until it is made good.
+    Of up to `MANY_ABOVE` splats all packets from the first fall on, of which many states were drawn
+    before; of more, those from each fall until it is made good.
     """
     falls, max_states, most = looks.recovered, MAX_AROUND, PACKET_FALL_DB
-    if found.tree.n_leaves <= FEW_UP_TO:
+    if found.tree.n_leaves <= MANY_ABOVE:
         assert looks.first is not None, "something falls"
         falls, most = [looks.first], FALL_DB
         max_states = max(max_states, MAX_SPLATS_DRAWN // max(found.tree.n_leaves, 1))

@@ -17,7 +17,7 @@ from evogs_codec.model.packet_id import PacketId
 from evogs_codec.model.splats import I64, SplatParams
 from evogs_codec.scene.falls.judges import PACKET_FALL_DB, Judges, Prefix
 from evogs_codec.scene.found_stream import FoundStream
-from evogs_codec.scene.measure import FEW_UP_TO
+from evogs_codec.scene.measure import MANY_ABOVE
 
 if TYPE_CHECKING:
     from evogs_codec.render import Camera, Views
@@ -194,14 +194,14 @@ def _of_few_bytes(directory: Directory) -> frozenset[PacketId]:
 def judges_of(views: Views, found: FoundStream) -> Judges:
     """How views judge the prefixes of a stream.
 
-    Fewer than `MIN_VIEWS` views tell too little. Of many splats one packet changes little of a
-    view, so there are no small pictures. Where their packets may be put in another order, leaves of
-    too many prefixes would be kept.
+    Fewer than `MIN_VIEWS` views tell too little. Of more splats than `MANY_ABOVE` one packet
+    changes little of a view, so there are no small pictures. Where their packets may be put in
+    another order, leaves of too many prefixes would be kept.
     """
     few = _with_cameras(views, views.cameras[::EVERY])
     if len(few.cameras) < MIN_VIEWS:
         return Judges(views)
-    if found.tree.n_leaves <= FEW_UP_TO:
+    if found.tree.n_leaves <= MANY_ABOVE:
         small = [camera.within(SMALL_PIXELS) for camera in views.cameras]
         return Judges(views, few, _with_cameras(views, small))
     return Judges(views) if may_be_ordered(found) else Judges(views, few)

@@ -5,6 +5,9 @@ import pytest
 
 pytest.importorskip("numba")
 
+from evogs_codec.jobs import Engine
+from evogs_codec.jobs import plan as plans
+from evogs_codec.jobs.scratch import do_missing
 from tools.bench.city import Tiles, city_and_object, encoded
 
 pytestmark = pytest.mark.thorough
@@ -29,3 +32,21 @@ def test_an_object_whose_splats_are_a_ten_millionth_of_the_city_stays_itself(tmp
     assert np.median(both.moved(parts["object"])) < 0.1
     assert np.percentile(both.moved(parts["object"]), 90) < 0.4
     assert np.percentile(both.moved(parts["city"]), 99) < 0.3
+
+
+def test_steps_that_tiles_need_coarser_are_the_same_in_any_order_of_completion(
+    tmp_path, monkeypatch
+):
+    """No row is raised beforehand, so that several tiles ask for it at once."""
+    errors = []
+
+    def counted(*given):
+        errors.append(do_missing(*given))
+        return errors[-1]
+
+    monkeypatch.setattr("evogs_codec.jobs.encode.do_missing", counted)
+    monkeypatch.setattr(plans, "_raised", lambda steps, _: np.zeros(steps.shape, np.int64))
+    parts = city_and_object(900, 0, None).values()
+    streams = [encoded(parts, tmp_path, engine) for engine in (None, Engine(workers=2))]
+    assert sum(error is not None for error in errors) >= 2
+    assert streams[0] == streams[1]

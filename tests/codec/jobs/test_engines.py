@@ -1,13 +1,17 @@
 """Where jobs run: processes that are started, and Ctrl-C meanwhile."""
 
+import pickle
 import signal
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import pytest
 
+from evogs_codec.encoding.grids import TooFineError
 from evogs_codec.jobs.engines import Engine, Workers
+from evogs_codec.jobs.scratch import do_missing
 
 
 @pytest.mark.parametrize(
@@ -16,6 +20,26 @@ from evogs_codec.jobs.engines import Engine, Workers
 def test_an_engine_that_there_is_not_is_refused(wrong, words):
     with pytest.raises(ValueError, match=words):
         Engine(**wrong)
+
+
+def test_an_error_comes_back_from_a_process_as_it_was():
+    error = TooFineError(2, row=1, times={2: 4.0})
+    found = pickle.loads(pickle.dumps(error))
+    assert (found.group, found.row, found.times) == (2, 1, {2: 4.0})
+
+
+@pytest.mark.parametrize("ends", [(0, 1, 2, 3), (3, 2, 1, 0), (2, 3, 0, 1)])
+def test_of_several_tiles_that_need_coarser_steps_the_first_is_told_of(ends, tmp_path):
+    returned = {0: None, 1: TooFineError(0), 2: TooFineError(1), 3: TooFineError(2)}
+
+    class Some:
+        def run(self, _, todo):
+            return ((number, returned[number]) for number in ends)
+
+    calls = [(str(tmp_path / str(number)),) for number in range(4)]
+    workers: Any = Some()
+    found = do_missing(workers, abs, calls, lambda *_: None, "encode")
+    assert found is returned[1]
 
 
 def blocked():

@@ -192,8 +192,11 @@ def test_neither_order_nor_equal_coordinates_change_cuts_between_sizes():
     points = np.round(points, 2)  # many are on one plane
     order = np.random.default_rng(1).permutation(len(points))
     one, other = (Tree.of(points[k], 6, sizes[k], least=20) for k in (np.arange(4000), order))
-    np.testing.assert_array_equal(one.value, other.value)
-    np.testing.assert_array_equal(one.axis, other.axis)
+    for found in (one, other):
+        assert found.n_tiles > Tree.of(points, 6).n_tiles, "some cuts are between sizes"
+    for name in ("axis", "value", "child", "origins", "blocks"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    np.testing.assert_array_equal(one.tile_of(points), other.tile_of(points))
 
 
 def test_splats_that_are_not_finite_are_counted_or_refused(tmp_path):

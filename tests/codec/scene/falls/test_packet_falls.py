@@ -1,6 +1,7 @@
 """Packets of SH bands that make pictures worse are left empty."""
 
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
@@ -195,7 +196,7 @@ def as_many(monkeypatch):
     """What is done for more splats than the test has."""
     monkeypatch.setattr(packet_falls, "ALL_LOOK_UP_TO", 100)
     for module in (packet_falls, packet_looks):
-        monkeypatch.setattr(module, "FEW_UP_TO", 100)
+        monkeypatch.setattr(module, "MANY_ABOVE", 100)
 
 
 @pytest.mark.thorough
@@ -237,23 +238,25 @@ def test_of_many_splats_other_streams_are_tried_for_a_deep_fall(
     assert chosen is tried[-1 if n_tried == 5 else 0]
 
 
-@pytest.mark.parametrize(("up_to", "is_taken"), [(100, False), (1000, True)])
-def test_of_more_than_few_splats_no_stream_is_taken_that_costs_much(
-    monkeypatch, layered, up_to, is_taken
-):
-    tried = []
+@pytest.mark.parametrize(("up_to", "taken"), [(100, 2), (1000, 1)])
+def test_above_20000_splats_no_stream_is_taken_that_costs_much(monkeypatch, layered, up_to, taken):
+    """The first of the others costs much, and the next one does not."""
+    tried, costs = [], iter([packet_falls.MAX_COST_DB + 0.1])
     monkeypatch.setattr(packet_falls, "ALL_LOOK_UP_TO", up_to)
     monkeypatch.setattr(packet_falls, "_may_fall", lambda *_: True)
-    monkeypatch.setattr(packet_falls, "_cost", lambda *_: packet_falls.MAX_COST_DB + 0.1)
+    monkeypatch.setattr(packet_falls, "_cost", lambda *_: next(costs, 0.0))
+    others = [replace(layered) for _ in range(3)]
+    made = [partial(others.__getitem__, k) for k in range(len(others))]
+    monkeypatch.setattr(packet_falls, "_others", lambda *_: made)
 
     def with_least_fall(one, *_):
         tried.append(one)
-        return one, 0.5 / len(tried)
+        return one, 0.5 if one is layered else 0.0
 
     monkeypatch.setattr(packet_falls, "_with_least_fall", with_least_fall)
     chosen = packet_falls.without_falls(layered, gauge_of(layered), Request.of("scene", {}))
-    assert (chosen is not layered) == is_taken
-    assert (len(tried) > 1) == is_taken
+    assert tried == [layered, chosen]
+    assert chosen is others[taken - 1]
 
 
 @pytest.mark.thorough
