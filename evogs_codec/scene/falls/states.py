@@ -22,8 +22,8 @@ __all__ = ["FALL_DB", "N_JUDGING_FIRST", "SAME_DB", "Draft", "State"]
 
 SAME_DB = 0.03  # dB; two states look the same if no view differs by more
 # A state is a fall if its mean gain over an earlier one, less `N_STANDARD_ERRORS` standard errors
-# of a mean of `N_JUDGING` views, is below -`FALL_DB`.
-FALL_DB, N_STANDARD_ERRORS, N_JUDGING = 0.05, 1.0, 6
+# of a mean of `N_OF_ERROR` views, is below -`FALL_DB`.
+FALL_DB, N_STANDARD_ERRORS, N_OF_ERROR = 0.05, 1.0, 6
 ALL_JUDGE_STATES_UP_TO = 1_000  # of more splats a few views judge first
 N_JUDGING_FIRST = 5  # of them, at most; every second or fifth view, so that they are of both sizes
 
@@ -78,7 +78,7 @@ def _is_like(by: F64) -> bool:
 
 def _margin(by: F64) -> float:
     """How far a state that is better by this, view by view, is from a fall, dB; below 0: one."""
-    return float(by.mean() + FALL_DB - N_STANDARD_ERRORS * by.std() / math.sqrt(N_JUDGING))
+    return float(by.mean() + FALL_DB - N_STANDARD_ERRORS * by.std() / math.sqrt(N_OF_ERROR))
 
 
 @dataclass(frozen=True, eq=False)

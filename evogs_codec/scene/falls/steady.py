@@ -103,8 +103,8 @@ def _steadied(found: FoundStream, views: Views, request: Request) -> FoundStream
         for _ in range(MAX_TRIES):
             again = steadying.steadied(found)
             if again is None and is_guess:
-                before, found, is_guess = found, found.nearer(), False
-                if not _is_near(found, before):
+                guessed, found, is_guess = found, found.nearer(), False
+                if not _is_near(found, guessed):
                     continue
             if again is None:
                 again = found.made()
@@ -144,7 +144,7 @@ class _Steadying:
         progress: called with how much was looked at.
         may_be_late: whether the last level may come late: not with `layers` or `polish`.
         layering: of the stream.
-        before: runs of steps that were joined or held back last.
+        last_runs: runs of steps that were joined or held back last.
         looked_at_roots: whether it is known that all roots are to come in one step, or not.
     """
 
@@ -152,7 +152,7 @@ class _Steadying:
     progress: Progress
     may_be_late: bool
     layering: Layering
-    before: list[Run] = field(default_factory=list)
+    last_runs: list[Run] = field(default_factory=list)
     looked_at_roots: bool = False
 
     def begun(self, found: FoundStream) -> FoundStream:
@@ -166,20 +166,20 @@ class _Steadying:
         found = self._with_ratio_of_use(found) or found
         if not (self.may_be_late and found.can_be_late):
             return found
-        before = coarse = math.nan
+        last_but_one = last = math.nan
         is_wide = self._is_surely_wide(found)
         if not is_wide:
-            before, coarse = self._draft(found).last_two()
-            is_wide = found.psnr is not None and found.psnr >= coarse + WIDE_DB
+            last_but_one, last = self._draft(found).last_two()
+            is_wide = found.psnr is not None and found.psnr >= last + WIDE_DB
         if is_wide and found.tree.palette is None:
             layering = Layering(N_LAYERS + 1, is_late=True, between=PRICE_RATIO_BETWEEN)
             other = found.holding((), layering)
             if not _falls_late(other, self.views.fewer(N_JUDGING_FIRST)):
                 self.layering = layering
                 return other
-        if math.isnan(coarse):
-            before, coarse = self._draft(found).last_two()
-        return self._late(found) if gains_little(coarse - before) else found
+        if math.isnan(last):
+            last_but_one, last = self._draft(found).last_two()
+        return self._late(found) if gains_little(last - last_but_one) else found
 
     def steadied(self, found: FoundStream) -> FoundStream | None:
         """With finer coarse splats, or with steps joined or held back; None if it needs neither.
@@ -202,7 +202,7 @@ class _Steadying:
         states = draft.states(self.progress)
         assert found.encoder is not None, "it is by views"
         at_corrections = (
-            set() if self.before else _places_of_corrections(found.encoder.prepared.tiles)
+            set() if self.last_runs else _places_of_corrections(found.encoder.prepared.tiles)
         )
         runs, is_coarse = _runs(states, at_corrections)
         added, ratio = _added_by_last(states), self.layering.ratio / FINER_RATIO
@@ -212,16 +212,16 @@ class _Steadying:
             return self._finer(found, ratio)
         falls = len(states) > 1 and not states[-1].keeps_up_with(states[0])
         if falls and found.is_layered and self.may_be_late:
-            self.layering, self.before = Layering(1), []
+            self.layering, self.last_runs = Layering(1), []
             return found.holding((), self.layering)
         if runs and gains_little(gain, some_fall=True):
             return self._late(found)
-        if not runs or runs == self.before:  # nothing can be done about these
+        if not runs or runs == self.last_runs:  # nothing can be done about these
             return None
         shows_little = self.layering.ratio == PRICE_RATIO or added < MIN_GAIN_DB
         if found.has_target and found.is_layered and shows_little and ratio >= MIN_RATIO:
             return self._finer(found, ratio)
-        self.before = runs
+        self.last_runs = runs
         return found.holding(runs, self.layering)
 
     def _draft(self, found: FoundStream) -> Draft:
@@ -256,11 +256,11 @@ class _Steadying:
         may = self.may_be_late and found.can_be_late
         if not may or found.n_coarse < 2 or self.layering.is_late:
             return math.inf
-        before, last = draft.last_two()
-        return last - before
+        last_but_one, last = draft.last_two()
+        return last - last_but_one
 
     def _late(self, found: FoundStream) -> FoundStream:
-        self.layering, self.before = replace(self.layering, is_late=True), []
+        self.layering, self.last_runs = replace(self.layering, is_late=True), []
         return found.holding((), self.layering)
 
 
@@ -357,8 +357,8 @@ def _added_by_last(states: Sequence[State]) -> float:
     As a few views find it.
     """
     last = states[-1]
-    before = [state for state in states if state.place[0] < last.place[0]]
-    return last.mean - before[-1].mean if before else math.inf
+    coarser = [state for state in states if state.place[0] < last.place[0]]
+    return last.mean - coarser[-1].mean if coarser else math.inf
 
 
 def _between(states: Sequence[State], good: Sequence[int]) -> list[Run]:

@@ -279,9 +279,9 @@ def test_with_a_target_coarse_splats_are_finer_before_steps_are_held_back(
     again = steadying.steadied(found)
     assert again is not None
     assert again.layering.ratio == ratio
-    assert (steadying.before == [run]) == is_held
+    assert (steadying.last_runs == [run]) == is_held
     again = steadying.steadied(again)  # now or already
-    assert steadying.before == [run]
+    assert steadying.last_runs == [run]
     assert (again is None) == is_held
 
 
@@ -308,7 +308,7 @@ def test_with_a_target_coarse_splats_are_finer_until_their_last_level_shows_some
         found = steadying.steadied(found)
         assert found is not None
         assert found.layering.ratio == ratio
-    assert bool(steadying.before) == (len(set(ratios)) < len(ratios))
+    assert bool(steadying.last_runs) == (len(set(ratios)) < len(ratios))
 
 
 def test_what_the_last_level_adds():
