@@ -63,9 +63,9 @@ N_FIRST_PREFIXES, FIRST_VIEWS_EVERY, NO_FALL_DB = (6, 12), 7, 0.01
 # A fall above this is worth a stream that takes more bytes or looks worse, with a target and of
 # more than `MANY_ABOVE` splats. Of these its whole may look worse by as much.
 DEAR_FALL_DB = 3 * FALL_DB
-# That the whole of another stream looks worse for its bytes, with a target or of more splats than
-# `ALL_LOOK_UP_TO`.
-MAX_COST_DB = 3.0
+# That the whole of another stream looks worse for its bytes, at most: with a target, and without
+# one of more than `ALL_LOOK_UP_TO` splats. 10 dB are twice the bytes.
+MAX_COST_DB, MAX_COST_OF_PLAIN_DB = 3.0, 10.0
 # Splats of all states together that are drawn in search of an order, of up to `MANY_ABOVE`.
 MAX_SPLATS_DRAWN = 1_000_000
 MAX_ORDERS = 2  # that are looked for
@@ -82,8 +82,7 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
     it, or miss its target. Other prices are not tried with a target, nor one layer where layers
     were asked for, and nothing else where a stream is polished. With a target up to `MANY_ABOVE`
     splats may fall by `FALL_DB`, and another stream is tried only against a fall above
-    `DEAR_FALL_DB`. With a target, or of more than `ALL_LOOK_UP_TO` splats, it is not taken if it
-    costs more than `MAX_COST_DB`.
+    `DEAR_FALL_DB`. It is not taken if it costs more than `_max_cost`.
     """
     if not found.is_by_views or found.tree.palette is not None:
         return found
@@ -95,6 +94,7 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
         if not _may_fall(found, gauge.many, None if request.is_plain else views):
             return found
     least = PACKET_FALL_DB if request.is_plain or is_many else FALL_DB
+    max_cost = _max_cost(request, all_look=all_look)
     first, fall = _with_least_fall(found, views, least)
     best, others = first, _others(found, request) if fall > least else []
     for k, of_other in enumerate(others):
@@ -106,7 +106,7 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
             other = other.made()
         except TargetMissedError:
             continue
-        if not (request.is_plain and all_look) and _cost(other, first, views) > MAX_COST_DB:
+        if max_cost < math.inf and _cost(other, first, views) > max_cost:
             if request.is_plain:
                 continue
             break  # those after it cost more
@@ -114,6 +114,13 @@ def without_falls(found: FoundStream, gauge: Gauge, request: Request) -> FoundSt
         if of_one < fall and not (is_many and _looks_worse(one, best, views)):
             best, fall = one, of_one
     return best
+
+
+def _max_cost(request: Request, *, all_look: bool) -> float:
+    """By how many dB another stream may look worse for its bytes."""
+    if not request.is_plain:
+        return MAX_COST_DB
+    return math.inf if all_look else MAX_COST_OF_PLAIN_DB
 
 
 def _may_stay(k: int, other: FoundStream, request: Request, *, is_many: bool) -> float:

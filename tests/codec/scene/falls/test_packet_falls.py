@@ -241,7 +241,7 @@ def test_of_many_splats_other_streams_are_tried_for_a_deep_fall(
 @pytest.mark.parametrize(("up_to", "taken"), [(100, 2), (1000, 1)])
 def test_above_20000_splats_no_stream_is_taken_that_costs_much(monkeypatch, layered, up_to, taken):
     """The first of the others costs much, and the next one does not."""
-    tried, costs = [], iter([packet_falls.MAX_COST_DB + 0.1])
+    tried, costs = [], iter([packet_falls.MAX_COST_OF_PLAIN_DB + 0.1])
     monkeypatch.setattr(packet_falls, "ALL_LOOK_UP_TO", up_to)
     monkeypatch.setattr(packet_falls, "_may_fall", lambda *_: True)
     monkeypatch.setattr(packet_falls, "_cost", lambda *_: next(costs, 0.0))
