@@ -63,7 +63,7 @@ def with_default_camera(
     need_numba()
     from evogs_codec.render import cameras_around, load_cameras
     from evogs_codec.render.default_camera import viewpoint_of
-    from evogs_codec.render.framing import bulk_of
+    from evogs_codec.render.framing import focus_of
 
     if not len(splats):
         return info
@@ -74,7 +74,7 @@ def with_default_camera(
     number = args.view or 0
     if number >= len(cameras):
         raise InputError(f"--view: camera {number} is not one of 0..{len(cameras) - 1}")
-    text[CAMERA] = str(viewpoint_of(cameras[number], bulk_of(splats)[0]))
+    text[CAMERA] = str(viewpoint_of(cameras[number], focus_of(splats).middle))
     return replace(info, text=text)
 
 
@@ -88,9 +88,11 @@ def with_opening_view(splats: SplatParams, info: SceneInfo) -> SceneInfo:
         return info
     from evogs_codec.render import cameras_around, up_of
     from evogs_codec.render.default_camera import viewpoint_of
-    from evogs_codec.render.framing import bulk_of
+    from evogs_codec.render.framing import focus_of
     from evogs_codec.render.front import most_detailed
 
     cameras = cameras_around(splats, up_of(splats, info).vector)
     front = cameras[most_detailed(splats, cameras)]
-    return replace(info, text={**info.text, CAMERA: str(viewpoint_of(front, bulk_of(splats)[0]))})
+    return replace(
+        info, text={**info.text, CAMERA: str(viewpoint_of(front, focus_of(splats).middle))}
+    )

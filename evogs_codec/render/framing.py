@@ -1,5 +1,7 @@
 """What of a scene a picture is framed on: the splats that matter, whatever lies around them.
 
+That is where most of a scene is, or the detail in its middle: an object in a landscape.
+
 Also how near splats are drawn, and on what background.
 
 Letters: N splats.
@@ -24,6 +26,7 @@ __all__ = [
     "Bulk",
     "background_for",
     "bulk_of",
+    "focus_of",
     "options_for",
     "weighted_quantiles",
     "worth",
@@ -37,6 +40,10 @@ LARGE_PERCENTILE = 90  # percentile of the areas; a larger splat counts as one o
 # The bulk of what matters is taken where its middle or its size are so far from those of all
 # positions: in diagonals, and as a factor. Most scenes keep the views that they always had.
 OTHER_PLACE, OTHER_SIZE = 0.35, 1.5
+# A scene has detail in its middle if the smaller half of its splats is in a part of its bulk, in
+# diagonals: a smaller part is something else in it, such as an insect in a city. A few splats show
+# nothing.
+DETAIL, MIN_OF_DETAIL = (0.003, 0.25), 200
 SMALL_BULK = 0.2  # of a small bulk, a tenth of the way of the default cameras to it
 WHITE, BLACK = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
 # Of the range of a colour, from which a splat is white, and of the splats, that are white at least
@@ -45,6 +52,7 @@ NEARLY_WHITE, NEARLY_ALL = 0.02, 0.99
 
 
 _found: WeakKeyDictionary[SplatParams, Bulk] = WeakKeyDictionary()
+_focus: WeakKeyDictionary[SplatParams, Bulk] = WeakKeyDictionary()
 
 
 class Bulk(NamedTuple):
@@ -70,6 +78,33 @@ def bulk_of(scene: SplatParams) -> Bulk:
     return _found[scene]
 
 
+def focus_of(scene: SplatParams) -> Bulk:
+    """What cameras look at: the bulk, or the detail in it.
+
+    Trainers make splats as small as photographs show them. Of an object in a landscape, half of the
+    splats may be ground, trees and sky, but the small ones are where people stood.
+
+    Raises:
+        ValueError: as `bulk_of`.
+    """
+    if scene not in _focus:
+        _focus[scene] = _focus_of(scene)
+    return _focus[scene]
+
+
+def _focus_of(scene: SplatParams) -> Bulk:
+    bulk = bulk_of(scene)
+    finite = scene.finite()
+    if not 0 < bulk.size < math.inf or np.count_nonzero(finite) < MIN_OF_DETAIL:
+        return bulk
+    axes = np.sort(scene.log_scales[finite].astype(np.float64), axis=1)
+    sizes = axes[:, 1] + axes[:, 2]
+    small = scene.means[finite][sizes <= np.median(sizes)].astype(np.float64)
+    detail = _box(*np.percentile(small, BULK, axis=0))
+    least, most = DETAIL
+    return detail if least <= detail.size / bulk.size <= most else bulk
+
+
 def _bulk_of(scene: SplatParams) -> Bulk:
     means = scene.means[np.isfinite(scene.means).all(axis=1)].astype(np.float64)
     if not len(means):
@@ -91,11 +126,11 @@ def _bulk_of(scene: SplatParams) -> Bulk:
 def options_for(scene: SplatParams) -> Options:
     """How a scene is rendered whatever its unit is: what is near is not cut off a small one.
 
-    Scenes whose bulk is a unit or more are rendered with `DEFAULT`, as are empty ones.
+    Scenes whose focus is a unit or more are rendered with `DEFAULT`, as are empty ones.
     """
     if not np.isfinite(scene.means).all(axis=1).any():
         return DEFAULT
-    size = bulk_of(scene).size
+    size = focus_of(scene).size
     return (
         replace(DEFAULT, near=SMALL_BULK * size)
         if 0 < SMALL_BULK * size < DEFAULT.near

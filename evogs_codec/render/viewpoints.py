@@ -1,4 +1,4 @@
-"""Where cameras stand when nobody names any: on circles around the bulk of a scene."""
+"""Where cameras stand when nobody names any: on circles around what a scene is about."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from evogs_codec.model.splats import SplatParams
 from evogs_codec.render.camera import Camera, orbit
-from evogs_codec.render.framing import bulk_of
+from evogs_codec.render.framing import Bulk, bulk_of, focus_of
 from evogs_codec.render.up import Direction, direction, up_of
 
 __all__ = [
@@ -26,6 +26,7 @@ __all__ = [
 N_ORBIT = 24
 SIZE = 400  # pixels, width and height of a view that is measured
 PICTURE_SIZE = 800  # of one that is looked at
+ELEVATION, DISTANCE = 0.35, 2.0  # of the default cameras, as of `cameras_around`
 # Number, elevation and distance of the cameras of a circle, as of `cameras_around`. No elevation
 # is that of the 24 cameras which judge.
 RINGS = ((9, 0.05, 1.7), (11, 0.2, 2.4), (11, 0.5, 1.9), (9, 0.8, 2.2))
@@ -42,10 +43,10 @@ def cameras_around(
     size: int | None = None,
     *,
     n: int = N_ORBIT,
-    elevation: float = 0.35,
-    distance: float = 2.0,
+    elevation: float = ELEVATION,
+    distance: float = DISTANCE,
 ) -> list[Camera]:
-    """Cameras on a circle around the bulk of a scene (`bulk_of`).
+    """Cameras on a circle around the bulk of a scene, or the detail in it (`focus_of`).
 
     Args:
         scene: what the cameras look at; splats that are not finite do not count.
@@ -54,21 +55,34 @@ def cameras_around(
         size: width and height in pixels; `SIZE` by default.
         n: number of cameras.
         elevation: radians above the middle.
-        distance: from the middle, in diagonals of the bulk, or in standard deviations of a splat
-            where all splats are in one place.
+        distance: from the middle, in diagonals of what they look at, or in standard deviations of a
+            splat where all splats are in one place.
 
     Raises:
         ValueError: the scene is empty.
     """
-    middle, bulk = bulk_of(scene)
-    if bulk == 0:
-        bulk = math.exp(float(np.clip(np.median(scene.log_scales), -30, 30)))
+    return _around(focus_of(scene), scene, up, size, n, elevation, distance)
+
+
+def _around(
+    bulk: Bulk,
+    scene: SplatParams,
+    up: Direction | None,
+    size: int | None,
+    n: int,
+    elevation: float,
+    distance: float,
+) -> list[Camera]:
+    """`cameras_around` a part of a scene."""
+    reach = bulk.size
+    if reach == 0:
+        reach = math.exp(float(np.clip(np.median(scene.log_scales), -30, 30)))
     above = up_of(scene).vector if up is None else direction(up)
     side = SIZE if size is None else size
     return orbit(
         n,
-        middle,
-        radius=distance * bulk,
+        bulk.middle,
+        radius=distance * reach,
         elevation=elevation,
         up=above,
         width=side,
@@ -115,11 +129,15 @@ def weighing_cameras(scene: SplatParams, up: Direction | None = None, n: int = 1
     """Cameras by which errors are weighed, n of them: most on the circle of `cameras_around`.
 
     Of six, one stands below the scene and one far above it. A splat that the circle does not show
-    is seen from there, or it is worth nothing.
+    is seen from there, or it is worth nothing. Where the circle is around detail in a scene, these
+    two stand on a circle around the whole, which is seen from there.
     """
     above = up_of(scene).vector if up is None else direction(up)
     n_each = n // ONE_OF
     circle = cameras_around(scene, above, n=n_on_circle(n))
+    whole = bulk_of(scene)
+    if whole is not focus_of(scene):
+        return circle + _around(whole, scene, above, None, 2 * n_each, ELEVATION, DISTANCE)
     others = [
         camera
         for elevation, distance in (BELOW, ABOVE)
