@@ -26,6 +26,7 @@ from evogs_codec.cli.terminal import noted_warnings, progress_bar
 from evogs_codec.common.heap import keep_freed_memory
 from evogs_codec.common.printable import shown
 from evogs_codec.common.progress import Progress
+from evogs_codec.decoding.decode import decode_leaves
 from evogs_codec.encoding.settings import PRESETS, SCENE_PRESET, TREE_PRESET, RangeBits, Settings
 from evogs_codec.errors import InputError
 from evogs_codec.format.directory import Directory, read_directory
@@ -37,6 +38,7 @@ from evogs_codec.io.interchange.sog import is_sog
 from evogs_codec.io.tree_npz import read_tree, write_tree
 from evogs_codec.lifting.lift import N_LEVELS, lift
 from evogs_codec.model.scene_info import SceneInfo
+from evogs_codec.model.splats import SplatParams
 from evogs_codec.model.tree import EvolutionTree
 from evogs_codec.scene import encode_scene, encode_tree
 
@@ -90,11 +92,29 @@ def run_encode(args: argparse.Namespace) -> None:
             )
     write_atomic(args.output, data)
     write_report(args, splats, data, up, notes)
-    _print_figures(args, read_directory(data), len(data), up)
+    reached = _reached(args, splats, data, up)
+    _print_figures(args, read_directory(data), len(data), up, reached)
+
+
+def _reached(
+    args: argparse.Namespace, splats: SplatParams, data: bytes, up: Up | None
+) -> tuple[float, int] | None:
+    """PSNR of a stream that has a target, dB, and over how many views; None without one."""
+    has_target = args.target_psnr is not None or args.target_bytes is not None
+    if not has_target or not len(splats) or find_spec("numba") is None:
+        return None
+    from evogs_codec.render import Views
+
+    views = Views.of(splats, _cameras(args), up=None if up is None else up.vector)
+    return views.psnr(decode_leaves(data)), len(views.cameras)
 
 
 def _print_figures(
-    args: argparse.Namespace, directory: Directory, size: int, up: Up | None
+    args: argparse.Namespace,
+    directory: Directory,
+    size: int,
+    up: Up | None,
+    reached: tuple[float, int] | None = None,
 ) -> None:
     figures = level_figures(directory)
     n = figures[-1]["n_leaves"]
@@ -108,10 +128,14 @@ def _print_figures(
             "levels": figures,
             "up": None if up is None else {"axis": up.name, "source": up.source},
         }
+        if reached is not None:
+            found["psnr"], found["psnr_views"] = round(reached[0], 2), reached[1]
         print(json.dumps(found))
         return
     print(f"{shown(args.output)}: {n:,} splats, {size:,} bytes, {each:.2f} a splat")
     print_levels(directory)
+    if reached is not None:
+        print(f"\nreached: {reached[0]:.2f} dB over {reached[1]} views")
     if up is not None:
         print(f"\nviews: {up}")
 

@@ -52,6 +52,8 @@ def load_cameras(path: Path) -> list[Camera]:
         for key, read in READERS.items():
             if key in found:
                 return read(path, found)
+    elif found == []:
+        raise InputError(f"{path}: no camera in it")
     elif isinstance(found, list) and any(isinstance(row, dict) for row in found):
         return [_of_trainer(path, number, row) for number, row in enumerate(found)]
     raise InputError(f'{path}: is no list of cameras, {{"cameras": [...]}}')

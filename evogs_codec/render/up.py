@@ -99,7 +99,7 @@ def up_of(scene: SplatParams, info: SceneInfo | None = None, cameras: Sequence[C
         return Up.of(axis, "as the file says")
     if len(cameras):
         return Up.of(up_of_cameras(cameras), "as the cameras were held")
-    return shown_by(scene) or Up.of("z", "as nothing shows another")
+    return shown_by(scene) or Up.of("z", "a guess, as nothing shows it: --up names another")
 
 
 def shown_by(scene: SplatParams) -> Up | None:

@@ -19,7 +19,9 @@ __all__ = [
     "camera_rings",
     "cameras_all_around",
     "cameras_around",
+    "most_different",
     "n_on_circle",
+    "share_shown",
     "weighing_cameras",
 ]
 
@@ -35,6 +37,7 @@ OUTSIDE = ((16, -0.6, 1.7), (12, 1.2, 2.2))
 # Of six cameras that weigh errors one stands below and one far above: elevation and distance.
 ONE_OF = 6
 BELOW, ABOVE = (-0.5, 2.0), (1.1, 2.0)
+N_SAMPLED = 5_000  # splats of which `share_shown` tells how many are shown
 
 
 def cameras_around(
@@ -118,6 +121,44 @@ def _on_rings(
         for n, elevation, distance in rings
         for camera in cameras_around(scene, above, n=n, elevation=elevation, distance=distance)
     ]
+
+
+def most_different(cameras: Sequence[Camera], n: int) -> list[Camera]:
+    """At most n of the cameras, which stand apart and look other ways, whatever their order.
+
+    The first is nearest to the middle of all. Each of the others is the one that differs most from
+    those before it: by the angle between their axes in radians, and by their distance in that of
+    most cameras from the middle.
+    """
+    n = min(n, len(cameras))
+    if not n:
+        return []
+    eyes = np.array([camera.position for camera in cameras])
+    axes = np.array([camera.rotation[2] for camera in cameras])
+    away = np.linalg.norm(eyes - np.median(eyes, axis=0), axis=1)
+    unit = max(float(np.median(away)), 1e-30)
+    rows = np.lexsort((*axes.T, *eyes.T, away))
+    found = [int(rows[0])]
+    least = np.full(len(cameras), np.inf)
+    while len(found) < n:
+        angles = np.arccos(np.clip(axes @ axes[found[-1]], -1, 1))
+        least = np.minimum(least, angles + np.linalg.norm(eyes - eyes[found[-1]], axis=1) / unit)
+        found.append(int(rows[np.argmax(least[rows])]))
+    return [cameras[k] for k in found]
+
+
+def share_shown(scene: SplatParams, cameras: Sequence[Camera]) -> float:
+    """What part of the splats has its centre in some of the pictures, by a sample of them."""
+    points = scene.means[:: max(1, len(scene) // N_SAMPLED)].astype(np.float64)
+    shown = np.zeros(len(points), bool)
+    for camera in cameras:
+        x, y, z = camera.rotation @ points.T + camera.translation[:, None]
+        is_before = z > 0
+        z = np.where(is_before, z, 1.0)
+        across, down = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
+        is_in = (across >= 0) & (across < camera.width) & (down >= 0) & (down < camera.height)
+        shown |= is_before & is_in
+    return float(np.mean(shown)) if len(shown) else 1.0
 
 
 def n_on_circle(n: int) -> int:

@@ -22,7 +22,12 @@ from evogs_codec.render.options import DEFAULT, Options
 from evogs_codec.render.splats import Real, Splats
 from evogs_codec.render.stills import Still
 from evogs_codec.render.up import Direction, up_of
-from evogs_codec.render.viewpoints import cameras_all_around, cameras_around, weighing_cameras
+from evogs_codec.render.viewpoints import (
+    cameras_all_around,
+    cameras_around,
+    most_different,
+    weighing_cameras,
+)
 
 __all__ = ["DRAWN", "HELD_OUT", "Between", "Colour", "Views", "view_of"]
 
@@ -44,6 +49,7 @@ class Between(NamedTuple):
 
 MAX_PSNR = 150.0  # dB of a view: of one without any error, for a mean that is a number
 DRAWN = 12  # views that the sensitivity is estimated from
+MORE_OF_GIVEN = 2  # times as many of given cameras, each of which may show another part
 COMPARED = 6  # of these, at most, compared with the scene
 # Coarse levels of many splats are drawn in pictures whose longer side is this part of the others',
 # and has this many pixels at least.
@@ -96,7 +102,7 @@ class Views:
         Args:
             scene: what they show.
             cameras: theirs; by default 24 on a circle around the scene, and errors are weighed by
-                `weighing_cameras`.
+                `weighing_cameras`. Of others more weigh errors, since each may show another part.
             up: what is up in the default views, as of `cameras_around`.
             n_views: at most this many views.
             descent: with `others`, for `loss_gradient`: 108 all around the scene, or of
@@ -106,12 +112,13 @@ class Views:
             ValueError: there is one camera only, and `descent` needs two.
         """
         others: Sequence[Camera] = ()
-        weighing: Sequence[Camera] = ()
+        n_weighing = DRAWN if n_views is None else n_views
         if cameras is None:
             above = up_of(scene).vector if up is None else up
             chosen: Sequence[Camera] = cameras_around(scene, above)
             others = cameras_all_around(scene, above) if descent else ()
-            weighing = weighing_cameras(scene, above, DRAWN if n_views is None else n_views)
+            few = chosen if n_views is None else _at_most(chosen, n_views)
+            weighing: Sequence[Camera] = weighing_cameras(scene, above, n_weighing)
         elif descent:
             if len(cameras) < 2:
                 raise ValueError(f"{len(cameras)} camera, expected at least 2")
@@ -119,7 +126,10 @@ class Views:
             others = [other for k, other in enumerate(cameras) if k % HELD_OUT]
         else:
             chosen = cameras
-        few = chosen if n_views is None else _at_most(chosen, n_views)
+        if cameras is not None:
+            few = chosen if n_views is None else most_different(chosen, n_views)
+            n_weighing *= MORE_OF_GIVEN
+            weighing = most_different(chosen, n_weighing)
         return Views(
             scene,
             few,
@@ -127,6 +137,7 @@ class Views:
             others=others,
             weighing=weighing,
             options=options_for(scene),
+            n_drawn=max(n_weighing, DRAWN),
         )
 
     def fewer(self, n_views: int) -> Views:

@@ -100,15 +100,18 @@ def _chosen(
 ) -> tuple[list[Camera], str]:
     """Cameras, and what they are; where nobody named any, some of those on the circle.
 
-    One in three of these weighs errors, too.
+    One in three of these weighs errors, too. Of given cameras none does, if there are enough.
     """
     from evogs_codec.render import cameras_around
-    from evogs_codec.render.viewpoints import N_ORBIT
+    from evogs_codec.render.viewpoints import N_ORBIT, most_different
+    from evogs_codec.render.views import MORE_OF_GIVEN
 
     if request.cameras is None:
         chosen = cameras_around(scene, request.up)[first :: N_ORBIT // n_views]
         said = f"{len(chosen)} views on a circle"
     else:
-        chosen = list(request.cameras[:: -(-len(request.cameras) // n_views)])
+        weighing = most_different(request.cameras, MORE_OF_GIVEN * request.effort.n_views)
+        others = [camera for camera in request.cameras if camera not in weighing]
+        chosen = most_different(others if len(others) >= n_views else request.cameras, n_views)
         said = f"{len(chosen)} of the {len(request.cameras)} cameras given"
     return chosen, said

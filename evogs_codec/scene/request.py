@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["NO_NUMBA", "MaxError", "Request", "SceneOptions", "TreeOptions", "with_generator"]
 
+MIN_SHOWN = 0.5  # of the splats; given cameras that show fewer are those of another world, or few
 NO_NUMBA = "numba is missing: pip install -e '.[render]'"
 
 MaxError: TypeAlias = "float | Mapping[str, float]"
@@ -160,10 +162,25 @@ class Request:
         return max(1, min(N_LAYERS, 1 + MAX_LEVELS - n_levels))
 
     def looking_at(self, scene: SplatParams) -> Request:
-        """The same, which knows what is up in the default views of a scene."""
-        if self.up is not None or self.cameras is not None or self.errors or self.why_no_views:
+        """The same, which knows what is up in the default views of a scene.
+
+        Warns the caller of `encode_scene` where given cameras show less than `MIN_SHOWN` of it.
+        """
+        if self.errors or self.why_no_views:
             return self
         from evogs_codec.render import up_of
+        from evogs_codec.render.viewpoints import share_shown
+
+        if self.cameras is not None and self.is_by_views:
+            share = share_shown(scene, self.cameras)
+            if share < MIN_SHOWN:
+                warnings.warn(
+                    f"the cameras show {share:.0%} of the splats, and the others get large errors:"
+                    " are these cameras of the same world, and all there are?",
+                    stacklevel=4,
+                )
+        if self.up is not None or self.cameras is not None:
+            return self
 
         return replace(self, up=up_of(scene, self.info).vector)
 
@@ -194,9 +211,11 @@ class Request:
         views = self.views(scene, self.effort.n_views)
         if views is None:
             return None
-        if not self.effort.all_round:
-            views = replace(views, weighing=())
-        return replace(views.within(self.effort.pixels), n_drawn=self.effort.n_views)
+        views = views.within(self.effort.pixels)
+        if self.cameras is not None:
+            return views
+        weighing = views.weighing if self.effort.all_round else ()
+        return replace(views, weighing=weighing, n_drawn=self.effort.n_views)
 
 
 def _settings_of(preset: str | Settings) -> Settings:

@@ -314,7 +314,11 @@ def test_the_command_aims(tmp_path, capsys):
     for options in (["--bits", "8"], ["--preset", "paper"], ["--near-lossless"]):
         assert main([*encoded, *options, "--finer", "2"]) == 1
         assert "--finer divides steps" in capsys.readouterr().err
-    for text, says in (('{"cameras": []}', "no camera in it"), ("", "is not JSON")):
+    for text, says in (
+        ('{"cameras": []}', "no camera in it"),
+        ("[]", "no camera in it"),
+        ("", "is not JSON"),
+    ):
         camera = tmp_path / "views.json"
         camera.write_text(text)
         assert main([*encoded, "--camera", str(camera)]) == 1
