@@ -8,9 +8,9 @@ import pytest
 pytest.importorskip("numba", reason="pictures are rendered")
 from PIL import Image
 
-from evogs_codec import read_directory, read_ply, write_ply, write_scene
+from evogs_codec import decode_leaves, read_directory, read_ply, write_ply, write_scene
 from evogs_codec.io.interchange.frames import transformed
-from evogs_codec.render import cameras_around, load_cameras, orbit, render, save_cameras
+from evogs_codec.render import Views, cameras_around, load_cameras, orbit, render, save_cameras
 from evogs_codec.render.demo_scene import make_scene
 from tests.trainer.views_folders import folder_of
 from tools.camera_sheet import turning_z_to
@@ -66,6 +66,21 @@ def test_an_encode_has_the_views_of_the_axis_that_was_found(evogs, upside_down, 
         streams.append(path.read_bytes())
     assert streams[0] == streams[1]
     assert streams[0] != streams[2]
+
+
+@pytest.mark.parametrize("option", ["--target-psnr", "--target-bytes"])
+def test_an_encode_with_a_target_says_what_it_reached(evogs, tmp_path, option):
+    scene, out = tmp_path / "a.ply", tmp_path / "a.evogs"
+    write_ply(scene, make_scene(300))
+    words = ["encode", scene, out, option, 30 if option == "--target-psnr" else 3500, "--up", "z"]
+    said = evogs(*words)[1]
+    found = json.loads(evogs(*words, "--json")[1])
+    right = Views.of(read_ply(scene), up="z").psnr(decode_leaves(out))
+    assert found["psnr"] == round(right, 2)
+    assert found["psnr_views"] == 24
+    assert f"reached: {right:.2f} dB over 24 views" in said
+    plain = json.loads(evogs("encode", scene, out, "--preset", "scene", "--json")[1])
+    assert "psnr" not in plain
 
 
 @pytest.mark.thorough
