@@ -7,6 +7,7 @@ without.
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -176,10 +177,12 @@ def run_psnr(args: argparse.Namespace) -> None:
         psnr(*(render(one, camera, background, options=options) for one in both))
         for camera in _with_bar(cameras, "psnr")
     ]
-    mean, least = float(np.mean(found)), min(found)
+    differ = [decibels for decibels in found if math.isfinite(decibels)] or found
+    n_equal = len(found) - len(differ)
     said = "" if up is None else f"{up}, "
     print(
-        f"{mean:.2f} dB on average, {least:.2f} dB at least, {said}over {len(found)} views"
+        f"{np.mean(differ):.2f} dB on average, {min(differ):.2f} dB at least, {said}"
+        f"over {len(differ)} views{f' ({n_equal} others are equal)' if n_equal else ''}"
         f"{on_background(args, reference.splats)}{scene.part}"
     )
 

@@ -75,7 +75,7 @@ class SplatFiles:
             if degrees[path] != degrees[first]:
                 raise InputError(
                     f"{path}: has SH degree {degrees[path]}, {first} has {degrees[first]}: scenes"
-                    " that become one have the same"
+                    " that become one have the same; `evogs edit` joins others into one .ply"
                 )
         return degrees[first]
 

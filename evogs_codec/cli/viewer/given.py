@@ -43,7 +43,7 @@ def folder_of_streams(path: Path) -> tuple[Folder, list[str]]:
     folder = Folder(path)
     names = folder.names()
     if not names:
-        raise InputError(f"{path}: no .evogs file is in this folder")
+        raise InputError(f"{path}: no .evogs file is in this folder: `evogs encode` makes them")
     return folder, names
 
 

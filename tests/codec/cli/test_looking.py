@@ -1,6 +1,7 @@
 """How commands look at a scene: cameras of others, what is up, backgrounds, pictures."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,15 @@ from PIL import Image
 
 from evogs_codec import decode_leaves, read_directory, read_ply, write_ply, write_scene
 from evogs_codec.io.interchange.frames import transformed
-from evogs_codec.render import Views, cameras_around, load_cameras, orbit, render, save_cameras
+from evogs_codec.render import (
+    Camera,
+    Views,
+    cameras_around,
+    load_cameras,
+    orbit,
+    render,
+    save_cameras,
+)
 from evogs_codec.render.demo_scene import make_scene
 from tests.trainer.views_folders import folder_of
 from tools.camera_sheet import turning_z_to
@@ -81,6 +90,19 @@ def test_an_encode_with_a_target_says_what_it_reached(evogs, tmp_path, option):
     assert f"reached: {right:.2f} dB over 24 views" in said
     plain = json.loads(evogs("encode", scene, out, "--preset", "scene", "--json")[1])
     assert "psnr" not in plain
+
+
+def test_views_that_are_equal_do_not_make_an_average_infinite(evogs, tmp_path):
+    scene, other = make_scene(300), tmp_path / "b.ply"
+    write_ply(tmp_path / "a.ply", scene)
+    write_ply(other, replace(scene, sh=scene.sh + np.float32(0.1)))
+    away = Camera.look_at((1e4, 0, 0), (2e4, 0, 0), width=48, height=48, fov_x=1.0)
+    save_cameras(tmp_path / "views.json", [*cameras_around(scene, "z", 48, n=3), away])
+    said = evogs("psnr", other, tmp_path / "a.ply", "--camera", tmp_path / "views.json")[1]
+    assert "over 3 views (1 others are equal)" in said
+    assert "inf" not in said
+    same = evogs("psnr", other, other, "--camera", tmp_path / "views.json")[1]
+    assert "inf dB on average, inf dB at least, over 4 views" in same
 
 
 @pytest.mark.thorough
