@@ -8,11 +8,10 @@ import pytest
 pytest.importorskip("numba")
 
 from evogs_codec import SplatParams, decode_leaves, encode_scene
-from evogs_codec.render import Views, cameras_around, weighing_cameras
-from evogs_codec.render.camera import orbit
+from evogs_codec.render import cameras_around, weighing_cameras
 from evogs_codec.render.demo_scene import make_scene
 from evogs_codec.render.framing import MIN_OF_DETAIL, bulk_of, focus_of
-from tests.support.landscapes import OBJECT, landscape
+from tools.bench.landscape import OBJECT, landscape_of, standing
 
 
 def distances(cameras, middle):
@@ -21,7 +20,7 @@ def distances(cameras, middle):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_cameras_look_at_the_object_of_a_landscape(seed):
-    scene = landscape(3000, seed)
+    scene = landscape_of(3000, seed)
     focus, bulk = focus_of(scene), bulk_of(scene)
     assert np.abs(focus.middle).max() < OBJECT
     assert 0.3 * OBJECT < focus.size < 3 * OBJECT
@@ -31,7 +30,7 @@ def test_cameras_look_at_the_object_of_a_landscape(seed):
 
 
 def test_some_cameras_that_weigh_errors_stand_around_the_whole():
-    scene = landscape(3000)
+    scene = landscape_of(3000)
     cameras = weighing_cameras(scene, "z", 12)
     assert len(cameras) == 12
     assert distances(cameras[:8], focus_of(scene).middle) == pytest.approx(
@@ -56,12 +55,12 @@ def test_an_insect_in_a_city_and_a_few_splats_are_no_focus():
     )
     both = SplatParams.joined([city, tiny])
     assert focus_of(both) is bulk_of(both)
-    few = landscape(MIN_OF_DETAIL // 2)
+    few = landscape_of(MIN_OF_DETAIL // 2)
     assert focus_of(few) is bulk_of(few)
 
 
 def test_splats_that_are_not_finite_are_not_looked_at():
-    scene = landscape(3000)
+    scene = landscape_of(3000)
     means = scene.means.copy()
     means[::3] = np.nan
     rest = scene.take(np.arange(len(scene)) % 3 != 0)
@@ -72,11 +71,8 @@ def test_splats_that_are_not_finite_are_not_looked_at():
 
 @pytest.mark.thorough
 def test_the_object_of_a_landscape_looks_right_from_where_people_stand():
-    scene = landscape(8000, 5)
+    scene = landscape_of(8000, 5)
     leaves = decode_leaves(encode_scene(scene, up="z"))
-    near, far = (
-        Views.of(scene, orbit(8, radius=radius, elevation=0.2, width=300, height=300, fov_x=0.9))
-        for radius in (2 * OBJECT, 40.0)
-    )
+    near, far = (standing(scene, away) for away in (2 * OBJECT, 40.0))
     assert near.psnr(leaves) > 36
     assert far.psnr(leaves) > 32

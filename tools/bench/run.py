@@ -26,6 +26,7 @@ from tools.bench.depth import depth
 from tools.bench.extremes import page as extremes
 from tools.bench.falls import falls
 from tools.bench.inputs import inputs
+from tools.bench.landscape import landscape
 from tools.bench.large import large
 from tools.bench.loss import Losses, scene_without_bands
 from tools.bench.page import Rows, text_of, write
@@ -115,6 +116,8 @@ def _measurements(args: argparse.Namespace, folder: Path) -> Iterator[Measuremen
         yield "large", "Scenes that are encoded tile by tile", partial(large, folder)
     if "city" in args.only:
         yield "city", "An object of 5 cm in a kilometre of city", partial(city, folder)
+    if "landscape" in args.only:
+        yield "landscape", "An object in a landscape", landscape
     if "worst" in args.only:
         title = "Worst cases of 100,000 bytes"
         yield "worst", title, partial(worst, args.before, args.tries, args.rows)
